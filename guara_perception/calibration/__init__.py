@@ -1,6 +1,7 @@
-"""Calibration: the model, its file, and how it is made from pictures.
+"""Calibration: the model, its file, and its computation from images.
 
-Imports `stripes`; `ranging`, `simulation`, `app` and the scan processor use it. It reads and writes its own file only.
+Imports `stripes`; `ranging`, `simulation`, `app` and the scan processor use it. The only file that it reads and writes
+is the calibration.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`BoardSpec` and `BoardView`: the board of a calibration, and its corners in one picture."""
+"""Board of a calibration, and its corners in one image."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ CHARUCO: Final = "charuco"
 PATTERNS: Final = (CHECKERBOARD, CHARUCO)
 BLACK: Final = "black"
 COLOURS: Final = (BLACK, "white")
-# Reason of a view that shows the board's mirror image.
+# Reason why a view of a mirrored board cannot be used.
 MIRRORED: Final = "the board is mirrored: the camera or its driver flips its pictures"
 
 
 @dataclass(frozen=True, slots=True)
 class BoardSpec:
-    """The board.
+    """Calibration board.
 
     Attributes:
-        columns, rows: inner corners along its two sides.
+        columns, rows: numbers of inner corners along its two sides.
         square: edge of a square [m].
-        pattern: "checkerboard", which must be seen whole, or "charuco", with a marker in each white square that tells
-            the corners apart, so that a part of it is enough.
+        pattern: "checkerboard", which must be completely visible, or "charuco", which may be partly visible, because
+            markers in the white squares identify the corners.
         first_square: colour of a checkerboard's upper left square when `columns` run across, "black" or "white"
-            (`guara targets` prints "black"); None = not known.
+            (`guara targets` prints "black"); None = unknown.
     """
 
     columns: int
@@ -42,27 +42,28 @@ class BoardSpec:
 
     @property
     def tells_mirrored(self) -> bool:
-        """True if no rotation makes a mirrored picture of the board look like the board.
+        """True if a mirrored image of the board differs from all rotations of the board.
 
-        A checkerboard needs even and unequal numbers of squares, and a first square of known colour.
+        This requires a ChArUco board, or a checkerboard with even and unequal numbers of squares and a first square of
+        known colour.
         """
         is_unlike = self.columns % 2 == 1 and self.rows % 2 == 1 and self.columns != self.rows
         return self.pattern == CHARUCO or (is_unlike and self.first_square is not None)
 
     @property
     def points(self) -> Float:
-        """Corners (n, 3) in the board's own frame [m], row by row, z = 0."""
+        """Corners (n, 3) in the frame of the board [m], row by row, z = 0."""
         grid = np.mgrid[0 : self.columns, 0 : self.rows].T.reshape(-1, 2) * self.square
         return np.column_stack((grid, np.zeros(len(grid))))
 
 
 @dataclass(frozen=True, slots=True)
 class BoardView:
-    """The board in one picture.
+    """Board as seen in one image.
 
     Attributes:
-        name: name of the picture.
-        corners_px: (n, 2) float64; empty if the view cannot be used.
+        name: name of the image.
+        corners_px: (n, 2) float64 positions of corners; empty if the view cannot be used.
         corners: (n,) indices of these corners in `BoardSpec.points`, ascending.
         edge_width_px: width of the black-white edges, NaN if no board was found.
         reason: reason why the view cannot be used, empty if it can.
@@ -80,21 +81,21 @@ class BoardView:
 
     @classmethod
     def unusable(cls, name: str, reason: str, edge_width_px: float = np.nan) -> Self:
-        """View without corners, with the reason."""
+        """View without corners that cannot be used for a reason."""
         return cls(name, np.empty((0, 2)), np.empty(0, np.intp), edge_width_px, reason)
 
     @property
     def is_usable(self) -> bool:
-        """True when the corners may be used."""
+        """True if the corners may be used."""
         return not self.reason
 
     def points(self, board: BoardSpec) -> Float:
-        """The corners (n, 3) in the board's own frame [m], in the order of `corners_px`."""
+        """Visible corners (n, 3) in the frame of the board [m], in the order of `corners_px`."""
         return np.asarray(board.points[self.corners])
 
 
 def to_grey(picture: Image) -> Grey:
-    """Convert a picture of 8 or 16 bits, grey or BGR, to 8-bit grey."""
+    """Convert an image of 8 or 16 bits, grey or BGR, to 8-bit grey."""
     picture = eight_bits(picture)
     grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 and picture.shape[2] == 3 else picture
     return np.ascontiguousarray(grey.reshape(grey.shape[:2]), dtype=np.uint8)

@@ -19,7 +19,7 @@ from kinematics.arrays import FrozenArrays
 ROBUST_SIGMAS = 3.0
 # Lower bound of the estimated standard deviation of a corner's coordinate.
 LEAST_SIGMA_PX = 0.01
-# Column of each lens parameter in the Jacobian of cv2.projectPoints; those of the pose come first.
+# Column of each lens parameter in the Jacobian of cv2.projectPoints, after the six columns of the pose.
 LENS_COLUMNS = {"fx": 6, "fy": 7, "cx": 8, "cy": 9, "k1": 10, "k2": 11, "p1": 12, "p2": 13, "k3": 14}
 
 
@@ -30,12 +30,12 @@ class CameraFit(FrozenArrays):
     Attributes:
         camera: intrinsic model.
         free: names of the estimated lens parameters.
-        transform_camera_to_footprint: (4, 4).
-        covariance: (n + 6, n + 6) of the lens parameters in the order of `free` ([px] and [-]), then of the pose:
-            footprint to camera, rotation vector [rad] and translation [m].
-        pose: (6,) footprint to camera, rotation vector and translation: the values that `covariance` belongs to.
+        transform_camera_to_footprint: (4, 4) pose of the camera.
+        covariance: (n + 6, n + 6) covariance of the lens parameters in the order of `free` ([px] and [-]), followed by
+            `pose`.
+        pose: (6,) pose from footprint to camera: rotation vector [rad] and translation [m].
         corner_sigma_px: standard deviation of one corner coordinate.
-        residuals_px: per used view (n, 2) corner residuals, in the order of the views.
+        residuals_px: corner residuals (n, 2) of each view used, in the order of the views.
         mark_residuals_px: (m, 2) residuals of the fiducials.
     """
 
@@ -50,11 +50,11 @@ class CameraFit(FrozenArrays):
 
     @property
     def lens(self) -> Float:
-        """The estimated lens parameters in the order of `free`."""
+        """Estimated lens parameters in the order of `free`."""
         return _lens_of(self.camera)[[LENS_COLUMNS[name] - 6 for name in self.free]]
 
     def moved(self) -> Iterator[tuple[float, CameraModel, Float]]:
-        """Each sigma of a parameter, with camera and (4, 4) transform_camera_to_footprint when it is off by as much."""
+        """Yield, for each parameter changed by its sigma: sigma, camera and (4, 4) transform_camera_to_footprint."""
         n, sigmas = len(self.free), np.sqrt(np.diag(self.covariance))
         for sigma, change in zip(sigmas.tolist(), np.diag(sigmas), strict=True):
             lens = _lens_of(self.camera)
@@ -65,16 +65,16 @@ class CameraFit(FrozenArrays):
 def fit_camera(
     intrinsics: Intrinsics, board: BoardSpec, ground: str | None, floor: FloorPose, points: Float
 ) -> CameraFit:
-    """Fit lens, board poses and mount to all still pictures jointly.
+    """Fit lens, board poses and mount jointly to all images of boards and crosses.
 
-    The ground board is in the plane z = 0 and thereby couples lens and mount; its position and heading on the floor are
-    free. A given lens is not changed; its assumed errors are propagated to the mount.
+    The ground board lies in the plane z = 0 and thereby couples lens and mount; its position and heading on the floor
+    are free. A given lens is not changed, but its assumed errors are propagated to the mount.
 
     Args:
-        intrinsics: first estimate, with the views.
+        intrinsics: initial estimate, with the views.
         board: the board.
         ground: name of the view that shows the board on the floor; may be missing among the views.
-        floor: first estimate of the mount and the marks.
+        floor: initial estimate of the mount, and the marks.
         points: (m, 2) floor points of the marks.
     """
     problem = _Problem(intrinsics, board, ground, floor, points)
@@ -105,7 +105,7 @@ def fit_camera(
 def _covariance(normal: Float, intrinsics: Intrinsics) -> Float:
     """Covariance of all parameters from their normal matrix.
 
-    With a given lens, an error e of the lens changes the other parameters, which are fitted to the pictures, by -G e.
+    An error e of a given lens changes the other parameters, which are fitted to the images, by -G e.
     """
     if not intrinsics.is_given:
         return np.asarray(np.linalg.inv(normal), dtype=np.float64)
@@ -116,7 +116,7 @@ def _covariance(normal: Float, intrinsics: Intrinsics) -> Float:
 
 
 class _Problem:
-    """Parameters x: lens, camera pose (footprint to camera), ground board (x, y, heading), other boards (6 each)."""
+    """Least-squares problem over x: lens, pose footprint to camera, ground board (x, y, heading), other boards."""
 
     def __init__(
         self, intrinsics: Intrinsics, board: BoardSpec, ground: str | None, floor: FloorPose, points: Float
@@ -162,7 +162,7 @@ class _Problem:
         return lens
 
     def ground_points(self, x: Float) -> tuple[Float, Float]:
-        """The seen corners of the ground board, in the footprint, and their derivatives with respect to its heading."""
+        """Visible corners of the ground board in base_footprint, and their derivatives with respect to its heading."""
         assert self.ground is not None
         on_board = self.objects[self.ground]
         px, py, heading = x[self.ground_columns]
@@ -214,14 +214,14 @@ class _Problem:
     def jacobian(self, x: Float) -> Float:
         rows = np.vstack([jacobian for _, jacobian in self.blocks(x)])
         if self.ground is None:
-            # Without observations of the ground board its three columns are pinned.
+            # Without observations of the ground board, its three parameters are pinned to zero.
             pins = np.zeros((3, self.size))
             pins[:, self.ground_columns] = np.eye(3)
             rows = np.vstack((rows, pins))
         return rows
 
     def weights(self, x: Float, sigma: float) -> Float:
-        """One over sigma, less for residuals beyond ROBUST_SIGMAS (square root of the soft-L1 weight)."""
+        """Weights of the residuals: 1 / sigma times the square root of the soft-L1 weight."""
         corners = np.concatenate([np.empty(0), *(r.ravel() for r in self.view_residuals(x))]) / sigma
         marks = self.mark_residuals(x).ravel() / np.repeat(self.mark_sigma, 2)
         loss = [(1 + (r / ROBUST_SIGMAS) ** 2) ** -0.25 for r in (corners, marks)]
@@ -233,7 +233,7 @@ class _Problem:
         return np.concatenate([r.ravel() for r, _ in self.blocks(x)] + pins)
 
     def solve(self, x: Float, sigma: float) -> Float:
-        """A few Gauss-Newton iterations; the start is within a fraction of a pixel, so they converge at once."""
+        """Run a few Gauss-Newton iterations, which converge fast from a start within a fraction of a pixel."""
         for _ in range(6):
             weight = self.weights(x, sigma)
             rows = self.jacobian(x)[:, self.moved] * weight[:, None]
@@ -247,7 +247,7 @@ class _Problem:
 
 
 def _lens_of(camera: CameraModel) -> Float:
-    """fx, fy, cx, cy, k1, k2, p1, p2, k3."""
+    """Lens parameters (9,): fx, fy, cx, cy, k1, k2, p1, p2, k3."""
     matrix = camera.matrix
     return np.r_[matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], camera.distortion]
 
@@ -257,7 +257,7 @@ def _camera_of(size: tuple[int, int], lens: Float) -> CameraModel:
 
 
 def _inverse_of(pose: Float) -> Float:
-    """The transform (4, 4) from camera to footprint, of a pose (6,) from footprint to camera."""
+    """Transform (4, 4) from camera to footprint, the inverse of a pose (6,) from footprint to camera."""
     transform = np.eye(4)
     rotation = cv2.Rodrigues(np.asarray(pose[:3], dtype=np.float64))[0]
     transform[:3, :3] = rotation.T

@@ -1,4 +1,4 @@
-"""`calibrate_session`: calibration of a rangefinder from a session, stage by stage, with a verdict."""
+"""Calibration of a rangefinder from a session, stage by stage, with a verdict."""
 
 from __future__ import annotations
 
@@ -82,19 +82,19 @@ def calibrate_session(
 ) -> CalibrationResult:
     """Calibrate the rangefinder of a session and judge the result.
 
-    A verdict `refused` is returned like any other; an error is raised only if nothing can be computed.
+    A calibration with verdict `refused` is returned like any other; an error is raised only if none can be computed.
 
     Args:
-        session: pictures, and the geometry of their targets.
-        robot: model of the robot, with nominal mounts and the stance.
+        session: images and the geometry of their targets.
+        robot: model of the robot with nominal mounts.
         distortion: lens coefficients to estimate, one of `DISTORTIONS`.
-        camera: known camera, which pictures of the board, if there are any, only check; None = estimate it.
-        not_mirrored: the user states that the pictures are not mirrored; the colours of the board are not checked.
-        progress: called with (pictures done, pictures in all).
+        camera: known camera, which images of the board only check; None = estimate it.
+        not_mirrored: the user states that the images are not mirrored; the colours of the board are not checked.
+        progress: called with the number of images done and their total.
 
     Raises:
-        CalibrationRefused: a fault that leaves nothing to compute; the message names it.
-        CalibrationMismatch: another robot, pictures of different sizes.
+        CalibrationRefused: a fault prevents the calibration; the message names it.
+        CalibrationMismatch: the session belongs to another robot, or images have different sizes.
         InvalidInput: unknown distortion model.
         MissingFile, FileFormatError: a picture cannot be read.
         kinematics.KinematicsError: the stance does not fit the robot.
@@ -103,7 +103,7 @@ def calibrate_session(
         raise InvalidInput(f"distortion is {distortion!r}, allowed: {', '.join(DISTORTIONS)}")
     if robot.name != session.robot:
         raise CalibrationMismatch(
-            f"{session.source} is a session of robot {session.robot!r}, the robot is {robot.name!r}: calibrate each "
+            f"{session.source} is a session of robot {session.robot!r}, given is robot {robot.name!r}: calibrate each "
             "robot from its own pictures"
         )
     check_heights(session.plates)
@@ -123,7 +123,7 @@ def calibrate_session(
     if given and given != (width, height):
         raise CalibrationMismatch(
             f"{session.source}: the lens given is of {given[0]}x{given[1]} px, {session.fiducials.image} is "
-            f"{width}x{height}: give the lens of this picture size"
+            f"{width}x{height}: give a lens calibrated at this picture size"
         )
     views, size = find_boards(session, advance, camera)
     intrinsics = calibrate_boards(session, views, size, distortion, camera)
@@ -168,7 +168,7 @@ def calibrate_session(
     if not handedness:
         faults.append(f"the targets look the same in mirrored pictures: {TELL_HANDEDNESS}")
     elif floor.mount == ROLLED and not not_mirrored:
-        faults.append(f"{ROLLED_CAMERA}: turn the camera's mount in the URDF, or switch off the turn in the driver")
+        faults.append(f"{ROLLED_CAMERA}: turn the camera's mount in the URDF, or switch off the rotation in the driver")
     verdict, reasons = verdict_of(checks, faults)
     if laser.leave_one_out and any(check.name == LEFT_OUT and check.verdict != GOOD for check in checks):
         reasons = (suspect_plate(laser.leave_one_out, session.plates), *reasons)
@@ -202,18 +202,18 @@ def calibrate_session(
 
 
 def _pictures(session: CalibrationSession) -> int:
-    """Number of pictures that are processed: boards, fiducials, laser frames."""
+    """Number of images to process: boards, fiducials, laser frames."""
     return len(session.board_images) + 1 + sum(len(plate.scan.stripes) for plate in session.plates)
 
 
 def find_boards(
     session: CalibrationSession, advance: Callable[[], None], camera: CameraModel | None = None
 ) -> tuple[list[BoardView], tuple[int, int]]:
-    """Find the board in every picture of it; return the views and the size of the pictures.
+    """Find the board in all board images; return the views and the image size.
 
     Raises:
-        CalibrationMismatch: pictures of different sizes, or of another size than that of the known camera.
-        CalibrationRefused: no pictures, or none of the board on the floor, and no known camera.
+        CalibrationMismatch: the images differ in size from each other or from the known camera.
+        CalibrationRefused: without a known camera, there are no board images, or none of the board on the floor.
     """
     views: list[BoardView] = []
     size = None if camera is None else camera.size
@@ -241,17 +241,18 @@ def calibrate_boards(
     distortion: str,
     camera: CameraModel | None = None,
 ) -> Intrinsics:
-    """Lens from the usable views, or the known one.
+    """Intrinsics estimated from the usable views, or those of the known camera.
 
     Raises:
-        CalibrationRefused: mirrored or too few usable views, all parallel, or the board on the floor cannot be used.
+        CalibrationRefused: views are mirrored, too few are usable, all are parallel, or the board on the floor cannot
+            be used.
     """
     mirrored = [view.name for view in views if view.reason == MIRRORED]
     if mirrored:
         raise CalibrationRefused(
             f"{session.source}: {len(mirrored)} of {len(views)} board pictures are mirrored ({mirrored[0]}): switch "
-            "off the flip in the camera's driver and record the session again, or pass --not-mirrored for a board "
-            "whose colours are exchanged against those of `guara targets`"
+            "off the flip in the camera's driver and record the session again, or pass --not-mirrored if black and "
+            "white of the board are exchanged compared with `guara targets`"
         )
     usable = [view for view in views if view.is_usable]
     if camera is None and len(usable) < MIN_VIEWS:
@@ -281,7 +282,7 @@ def find_lines(
     lines: list[PlateLine] = []
     lost: list[LostLine] = []
     on_floor: dict[int, PlateLine] = {}
-    # The bare floor comes first: its lines show which stripes of the other scans miss their plate.
+    # Bare floor first, because its lines show which stripes of the other scans miss their plate.
     for number in sorted(range(len(session.plates)), key=lambda number: abs(session.plates[number].height)):
         plate = session.plates[number]
         found, gone = plate_lines(plate, number, camera, transform, mirror, on_floor, advance)
@@ -307,7 +308,7 @@ def find_lines(
 
 
 def _hint(session: CalibrationSession, views: Sequence[BoardView]) -> str:
-    """Hint at the size of the board in the first picture in which none of the session's size was found."""
+    """Hint at the board's true size in the first image in which no board of the session's size was found."""
     view = next((view for view in views if "inner corners" in view.reason), None)
     if view is None or session.board.pattern != CHECKERBOARD:
         return ""
@@ -319,7 +320,7 @@ def _hint(session: CalibrationSession, views: Sequence[BoardView]) -> str:
 
 
 def _faults(views: Sequence[BoardView]) -> str:
-    """The first few views that cannot be used, with their reasons."""
+    """First few views that cannot be used, with their reasons, or the advice to take more."""
     bad = [f"{view.name}: {view.reason}" for view in views if not view.is_usable]
     more = f"; and {len(bad) - 3} more" if len(bad) > 3 else ""
     return f"; {'; '.join(bad[:3])}{more}" if bad else ": take more pictures of the board"

@@ -1,4 +1,4 @@
-"""The calibration of one rangefinder: camera and lens, its mount on the robot, one laser plane per stripe."""
+"""Calibration of one rangefinder: camera and lens, mount on the robot, one laser plane per stripe."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from kinematics.arrays import read_only
 
 VERDICTS = ("good", "usable", "refused", "unknown")
-# 8 fixed-point iterations leave < 0.001 px at the corner for k1 = -0.3; 30 cost little and reach rounding.
+# 8 fixed-point iterations leave < 0.001 px at the corner for k1 = -0.3; 30 cost little and reach rounding precision.
 UNDISTORT_STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 1e-10)
-# Points nearer than this lie in the lens or behind it.
+# Least depth of a point in front of the camera.
 NEAREST_DEPTH_M = 1e-6
-# Points that are projected at once: few enough that intermediate results stay in the processor's cache.
+# Number of points projected at once, so that intermediate results stay in the processor's cache.
 BLOCK = 2048
-# Wider than any camera here; what is computed for each pixel must fit into memory.
+# Largest image side; a larger one in a file would exhaust the memory.
 LARGEST_SIDE_PX = 8192
 
 
@@ -41,14 +41,14 @@ class StripePlane:
     plane: Float
 
     def __post_init__(self) -> None:
-        """Check and freeze; a normal of nearly unit length is normalised."""
+        """Check the plane and freeze it; normalise a normal of nearly unit length."""
         plane = np.array(self.plane, dtype=np.float64)
         if plane.shape != (4,) or not np.isfinite(plane).all():
             raise InvalidInput(f"plane of stripe {self.index}: {plane.tolist()} must be 4 finite numbers")
         length = float(np.linalg.norm(plane[:3]))
         if abs(length - 1) > 1e-3:
             raise InvalidInput(f"plane of stripe {self.index}: the normal has length {length:.4f}, it must be 1")
-        # Not if it is normalised: doing so again would change the last bit, and with it the content hash.
+        # A normalised normal is kept: normalising it again could change the last bit, and with it the content hash.
         object.__setattr__(self, "plane", read_only(plane / length if abs(length - 1) > 1e-9 else plane))
 
 
@@ -64,7 +64,7 @@ class Calibration:
     """Calibration of a rangefinder: camera, mount and laser planes (docs/files.md).
 
     Attributes:
-        robot: name of the robot it belongs to.
+        robot: name of its robot.
         camera: intrinsic model.
         transform_camera_to_base: (4, 4) float64, camera_optical_frame to base_link.
         stripes: laser planes, ascending by index.
@@ -110,7 +110,7 @@ class Calibration:
         return tuple(stripe.index for stripe in self.stripes)
 
     def stripe(self, index: int) -> StripePlane:
-        """The stripe of this index.
+        """Stripe with this index.
 
         Raises:
             CalibrationMismatch: this index was not calibrated.
@@ -124,20 +124,20 @@ class Calibration:
 
 
 def check_identity(found: str, expected: str, what: str) -> None:
-    """Refuse a camera that is known to be another than the expected one.
+    """Reject a camera that is known to differ from the calibrated one.
 
     Args:
         found: identity of the camera; empty if unknown, which is accepted.
-        expected: identity of the camera that was calibrated; empty if unknown, which is accepted.
-        what: what comes from the camera found, for the message.
+        expected: identity of the calibrated camera; empty if unknown, which is accepted.
+        what: name for the message of what this camera delivered.
 
     Raises:
-        CalibrationMismatch: they differ.
+        CalibrationMismatch: the identities differ.
     """
     if found and expected and found != expected:
         raise CalibrationMismatch(
-            f"{what} is of camera {found!r}, the calibration is of camera {expected!r}: connect that one, or give the "
-            "calibration of this one (`guara record` makes it)"
+            f"{what} is of camera {found!r}, the calibration is of camera {expected!r}: connect the calibrated camera, "
+            "or give the calibration of this one (`guara record` makes it)"
         )
 
 
@@ -152,7 +152,7 @@ def check_transform(transform: Float, name: str) -> None:
 
 
 def format_indices(indices: tuple[int, ...]) -> str:
-    """Indices as text: `0 ... 69` or `0, 2 ... 68` or the list."""
+    """Indices as text, such as `0 ... 69`, `0, 2 ... 68` or a list."""
     strides = set(np.diff(indices).tolist())
     if len(strides) == 1 and len(indices) > 2:
         first = str(indices[0]) if strides == {1} else f"{indices[0]}, {indices[1]}"
@@ -168,7 +168,7 @@ class CameraModel:
         size: image width and height [px].
         matrix: (3, 3) float64, focal lengths and principal point [px].
         distortion: (5,) float64, k1, k2, p1, p2, k3.
-        identity: maker, model and serial number as the camera told them; empty if unknown.
+        identity: maker, model and serial number as reported by the camera; empty if unknown.
     """
 
     size: tuple[int, int]
@@ -182,14 +182,14 @@ class CameraModel:
         if len(self.size) != 2 or not all(16 <= n <= LARGEST_SIDE_PX and n == int(n) for n in self.size):
             raise InvalidInput(
                 f"camera size is {tuple(n if n != int(n) else int(n) for n in self.size)}, it must be (width, height), "
-                f"whole and each 16 to {LARGEST_SIDE_PX} px"
+                f"integers from 16 to {LARGEST_SIDE_PX} px"
             )
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
             raise InvalidInput(f"camera matrix has shape {matrix.shape}, it must be 3x3 and finite")
         if matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or not np.allclose(matrix[2], (0, 0, 1)):
             raise InvalidInput("camera matrix must have positive focal lengths and a last row of 0 0 1")
         if matrix[0, 1] != 0 or matrix[1, 0] != 0:
-            raise InvalidInput("camera matrix has a skew, the camera model does not: elements 01 and 10 must be 0")
+            raise InvalidInput("camera matrix has a skew, the camera model has none: elements 01 and 10 must be 0")
         if distortion.shape != (5,) or not np.isfinite(distortion).all():
             raise InvalidInput(
                 f"camera distortion has {distortion.size} values, it must be 5 finite ones (k1, k2, p1, p2, k3)"
@@ -199,10 +199,10 @@ class CameraModel:
         object.__setattr__(self, "distortion", distortion)
 
     def rays(self, points_px: npt.ArrayLike) -> Float:
-        """Viewing rays of pixels, (n, 3) float64 in the camera frame with z = 1 (eq. 3 with rho the depth).
+        """Viewing rays of pixels, (n, 3) float64 in the camera frame with z = 1 (eq. 3 with depth rho).
 
         Args:
-            points_px: (n, 2) pixel positions (u, v) as delivered by the camera, distorted.
+            points_px: (n, 2) distorted pixel positions (u, v), as delivered by the camera.
         """
         points = np.ascontiguousarray(points_px, dtype=np.float64).reshape(-1, 1, 2)
         if not len(points):
@@ -211,10 +211,10 @@ class CameraModel:
         return np.column_stack((flat, np.ones(len(flat))))
 
     def project(self, points_in_camera: npt.ArrayLike) -> Float:
-        """Pixels (n, 2) of points (n, 3) in the camera frame, with distortion; NaN behind the camera or past the fold.
+        """Distorted pixels (n, 2) of points (n, 3) in the camera frame; NaN behind the camera or beyond `fold_radius`.
 
-        Far outside the picture the Brown model folds back, so that a point would appear inside it again. Such points
-        are those beyond the radius at which the distorted radius stops growing.
+        Beyond the radius at which the distorted radius stops growing, the Brown model folds back, so that a point far
+        outside the image would appear inside it.
         """
         points = np.asarray(points_in_camera, dtype=np.float64).reshape(-1, 3)
         pixels = np.empty((len(points), 2))
@@ -224,7 +224,7 @@ class CameraModel:
         return pixels
 
     def _project(self, points: Float) -> Float:
-        """Pixels (2, n) of points (3, n); contiguous coordinates are several times faster than cv2.projectPoints."""
+        """Pixels (2, n) of points (3, n), several times faster than cv2.projectPoints due to contiguous coordinates."""
         depth = np.where(points[2] > NEAREST_DEPTH_M, points[2], np.nan)
         x, y = points[:2] / depth
         radius = x * x + y * y
@@ -242,7 +242,7 @@ class CameraModel:
         return pixels
 
     def fold_radius(self) -> float:
-        """Undistorted radius (tangent of the field angle) beyond which the radial model is no longer monotone."""
+        """Undistorted radius (tangent of the field angle) beyond which the radial model is not monotonic."""
         k1, k2, _, _, k3 = self.distortion.tolist()
         return _fold_radius(k1, k2, k3)
 
@@ -256,14 +256,14 @@ def _fold_radius(k1: float, k2: float, k3: float) -> float:
 
 
 def floor_pixels(camera: CameraModel, transform_camera_to_footprint: Float, points: Float) -> Float:
-    """Pixels (n, 2) of floor points (n, 2)."""
+    """Pixels (n, 2) of floor points (n, 2) in base_footprint [m]."""
     rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
     in_footprint = np.column_stack((points, np.zeros(len(points))))
     return camera.project((in_footprint - translation) @ rotation)
 
 
 def to_floor(camera: CameraModel, transform_camera_to_footprint: Float, pixels: Float, height: float = 0.0) -> Float:
-    """Points (n, 2), x and y in base_footprint, at which the rays of pixels (n, 2) meet the plane z = `height`."""
+    """Points (n, 2), x and y in base_footprint, in which the rays of pixels (n, 2) meet the plane z = `height` [m]."""
     rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
     rays = camera.rays(pixels) @ rotation.T
     depth = (height - translation[2]) / rays[:, 2]

@@ -1,4 +1,4 @@
-"""Input of a calibration: the pictures of a session and the known geometry of their targets."""
+"""Input of a calibration: the images of a session and the known geometry of their targets."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from kinematics.arrays import read_only
 
 # Smallest and largest edge of a board's squares [m].
 SQUARES = (0.001, 1.0)
-# Largest difference of any joint between the stance of a plate scan and the session's (docs/files.md).
+# Largest difference of any joint between the stances of a plate scan and of the session (docs/files.md).
 MAX_JOINT_DIFFERENCE = float(np.deg2rad(0.1))
 
 
@@ -26,9 +26,9 @@ class Fiducials:
     """Crosses at known positions on the floor.
 
     Attributes:
-        image: name of the picture that shows them.
-        points_in_footprint: (n, 2) their centres [m], four or more.
-        points_px: (n, 2) their pixels in the same order; None = they are searched.
+        image: name of the image that shows the crosses.
+        points_in_footprint: (n, 2) centres of the crosses [m], four or more.
+        points_px: (n, 2) pixels of the crosses in the same order; None = search for them.
     """
 
     image: str
@@ -54,11 +54,11 @@ class Fiducials:
 
 @dataclass(frozen=True, slots=True)
 class Plate:
-    """A scan of a flat plate.
+    """Scan of a flat plate.
 
     Attributes:
-        name: name of its folder.
-        height: height of its top above z = 0 [m].
+        name: name of the scan's folder.
+        height: height of the plate's top above z = 0 [m].
         scan: the recorded scan.
     """
 
@@ -74,13 +74,13 @@ class CalibrationSession:
     Attributes:
         robot: name of the robot.
         board: the board.
-        board_images: names of its pictures; may be empty if the lens is known.
-        ground_board_image: name of the picture in which it lies on the floor, or None.
+        board_images: names of the images of the board; may be empty if the lens is known.
+        ground_board_image: name of the image of the board on the floor, or None.
         fiducials: crosses on the floor.
-        plates: scans of a flat plate at known heights.
-        stance: stance of all pictures.
-        source: name of its file or folder, for messages.
-        read_picture: function that returns the picture, (h, w) or (h, w, 3), of a name.
+        plates: scans of flat plates of known heights.
+        stance: stance of all images.
+        source: name of the session's file or folder, for messages.
+        read_picture: function that returns the image, (h, w) or (h, w, 3), of a name.
     """
 
     robot: str
@@ -116,7 +116,7 @@ class CalibrationSession:
 
     @property
     def camera_identity(self) -> str:
-        """Identity of the camera, by the scans of the plates; empty if unknown."""
+        """Identity of the camera according to the plate scans; empty if unknown."""
         return next(iter(self._cameras()), "")
 
     def _cameras(self) -> list[str]:
@@ -143,7 +143,7 @@ def _check_stance(plate: Plate, stance: Stance, source: str) -> None:
 
 
 def check_size(picture: Image, size: tuple[int, int], name: str, source: str) -> None:
-    """Reject a picture of another size than the first board picture.
+    """Reject an image whose size differs from the calibrated camera's.
 
     Raises:
         CalibrationMismatch: the sizes differ.

@@ -1,6 +1,6 @@
-"""ChArUco pattern: printed cells, dictionary of markers, and detection of corners, also of a part of the board.
+"""ChArUco pattern: printed cells, dictionary of markers, and detection of the corners of a whole or partial board.
 
-The layout is that of OpenCV 4.6 and later: black squares at the corner where the markers begin, one marker in each
+The layout is that of OpenCV 4.6 and later: a black square at the corner where the markers begin, and one marker in each
 white square, numbered row by row (S. Garrido-Jurado et al., "Automatic generation and detection of highly reliable
 fiducial markers under occlusion", Pattern Recognition 47, 2014).
 """
@@ -18,32 +18,34 @@ from guara_perception.calibration.board import MIRRORED, BoardSpec, BoardView
 from guara_perception.calibration.checkerboard import MAX_GRID_MISFIT
 from guara_perception.exceptions import InvalidInput
 
-# A marker of 4 x 4 bits with its border is 6 cells wide and covers three quarters of a square of 8 cells: markers as
-# large as possible, since a small picture must show their bits.
+# A marker of 4 x 4 bits with its border is 6 cells wide and covers three quarters of a square of 8 cells. Markers are
+# as large as possible, because a small image must show their bits.
 CELLS_PER_SQUARE: Final = 8
 CELLS_PER_MARKER: Final = 6
-# Dictionaries by the number of their markers; each contains the smaller ones, whose markers differ more.
+# Dictionaries by number of markers; each contains the smaller ones, whose markers differ more from each other.
 DICTIONARIES: Final = {
     50: cv2.aruco.DICT_4X4_50,
     100: cv2.aruco.DICT_4X4_100,
     250: cv2.aruco.DICT_4X4_250,
     1000: cv2.aruco.DICT_4X4_1000,
 }
-# Least number of visible corners for a pose, and of the rows and columns in which they lie.
+# Least number of visible corners, and of rows and columns that contain them.
 MIN_CORNERS: Final = 12
 MIN_LINES: Final = 3
-# Half the window of the sub-pixel refinement as a share of the smallest square. Markers begin an eighth of a square
-# from the corners and pull them: 0.04 px rms with 0.1, 0.07 px with 0.2 (rendered boards at 20 to 80 px a square).
+# Half width of the window of the sub-pixel refinement, relative to the smallest square. Markers, which begin an eighth
+# of a square from the corners, disturb it: 0.04 px rms with 0.1, 0.07 px with 0.2 (rendered boards, 20 to 80 px a
+# square).
 WINDOW_OF_SQUARE: Final = 0.1
 SMALLEST_WINDOW_PX: Final = 3
-# Distance of a window from the picture's rim: a window that the rim cuts contains half a corner.
+# Least distance of a window from the border of the image.
 RIM_PX: Final = 3
-# Below this share of markers at their positions on the board the picture shows another board.
+# Least share of the markers that must be at their positions on the board; with fewer the image shows another board.
 BELONGING_SHARE: Final = 0.5
-# Grey levels are sampled across the edge from one corner to the next: along its centre, out to where markers begin.
+# Positions along and across an edge between two corners at which grey levels are sampled, in units of its length: near
+# the middle of the edge, and not as far out as the markers.
 ALONG: Final = np.linspace(0.3, 0.7, 9)
 ACROSS: Final = np.linspace(-0.12, 0.12, 25)
-# Width from 10 to 90 % of an edge that a Gaussian blurs, as a multiple of its contrast over its steepest slope.
+# Width (10 to 90 %) of an edge with Gaussian blur, as a multiple of its contrast divided by its steepest slope.
 WIDTH_OF_SLOPE: Final = 2 * 1.2816 / np.sqrt(2 * np.pi)
 
 
@@ -51,22 +53,22 @@ def ink_of_charuco(board: BoardSpec) -> Mask:
     """Cells (rows, columns) of the printed pattern, True where there is ink, CELLS_PER_SQUARE to a square.
 
     Raises:
-        InvalidInput: more squares than there are markers for.
+        InvalidInput: the board needs more markers than there are.
     """
     size = ((board.columns + 1) * CELLS_PER_SQUARE, (board.rows + 1) * CELLS_PER_SQUARE)
     return np.asarray(_layout(board).generateImage(size, marginSize=0) == 0)
 
 
 def find_charuco(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
-    """Find the inner corners of a ChArUco board that are visible in a picture.
+    """Find the inner corners of a ChArUco board that are visible in an image.
 
     Args:
-        grey: (h, w) picture.
+        grey: (h, w) image.
         board: inner corners and squares of the board.
-        name: name of the picture, for messages.
+        name: name of the image, for messages.
 
     Returns:
-        The view, which may show a part of the board; its sharpness is measured and not judged here.
+        View of all or part of the board; its sharpness is measured but not judged here.
     """
     layout = _layout(board)
     marks, ids = _markers(grey, layout)
@@ -79,7 +81,7 @@ def find_charuco(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
             return BoardView.unusable(name, MIRRORED)
         if not len(ids):
             return BoardView.unusable(
-                name, f"no marker of a ChArUco board of {size} was found (hidden, blurred, another?)"
+                name, f"no marker of a ChArUco board of {size} was found (hidden, blurred, or another board?)"
             )
         return BoardView.unusable(name, f"{seen}, but not where a board of {size} has them: another board?")
     found, numbers, _, _ = cv2.aruco.CharucoDetector(layout).detectBoard(
@@ -103,10 +105,10 @@ def find_charuco(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
 
 
 def marker_dictionary(board: BoardSpec) -> int:
-    """OpenCV's number of the smallest dictionary that has a marker for each white square.
+    """OpenCV's code of the smallest dictionary with a marker for each white square.
 
     Raises:
-        InvalidInput: more squares than there are markers for.
+        InvalidInput: the board needs more markers than there are.
     """
     needed = (board.columns + 1) * (board.rows + 1) // 2
     if needed > max(DICTIONARIES):
@@ -126,7 +128,7 @@ def _layout(board: BoardSpec) -> cv2.aruco.CharucoBoard:
 
 
 def _markers(grey: Grey, layout: cv2.aruco.CharucoBoard) -> tuple[Float32, Index32]:
-    """Corners (n, 1, 4, 2) [px] of the board's markers in a picture, and their numbers (n,)."""
+    """Corners (n, 1, 4, 2) [px] of the board's markers in an image, and their numbers (n,)."""
     marks, ids, _ = cv2.aruco.ArucoDetector(layout.getDictionary()).detectMarkers(grey)
     if ids is None:
         return np.empty((0, 1, 4, 2), np.float32), np.empty(0, np.int32)
@@ -136,7 +138,7 @@ def _markers(grey: Grey, layout: cv2.aruco.CharucoBoard) -> tuple[Float32, Index
 
 
 def _on_board(layout: cv2.aruco.CharucoBoard, marks: Float32, ids: Index32) -> Mask:
-    """Mask (n,) of the markers that are arranged as on the board; corners are searched between these only."""
+    """Mask (n,) of the markers that are arranged as on the board; corners are sought only between these."""
     if not len(ids):
         return np.zeros(0, np.bool_)
     by_id = dict(zip(np.ravel(layout.getIds()).tolist(), layout.getObjPoints(), strict=True))
@@ -150,7 +152,7 @@ def _on_board(layout: cv2.aruco.CharucoBoard, marks: Float32, ids: Index32) -> M
 
 
 def _refined(grey: Grey, corners: Float, which: Index, board: BoardSpec) -> tuple[Float, Index]:
-    """Refine corners to sub-pixel accuracy and drop those at the picture's rim."""
+    """Refine corners to sub-pixel accuracy, and drop those at the border of the image."""
     first, second = _neighbours(which, board)
     if not len(first):
         return corners, which
@@ -168,7 +170,7 @@ def _refined(grey: Grey, corners: Float, which: Index, board: BoardSpec) -> tupl
 
 
 def _neighbours(which: Index, board: BoardSpec) -> tuple[Index, Index]:
-    """Indices in `which` of all pairs of corners with one edge between them."""
+    """Positions in `which` of the two corners of each edge between neighbouring corners."""
     entry_of = np.full(board.columns * board.rows + board.columns, -1)
     entry_of[which] = np.arange(len(which))
     across = which[which % board.columns < board.columns - 1]
@@ -179,9 +181,9 @@ def _neighbours(which: Index, board: BoardSpec) -> tuple[Index, Index]:
 
 
 def _edge_width(grey: Grey, corners: Float, which: Index, board: BoardSpec) -> float:
-    """Mean width of the black-white edges [px], from their steepest slope; NaN with no two neighbouring corners.
+    """Mean width of the black-white edges [px], from their steepest slope; NaN without neighbouring corners.
 
-    The detector's own measure samples from centre to centre of the squares, where the markers are.
+    OpenCV's own measure samples from centre to centre of the squares and is disturbed by the markers.
     """
     first, second = _neighbours(which, board)
     if not len(first):

@@ -1,4 +1,4 @@
-"""Detection of a whole checkerboard in a grey picture."""
+"""Detection of a complete checkerboard in a grey image."""
 
 from __future__ import annotations
 
@@ -8,44 +8,47 @@ import numpy as np
 from guara_perception.arrays import Float, Grey, Image
 from guara_perception.calibration.board import BLACK, MIRRORED, BoardSpec, BoardView, to_grey
 
-# The sector-based detector loses boards that touch the picture's edge; a border brings them back.
+# Width of a border added to the image, without which the sector-based detector misses boards at the edge.
 BORDER_PX = 40
-# A light blur before the sub-pixel refinement halves the error of sharp, aliased edges (measured, 0.07 to 0.04 px).
+# A slight blur before the sub-pixel refinement nearly halves the error at sharp, aliased edges (from 0.07 to 0.04 px).
 BLUR_SIGMA_PX = 0.8
-# Half the window of the sub-pixel refinement as a share of the smallest square: wide, but without the next corner.
+# Half width of the window of the sub-pixel refinement, relative to the smallest square: wide, but without a second
+# corner.
 WINDOW_OF_SQUARE = 0.35
-# Points beside the found corners count as corners if their contrast exceeds this share of that of the found ones.
+# Points beside the detected corners count as corners if their contrast exceeds this share of the detected corners'.
 CROSSING_SHARE = 0.5
-# Largest misfit of a homography, as a share of a square: lens distortion bends a board by a few per cent, the markers
-# of another board are off by a whole square.
+# Largest misfit of a homography, relative to a square: lens distortion bends a board by a few per cent, the markers of
+# another board are off by a whole square.
 MAX_GRID_MISFIT = 0.2
 # Smallest number of inner corners along each side that OpenCV accepts.
 SMALLEST_PATTERN = (3, 3)
 
 
 def find_checkerboard(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
-    """Find the inner corners of a whole board to a few hundredths of a pixel.
+    """Find the inner corners of a complete board to a few hundredths of a pixel.
 
-    The classic detector, which is fast, comes first; the sector-based one, which copes with uneven light, second.
-    Neither may guess the size.
+    The fast classic detector is tried first, then the sector-based one, which tolerates uneven light. Boards of another
+    size are rejected.
 
     Args:
-        grey: (h, w) picture.
+        grey: (h, w) image.
         board: inner corners and squares of the board.
-        name: name of the picture, for messages.
+        name: name of the image, for messages.
 
     Returns:
-        The view; its sharpness is measured and not judged here.
+        View of the board; its sharpness is measured but not judged here.
     """
     size = (board.columns, board.rows)
     corners = _detect(grey, size)
     if corners is None:
         return BoardView.unusable(
-            name, f"no board of {board.columns}x{board.rows} inner corners was found (hidden, blurred, cut or another?)"
+            name,
+            f"no board of {board.columns}x{board.rows} inner corners was found (hidden, blurred, cut off, or another "
+            "board?)",
         )
     if wrong_grid(grey, corners, size):
         return BoardView.unusable(
-            name, f"the board has other inner corners than {board.columns}x{board.rows}: wrong corner count"
+            name, f"the board does not have {board.columns}x{board.rows} inner corners: wrong corner count"
         )
     if board.tells_mirrored and is_mirrored(grey, corners, board):
         return BoardView.unusable(name, MIRRORED)
@@ -54,14 +57,14 @@ def find_checkerboard(grey: Grey, board: BoardSpec, name: str = "") -> BoardView
 
 
 def is_mirrored(grey: Grey, corners: Float, board: BoardSpec) -> bool:
-    """Test by the colours of the squares between the corners (n, 2) if a board for which this is decidable is mirrored.
+    """Test if a board that `tells_mirrored` is mirrored, by the colours of the squares between its corners (n, 2).
 
-    The detectors count the corners from any of the four, clockwise or counterclockwise.
+    The detectors count the corners from any of the four outer ones, clockwise or counterclockwise.
     """
     grid = corners.reshape(board.rows, board.columns, 2)
     centres = ((grid[1:, 1:] + grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:]) / 4).astype(np.float32)
     levels = cv2.remap(grey, centres[..., 0], centres[..., 1], cv2.INTER_LINEAR).astype(np.float64)
-    # The inner square at the first corner has the colour of the outer one across that corner.
+    # The inner square at the first corner has the colour of the outer square diagonally opposite that corner.
     is_first = np.indices(levels.shape).sum(axis=0) % 2 == 0
     starts_black = bool(levels[is_first].mean() < levels[~is_first].mean())
     across, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
@@ -70,7 +73,7 @@ def is_mirrored(grey: Grey, corners: Float, board: BoardSpec) -> bool:
 
 
 def refine_corners(grey: Image, corners: Float, size: tuple[int, int]) -> Float:
-    """Corners (n, 2) to sub-pixel accuracy, with a window that grows with the squares."""
+    """Refine corners (n, 2) to sub-pixel accuracy, with a window proportional to the squares."""
     grid = corners.reshape(size[1], size[0], 2)
     smallest = min(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1))
     half = int(np.clip(WINDOW_OF_SQUARE * smallest, 3, 40))
@@ -82,10 +85,11 @@ def refine_corners(grey: Image, corners: Float, size: tuple[int, int]) -> Float:
 
 
 def wrong_grid(grey: Image, corners: Float, size: tuple[int, int]) -> bool:
-    """Test if the corners are only a part of the board's, or not an even grid: both detectors return such results.
+    """Test if the corners are only a part of the board's corners, or not an even grid.
 
-    For too few corners they return a part of the board, or every second line of it. The grid is therefore projected
-    into the picture by a homography: between its lines, and one line outside, nothing may look like a corner.
+    If asked for too few corners, both detectors return a part of the board, or every second line of it. The grid is
+    therefore projected into the image by a homography; nothing between its lines, or one line outside, may look like a
+    corner.
     """
     grid = np.mgrid[0 : size[0], 0 : size[1]].T.reshape(-1, 2).astype(np.float64)
     homography = np.asarray(cv2.findHomography(grid, corners)[0], dtype=np.float64)
@@ -107,7 +111,7 @@ def wrong_grid(grey: Image, corners: Float, size: tuple[int, int]) -> bool:
 
 
 def _crossing(grey: Image, homography: Float, points_on_board: Float, radius: float) -> Float:
-    """Strength (n,) of the pattern black, white, black, white on a ring around points (n, 2); NaN off the picture."""
+    """Strength (n,) of the pattern black, white, black, white on a ring around points (n, 2); NaN outside the image."""
     angle = np.deg2rad(np.arange(0, 360, 15) + 7.5)
     ring = radius * np.column_stack((np.cos(angle), np.sin(angle)))
     points = (points_on_board[:, None] + ring[None]).reshape(-1, 1, 2)
@@ -128,9 +132,9 @@ def edge_width(grey: Image, corners: Float, size: tuple[int, int]) -> float:
 
 
 def other_size(picture: Image, board: BoardSpec) -> tuple[int, int] | None:
-    """Other number of inner corners of the board in this picture; None if it shows no other board.
+    """Numbers (columns, rows) of inner corners of another board in this image; None if there is none.
 
-    OpenCV grows the smallest pattern to all that it finds around it, so that every size costs the same.
+    OpenCV extends the smallest pattern to all corners around it, so all sizes take the same time.
     """
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
     found, _, kinds = cv2.findChessboardCornersSBWithMeta(to_grey(picture), SMALLEST_PATTERN, flags)

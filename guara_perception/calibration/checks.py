@@ -14,8 +14,8 @@ from kinematics import RobotModel, Stance
 
 LEFT_OUT = "plate left out"
 MEASURE_MOUNT = (
-    "measure the mount and correct the URDF, or correct the positions of the crosses: an offset common to all of them "
-    "has the same effect; check also that the robot stood still"
+    "measure the mount and correct the URDF, or correct the positions of the crosses (an offset common to all of them "
+    "has the same effect); check also that the robot stood still"
 )
 # Description of each check for the report, and advice when its result is not good.
 TEXTS = {
@@ -25,7 +25,7 @@ TEXTS = {
     ),
     "board corner error": (
         "RMS reprojection error of the board corners. A small value is necessary but not sufficient.",
-        "use a flat, stiff board and sharp pictures",
+        "use a flat, stiff board and take sharp pictures",
     ),
     "picture covered": (
         "Share of the picture covered by board corners; elsewhere the lens model extrapolates.",
@@ -65,7 +65,7 @@ TEXTS = {
         "scan three or more plates; measure their heights again; move nothing between the scans",
     ),
     "mirror steps": (
-        "Standard deviation of the laser planes' angles about those of an ideal mirror.",
+        "Standard deviation of the laser planes' angles relative to an ideal mirror.",
         "check coupling, speed and dwell time of the mirror's motor",
     ),
     "stripes filled in": (
@@ -73,15 +73,15 @@ TEXTS = {
         "check exposure and that the plates fill the view",
     ),
     "height sigma near": (
-        "Predicted error of a single height at the near edge of the area, from noise and calibration together.",
-        "less exposure, a sharper laser line",
+        "Predicted error of a single height at the near edge of the area, due to noise and calibration.",
+        "expose less, focus the laser line",
     ),
     "height sigma far": (
         "The same at the far edge, where laser plane and line of sight meet at a small angle.",
-        "less exposure, a sharper laser line",
+        "expose less, focus the laser line",
     ),
     "mount by joints and gravity": (
-        "Angle between the mount that follows from the joint angles and the one that follows from gravity.",
+        "Angle between the mount computed with the joint angles and the one computed with gravity.",
         "level the floor; check that all soles lie flat on it, the zeros of the joints, and how the IMU is mounted",
     ),
 }
@@ -98,16 +98,16 @@ def camera_checks(
     halves_px: Float | None,
     floor_sigma: Float,
 ) -> list[Check]:
-    """Checks of camera and mount; a lens that was given is not checked itself.
+    """Checks of camera and mount; a given lens itself is not checked.
 
     Args:
         intrinsics: lens and views.
         fit: joint fit of camera and mount.
         floor: camera pose from the fiducials alone.
-        square_ratio: size of the ground board's squares as measured by the fiducials, divided by the given size; None
-            without such a board.
-        corners_by_cell: number of corners in each cell of the picture.
-        halves_px: (n, 2) differences of the cross-validation, None where there are too few views.
+        square_ratio: size of the ground board's squares measured relative to the fiducials, divided by the given size;
+            None without a ground board.
+        corners_by_cell: number of corners in each cell of the image.
+        halves_px: (n, 2) differences of the cross-validation; None with too few views.
         floor_sigma: (n,) projection uncertainty on the floor [m].
     """
     residual = np.concatenate([np.empty(0), *(r.ravel() for r in fit.residuals_px)])
@@ -133,7 +133,7 @@ def camera_checks(
 
 
 def mount_checks(transform_camera_to_base: Float, nominal_camera_to_base: Float, mount: str) -> list[Check]:
-    """Distance and angle between the fitted mount and that of the robot's URDF.
+    """Checks of distance and angle between the fitted mount and the robot's URDF.
 
     An offset common to all crosses leaves no residual in the fit; only the comparison with the URDF reveals it.
 
@@ -177,15 +177,15 @@ def laser_checks(laser: LaserFit, near: float, far: float, filled: int, stripes:
 
 
 def stance_checks(robot: RobotModel, stance: Stance) -> list[Check]:
-    """Angle between the mount that follows from the joint angles and the one that follows from gravity.
+    """Check of the angle between the mount computed with the joint angles and the one computed with gravity.
 
-    A mount combines the camera's pose over the floor, known from the pictures, with that of `base_link`, known either
-    from the plane of the soles or from gravity. On a level floor the two agree. The camera's pose is common to both
-    mounts, so the angle between them is that between the two floor normals in `base_link`.
+    The mount follows from the pose of the camera over the floor, known from the images, and the pose of `base_link`,
+    known either from the plane of the soles or from gravity. On a level floor the two agree. Because the camera pose is
+    common to both mounts, the angle between them equals the angle between the two floor normals in `base_link`.
 
     Args:
         robot: model of the robot.
-        stance: stance in which the session's pictures were taken.
+        stance: stance of the session.
 
     Returns:
         One check; none without gravity or with fewer than three support feet.
@@ -196,7 +196,7 @@ def stance_checks(robot: RobotModel, stance: Stance) -> list[Check]:
         np.asarray(robot.stance_pose(stance, attitude=source).transform_base_to_footprint)[:3, :3]
         for source in ("imu", "support_plane")
     )
-    # Floor normals in base_link. The arc tangent, because the arc cosine loses small angles to rounding.
+    # Floor normals in base_link. Arc tangent, because the arc cosine loses small angles to rounding.
     normal, other = from_gravity[2], from_joints[2]
     angle = float(np.arctan2(np.linalg.norm(np.cross(normal, other)), normal @ other))
     return [_check("mount by joints and gravity", float(np.rad2deg(angle)), "degrees", 0.5, 2.0)]

@@ -14,35 +14,35 @@ from kinematics.arrays import FrozenArrays
 
 # Offset [m] of a spot from the expected position of a cross, and its score.
 Candidate = tuple[Float, float]
-# Half length of the bars of the crosses of docs/calibration.md, and the half width with which their fit starts.
+# Half length of the bars of a cross (docs/calibration.md), and the initial half width of their fit.
 ARM_M = 0.012
 BAR_M = 0.0015
-# Search radius about the predicted position of a cross: covers a mount 3 degrees and 20 mm off at 0.6 m.
+# Search radius around the predicted position of a cross: covers a mount that is 3 degrees and 20 mm off, at 0.6 m.
 SEARCH_M = 0.060
 RASTER_M = 0.0005
 # Normalised correlation: crosses reach 0.8 and more, floor texture 0.3.
 MIN_SCORE = 0.5
 ANGLES = np.deg2rad((0.0, 15.0, -15.0, 30.0, -30.0, 45.0))
 CANDIDATES = 3
-# Misfit [m] that weighs as much as a correlation that is lower by 1, in the choice between candidates.
+# Misfit that has the same weight as a decrease of the correlation by 1, in the choice between candidates.
 SCORE_WEIGHT_M = 0.02
-# Pixels of one mark share blur and floor texture, so the sigma of the fit itself is too small.
+# Factor of the fit's sigma, which is too small because the pixels of one mark share blur and floor texture.
 SIGMA_FACTOR = 2.0
 SIGMA_FLOOR_PX = 0.02
-# A cross is fitted in 10 to 30 iterations; more are a sign of floor texture.
+# Largest number of iterations of a fit: a cross needs 10 to 30, floor texture more.
 MOST_FITS = 100
-# Blur of a bar, in lengths of an arm: sharper bars are fitted as if they had this blur.
+# Least blur of a bar in the fit, in units of ARM_M.
 LEAST_BLUR = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class Mark(FrozenArrays):
-    """One fiducial in the picture.
+    """Fiducial in an image.
 
     Attributes:
-        centre_px: (2,) its centre (u, v).
+        centre_px: (2,) centre (u, v).
         sigma_px: standard deviation per axis.
-        score: correlation with an ideal cross, 0 ... 1; NaN if a person gave the pixel.
+        score: correlation with an ideal cross, 0 ... 1; NaN if the user gave the pixel.
     """
 
     centre_px: Float
@@ -53,16 +53,16 @@ class Mark(FrozenArrays):
 def find_crosses(
     grey: Grey, camera: CameraModel, transform_camera_to_footprint: Float, points_in_footprint: Float
 ) -> list[Mark | None]:
-    """Find the crosses at these floor points.
+    """Find the crosses at some floor points.
 
     Args:
-        grey: (h, w) uint8 picture.
+        grey: (h, w) uint8 image.
         camera: intrinsic model.
-        transform_camera_to_footprint: (4, 4) assumed pose of the camera; it may be wrong by SEARCH_M on the floor.
+        transform_camera_to_footprint: (4, 4) assumed pose of the camera, with an error of up to SEARCH_M on the floor.
         points_in_footprint: (n, 2) positions of the crosses on the floor [m].
 
     Returns:
-        One mark per point, None where there is none.
+        One mark per point, None where no cross was found.
     """
     found = [_candidates(grey, camera, transform_camera_to_footprint, point) for point in points_in_footprint]
     seen = [i for i, candidates in enumerate(found) if candidates]
@@ -114,7 +114,7 @@ def _template(angle: float) -> Float32:
 
 
 def _consistent(found: list[list[Candidate]], points: Float) -> tuple[Candidate, ...]:
-    """Candidate of each mark that together fit a rigid motion of all marks on the floor best."""
+    """Combination of one candidate per mark that best fits a rigid motion of all marks on the floor."""
 
     def cost(choice: tuple[Candidate, ...]) -> float:
         moved = points + np.array([offset for offset, _ in choice])
@@ -124,14 +124,14 @@ def _consistent(found: list[list[Candidate]], points: Float) -> tuple[Candidate,
         misfit = np.linalg.norm(b - a @ rotation.T, axis=1).mean()
         return float(misfit) + SCORE_WEIGHT_M * sum(1 - score for _, score in choice) / len(choice)
 
-    # More than six marks with three candidates each would be many combinations: the best score then decides alone.
+    # More than six marks with three candidates each have too many combinations, so the best score decides alone.
     if np.prod([len(candidates) for candidates in found]) > 3**6:
         return tuple(candidates[0] for candidates in found)
     return min(product(*found), key=cost)
 
 
 def _refine(grey: Grey, camera: CameraModel, transform: Float, start: Float) -> tuple[Float, float] | None:
-    """Fit a blurred cross to the pixels around `start`; its centre in pixels and sigma, or None where none fits."""
+    """Fit a blurred cross to the pixels around `start`; return its centre and sigma [px], or None if none fits."""
     from scipy.optimize import least_squares
 
     around = start + 1.4 * ARM_M * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
@@ -175,9 +175,12 @@ def _refine(grey: Grey, camera: CameraModel, transform: Float, start: Float) -> 
 
 
 def _cross_model(p: Float, position: Float) -> Float:
-    """Grey levels of a dark cross.
+    """Grey levels (n,) of a dark cross on a floor whose brightness varies linearly.
 
-    Its first parameters, lengths in those of an arm: centre, two bar angles, half length, half width, blur, contrast.
+    Args:
+        p: (11,) centre x and y, two bar angles, half length, half width and blur of the bars, contrast, brightness of
+            the floor and its slopes along x and y; lengths in units of ARM_M.
+        position: (n, 2) positions on the floor, in units of ARM_M.
     """
     one, other = _ink_of_bar(p, position, p[2]), _ink_of_bar(p, position, p[3] + np.pi / 2)
     ink = 1 - (1 - one[0] * one[1]) * (1 - other[0] * other[1])
@@ -185,7 +188,7 @@ def _cross_model(p: Float, position: Float) -> Float:
 
 
 def _ink_of_bar(p: Float, position: Float, angle: float) -> tuple[Float, Float]:
-    """Ink of a bar at an angle: factors along its length and across its width."""
+    """Amount of ink of a bar at an angle, as factors along its length and across its width."""
     from scipy.special import ndtr
 
     (along, across), blur = _along_and_across(p, position, angle), _blur(p)
@@ -194,7 +197,7 @@ def _ink_of_bar(p: Float, position: Float, angle: float) -> tuple[Float, Float]:
 
 
 def _cross_derivatives(p: Float, position: Float) -> Float:
-    """Derivatives (n, 11) of `_cross_model` by its parameters."""
+    """Derivatives (n, 11) of `_cross_model` with respect to its parameters."""
     derivatives = np.zeros((len(position), 11))
     one, other = _ink_of_bar(p, position, p[2]), _ink_of_bar(p, position, p[3] + np.pi / 2)
     bars = one[0] * one[1], other[0] * other[1]
@@ -218,7 +221,7 @@ def _cross_derivatives(p: Float, position: Float) -> Float:
 
 
 def _along_and_across(p: Float, position: Float, angle: float) -> tuple[Float, Float]:
-    """Coordinates from the cross's centre along a bar and across it."""
+    """Coordinates along and across a bar, relative to the centre of the cross."""
     x, y = position[:, 0] - p[0], position[:, 1] - p[1]
     c, s = np.cos(angle), np.sin(angle)
     return x * c + y * s, y * c - x * s
@@ -229,7 +232,7 @@ def _blur(p: Float) -> float:
 
 
 def _slopes(t: Float, half: float, blur: float) -> tuple[Float, Float, Float]:
-    """Derivatives of ndtr((t + half) / blur) - ndtr((t - half) / blur) by t, half and blur."""
+    """Derivatives of ndtr((t + half) / blur) - ndtr((t - half) / blur) with respect to t, half and blur."""
     first, last = (t + half) / blur, (t - half) / blur
     at_first, at_last = (np.exp(-0.5 * z**2) / (blur * np.sqrt(2 * np.pi)) for z in (first, last))
     return at_first - at_last, at_first + at_last, last * at_last - first * at_first

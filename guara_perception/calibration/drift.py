@@ -1,4 +1,4 @@
-"""Drift of a calibration from ordinary scans: straight stripes, the check of one scan, the verdict over some pauses."""
+"""Detection of calibration drift from ordinary scans: check of a single scan, and verdict over several pauses."""
 
 from __future__ import annotations
 
@@ -14,66 +14,68 @@ import numpy.typing as npt
 from guara_perception.arrays import Float, Index, Mask
 from kinematics.arrays import FrozenArrays
 
-# A stripe is cut along y into this number of parts; the median height of a part is the height of the ground there.
+# A stripe is divided along y into this number of parts, and the ground there has the median height of the part.
 PARTS = 12
 PAIRS = np.array(list(combinations(range(PARTS), 2)))
 LEAST_POINTS = 4
-# A part is on a line within this distance: fifteen times the scatter of medians on a flat floor.
+# Largest distance of a part from the line on which it lies: fifteen times the scatter of medians on a flat floor.
 LINE_TOLERANCE_M = 0.0005
-# A stripe is straight if at least this many of its parts, and this share of those that returned, are on one line.
+# A stripe is straight if at least this many of its parts, and this share of its known parts, are on one line.
 LEAST_PARTS = 6
 LEAST_SHARE = 0.7
 HOLDS, DRIFTING, UNKNOWN = "holds", "drifting", "unknown"
-# A scan shows a floor if at least this many of its stripes, and this share of those that returned, are straight ...
+# A scan shows a floor if at least this many of its stripes, and this share of the stripes with returns, are straight.
 MIN_STRIPES = 8
 MIN_FLOOR_SHARE = 0.6
-# ... over this depth along x: rough ground has straight stretches too, at most 0.23 m deep in 36 scans of it.
+# Least depth of the floor along x. Rough ground has straight stripes too, over at most 0.23 m in 36 scans.
 MIN_DEPTH_M = 0.30
-# Roughness along the stripes above which ground is no flat floor. Flat floors have 0.02 to 0.08 mm, ground that
-# undulates by 2 mm has 0.14 mm and more where it seems flat; a floor with glare has 0.16 mm and is not used.
+# Median roughness along the stripes above which ground is not a flat floor. Flat floors have 0.02 to 0.08 mm, ground
+# undulating by 2 mm at least 0.14 mm where it looks flat, and a floor with glare, which is not used, 0.16 mm.
 MAX_ROUGHNESS_M = 0.00012
-# Straight stripes further off the plane of the others than this are on something else: a box, a threshold.
+# Straight stripes farther than this from the plane of the others are on something else, such as a box or a threshold.
 APART_M = 0.008
-# Largest distance of stripes from one plane, rms over centres and ends, and of a single stripe. A good calibration has
-# 0.01 to 0.06 mm rms. On ground that is rougher than this along its stripes, its roughness is the limit.
+# Largest rms distance from one plane over centres and ends of the stripes, and largest distance of a single stripe. A
+# good calibration has 0.01 to 0.06 mm rms. If the median roughness along the stripes is greater, it is the limit.
 MAX_STRIPE_RMS_M = 0.00012
 MAX_STRIPE_M = 0.0006
-# Largest smooth part of it, a bend along x and a twist: the effect of a moved mount, in which single stripes average
-# out. A good calibration has 0.001 to 0.012 mm, a laser turned by 0.2 degrees about the vertical 0.08 mm.
+# Largest rms of the smooth part of these distances, a bend along x and a twist. A moved mount causes it, and errors of
+# single stripes average out in it. A good calibration has 0.001 to 0.012 mm, a laser turned by 0.2 degrees about the
+# vertical 0.08 mm.
 MAX_FORM_M = 0.00003
 FORM_SIGMAS = 3.0
+# Half width of the floor at which stripe ends are evaluated.
 HALF_WIDTH_M = 0.2
-# Height and tilt of the floor against the soles, beyond the uncertainty of the stance.
+# Largest height and tilt of the floor relative to the soles, added to the uncertainty of the stance.
 MAX_FLOOR_HEIGHT_M = 0.003
 MAX_FLOOR_TILT = float(np.deg2rad(0.6))
 STANCE_SIGMAS = 3.0
-# Height of one sole against the plane of the others, from its joints and the ground beneath it [m].
+# Standard deviation of a sole's height relative to the plane of the others, due to joints and ground [m].
 SOLE_SIGMA_M = 0.0012
-# A jump between two stripes explains the deviations if it removes this share of their squares. A jump above the highest
-# is an object: a mirror does not lose that many steps unnoticed.
+# A jump between two stripes, at least JUMP_STRIPES from both ends, explains the deviations if it removes this share of
+# their squares. Stripes farther off than HIGHEST_JUMP_M are on an object: a mirror that lost so many steps is noticed.
 JUMP_SHARE = 0.8
 JUMP_STRIPES = 2
 HIGHEST_JUMP_M = 0.030
-# Number of the newest scans with a floor that count, and of those that must show drift: a threshold in the floor, or a
-# bump along one stripe, is seen by other stripes at the next pause.
+# Number of latest scans with a floor that are considered, and number of them that must show drift. A threshold in the
+# floor, or a bump along one stripe, meets other stripes at the next pause.
 REMEMBERED = 3
 NEEDED = 2
 
 
 @dataclass(frozen=True, slots=True)
 class FloorLines(FrozenArrays):
-    """Straight stripes of a scan, in order of their index; a line z = offset + slope y each.
+    """Straight stripes of a scan as lines z = offset + slope y, ascending by index.
 
-    A moved camera or laser leaves a straight stripe straight; ground that is not flat bends it. Straightness therefore
-    proves a floor, and the positions of the lines prove the calibration.
+    A stripe on a flat floor stays straight when the camera or the laser moves, but ground that is not flat bends it.
+    Straight stripes therefore prove a floor, and the positions of the lines test the calibration.
 
     Attributes:
-        seen: number of stripes that returned enough points.
-        index: (s,) stripe indices of the straight ones.
+        seen: number of stripes with enough points.
+        index: (s,) indices of the straight stripes.
         x: (s,) mean x of the points on the line [m].
         offset: (s,) z at y = 0 [m].
         slope: (s,) dz/dy [-].
-        roughness: (s,) rms distance of the parts from their line [m].
+        roughness: (s,) rms distance of the parts from the line [m].
     """
 
     seen: int
@@ -113,7 +115,7 @@ def find_floor_lines(points: Mapping[int, Float]) -> FloorLines:
 
 
 def _parts(points: Mapping[int, Float]) -> tuple[Index, Float, Float, Float]:
-    """Indices (s,) of the stripes; mean x, mean y and median z (s, PARTS) of their parts, NaN for too few points."""
+    """Indices (s,) of the stripes; mean x, mean y and median z (s, PARTS) of their parts, NaN with too few points."""
     indices = sorted(points)
     stacked = np.concatenate([np.empty((0, 3)), *(np.asarray(points[index], np.float64) for index in indices)])
     known = np.flatnonzero(np.isfinite(stacked[:, 2]))
@@ -138,14 +140,14 @@ def _parts(points: Mapping[int, Float]) -> tuple[Index, Float, Float, Float]:
 
 
 def _largest_agreement(y: Float, z: Float) -> Mask:
-    """Mask (s, PARTS) of the parts on the best line of each stripe: the line through two parts with most others."""
+    """Mask (s, PARTS) of the parts on each stripe's best line: the line through two parts that is near most others."""
     if not len(z):
         return np.zeros((0, PARTS), np.bool_)
     first, second = PAIRS.T
     slope = (z[:, second] - z[:, first]) / (y[:, second] - y[:, first])
     distance = z[:, None, :] - z[:, first, None] - slope[:, :, None] * (y[:, None, :] - y[:, first, None])
     distance = np.nan_to_num(np.abs(distance), nan=np.inf)
-    # Weights decrease with the distance, so that of lines with equally many parts the closest wins.
+    # Weights decrease with the distance, so that the closest of several lines with equally many parts wins.
     weight = np.maximum(1.0 - 0.5 * distance / LINE_TOLERANCE_M, 0.0) * (distance < LINE_TOLERANCE_M)
     best = np.argmax(weight.sum(axis=2), axis=1)
     return np.asarray(distance[np.arange(len(z)), best] < LINE_TOLERANCE_M)
@@ -160,10 +162,10 @@ class Drift:
         reasons: reasons, with numbers, for a verdict other than "holds".
         floor_share: share of the stripes that run straight over one floor.
         floor_height: height of the floor at the mean x of its visible part [m].
-        floor_tilt: angle of the floor against the horizontal [rad].
+        floor_tilt: angle of the floor relative to the horizontal [rad].
         stripe_rms: rms distance of the stripes' centres and ends from one plane [m].
         worst_stripe: index of the stripe whose centre deviates most, -1 if unknown.
-        worst_distance: its distance from the plane [m].
+        worst_distance: distance of this centre from the plane [m].
     """
 
     verdict: str
@@ -176,7 +178,7 @@ class Drift:
     worst_distance: float
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON values; None for what is unknown."""
+        """Plain JSON values, None if unknown."""
         numbers = ("floor_share", "floor_height", "floor_tilt", "stripe_rms", "worst_distance")
         return {
             "verdict": self.verdict,
@@ -191,20 +193,21 @@ def check_drift(
     pose_covariance: npt.ArrayLike | None = None,
     soles_in_footprint: npt.ArrayLike | None = None,
 ) -> Drift:
-    """Compare the floor that a scan shows with its expected position.
+    """Compare the floor in a scan with its expected position.
 
-    Each stripe is measured through its own laser plane. On a flat floor each is a straight line, whatever moved; ground
-    on which too few are straight proves nothing. The lines must be in one plane, which only a moved mount or mirror
-    changes, not a tilted body or floor. This plane must be that of the soles.
+    Each stripe is measured with its own laser plane. On a flat floor each stripe is a straight line even if camera or
+    laser moved; if too few stripes are straight, the verdict is "unknown". The lines must lie in one plane: a moved
+    mount or mirror violates this, a tilted body or floor does not. This plane must also agree with z = 0 or with the
+    plane of the soles.
 
     Args:
         points: (w, 3) points in base_footprint of each stripe, by index, NaN where there are none
             (`StripePoints.points` of a processed scan).
         pose_covariance: (6, 6) covariance of the stance (x y z [m], rotations [rad]), which widens the limits of height
             and tilt of the floor. None = the stance is exact.
-        soles_in_footprint: (n, 3) supporting soles. With three or more of them the floor is also compared with their
-            plane, so that ground that slopes under robot and stripes alike is not taken for drift. If they are not in
-            one plane, height and tilt are not judged. None = the floor is compared with z = 0 only.
+        soles_in_footprint: (n, 3) supporting soles. With three or more, the floor may also agree with their plane
+            instead, so that ground with one slope under robot and stripes is not taken for drift. If the soles are not
+            in one plane, height and tilt are not judged. None = the floor is compared with z = 0 only.
     """
     lines = find_floor_lines(points)
     if lines.seen < MIN_STRIPES:
@@ -233,7 +236,7 @@ def check_drift(
 
 
 def _plane(lines: FloorLines) -> tuple[Float, Mask]:
-    """(a, b, c) of the plane z = a x + b y + c in which most lines lie, and a mask (s,) of the lines that do."""
+    """Coefficients (a, b, c) of the plane z = a x + b y + c that contains most lines, and mask (s,) of these lines."""
     x, offset = lines.x, lines.offset
     first, second = np.triu_indices(len(x), 1)
     apart = np.abs(x[second] - x[first]) > 0.25 * np.ptp(x)
@@ -256,7 +259,7 @@ def _floor_reasons(
     pose_covariance: npt.ArrayLike | None,
     soles: npt.ArrayLike | None,
 ) -> list[str]:
-    """Reasons why the floor is not at z = 0, nor in the plane of the soles if that is known."""
+    """Reasons why the floor is neither at z = 0 nor, if known, in the plane of the soles."""
     height, tilt = height_and_tilt
     high, tilted = _allowed(pose_covariance, centre_x)
     is_high, is_tilted = abs(height) > high, tilt > tilted
@@ -289,11 +292,11 @@ def _floor_reasons(
 
 
 def _allowed(pose_covariance: npt.ArrayLike | None, centre_x: float) -> tuple[float, float]:
-    """Limits of height [m] and tilt [rad] with the stance's own uncertainty."""
+    """Limits of height [m] and tilt [rad], including the uncertainty of the stance."""
     if pose_covariance is None:
         return MAX_FLOOR_HEIGHT_M, MAX_FLOOR_TILT
     covariance = np.asarray(pose_covariance, dtype=np.float64)
-    # Height at the centre of the floor: z and pitch times x.
+    # Error of the height at the centre of the floor: that of z minus x times that of the pitch.
     lever = np.array([0.0, 0.0, 1.0, 0.0, -centre_x, 0.0])
     height = STANCE_SIGMAS * float(np.sqrt(lever @ covariance @ lever))
     tilt = STANCE_SIGMAS * float(np.sqrt(max(covariance[3, 3], covariance[4, 4])))
@@ -301,36 +304,36 @@ def _allowed(pose_covariance: npt.ArrayLike | None, centre_x: float) -> tuple[fl
 
 
 def _stripe_reasons(lines: FloorLines, stray: Float, on_floor: Mask, rms: float, allowed: float) -> list[str]:
-    """Reasons why the stripes are not on one floor."""
+    """Reasons why the stripes do not lie on one plane floor."""
     jump = _jump(lines, stray) if rms > allowed or not on_floor[-1] else None
     if jump is not None:
         return [
-            f"from stripe index {jump[0]} on all points lie {1e3 * jump[1]:+.1f} mm off the floor before: the mirror "
-            "missed a step, or the ground itself steps there across the whole width"
+            f"from stripe index {jump[0]} on, all points are {1e3 * jump[1]:+.1f} mm off the floor of the earlier "
+            "stripes: the mirror missed a step, or the ground itself has a step across the whole width"
         ]
     form, doubt = _form(lines, stray, on_floor)
     worst = int(np.argmax(np.where(on_floor, np.abs(stray), 0.0)))
     alone = abs(stray[worst]) > MAX_STRIPE_M and rms**2 - stray[worst] ** 2 / on_floor.sum() < allowed**2
     if rms > allowed and not alone:
         return [
-            f"the stripes disagree by {1e3 * rms:.2f} mm rms about one floor, {1e3 * allowed:.2f} mm are allowed: "
+            f"the stripes disagree by {1e3 * rms:.2f} mm rms with a plane floor, {1e3 * allowed:.2f} mm are allowed: "
             "camera, laser or mirror moved"
         ]
     if form > MAX_FORM_M + FORM_SIGMAS * doubt:
         return [
-            f"the floor of the stripes is bent or twisted by {1e3 * form:.2f} mm rms, "
+            f"the floor measured by the stripes is bent or twisted by {1e3 * form:.2f} mm rms, "
             f"{1e3 * (MAX_FORM_M + FORM_SIGMAS * doubt):.2f} mm are allowed: camera, laser or mirror moved"
         ]
     if alone:
         return [
-            f"stripe index {lines.index[worst]} lies {1e3 * stray[worst]:+.2f} mm off the floor of the others, "
+            f"stripe index {lines.index[worst]} is {1e3 * stray[worst]:+.2f} mm off the floor of the other stripes, "
             f"{1e3 * MAX_STRIPE_M:.2f} mm are allowed: the mirror did not reach its position"
         ]
     return []
 
 
 def _form(lines: FloorLines, stray: Float, on_floor: Mask) -> tuple[float, float]:
-    """Rms of bend along x and twist of the floor's stripes, and its sigma from how single stripes stray [m]."""
+    """Rms of the floor's bend along x and twist [m], and its sigma from the residuals of single stripes [m]."""
     x, offset, ends = lines.x[on_floor], stray[on_floor], HALF_WIDTH_M * lines.slope[on_floor]
     x = (x - x.mean()) / np.ptp(x)
     linear, quadratic = np.vander(x, 2), np.vander(x, 3)
@@ -358,7 +361,7 @@ def _jump(lines: FloorLines, stray: Float) -> tuple[int, float] | None:
 
 
 def _fit(terms: Float, z: Float) -> tuple[Float, float]:
-    """Coefficients of terms (n, k) by least squares, and the sum of squares of z (n,) that they do not explain."""
+    """Least-squares coefficients of terms (n, k) for z (n,), and the sum of squared residuals."""
     solved, *_ = np.linalg.lstsq(terms, z, rcond=None)
     return np.asarray(solved, dtype=np.float64), float(np.square(z - terms @ solved).sum())
 
@@ -369,7 +372,7 @@ def _unknown(reason: str, share: float = float("nan")) -> Drift:
 
 
 class DriftWatch:
-    """Drift verdict over the pauses of a walk: a single scan that seems to drift is no warning yet.
+    """Drift verdict over the pauses of a walk; a single drifting scan is not enough.
 
     Example:
         watch = DriftWatch()
@@ -382,19 +385,19 @@ class DriftWatch:
         self._counts: Counter[str] = Counter()
 
     def add(self, drift: Drift) -> None:
-        """Add the check of the next pause; one without a floor is only counted."""
+        """Add the check of the next pause; a check without a floor is only counted."""
         self._counts[drift.verdict] += 1
         if drift.verdict != UNKNOWN:
             self._with_floor.append(drift)
 
     @property
     def verdict(self) -> str:
-        """Verdict of the walk: drifting if two of the last three scans with a floor are; unknown before the first."""
+        """Verdict of the walk: drifting if two of the last three scans with a floor drift; unknown before the first."""
         if not self._with_floor:
             return UNKNOWN
         return DRIFTING if sum(drift.verdict == DRIFTING for drift in self._with_floor) >= NEEDED else HOLDS
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of scans by their own verdict."""
+        """Number of scans with each verdict."""
         return {verdict: self._counts[verdict] for verdict in (HOLDS, DRIFTING, UNKNOWN)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -17,20 +17,20 @@ from guara_perception.calibration.plates import LostLine, PlateLine
 from guara_perception.calibration.sweep import Sweep
 from guara_perception.exceptions import CalibrationRefused
 
-# Plates whose heights differ by less than this do not fix a plane.
+# Least height difference of two plates that determines a laser plane.
 MIN_HEIGHT_DIFFERENCE_M = 0.010
-# A laser plane that turns this much more or less than commanded between neighbouring stripes [rad]. A stepper's
-# periodic error makes 0.01 to 0.02 degrees, a full step of the Guara 0.7.
+# Largest deviation of the laser plane's rotation between neighbouring stripes from the commanded one [rad]. The
+# periodic error of a stepper causes 0.01 to 0.02 degrees, a full step of the Guara 0.7.
 MISSED_STEP = float(np.deg2rad(0.10))
-# Share of the stripes of a plate that must be found, and of all stripes that must be on plates of two heights.
+# Least share of the stripes on a plate that must be found, and of all stripes that must be on plates of two heights.
 MIN_LINES = 0.8
-# A plate nearer to the floor than this is the floor itself [m].
+# Height below which a plate is the floor itself.
 BARE_FLOOR_M = 0.001
-# Largest number of stripes on the front or across the edge of a plate, next to those on the floor before it.
+# Largest number of stripes on the front or across the edge of a plate, next to the stripes on the floor beside it.
 BORDER_STRIPES = 6
-# Without the wrong plate the others agree this many times better than without the next one.
+# A plate is wrong if the others agree this many times better without it than without any other plate.
 CLEARLY = 2.0
-# Largest deviation of the laser from its nominal position, in standard deviations of PARAMETERS.
+# Largest deviation of the laser from its nominal mount, in standard deviations of PARAMETERS.
 MAX_DEVIATION = 2.5
 
 
@@ -41,7 +41,7 @@ class Jump:
     Attributes:
         plate: number of the plate.
         after: stripe index before the jump.
-        angle: rotation of all later stripes [rad].
+        angle: additional rotation of the laser plane at all later stripes [rad].
     """
 
     plate: int
@@ -56,8 +56,7 @@ def check_heights(plates: Sequence[Plate]) -> None:
         CalibrationRefused: the heights of all plates are nearly the same.
     """
     heights = sorted(plate.height for plate in plates)
-    apart = [b - a for a, b in zip(heights, heights[1:], strict=False) if b - a >= MIN_HEIGHT_DIFFERENCE_M]
-    if not apart:
+    if not any(b - a >= MIN_HEIGHT_DIFFERENCE_M for a, b in pairwise(heights)):
         listed = ", ".join(f"{1e3 * h:.0f} mm" for h in heights) or "no plate"
         raise CalibrationRefused(
             f"plates at two or more heights, {1e3 * MIN_HEIGHT_DIFFERENCE_M:.0f} mm or more apart, are needed to find "
@@ -66,15 +65,15 @@ def check_heights(plates: Sequence[Plate]) -> None:
 
 
 def find_jumps(lines: Sequence[PlateLine], points: Sequence[Float], axis: Float) -> list[Jump]:
-    """Jumps of the laser plane against the commanded mirror angle.
+    """Jumps of the laser plane relative to the commanded mirror angle.
 
-    The plane's angle about the mirror axis minus twice the mirror's angle is a smooth function of the stripe's index,
-    even when the axis is known to centimetres only; a missed step is a jump in it.
+    The plane's angle about the mirror axis minus twice the mirror angle is a smooth function of the stripe index, even
+    if the axis is known only to centimetres; a missed step is a jump of this function.
 
     Args:
         lines: lines of all plates.
         points: (n, 3) points of each line in base_footprint.
-        axis: (3,) a point of the mirror axis, parallel to y, nominal.
+        axis: (3,) point of the nominal mirror axis, which is parallel to y.
     """
     jumps = []
     for plate in sorted({line.plate for line in lines}):
@@ -88,18 +87,17 @@ def find_jumps(lines: Sequence[PlateLine], points: Sequence[Float], axis: Float)
 
 
 def is_bare_floor(plate: Plate) -> bool:
-    """True for a scan of the floor without a plate."""
+    """Test if a plate scan shows the floor without a plate."""
     return abs(plate.height) < BARE_FLOOR_M
 
 
 def lines_at_borders(jumps: Sequence[Jump], lines: Sequence[PlateLine], lost: Sequence[LostLine]) -> list[PlateLine]:
     """Lines between a jump and the floor beside the plate: stripes on the plate's front or across its edge.
 
-    A missed step rotates all later stripes up to the end of the scan; at the border of a plate only a few neighbouring
-    stripes are off.
+    A missed step rotates all stripes after it, but the border of a plate displaces only a few neighbouring stripes.
 
     Args:
-        jumps: jumps found.
+        jumps: jumps of all plates.
         lines: lines of all plates.
         lost: stripes without a line.
     """
@@ -117,7 +115,7 @@ def check_covered(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
     """Refuse plates that are too small, or too few, for their stripes.
 
     Raises:
-        CalibrationRefused: too few stripes lie on plates of two heights.
+        CalibrationRefused: too few stripes are on plates of two heights.
     """
     heights: dict[int, set[float]] = {stripe.index: set() for plate in plates for stripe in plate.scan.stripes}
     for line in lines:
@@ -126,16 +124,16 @@ def check_covered(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
     if len(bare) > (1 - MIN_LINES) * len(heights):
         raise CalibrationRefused(
             f"plates: {len(heights) - len(bare)} of {len(heights)} stripes lie on plates of two heights, "
-            f"{100 * MIN_LINES:.0f} % are needed; stripe index {format_indices(tuple(bare))} do not: scan a smaller "
-            "plate several times, each time elsewhere in the scanned area"
+            f"{100 * MIN_LINES:.0f} % are needed; stripe index {format_indices(tuple(bare))} do not: scan a small "
+            "plate several times at different places of the scanned area"
         )
 
 
 def refuse_jumps(jumps: Sequence[Jump], plates: Sequence[Plate], has_floor: bool) -> None:
-    """Refuse a session with a missed step; without a scan of the bare floor, stripes may have fallen off a plate.
+    """Refuse a session with jumps: missed steps, or, without a scan of the bare floor, stripes that miss a plate.
 
     Raises:
-        CalibrationRefused: naming plate, stripe and size of each.
+        CalibrationRefused: there are jumps; the message names plate, stripe and angle of the first ones.
     """
     if jumps:
         named = [
@@ -151,12 +149,12 @@ def refuse_jumps(jumps: Sequence[Jump], plates: Sequence[Plate], has_floor: bool
 
 
 def check_order(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
-    """Reject plates whose stripes move the wrong way with height: their heights are swapped.
+    """Refuse plates whose stripes move in the wrong direction with height: their heights are swapped.
 
-    The mirror sits ahead of the camera, so on a higher plate each stripe moves ahead in the picture, always.
+    The mirror is ahead of the camera, so each stripe appears farther ahead in the image on a higher plate.
 
     Raises:
-        CalibrationRefused: naming the plates.
+        CalibrationRefused: the heights of some plates are swapped.
     """
     rows = {(line.plate, line.index): float(np.median(line.pixels[:, 1])) for line in lines}
     ahead = _direction(lines)
@@ -171,15 +169,15 @@ def check_order(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
             swapped.append(" and ".join(named))
     if swapped:
         raise CalibrationRefused(
-            f"plate heights look swapped: {'; '.join(swapped)}: the stripes lie the wrong way round for these heights"
+            f"plate heights look swapped: {'; '.join(swapped)}: the stripes are in the opposite order of these heights"
         )
 
 
 def check_lines(plate: Plate, found: int, lost: Sequence[LostLine]) -> None:
-    """Refuse a plate on which too few stripes were found, those beside it not counted.
+    """Refuse a plate if too few of the stripes that meet it were found.
 
     Raises:
-        CalibrationRefused: naming the plate and a reason.
+        CalibrationRefused: too few stripes, or none that meet the plate.
     """
     faults = [one for one in lost if not one.is_beside]
     wanted = len(plate.scan.stripes) - (len(lost) - len(faults))
@@ -189,36 +187,36 @@ def check_lines(plate: Plate, found: int, lost: Sequence[LostLine]) -> None:
         example = f"; for example stripe index {faults[0].index}: {faults[0].reason}" if faults else ""
         raise CalibrationRefused(
             f"plate {plate.name}: {found} of {wanted} stripes were found, {100 * MIN_LINES:.0f} % are needed"
-            f"{example}: check laser, exposure and where the plate lies"
+            f"{example}: check laser, exposure and the position of the plate"
         )
 
 
 def check_mirror(sweep: Sweep) -> None:
-    """Refuse a laser that is far from where the robot model has it.
+    """Refuse a laser that is far from its mount in the robot model.
 
     Raises:
-        CalibrationRefused: naming the parameter and its value.
+        CalibrationRefused: a parameter of the mirror model deviates too much.
     """
     limits = np.array(list(PARAMETERS.values())) * MAX_DEVIATION
     names = list(PARAMETERS)
     worst = int(np.argmax(np.abs(sweep.parameters) / limits))
     if abs(sweep.parameters[worst]) > limits[worst]:
         raise CalibrationRefused(
-            f"the stripes do not come from the nominal mirror: {names[worst]} is {sweep.parameters[worst]:+.4f}, "
+            f"the stripes do not fit the nominal mirror: {names[worst]} is {sweep.parameters[worst]:+.4f}, "
             f"{limits[worst]:.4f} is allowed (metres, radians, ratio): wrong plate heights, another robot, wrong steps "
             "per turn of the mirror, or a mount that came loose"
         )
 
 
 def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> str:
-    """Name the plate that the others contradict, or two plates if it cannot be decided which of them is wrong.
+    """Text that names the plate contradicted by the others, or two plates if it cannot be decided which one is wrong.
 
-    Omitting any plate changes all heights, so the largest error is often that of a correct plate. But the others agree
-    only without the wrong plate: of four or more plates they then fit their planes; of three, where the two others
-    always fit, the mirror then turns evenly.
+    Leaving out a plate changes all heights, so a correct plate often has the largest error. But the remaining plates
+    agree only without the wrong one. Of four or more plates, the remaining ones then fit their planes; of three, the
+    remaining two always fit, but only then does the mirror turn evenly.
 
     Args:
-        entries: the fits that left one plate out, three or more.
+        entries: fits that each left one plate out, three or more.
         plates: plates of the session.
     """
 
@@ -245,12 +243,13 @@ def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> st
 
 
 def _direction(lines: Sequence[PlateLine]) -> float:
-    """+1 where rows grow forward in the picture (the mount of eq. 5), -1 in an upright one."""
+    """Sign of the change of image rows in the forward direction: +1 for the mount of eq. 5, -1 for an upright one."""
     first = min(lines, key=lambda line: line.mirror_angle)
     last = max(lines, key=lambda line: line.mirror_angle)
     return float(np.sign(np.median(last.pixels[:, 1]) - np.median(first.pixels[:, 1])) or 1.0)
 
 
 def _plane_angle(points: Float, axis: Float) -> float:
+    """Angle of the line's centre about the mirror axis [rad], 0 straight down, positive forward."""
     centre = points.mean(axis=0)
     return float(np.arctan2(centre[0] - axis[0], axis[2] - centre[2]))

@@ -22,8 +22,7 @@ logger = logging.getLogger(__name__)
 def load_calibration(path: str | Path) -> Calibration:
     """Read and validate a calibration file.
 
-    The hash of the result is that of the content; a stored hash that differs (a file edited by hand) is logged as a
-    warning, and grids carry the hash of the content.
+    The result has the hash of the content. A different stored hash (a file edited by hand) is logged as a warning.
 
     Raises:
         MissingFile: no such file.
@@ -33,11 +32,11 @@ def load_calibration(path: str | Path) -> Calibration:
 
 
 def parse_calibration(content: bytes, source: str) -> Calibration:
-    """A calibration from the text of its file, as a recording carries it; see `load_calibration`.
+    """Calibration from the text of its file, as stored in a recording; see `load_calibration`.
 
     Args:
         content: text of `calibration.json`.
-        source: name of what the content came from, for messages.
+        source: origin of the content, for messages.
 
     Raises:
         FileFormatError: the content is not a calibration; the message names the field.
@@ -54,12 +53,12 @@ def _validated(fields: Fields, source: str) -> Calibration:
     content = dataclasses.replace(calibration, hash=content_hash(calibration))
     stored = fields.text("hash") if fields.has("hash") else ""
     if stored and stored != content.hash:
-        logger.warning("%s: stored hash %s, content hash %s: edited after it was made", source, stored, content.hash)
+        logger.warning("%s: stored hash %s, content hash %s: the file was edited", source, stored, content.hash)
     return content
 
 
 def save_calibration(calibration: Calibration, path: str | Path) -> Calibration:
-    """Write a calibration file, whole or not at all; return it as written, with `created` and `hash` filled in.
+    """Write a calibration file atomically; return the calibration as written, with `created` and `hash` filled in.
 
     Raises:
         MissingFile: the folder does not exist.
@@ -74,7 +73,7 @@ def save_calibration(calibration: Calibration, path: str | Path) -> Calibration:
 
 
 def to_json(calibration: Calibration) -> str:
-    """The text of the file.
+    """Text of a calibration's file.
 
     Raises:
         FileFormatError: a value is NaN or infinite; such a file could not be loaded again.
@@ -85,7 +84,7 @@ def to_json(calibration: Calibration) -> str:
 
 
 def to_dict(calibration: Calibration) -> dict[str, Any]:
-    """The JSON object of a calibration, fields in the order of docs/files.md."""
+    """JSON object of a calibration, with fields in the order of docs/files.md."""
     camera = calibration.camera
     return {
         "format": FORMAT,
@@ -94,7 +93,7 @@ def to_dict(calibration: Calibration) -> dict[str, Any]:
             "size": list(camera.size),
             "matrix": camera.matrix.tolist(),
             "distortion": camera.distortion.tolist(),
-            # Absent if unknown: files from before it was kept hold the same content hash.
+            # Absent if unknown, so that files older than this field keep their content hash.
             **({"identity": camera.identity} if camera.identity else {}),
         },
         "transform_camera_to_base": calibration.transform_camera_to_base.tolist(),
@@ -111,7 +110,7 @@ def to_dict(calibration: Calibration) -> dict[str, Any]:
 
 
 def content_hash(calibration: Calibration) -> str:
-    """Hash of everything in the calibration but the hash itself: SHA-256, first 16 hexadecimal digits."""
+    """Hash of the calibration without its hash field: first 16 hexadecimal digits of SHA-256."""
     content = to_dict(calibration)
     del content["hash"]
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))

@@ -1,4 +1,4 @@
-"""Detection of the board in a picture, and the printed cells of a board."""
+"""Detection of a calibration board in an image, and the printed cells of a board."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from guara_perception.calibration.board import CHARUCO, BoardSpec, BoardView, to
 from guara_perception.calibration.charuco import find_charuco, ink_of_charuco
 from guara_perception.calibration.checkerboard import find_checkerboard
 
-# Contrast in grey levels below which a picture is blank.
+# Contrast below which an image is blank [grey levels].
 BLANK_CONTRAST = 12
-# Width of a black-white edge, 10 to 90 %: a sharp lens gives 2 to 3 px, from 5 px on corners are displaced.
+# Largest width of a black-white edge, 10 to 90 %: a sharp lens gives 2 to 3 px; above 5 px, corners are displaced.
 MAX_EDGE_WIDTH_PX = 5.0
 
 
@@ -39,11 +39,11 @@ def find_board(picture: Image, board: BoardSpec, name: str = "") -> BoardView:
 def board_ink(board: BoardSpec) -> Mask:
     """Cells (rows, columns) of the whole board, True where there is ink.
 
-    Row 0 and column 0 are at the corner of the board from which its corners are counted. A square of a checkerboard is
-    one cell; a square of a ChArUco board has several each way, since it holds the bits of a marker.
+    Row 0 and column 0 are at the corner from which the inner corners of the board are counted. A square of a
+    checkerboard is one cell; a square of a ChArUco board consists of several cells, the bits of a marker.
 
     Raises:
-        InvalidInput: a ChArUco board with more squares than there are markers for.
+        InvalidInput: a ChArUco board needs more markers than there are.
     """
     if board.pattern == CHARUCO:
         return ink_of_charuco(board)

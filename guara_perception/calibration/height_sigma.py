@@ -16,19 +16,19 @@ from kinematics.arrays import read_only
 
 # Monomials of the height field, in the offset from its origin.
 FIELD_TERMS = ("1", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
-# A camera closer than this to a laser plane sees the plane edge-on: its heights are not usable [m].
+# Least change of a point's distance from the plane along its ray; below it the camera sees the plane edge-on.
 MIN_BASELINE_M = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class HeightUncertainty:
-    """Height uncertainty due to the calibration; that of the stripe's position in the image is not included.
+    """Height uncertainty due to the calibration, without that of the stripe's position in the image.
 
-    The variance of a height is the sum of two terms: that of the stripe's laser plane, with the repeatability of the
-    mirror, and that of a smooth field of height errors caused by the lens and the mount of the camera.
+    The variance of a height is the sum of two terms: one of the stripe's laser plane, including the repeatability of
+    the mirror, and one of a smooth field of height errors caused by the lens and the mount of the camera.
 
     Attributes:
-        planes: (4, 4) covariance of the plane (nx, ny, nz, d) in the camera frame, by stripe index.
+        planes: (4, 4) covariances of the planes (nx, ny, nz, d) in the camera frame, by stripe index.
         field_origin: (3,) origin of the field in base_link [m].
         field: (10, 10) covariance of the coefficients of FIELD_TERMS, which have the units m, 1 and 1/m.
     """
@@ -44,7 +44,7 @@ class HeightUncertainty:
 
     @staticmethod
     def of(calibration: Calibration) -> HeightUncertainty | None:
-        """Read the uncertainty from a calibration; None if it stores none, as one made from a drawing.
+        """Read the uncertainty from a calibration; None if it has none, for instance if it was made from a drawing.
 
         Raises:
             FileFormatError: the stored covariance does not follow docs/calibration.md.
@@ -68,14 +68,14 @@ class HeightUncertainty:
     ) -> Float:
         """Variances (s, n) of the heights of points on stripes [m^2]; NaN where a point is NaN.
 
-        Each stripe is multiplied separately, so that rounding does not depend on the other stripes.
+        The matrix products are computed stripe by stripe, so that rounding does not depend on the other stripes.
 
         Args:
-            indices: indices of s stripes; a stripe without a covariance takes that of the nearest stripe.
+            indices: indices of s stripes; a stripe without a covariance uses that of the nearest stripe.
             planes: (s, 4) calibrated planes in the camera frame.
             points_in_footprint: (3, s, n) coordinates x, y, z of n points on each stripe [m].
-            transform_camera_to_footprint: (4, 4).
-            transform_camera_to_base: (4, 4).
+            transform_camera_to_footprint: (4, 4) pose of the camera over the ground.
+            transform_camera_to_base: (4, 4) mount of the camera.
         """
         rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
         in_camera = rotation.T @ (points_in_footprint.transpose(1, 0, 2) - translation[:, None])
@@ -91,7 +91,7 @@ class HeightUncertainty:
         return np.asarray(gain**2 * off_plane + _quadratic_form(field_terms(offsets), self.field))
 
     def plane_covariance(self, index: int) -> Float:
-        """Covariance (4, 4) of a stripe's plane, or of the nearest stripe that has one."""
+        """Covariance (4, 4) of a stripe's plane, or of the plane of the nearest stripe that has one."""
         nearest = index if index in self.planes else min(self.planes, key=lambda other: abs(other - index))
         return self.planes[nearest]
 
@@ -118,7 +118,7 @@ def field_covariance(offsets: Float, errors: Sequence[Float], parameters: Float)
 
     Args:
         offsets: (n, 3) points relative to the field's origin [m].
-        errors: for each parameter, (n,) derivatives of the heights.
+        errors: (n,) derivatives of the heights with respect to each of p parameters.
         parameters: (p, p) covariance of the parameters.
     """
     effect = np.linalg.lstsq(field_terms(offsets.T).T, np.column_stack(errors), rcond=None)[0]

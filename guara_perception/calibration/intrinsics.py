@@ -1,4 +1,4 @@
-"""Intrinsic calibration from board views: lens, standard deviations, per-view errors, outlier views."""
+"""Intrinsic calibration from board views, with standard deviations, errors of the views and removal of outliers."""
 
 from __future__ import annotations
 
@@ -15,29 +15,30 @@ from guara_perception.exceptions import CalibrationRefused
 from kinematics.arrays import FrozenArrays
 
 MIN_VIEWS = 5
-# Largest angle between two boards below which focal length and distance cannot be separated.
+# Least value of the largest angle between two boards; below it, focal length and distance cannot be separated.
 MIN_TILT = float(np.deg2rad(12.0))
-# A view whose error is this many times the median, and above this many pixels, shows a bent board or a wrong corner.
+# A view is an outlier, for instance of a bent board, if its error exceeds both this multiple of the median and this
+# many pixels.
 OUTLIER_OF_MEDIAN = 3.0
 OUTLIER_PX = 0.15
 DISTORTIONS = ("k1k2", "k1k2p1p2", "k1k2p1p2k3")
-# Assumed standard deviations of a given lens, whose file has none: those of a calibration by fourteen pictures (the
-# recorded session). Focal lengths as a share of themselves, principal point as a share of the width, k1, k2.
+# Assumed standard deviations of a given lens, whose file states none: focal lengths (relative), principal point
+# (relative to the image width), k1 and k2. They are those of a calibration with fourteen images (the recorded session).
 GIVEN_FOCAL, GIVEN_CENTRE, GIVEN_DISTORTION = 4e-4, 3e-4, (5e-4, 1.1e-3)
 
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics(FrozenArrays):
-    """A camera model, with its uncertainty and the board views that it was fitted to.
+    """Camera model with its uncertainty, and the board views to which it was fitted.
 
     Attributes:
-        camera: the model.
-        free: names of the parameters that were estimated, in the order of `sigma`.
-        sigma: standard deviations of fx, fy, cx, cy [px], then of the distortion coefficients.
-        views: the views that were used.
-        poses: (n, 6) board to camera, rotation vector and translation, one row per used view.
-        errors_px: rms corner error of each used view.
-        outliers: names of the views that were omitted, with the reason.
+        camera: camera model.
+        free: names of the estimated parameters, in the order of `sigma`.
+        sigma: standard deviations of fx, fy, cx, cy [px] and of the distortion coefficients.
+        views: views that were used.
+        poses: (n, 6) poses from board to camera of these views: rotation vector and translation.
+        errors_px: rms corner error of each view used.
+        outliers: names of the omitted views, with the reasons.
         is_given: True if the model was given and the views only check it.
     """
 
@@ -73,24 +74,24 @@ def calibrate_intrinsics(
     distortion: str = "k1k2",
     keep: Sequence[str] = (),
 ) -> Intrinsics:
-    """Estimate the lens; views that do not fit the others are omitted and named.
+    """Estimate the lens, omitting and naming views that do not fit the others.
 
     Args:
         views: usable views.
-        board: the board they show.
-        size: picture width and height.
+        board: board in these views.
+        size: image width and height [px].
         distortion: coefficients to estimate, one of DISTORTIONS; the others stay zero.
         keep: names of views that are never omitted (the board on the floor).
 
     Raises:
-        CalibrationRefused: fewer than MIN_VIEWS views, or all boards nearly parallel.
+        CalibrationRefused: there are fewer than MIN_VIEWS views, or all boards are nearly parallel.
     """
     used = list(views)
     outliers: list[tuple[str, str]] = []
     while True:
         if len(used) < MIN_VIEWS:
             raise CalibrationRefused(
-                f"{len(used)} usable board views, {MIN_VIEWS} or more are needed: take the board at "
+                f"{len(used)} usable board views, {MIN_VIEWS} or more are needed: take pictures of the board at "
                 f"different positions, distances and tilts{_named(outliers)}"
             )
         result = calibrate_views(used, board, size, distortion, outliers)
@@ -110,7 +111,7 @@ def calibrate_intrinsics(
 
 
 def given_intrinsics(camera: CameraModel, views: Sequence[BoardView], board: BoardSpec) -> Intrinsics:
-    """Known lens, with the poses of the boards in the views that check it, if any."""
+    """Known lens, with the poses of the boards in the views, if any, that check it."""
     poses, errors = np.empty((len(views), 6)), np.empty(len(views))
     for i, view in enumerate(views):
         points = view.points(board)
@@ -146,7 +147,7 @@ def calibrate_views(
     distortion: str = "k1k2",
     outliers: Sequence[tuple[str, str]] = (),
 ) -> Intrinsics:
-    """Fit the lens to all of these views; `outliers` are only passed on to the result."""
+    """Fit the lens to all of these views; `outliers` are only copied to the result."""
     points = [np.asarray(view.points(board), dtype=np.float32) for view in views]
     corners = [np.asarray(view.corners_px, dtype=np.float32).reshape(-1, 1, 2) for view in views]
     free = free_parameters(distortion)

@@ -19,7 +19,7 @@ from guara_perception.calibration.sweep import Sweep, fit_sweep, line_points
 from kinematics.arrays import FrozenArrays
 from kinematics.transforms import transform_points
 
-# Samples of the height field: values of y, heights, and number of stripes.
+# Samples of the height field: values of y, heights, number of stripes.
 FIELD_Y_M = np.linspace(-0.27, 0.27, 7)
 FIELD_HEIGHTS_M = (-0.02, 0.04, 0.10)
 FIELD_STRIPES = 18
@@ -27,15 +27,15 @@ FIELD_STRIPES = 18
 
 @dataclass(frozen=True, slots=True)
 class LeaveOneOut:
-    """Height of a plate, measured with planes that were fitted to the other plates.
+    """Height error of a plate, measured with planes fitted to the other plates.
 
     Attributes:
         plate: number of the plate.
-        mean: measured minus given height, mean of its lines [m].
-        scatter: standard deviation of the same over its lines [m].
-        near, far: mean of the nearest and of the farthest third of the lines [m].
-        irregularity: standard deviation of the mirror's step errors by the other plates [rad]: small if these agree.
-        disagreement: rms height error of the other plates by their own planes [m]; zero for two, which always agree.
+        mean: measured minus given height, mean over its lines [m].
+        scatter: standard deviation of this difference over its lines [m].
+        near, far: mean over the nearest and the farthest third of the lines [m].
+        irregularity: standard deviation of the mirror's step errors in the fit [rad], small if the other plates agree.
+        disagreement: rms height error of the other plates in the fit [m]; zero for two plates, which always agree.
     """
 
     plate: int
@@ -57,11 +57,11 @@ class LaserFit(FrozenArrays):
     """Mirror model and laser planes fitted to lines on plates.
 
     Attributes:
-        sweep: the mirror model in base_footprint.
-        stripes: the plane of each stripe in base_footprint.
-        planes_in_camera: (s, 4).
+        sweep: mirror model in base_footprint.
+        stripes: plane of each stripe in base_footprint.
+        planes_in_camera: (s, 4) the same planes in the camera frame.
         line_errors: (lines,) mean height error of each line through its own plane [m].
-        leave_one_out: one entry per plate; empty with fewer than three.
+        leave_one_out: one entry per plate; empty with fewer than three plates.
         uncertainty: uncertainty of heights.
     """
 
@@ -87,7 +87,7 @@ def fit_laser(
         plates: plates of the session.
         fit: camera and mount.
         nominal: nominal mirror in base_footprint.
-        transform_footprint_to_base: (4, 4) of the session's stance.
+        transform_footprint_to_base: (4, 4) pose at the session's stance.
     """
     points = [line_points(fit.camera, fit.transform_camera_to_footprint, line) for line in lines]
     sweep = fit_sweep(lines, points, nominal)
@@ -104,7 +104,7 @@ def fit_laser(
 
 
 def heights_through(pixels: Float, camera: CameraModel, transform_camera_to_footprint: Float, plane: Float) -> Float:
-    """Heights (n,) above z = 0 at which the rays of pixels meet a plane (4,) of base_footprint."""
+    """Heights (n,) above z = 0 at which the rays of pixels (n, 2) meet a plane (4,) in base_footprint."""
     rotation, camera_position = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
     rays = camera.rays(pixels) @ rotation.T
     depth = -(plane[:3] @ camera_position + plane[3]) / (rays @ plane[:3])
@@ -114,13 +114,13 @@ def heights_through(pixels: Float, camera: CameraModel, transform_camera_to_foot
 def height_sigmas(
     fit: CameraFit, laser: LaserFit, lines: Sequence[PlateLine], transform_base_to_footprint: Float, x: Interval
 ) -> tuple[float, float]:
-    """Predicted sigma [m] of one height on the floor at the near and the far edge of the area.
+    """Predicted sigma of a single height on the floor at the near and the far edge of the area [m].
 
     Args:
         fit: camera and mount.
-        laser: planes.
-        lines: lines on plates; a scan is assumed to have their median stripe sigma.
-        transform_base_to_footprint: (4, 4).
+        laser: mirror model and laser planes.
+        lines: lines on plates, whose median stripe sigma is assumed for a scan.
+        transform_base_to_footprint: (4, 4) pose of the body.
         x: range of the area in base_footprint [m].
     """
     transform = fit.transform_camera_to_footprint
@@ -148,7 +148,7 @@ def _in_camera(planes: Float, transform_camera_to_footprint: Float) -> Float:
 
 
 def _line_heights(lines: Sequence[PlateLine], points: Sequence[Float], stripes: StripeFit, transform: Float) -> Float:
-    """Mean height error of each line through the plane of its stripe."""
+    """Mean height error of each line, measured with the plane of its stripe [m]."""
     row = {index: k for k, index in enumerate(stripes.indices)}
     errors = np.empty(len(lines))
     for i, (line, point) in enumerate(zip(lines, points, strict=True)):
@@ -187,7 +187,7 @@ def _leave_one_out(
 def _uncertainty(
     lines: Sequence[PlateLine], fit: CameraFit, sweep: Sweep, stripes: StripeFit, nominal: MirrorModel, to_base: Float
 ) -> HeightUncertainty:
-    """Plane covariances, and the height field by refitting the laser with each camera parameter moved."""
+    """Height uncertainty from the plane covariances and from refits of the laser with changed camera parameters."""
     to_camera = np.asarray(np.linalg.inv(fit.transform_camera_to_footprint), dtype=np.float64)
     bases = plane_in_frame(stripes.bases, to_camera)
     covariances = bases.transpose(0, 2, 1) @ stripes.covariance @ bases

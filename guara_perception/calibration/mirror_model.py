@@ -1,4 +1,4 @@
-"""Mirror model: a fixed laser plane, reflected in a rotating mirror, gives the plane of every stripe."""
+"""Mirror model: the planes of all stripes as reflections of a fixed laser plane in a rotating mirror."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from kinematics.arrays import FrozenArrays
 
 @dataclass(frozen=True, slots=True)
 class MirrorModel(FrozenArrays):
-    """A laser plane and a mirror that rotates about an axis in its own face, all in one frame.
+    """Laser plane and a mirror that rotates about an axis in its own face, in one frame.
 
     The laser plane at mirror angle theta is the plane of the fixed laser reflected in the mirror with the normal
     m = Rot(axis, gain theta) m0: n = (I - 2 m m') n0, d = d0 + 2 (n0 . m)(m . q). It rotates by twice the mirror angle.
 
     Attributes:
-        laser_plane: (4,) n0 . X + d0 = 0 of the light before the mirror, n0 a unit vector.
-        axis: (3,) unit vector; positive angles turn about it by the right-hand rule.
-        point: (3,) a point q of the axis [m].
+        laser_plane: (4,) plane n0 . X + d0 = 0 of the light before the mirror, n0 a unit vector.
+        axis: (3,) unit vector of the axis; positive angles follow the right-hand rule.
+        point: (3,) point q of the axis [m].
         normal_at_zero: (3,) unit normal m0 of the mirror at theta = 0.
         gain: ratio of the true to the commanded mirror angle.
     """
@@ -35,7 +35,7 @@ class MirrorModel(FrozenArrays):
     gain: float
 
     def planes(self, mirror_angles: npt.ArrayLike) -> Float:
-        """Planes (n, 4) of mirror angles (n,) [rad]; the normals are unit vectors."""
+        """Planes (n, 4) at mirror angles (n,) [rad], with unit normals."""
         turn = self.gain * np.asarray(mirror_angles, dtype=np.float64)
         c, s = np.cos(turn)[:, None], np.sin(turn)[:, None]
         m0, axis = self.normal_at_zero, self.axis
@@ -46,7 +46,7 @@ class MirrorModel(FrozenArrays):
         return np.column_stack((reflected, d0 + 2 * along * (normal @ self.point)))
 
     def in_frame(self, transform: Float) -> MirrorModel:
-        """The same model in another frame, by the (4, 4) transform into it."""
+        """Same model in another frame, given the (4, 4) transform into that frame."""
         rotation, translation = transform[:3, :3], transform[:3, 3]
         return MirrorModel(
             laser_plane=plane_in_frame(self.laser_plane, transform),
@@ -78,7 +78,7 @@ def nominal_mirror(point: Float) -> MirrorModel:
     )
 
 
-# Deviations from the nominal mirror, with a generous prior standard deviation of each.
+# Deviations from the nominal mirror, each with a generous prior standard deviation; see `perturbed_mirror`.
 PARAMETERS = {
     "laser_pitch": 0.15,
     "laser_roll": 0.05,
@@ -95,9 +95,9 @@ PARAMETERS = {
 def perturbed_mirror(nominal: MirrorModel, parameters: Float) -> MirrorModel:
     """Apply the values of PARAMETERS, in that order, to a nominal mirror.
 
-    laser_pitch rotates the incoming plane about the axis, laser_roll tilts it against the axis [rad], laser_offset
-    shifts it off the axis [m]; axis_yaw and axis_roll rotate the axis about z and x [rad]; axis_x and axis_z shift it
-    [m]; mirror_tilt tilts the mirror's face against the axis [rad]; gain is a relative change.
+    laser_pitch rotates the incoming plane about the axis and laser_roll tilts it relative to the axis [rad],
+    laser_offset shifts it off the axis [m]; axis_yaw and axis_roll rotate the axis about z and x [rad], axis_x and
+    axis_z shift it [m]; mirror_tilt tilts the mirror's face relative to the axis [rad]; gain is a relative change.
     """
     pitch, roll, offset, yaw, tip, x, z, tilt, gain = parameters
     axis = nominal.axis + _cross(np.array([tip, 0.0, yaw]), nominal.axis)
@@ -119,6 +119,6 @@ def perturbed_mirror(nominal: MirrorModel, parameters: Float) -> MirrorModel:
 
 
 def _cross(one: Float, other: Float) -> Float:
-    """Cross product of two vectors (3,): every bit as in `np.cross`, in a tenth of its time."""
+    """Cross product of two vectors (3,), identical to `np.cross` in every bit but ten times faster."""
     (a, b, c), (d, e, f) = one.tolist(), other.tolist()
     return np.array([b * f - c * e, c * d - a * f, a * e - b * d])

@@ -16,7 +16,7 @@ from guara_perception.calibration.crosses import SEARCH_M, Mark, find_crosses
 from guara_perception.exceptions import CalibrationRefused
 from kinematics.arrays import FrozenArrays
 
-# Half a turn about the optical axis: from the mount of eq. 5 to a camera mounted upright, and back.
+# Half a turn about the optical axis: from the mount of eq. 5 to an upright camera, and back.
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
 ROLLED = "upright"
 MOUNTS = {"eq5": np.eye(4), ROLLED: HALF_TURN}
@@ -24,28 +24,29 @@ ROLLED_CAMERA = (
     "the camera is rolled by 180 degrees against its mount in the URDF: its driver delivers bottom-up pictures, or it "
     "is mounted upside down"
 )
-# Quarter turn of a picture, and reflections along x and y, as transforms of camera axes and of the scene.
+# Quarter turn of an image, as a transform of the camera axes, and reflections along x and y, of these or of the scene.
 _QUARTER = np.eye(4)[[1, 0, 2, 3]] * [1.0, -1.0, 1.0, 1.0]
 _MIRROR_X, _MIRROR_Y = np.diag([-1.0, 1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 1.0, 1.0])
 TELL_HANDEDNESS = (
     "lay the five crosses of `guara targets` and take their picture again, give the board's first_square in "
     "session.json, or pass --not-mirrored if the driver does not flip pictures"
 )
-# Largest misfit of correct points: crosses found by the program fit within 0.1 px, pixels given by hand within 1 or 2.
+# Largest rms misfit of correct points: detected crosses fit within 0.1 px, pixels given by hand within 1 or 2 px.
 MAX_RESIDUAL_PX = {"found": 1.0, "given": 3.0}
 GIVEN_SIGMA_PX = 0.5
-# Three crosses fit a pose whatever they are: which one is wrong is told by four others or more, where the fit without
-# it is better than without any other by this factor.
+# Any three crosses fit some pose, so a wrong cross is found only with four or more others: the fit without it must be
+# better than the fit without any other cross by this factor.
 LEAST_OTHERS = 4
 CLEARER = 2.0
-# Crosses reach a correlation of 0.8, texture of a floor hardly 0.6.
+# Crosses reach a correlation of 0.8, the texture of a floor hardly 0.6.
 SURE_SCORE = 0.7
-# A mount further than this from the nominal one is another robot, another floor point or a swapped mark.
+# Largest deviation from the nominal mount. A larger one means another robot, points measured from another origin, or
+# exchanged marks.
 MAX_SHIFT_M = 0.050
 MAX_TURN = float(np.deg2rad(8.0))
-# Least ratio of the extents of the marks across and along their longest direction: below it they are on one line.
+# Least ratio of the extents of the marks across and along their longest direction; below it they are on one line.
 MIN_EXTENT_RATIO = 0.15
-# Largest relative difference between the size of the ground board's squares by the fiducials and that of the session.
+# Largest relative difference of the ground board's square size between fiducials and session.
 MAX_SQUARE_ERROR = 0.01
 # Largest rms distance of the ground board's corners from a flat grid on the floor.
 MAX_BOARD_LIFT_M = 0.004
@@ -57,9 +58,9 @@ class FloorPose(FrozenArrays):
 
     Attributes:
         mount: "eq5" or "upright".
-        transform_camera_to_footprint: (4, 4).
-        marks: the fiducials in the picture, in the order of the session.
-        residual_px: (n, 2) found minus predicted.
+        transform_camera_to_footprint: (4, 4) pose of the camera.
+        marks: fiducials in the image, in the order of the session.
+        residual_px: (n, 2) found minus predicted positions.
     """
 
     mount: str
@@ -69,23 +70,23 @@ class FloorPose(FrozenArrays):
 
     @property
     def rms_px(self) -> float:
-        """Root mean square distance of marks from prediction."""
+        """Root mean square distance of the marks from their predicted positions [px]."""
         return float(np.sqrt((self.residual_px**2).sum(axis=1).mean()))
 
 
 def locate_camera(
     grey: Grey, camera: CameraModel, fiducials: Fiducials, nominal_camera_to_footprint: Float
 ) -> FloorPose:
-    """Find the marks and the pose of the camera; try the mount of eq. 5 and the upright one.
+    """Find the marks and the pose of the camera, trying the mount of eq. 5 and the upright one.
 
     Args:
-        grey: the picture of the fiducials.
+        grey: image of the fiducials.
         camera: intrinsic model.
-        fiducials: the marks' positions on the floor, and their pixels where given.
-        nominal_camera_to_footprint: (4, 4) from the robot model and the session's stance.
+        fiducials: positions of the marks on the floor, and their pixels if given.
+        nominal_camera_to_footprint: (4, 4) pose from the robot model and the session's stance.
 
     Raises:
-        CalibrationRefused: marks on one line, not found, permuted, mirrored or not where the session says.
+        CalibrationRefused: the marks are collinear, not found, permuted, mirrored, or not where the session says.
     """
     check_extent(fiducials.points_in_footprint)
     if fiducials.points_px is not None:
@@ -97,8 +98,8 @@ def locate_camera(
     if best is None:
         raise CalibrationRefused(
             f"fiducials: {len(points) - len(lost)} of {len(points)} crosses were found near where the nominal mount "
-            f"predicts them, not {_named(points, lost)}: check that all are in view, dark on a bright floor and at the "
-            "points_in_footprint given, or give points_px"
+            f"predicts them, but not {_named(points, lost)}: check that all are in view, dark on a bright floor and at "
+            "the points_in_footprint given, or give points_px"
         )
     if best.rms_px > MAX_RESIDUAL_PX["found"]:
         raise CalibrationRefused(
@@ -115,10 +116,10 @@ def _named(points: Float, numbers: list[int]) -> str:
 
 
 def _misplaced(camera: CameraModel, points: Float, pose: FloorPose, nominal: Float) -> str:
-    """Advice on crosses that are missing, or on the one that the others contradict, told by leaving each out."""
+    """Advice on missing crosses, or on a single cross that the others contradict, found by leaving each one out."""
     missing = [i for i, mark in enumerate(pose.marks) if mark.score < SURE_SCORE]
     if missing:
-        return f"no more than a spot of the floor resembles {_named(points, missing)}: lay it, dark, flat and whole"
+        return f"only a spot of the floor resembles {_named(points, missing)}: lay down a dark, flat and whole cross"
     fits = []
     for i in range(len(points) if len(points) > LEAST_OTHERS else 0):
         others = [k for k in range(len(points)) if k != i]
@@ -131,13 +132,13 @@ def _misplaced(camera: CameraModel, points: Float, pose: FloorPose, nominal: Flo
     found = to_floor(camera, fits[wrong].transform_camera_to_footprint, pose.marks[wrong].centre_px[None])[0]
     apart = 1e3 * float(np.linalg.norm(found - points[wrong]))
     return (
-        f"by the others {_named(points, [wrong])} lies {apart:.0f} mm away, at ({found[0]:.3f}, {found[1]:.3f}): "
-        "measure it again"
+        f"according to the others {_named(points, [wrong])} is {apart:.0f} mm away, at ({found[0]:.3f}, "
+        f"{found[1]:.3f}): measure it again"
     )
 
 
 def _find(grey: Grey, camera: CameraModel, points: Float, nominal: Float) -> tuple[FloorPose | None, list[int]]:
-    """Pose that fits the crosses best, None where some are not found, and those that are not."""
+    """Pose that fits the crosses best, None if some are not found, and the numbers of those not found."""
     poses: list[FloorPose] = []
     fewest = list(range(len(points)))
     for mount, turn in MOUNTS.items():
@@ -150,12 +151,12 @@ def _find(grey: Grey, camera: CameraModel, points: Float, nominal: Float) -> tup
 
 
 def _refuse_changed(grey: Grey, camera: CameraModel, points: Float, nominal: Float) -> None:
-    """Refuse a picture in which the crosses are found if it is taken as mirrored or turned by 90 degrees.
+    """Refuse an image that shows the crosses mirrored or turned by 90 degrees.
 
     Raises:
-        CalibrationRefused: naming the change.
+        CalibrationRefused: the image is changed in this way.
     """
-    # A mirrored picture shows the scene reflected in the plane y = 0.
+    # A mirrored image shows the scene reflected in the plane y = 0.
     mirrored = points * (1.0, -1.0), _MIRROR_Y @ nominal @ _MIRROR_X
     changes = {
         "mirrored": mirrored,
@@ -166,16 +167,16 @@ def _refuse_changed(grey: Grey, camera: CameraModel, points: Float, nominal: Flo
         pose, _ = _find(grey, camera, seen_points, seen_nominal)
         if pose is not None and pose.rms_px <= MAX_RESIDUAL_PX["found"]:
             raise CalibrationRefused(
-                f"fiducials: the picture of the crosses is {change}: switch that off in the camera's driver and record "
+                f"fiducials: the picture of the crosses is {change}: switch this off in the camera's driver and record "
                 "the session again"
             )
 
 
 def check_extent(points: Float) -> None:
-    """Refuse marks that lie on one line.
+    """Refuse collinear marks.
 
     Raises:
-        CalibrationRefused: the marks lie on one line.
+        CalibrationRefused: the marks are on one line.
     """
     extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if extent[1] < MIN_EXTENT_RATIO * extent[0]:
@@ -186,11 +187,11 @@ def check_extent(points: Float) -> None:
 
 
 def told_by(session: CalibrationSession, not_mirrored: bool) -> str:
-    """Name of the evidence that the pictures of a session are not mirrored; empty if there is none.
+    """Name of the evidence that the images of a session are not mirrored; empty if there is none.
 
     Args:
-        session: a session whose board and marks were found.
-        not_mirrored: the user states it.
+        session: session whose board and marks were found.
+        not_mirrored: True if the user states that they are not mirrored.
     """
     evidence = {
         "the user": not_mirrored,
@@ -202,7 +203,7 @@ def told_by(session: CalibrationSession, not_mirrored: bool) -> str:
 
 
 def looks_mirrored(points: Float) -> bool:
-    """Test if the mirror image of the marks (n, 2) is so similar that the search could take it for the marks."""
+    """Test if the marks (n, 2) are so similar to their mirror image that the search could confuse the two."""
     centred = points - points.mean(axis=0)
     apart = [np.linalg.norm(centred[:, None] * flip - centred, axis=2) for flip in ((1.0, -1.0), (-1.0, 1.0))]
     return min(float(distance.min(axis=1).max()) for distance in apart) < SEARCH_M
@@ -211,7 +212,7 @@ def looks_mirrored(points: Float) -> bool:
 def measured_square(
     camera: CameraModel, transform_camera_to_footprint: Float, ground: BoardView, board: BoardSpec
 ) -> float:
-    """Edge of a square of the ground board [m], by the points where the rays of its corners meet the floor."""
+    """Edge of a square of the ground board [m], from the intersections of its corners' rays with the floor."""
     return _similarity(camera, transform_camera_to_footprint, ground, board)[0]
 
 
@@ -221,13 +222,13 @@ def check_ground_board(
     """Refuse a ground board that contradicts the fiducials.
 
     Raises:
-        CalibrationRefused: squares of another size, or a board that does not lie on the floor.
+        CalibrationRefused: the squares have another size, or the board does not lie on the floor.
     """
     square, misfit = _similarity(camera, transform_camera_to_footprint, ground, board)
     if abs(square / board.square - 1) > MAX_SQUARE_ERROR:
         raise CalibrationRefused(
-            f"wrong square size: by the fiducials the squares of the ground board measure {square * 1e3:.2f} mm, the "
-            f"session says {board.square * 1e3:.2f} mm: measure the board and the fiducials again"
+            f"wrong square size: relative to the fiducials, the squares of the ground board measure "
+            f"{square * 1e3:.2f} mm, the session says {board.square * 1e3:.2f} mm: measure both again"
         )
     if misfit > MAX_BOARD_LIFT_M:
         raise CalibrationRefused(
@@ -237,7 +238,7 @@ def check_ground_board(
 
 
 def _similarity(camera: CameraModel, transform: Float, ground: BoardView, board: BoardSpec) -> tuple[float, float]:
-    """Square size and rms misfit of the board's corners on the floor to a scaled grid."""
+    """Square size and rms misfit [m] of a scaled grid to the board's corners on the floor."""
     floor = to_floor(camera, transform, ground.corners_px)
     a, b = ground.points(board)[:, :2], floor
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
@@ -251,7 +252,7 @@ def _similarity(camera: CameraModel, transform: Float, ground: BoardView, board:
 
 
 def _fit(camera: CameraModel, points: Float, marks: list[Mark], start: Float, mount: str) -> FloorPose:
-    """Pose from marks by reprojection, started at a nominal mount."""
+    """Pose that minimises the reprojection error of the marks, starting from a nominal mount."""
     from_footprint = np.linalg.inv(start)
     first_turn, first_translation = cv2.Rodrigues(from_footprint[:3, :3])[0], from_footprint[:3, 3:].copy()
     floor = np.column_stack((points, np.zeros(len(points))))
@@ -275,7 +276,7 @@ def _fit(camera: CameraModel, points: Float, marks: list[Mark], start: Float, mo
 
 
 def _from_given(camera: CameraModel, fiducials: Fiducials, nominal: Float) -> FloorPose:
-    """Pose from pixels that a person gave, in their order; other orders are tried only to name the fault."""
+    """Pose from pixels given by the user, in their order; other orders are tried only to name the fault."""
     points = fiducials.points_in_footprint
     given = [Mark(pixel, GIVEN_SIGMA_PX, np.nan) for pixel in np.asarray(fiducials.points_px, dtype=np.float64)]
     best = _best_mount(camera, points, given, nominal)
@@ -291,9 +292,9 @@ def _from_given(camera: CameraModel, fiducials: Fiducials, nominal: Float) -> Fl
                     f"or mirrored; the order {', '.join(str(i + 1) for i in order)} fits"
                 )
     raise CalibrationRefused(
-        "fiducials: points_px and points_in_footprint do not belong together in any order (permuted, mirrored or "
-        f"wrong points): no mount within {MAX_SHIFT_M * 1e3:.0f} mm and {np.rad2deg(MAX_TURN):.0f} degrees of the "
-        f"nominal one explains them within {MAX_RESIDUAL_PX['given']:.0f} px"
+        "fiducials: points_px and points_in_footprint do not match in any order (permuted, mirrored or wrong points): "
+        f"no mount within {MAX_SHIFT_M * 1e3:.0f} mm and {np.rad2deg(MAX_TURN):.0f} degrees of the nominal one fits "
+        f"them within {MAX_RESIDUAL_PX['given']:.0f} px"
     )
 
 
@@ -308,7 +309,7 @@ def _best_mount(camera: CameraModel, points: Float, marks: list[Mark], nominal: 
 
 
 def _distance(pose: FloorPose, nominal: Float) -> tuple[float, float]:
-    """Shift [m] and turn [rad] of a pose against the nominal mount of its kind."""
+    """Shift [m] and rotation [rad] of a pose relative to the nominal mount of the same kind."""
     expected = nominal @ MOUNTS[pose.mount]
     change = np.linalg.inv(expected) @ pose.transform_camera_to_footprint
     turn = float(np.linalg.norm(cv2.Rodrigues(change[:3, :3])[0]))
@@ -319,7 +320,7 @@ def _check_nominal(pose: FloorPose, nominal: Float) -> None:
     shift, turn = _distance(pose, nominal)
     if shift > MAX_SHIFT_M or turn > MAX_TURN:
         raise CalibrationRefused(
-            f"the camera would sit {shift * 1e3:.0f} mm and {np.rad2deg(turn):.1f} degrees away from its nominal mount "
+            f"the camera would be {shift * 1e3:.0f} mm and {np.rad2deg(turn):.1f} degrees away from its nominal mount "
             f"({MAX_SHIFT_M * 1e3:.0f} mm and {np.rad2deg(MAX_TURN):.0f} degrees are allowed): another robot, another "
-            "stance, or fiducials measured from another point"
+            "stance, or fiducials measured from another origin"
         )

@@ -1,4 +1,4 @@
-"""Interpolation of stripes that were not calibrated: the standard pattern from a coarse calibration."""
+"""Interpolation of stripes that were not calibrated, for instance the standard pattern from a coarse calibration."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from guara_perception.calibration.stripe_planes import plane_basis
 from guara_perception.exceptions import CalibrationMismatch
 from guara_perception.fields import Fields
 
-# Periods that are tried for the stepper's error, in stripes of the standard pattern. With every second stripe
-# calibrated, no shorter period than four can be distinguished.
+# Periods of the stepper's error that are tried [stripes of the standard pattern]. If every second stripe is calibrated,
+# periods shorter than four cannot be distinguished.
 PERIODS = np.arange(4.0, 40.0, 0.25)
-# Least share of the errors' variance that a wave must explain to be the motor's; otherwise errors are interpolated.
+# Least share of the errors' variance that a wave must explain; otherwise the errors are interpolated.
 MIN_EXPLAINED = 0.8
 
 
 def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Calibration:
     """Calibration with exactly the given stripes.
 
-    Calibrated stripes keep their planes. Others get the plane of the mirror model at their angle, corrected by the
-    stepper's periodic error if the calibrated stripes show one, with a larger covariance.
+    Calibrated stripes keep their planes. Other stripes get the plane of the mirror model at their angle, corrected by
+    the estimated step error, and a larger covariance.
 
     Args:
-        calibration: a calibration with a mirror model (made by `calibrate`).
+        calibration: calibration with a mirror model (made by `calibrate`).
         indices: indices in the standard pattern, at most one spacing outside the calibrated range.
 
     Raises:
-        CalibrationMismatch: an index too far outside, or a calibration without mirror model.
-        FileFormatError: the mirror model is not as documented.
+        CalibrationMismatch: an index is too far outside, or the calibration has no mirror model.
+        FileFormatError: the mirror model has another form than documented.
     """
     wanted = sorted(set(indices))
     known = np.array(calibration.indices)
@@ -43,7 +43,7 @@ def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Cal
     if outside or not wanted:
         raise CalibrationMismatch(
             f"stripe index {format_indices(outside) if outside else '(none)'} cannot be derived from a calibration of "
-            f"{format_indices(calibration.indices)}: at most {spacing} beyond it"
+            f"{format_indices(calibration.indices)}; allowed: indices at most {spacing} outside"
         )
     missing = [i for i in wanted if i not in set(calibration.indices)]
     kept = [stripe for stripe in calibration.stripes if stripe.index in set(wanted)]
@@ -59,7 +59,7 @@ def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Cal
             kept.append(StripePlane(index, float(angle), plane))
             if uncertainty is not None:
                 turn = plane_basis(plane, mirror)[0]
-                # The laser plane turns by twice the mirror.
+                # The laser plane turns by twice the mirror angle.
                 planes[index] = uncertainty.plane_covariance(index) + (2 * sigma) ** 2 * np.outer(turn, turn)
     covariance = calibration.covariance
     if uncertainty is not None:
@@ -72,11 +72,11 @@ def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Cal
 
 
 def stored_mirror(calibration: Calibration) -> tuple[MirrorModel, Float, Float]:
-    """Mirror model in the camera frame, indices and step errors [rad] that a calibration holds.
+    """Mirror model in the camera frame, indices, and step errors [rad] stored in a calibration.
 
     Raises:
-        CalibrationMismatch: it holds no mirror model.
-        FileFormatError: the mirror model is not as documented.
+        CalibrationMismatch: the calibration has no mirror model.
+        FileFormatError: the mirror model has another form than documented.
     """
     if not calibration.mirror:
         raise CalibrationMismatch("the calibration holds no mirror model: make it with `guara calibrate`")
@@ -90,8 +90,8 @@ def stored_mirror(calibration: Calibration) -> tuple[MirrorModel, Float, Float]:
 def step_errors(wanted: Float, indices: Float, errors: Float) -> tuple[Float, float]:
     """Errors of the mirror's position at other stripes [rad], and their standard deviation.
 
-    A stepper's error is periodic in its steps. If one wave explains the errors it is evaluated; otherwise the errors of
-    neighbours are interpolated.
+    The error of a stepper is periodic in its steps. If one wave explains the errors, it is evaluated; otherwise the
+    errors of neighbouring stripes are interpolated.
     """
     variance = float(np.var(errors))
     if len(indices) > 8 and variance > 0:
@@ -114,7 +114,7 @@ def _wave_terms(indices: Float, period: float) -> Float:
 
 
 def _extended(wanted: Float, indices: Index, angles: Float) -> Float:
-    """Commanded angles between the known ones, and just beyond them with the same spacing."""
+    """Commanded angles interpolated between the known ones, or extrapolated with the spacing at the ends."""
     inside = np.interp(wanted, indices, angles)
     slopes = np.diff(angles) / np.diff(indices)
     below = np.minimum(wanted - indices[0], 0) * slopes[0]

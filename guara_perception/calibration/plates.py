@@ -1,4 +1,4 @@
-"""Laser lines on flat plates: found, cleaned and averaged, one per stripe and plate."""
+"""Detection, cleaning and averaging of laser lines on flat plates, one per stripe and plate."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from guara_perception.stripes.band import StripeProfile
 from guara_perception.stripes.extract import extract_stripe
 from kinematics.arrays import FrozenArrays
 
-# Half width of the band that is searched for a stripe, as a share of the picture's height: a laser mount 3 degrees and
-# 20 mm off its nominal position moves a stripe by this much.
+# Half width of the band searched for a stripe, as a fraction of the image height: a laser mount 3 degrees and 20 mm off
+# its nominal position moves a stripe by this much.
 BAND_SHARE = 0.12
-# Columns averaged into one point of a line.
+# Number of groups of columns, each averaged into one point of a line.
 BINS = 40
-# Points further from the straight line than this many standard deviations are dust, an edge or another surface.
+# Points farther than this many standard deviations from the straight line are dust, an edge or another surface.
 OUTLIER_SIGMAS = 3.5
 MIN_COLUMNS = 30
-# Least share of its length on the plate, and of the columns in view, over which a line must be seen to fix a plane.
+# Least share of its length on the plate, and of the columns in view, in which a line must be found.
 MIN_SPAN = 0.6
 MIN_WIDTH = 0.25
-# A column whose stripe is within this distance of its position on the bare floor, as a share of the picture's height,
-# shows the floor beside the plate; a plate of 10 mm moves stripes by three times as much. This many columns next to it
-# may show both.
+# Distance from the stripe's position on the bare floor, as a fraction of the image height, up to which a column shows
+# the floor beside the plate; a plate of 10 mm moves stripes by three times as much. BORDER_COLUMNS next to such columns
+# may show both surfaces.
 BESIDE_SHARE = 0.0015
 BORDER_COLUMNS = 3
 BESIDE = "it falls beside the plate"
@@ -43,12 +43,12 @@ class PlateLine(FrozenArrays):
     """Line of one stripe on one plate.
 
     Attributes:
-        index, mirror_angle: those of the stripe.
+        index, mirror_angle: index and commanded mirror angle [rad] of the stripe.
         plate: number of the plate in the session.
         height: height of the plate [m].
         pixels: (n, 2) points on the line, each the mean of neighbouring columns.
-        weights: (n,) number of columns that each point averages.
-        sigma_px: mean predicted sigma of the columns.
+        weights: (n,) number of columns averaged in each point.
+        sigma_px: root mean square of the predicted sigmas of the columns.
     """
 
     index: int
@@ -62,7 +62,7 @@ class PlateLine(FrozenArrays):
 
 @dataclass(frozen=True, slots=True)
 class LostLine:
-    """A stripe on a plate that gave no line, with the reason."""
+    """Stripe of a plate scan without a line, with the reason."""
 
     index: int
     plate: int
@@ -70,7 +70,7 @@ class LostLine:
 
     @property
     def is_beside(self) -> bool:
-        """True for a stripe on the floor beside the plate, which is no fault."""
+        """True for a stripe on the floor beside the plate, which is not a fault."""
         return self.reason == BESIDE
 
 
@@ -83,20 +83,20 @@ def plate_lines(
     on_floor: Mapping[int, PlateLine],
     on_stripe: Callable[[], None] | None = None,
 ) -> tuple[list[PlateLine], list[LostLine]]:
-    """Find the line of every stripe of a plate scan, on the plate alone.
+    """Find the line of every stripe of a plate scan, without the parts beside the plate.
 
     Args:
-        plate: the scan and its height.
+        plate: the scan and the height of the plate.
         number: number of the plate in the session.
         camera: intrinsic model.
-        transform_camera_to_footprint: (4, 4).
-        nominal: nominal mirror in base_footprint, which predicts the stripes roughly.
-        on_floor: lines on the bare floor by stripe index: a stripe that has not moved against them is beside the plate.
-            Empty for the scan of the bare floor itself, and if there is none.
+        transform_camera_to_footprint: (4, 4) pose of the camera.
+        nominal: nominal mirror in base_footprint, which roughly predicts the stripes.
+        on_floor: lines on the bare floor by stripe index; a stripe at the same position is beside the plate. Empty for
+            the scan of the bare floor itself, or if there is none.
         on_stripe: called after each stripe, for a progress bar.
 
     Raises:
-        CalibrationMismatch: a frame of another size.
+        CalibrationMismatch: a frame has another size.
         MissingFile, FileFormatError: a frame cannot be read.
     """
     to_camera: Float = np.asarray(np.linalg.inv(transform_camera_to_footprint), dtype=np.float64)
@@ -125,7 +125,7 @@ def plate_lines(
 
 
 def _with_borders(lost: list[LostLine], order: list[int]) -> list[LostLine]:
-    """Lost lines; those seen in part, next to a stripe beside the plate, are on its border and count as beside it."""
+    """Lost lines; a line seen in part and next to a stripe beside the plate is on the border, and counts as beside."""
     beside = {line.index for line in lost if line.is_beside}
     at_border = {neighbour for pair in pairwise(order) for neighbour in pair if beside & {*pair}}
     is_border = [line.reason.startswith(IN_PART) and line.index in at_border for line in lost]
@@ -133,7 +133,7 @@ def _with_borders(lost: list[LostLine], order: list[int]) -> list[LostLine]:
 
 
 def _is_good(profile: StripeProfile, band: tuple[int, int], height: int) -> bool:
-    """Test if the stripe was found in half of the columns and well inside the band."""
+    """Test if the stripe was found in at least half of the columns and well inside the band."""
     found = np.isfinite(profile.position_px)
     if profile.is_frame_bad or found.mean() < 0.5 or not band[1]:
         return False
@@ -153,7 +153,7 @@ def _beside(profile: StripeProfile, floor: PlateLine | None, tolerance: float) -
 def _line(
     profile: StripeProfile, beside: Mask, camera: CameraModel, transform: Float, height: float
 ) -> tuple[Float, Float, float] | str:
-    """Binned points, weights and sigma of a straight line on a level plane, or the reason for none."""
+    """Averaged points, weights and sigma of a straight line on a level plane, or the reason why there is none."""
     border = np.convolve(beside, np.ones(2 * BORDER_COLUMNS + 1), mode="same") > 0
     columns = np.flatnonzero(np.isfinite(profile.position_px) & ~border)
     if columns.size < MIN_COLUMNS and beside.sum() > columns.size:
@@ -195,7 +195,7 @@ def level_pixels(camera: CameraModel, transform_camera_to_footprint: Float, poin
 
 
 def _visible_columns(camera: CameraModel, transform: Float, height: float, coefficients: Float) -> int:
-    """Number of columns in which the straight line x = polyval(coefficients, y) lies inside the picture."""
+    """Number of columns in which the straight line x = polyval(coefficients, y) is inside the image."""
     y = np.linspace(-1.0, 1.0, 201) + transform[1, 3]
     pixels = level_pixels(camera, transform, np.column_stack((np.polyval(coefficients, y), y)), height)
     pixels = pixels[np.isfinite(pixels[:, 0])]

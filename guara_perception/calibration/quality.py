@@ -17,8 +17,9 @@ from guara_perception.calibration.intrinsics import calibrate_views
 from guara_perception.exceptions import CalibrationRefused
 
 GOOD, USABLE, REFUSED = "good", "usable", "refused"
-# Cells of the picture in which corners are counted, columns x rows.
+# Number of cells of the image in which corners are counted, columns x rows.
 COVERAGE_CELLS = (8, 6)
+# Number of pixels at which the projection is evaluated, columns x rows.
 GRID = (9, 7)
 
 
@@ -71,8 +72,8 @@ def verdict_of(checks: Sequence[Check], warnings: Sequence[str]) -> tuple[str, t
 
     Args:
         checks: all figures.
-        warnings: faults that were corrected (an outlier view omitted, a stripe filled in); with any the verdict is
-            usable at best.
+        warnings: faults that were corrected, such as an omitted outlier view or a stripe filled in; with any of them
+            the verdict is `usable` at best.
     """
     verdicts = [check.verdict for check in checks]
     reasons = [check.reason for check in checks if check.verdict == REFUSED]
@@ -84,7 +85,7 @@ def verdict_of(checks: Sequence[Check], warnings: Sequence[str]) -> tuple[str, t
 
 
 def quality_record(checks: Sequence[Check], verdict: str, reasons: Sequence[str]) -> dict[str, Any]:
-    """The `quality` object of calibration.json."""
+    """Object `quality` of calibration.json."""
     return {
         "verdict": verdict,
         "reasons": list(reasons),
@@ -103,25 +104,25 @@ def quality_record(checks: Sequence[Check], verdict: str, reasons: Sequence[str]
 
 
 def coverage(views: Sequence[BoardView], size: tuple[int, int]) -> Index:
-    """(rows, columns) number of corners in each of COVERAGE_CELLS."""
+    """Number of corners in each of COVERAGE_CELLS, (rows, columns)."""
     u, v = np.concatenate([np.empty((0, 2)), *(view.corners_px for view in views)]).T
     ranges = (0, size[1]), (0, size[0])
     return np.histogram2d(v, u, COVERAGE_CELLS[::-1], ranges)[0].astype(np.intp)
 
 
 def picture_grid(size: tuple[int, int]) -> Float:
-    """Pixels (63, 2) distributed evenly over the picture."""
+    """Pixels (63, 2) evenly distributed over the image."""
     u, v = np.meshgrid(np.linspace(0, size[0] - 1, GRID[0]), np.linspace(0, size[1] - 1, GRID[1]))
     return np.column_stack((u.ravel(), v.ravel()))
 
 
 def projection_uncertainty(fit: CameraFit) -> tuple[Float, Float]:
-    """Standard deviation of the floor point that a pixel sees, at pixels all over the picture.
+    """Standard deviation of the floor point seen by a pixel, for pixels all over the image.
 
-    The joint covariance of lens and mount is propagated to the floor, where the robot walks.
+    The joint covariance of lens and mount is propagated to the floor.
 
     Returns:
-        pixels (63, 2) and the standard deviation (63,) of the floor point they see [m], NaN above the horizon.
+        Pixels (63, 2), and the standard deviation (63,) of the floor point seen by each [m], NaN above the horizon.
     """
     pixels = picture_grid(fit.camera.size)
     floor = to_floor(fit.camera, fit.transform_camera_to_footprint, pixels)
@@ -136,18 +137,18 @@ def cross_validation(
 ) -> tuple[Float, Float] | None:
     """Difference in projection between lenses calibrated from every other view.
 
-    The two lenses may differ by a rotation and a translation, which the mount compensates: these are removed by
-    aligning points at floor distance, as mrcal does.
+    A rotation and a translation between the two cameras, which the mount would compensate, are removed by aligning
+    points at floor distance, as in mrcal.
 
     Args:
         views: usable views.
         board: the board.
-        size: picture width and height.
+        size: image width and height [px].
         distortion: as for `calibrate_intrinsics`.
         distance: height of the camera above the floor [m].
 
     Returns:
-        pixels (n, 2) and differences (n, 2) in px; None with too few views for two halves.
+        Pixels (n, 2) and differences (n, 2) [px]; None if the views are too few for two halves.
     """
     halves = views[0::2], views[1::2]
     if min(len(half) for half in halves) < 3:

@@ -26,20 +26,20 @@ class CalibrationResult:
     """A calibration with its evidence.
 
     Attributes:
-        calibration: ready to be saved; its `quality` holds verdict and reasons.
-        session: the session that was calibrated.
-        transform_base_to_footprint: (4, 4) of the session's stance.
-        intrinsics: lens by the boards alone.
-        floor: mount by the fiducials alone.
-        fit: lens and mount by everything.
+        calibration: calibration ready to be saved; its `quality` holds verdict and reasons.
+        session: the calibrated session.
+        transform_base_to_footprint: (4, 4) pose at the session's stance.
+        intrinsics: lens from the boards alone.
+        floor: mount from the fiducials alone.
+        fit: lens and mount from boards and fiducials.
         surface: the paper's homography.
         lines: laser lines on the plates.
-        lost: stripes on plates that gave no line.
+        lost: stripes of plate scans without a line.
         laser: planes and mirror model.
-        checks: the figures behind the verdict.
-        coverage: (6, 8) board corners per cell of the picture.
+        checks: figures behind the verdict.
+        coverage: (6, 8) number of board corners in each cell of the image.
         cross_validation: pixels and differences of the two halves, or None.
-        floor_sigma: pixels and standard deviation of the floor point they see [m].
+        floor_sigma: pixels and standard deviations of the floor points seen by them [m].
     """
 
     calibration: Calibration
@@ -83,7 +83,7 @@ def stripe_records(
 
 
 def mirror_record(laser: LaserFit, fit: CameraFit, mount: FloorPose, missing: Sequence[int]) -> dict[str, Any]:
-    """The `mirror` object: the model in the camera frame, and the deviations of the stripes from it."""
+    """Object `mirror` of calibration.json: the model in the camera frame, and the deviations of the stripes from it."""
     to_camera = np.asarray(np.linalg.inv(fit.transform_camera_to_footprint))
     return {
         "frame": "camera_optical_frame",
@@ -99,7 +99,7 @@ def mirror_record(laser: LaserFit, fit: CameraFit, mount: FloorPose, missing: Se
 
 
 def covariance_record(fit: CameraFit, laser: LaserFit) -> dict[str, Any]:
-    """The `covariance` object; see docs/calibration.md for its fields."""
+    """Object `covariance` of calibration.json; docs/calibration.md describes its fields."""
     return {
         "parameters": [*fit.free, "rx", "ry", "rz", "tx", "ty", "tz"],
         "values": [*fit.lens.tolist(), *fit.pose.tolist()],
@@ -110,7 +110,7 @@ def covariance_record(fit: CameraFit, laser: LaserFit) -> dict[str, Any]:
 
 
 def paper_record(surface: SurfaceMap, fit: CameraFit, lines: Sequence[PlateLine]) -> dict[str, Any]:
-    """The `paper` object: homography, H, nadir and n, d, k per stripe, in rectified floor coordinates."""
+    """Object `paper`: homography, H, nadir, and n, d, k of each stripe in rectified floor coordinates."""
     camera_position = fit.transform_camera_to_footprint[:3, 3]
     seen: dict[int, list[tuple[float, float]]] = {}
     for line in lines:
@@ -145,7 +145,7 @@ def warnings(
     lost: Sequence[LostLine],
     missing: Sequence[int],
 ) -> list[str]:
-    """Faults that were corrected: views omitted, lines not found, planes filled in."""
+    """Texts on faults that were corrected: views omitted, lines not found, planes filled in."""
     said = [f"view {view.name} was left out: {view.reason}" for view in views if not view.is_usable]
     said += [f"view {name} was left out: {reason}" for name, reason in intrinsics.outliers]
     faults = [one for one in lost if not one.is_beside]

@@ -9,7 +9,8 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import CameraModel, plane_in_frame
 
-# Half length of the line on which a plane meets a height; it extends beyond the image at half a metre.
+# Half length of the line in which a laser plane intersects a horizontal plane; at a distance of half a metre it extends
+# beyond the image.
 HALF_LENGTH_M = 1.2
 SAMPLES = 49
 
@@ -17,7 +18,7 @@ SAMPLES = 49
 def row_bands(
     camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float, margin: int
 ) -> list[tuple[int, int]]:
-    """Image rows in which a surface lit by each laser plane appears, for a set of heights.
+    """Image rows in which a surface at one of several heights can appear, for each laser plane.
 
     Args:
         camera: intrinsic model.
@@ -34,7 +35,7 @@ def row_bands(
     u, v = np.moveaxis(np.take_along_axis(lines, order, axis=-2), -1, 0)
     width, height = camera.size
     with np.errstate(divide="ignore", invalid="ignore"):
-        # Between two samples the line is straight: its extreme rows lie in the first or the last column.
+        # The line is straight between two samples, so its extreme rows are in the first or the last column.
         steepness = np.diff(v) / np.diff(u)
         columns = np.stack((np.maximum(np.ceil(u[..., :-1]), 0), np.minimum(np.floor(u[..., 1:]), width - 1)))
         rows = steepness * (columns - u[..., :-1]) + v[..., :-1]
@@ -52,12 +53,12 @@ def _band(lowest: float, highest: float, margin: int, height: int) -> tuple[int,
 
 
 def _lines(camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float) -> Float:
-    """Pixels (s, h, SAMPLES, 2) along the lines on which laser planes meet heights; NaN where they cannot be seen."""
+    """Pixels (s, h, SAMPLES, 2) along the intersections of laser planes with heights; NaN where not visible."""
     translation = transform_camera_to_footprint[:3, 3]
     planes = plane_in_frame(planes_in_camera, transform_camera_to_footprint)
     steepness = np.maximum(np.hypot(planes[:, 0], planes[:, 1]), 1e-12)[:, None]
     across = planes[:, :2] / steepness
-    # Signed distance (s, h) from the camera to each line along `across`, in the xy plane.
+    # Signed distance (s, h) in the xy plane from the camera to each line, along `across`.
     distance = -(planes[:, :2] @ translation[:2] + planes[:, 3])[:, None] - planes[:, 2:3] * heights
     distance /= steepness
     along = np.linspace(-HALF_LENGTH_M, HALF_LENGTH_M, SAMPLES)

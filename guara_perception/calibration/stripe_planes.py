@@ -1,4 +1,4 @@
-"""Plane of each stripe, fitted to its own lines on the plates with the mirror model as a prior, with a covariance."""
+"""Planes of the stripes and their covariance, fitted to the lines on plates with the mirror model as a prior."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from guara_perception.calibration.plates import PlateLine
 from guara_perception.calibration.sweep import STEP_ERROR_SIGMA, Sweep
 from kinematics.arrays import FrozenArrays
 
-# Lower bounds of the deviation of laser planes from the model: bearings and mirrors are not perfect.
+# Lower bounds of the deviation of laser planes from the model, because bearings and mirrors are imperfect.
 WOBBLE_FLOOR = np.array([2e-5, 1e-5])  # tilt along the stripe [rad], shift [m]
 FREE_WOBBLE = np.array([0.01, 0.005])
 NOISE_ITERATIONS = 15
-# Mean square over median square of a normal distribution.
+# Ratio of mean square to median square of a normal distribution.
 MEDIAN_TO_MEAN_SQUARE = 2.198
 # Lower bound of the mirror's repeatability from scan to scan, which is estimated from the lines [rad].
 JITTER_FLOOR = float(np.deg2rad(0.0003))
@@ -31,11 +31,11 @@ class StripeFit(FrozenArrays):
 
     Attributes:
         indices: stripe indices, ascending.
-        mirror_angles: (s,) commanded [rad].
-        planes: (s, 4).
-        covariance: (s, 3, 3) of (turn about the mirror axis [rad], tilt along the stripe [rad], shift [m]) for
-            a new scan: the fit and the repeatability of the mirror together, without the camera's errors.
-        bases: (s, 3, 4) derivative of the plane with respect to each of the three.
+        mirror_angles: (s,) commanded mirror angles [rad].
+        planes: (s, 4) planes n . X + d = 0.
+        covariance: (s, 3, 3) covariance in a new scan of turn about the mirror axis [rad], tilt along the stripe [rad]
+            and shift [m]: errors of the fit and repeatability of the mirror, without errors of the camera.
+        bases: (s, 3, 4) derivatives of the plane with respect to turn, tilt and shift.
         jitter: standard deviation of the laser plane's angle from scan to scan [rad].
         scatter: scatter of one averaged point of a line [m].
         wobble: (2,) standard deviations of tilt and shift about the mirror model.
@@ -60,17 +60,17 @@ def fit_stripes(
 ) -> StripeFit:
     """Fit one plane per stripe.
 
-    Each plane has three degrees of freedom about the model's plane: the turn about the mirror axis, which is free since
-    it is the stepper's error, and the tilt along the stripe and the shift, whose prior is as narrow as the stripes
-    agree with the model. Each line is also rotated by the mirror's jitter, common to all its columns: without it the
-    sigmas would be too small.
+    Each plane deviates from the model's plane in three degrees of freedom: turn about the mirror axis, tilt along the
+    stripe, and shift. The turn has a wide prior, because it contains the error of the stepper. The priors of tilt and
+    shift are estimated from the agreement of the stripes with the model. Each line is also rotated by the jitter of the
+    mirror, which is common to all its columns; without it the sigmas would be too small.
 
     Args:
         lines: lines of all stripes on all plates.
         points: (n, 3) points of each line in base_footprint.
-        sweep: the mirror model.
-        nominal: the nominal mirror from which `sweep` was fitted.
-        noise_of: an earlier fit whose jitter, scatter and wobble are used; None = they are estimated.
+        sweep: fitted mirror model.
+        nominal: nominal mirror at which the fit of `sweep` started.
+        noise_of: earlier fit whose jitter, scatter and wobble are used; None = estimate them.
     """
     model = sweep.planes
     bases = np.array([plane_basis(plane, sweep.mirror) for plane in model])
@@ -96,14 +96,14 @@ def fit_stripes(
 
 
 def plane_basis(plane: Float, mirror: MirrorModel) -> Float:
-    """(3, 4): change of a plane per radian of turn about the mirror axis, radian of tilt along it, metre of shift."""
+    """Derivatives (3, 4) of a plane by turn about the mirror axis [rad], tilt along the axis [rad] and shift [m]."""
     normal, axis, point = plane[:3], mirror.axis, mirror.point
     down = np.cross(axis, normal)
     return np.array([np.append(down, -down @ point), np.append(axis, -axis @ point), [0.0, 0.0, 0.0, 1.0]])
 
 
 def moved_plane(plane: Float, basis: Float, change: Float) -> Float:
-    """Plane changed by (turn, tilt, shift), with its normal normalised again."""
+    """Plane changed by (turn, tilt, shift), with a normalised normal."""
     moved = plane + change @ basis
     return np.asarray(moved / np.linalg.norm(moved[:3]))
 
@@ -146,8 +146,8 @@ class _Solution:
 
     Attributes:
         change: (s, 3) changes (turn, tilt, shift).
-        covariance: (s, 3, 3).
-        turn_square: (s,) expected mean square of the lines' own turns [rad^2].
+        covariance: (s, 3, 3) covariance of the changes.
+        turn_square: (s,) expected mean square of the lines' individual turns [rad^2].
         scatter_square: (s,) expected mean square distance of the points [m^2].
     """
 
@@ -159,13 +159,13 @@ class _Solution:
 
 @dataclass(frozen=True, slots=True)
 class _Solver:
-    """Lines of all stripes and the model's own covariance of tilt and shift (s, 2, 2)."""
+    """Solver with the lines of all stripes and the covariance (s, 2, 2) of tilt and shift of the model itself."""
 
     lines: _Lines
     from_model: Float
 
     def solve(self, wobble: Float, jitter: float, scatter: float) -> _Solution:
-        """Least squares of (turn, tilt, shift) and one jitter per line: the line's own turn about the mirror axis."""
+        """Solve for (turn, tilt, shift) of each stripe and one additional turn per line, the jitter of the mirror."""
         lines, weight = self.lines, scatter**-2
         stripes, most = lines.count.shape
         own = 3 + np.arange(most)
@@ -180,7 +180,7 @@ class _Solver:
         covariance: Float = np.asarray(np.linalg.inv(normal), dtype=np.float64)
         x: Float = np.asarray(np.linalg.solve(normal, right[..., None])[..., 0], dtype=np.float64)
 
-        # A line sees the change of its stripe's plane together with its own turn.
+        # Each line shows the change of its stripe's plane plus its own turn.
         change = np.repeat(x[:, None, :3], most, axis=1)
         change[..., 0] += x[:, 3:]
         of_line = np.repeat(covariance[:, None, :3, :3], most, axis=1)
@@ -202,14 +202,14 @@ class _Solver:
         )
 
     def estimate(self) -> tuple[float, float, Float]:
-        """Jitter, scatter and wobble from the lines themselves, by expectation maximisation."""
+        """Estimate jitter, scatter and wobble from the lines, by expectation maximisation."""
         jitter, scatter = 5 * JITTER_FLOOR, 3e-5
         jitter, scatter = self.noise(WOBBLE_FLOOR, jitter, scatter)
         wobble = self.wobble(jitter, scatter)
         return *self.noise(wobble, jitter, scatter), wobble
 
     def noise(self, wobble: Float, jitter: float, scatter: float) -> tuple[float, float]:
-        """Jitter and scatter of maximum likelihood."""
+        """Maximum likelihood estimates of jitter [rad] and scatter [m]."""
         for _ in range(NOISE_ITERATIONS):
             solved = self.solve(wobble, jitter, scatter)
             jitter = max(float(np.sqrt(np.mean(solved.turn_square))), JITTER_FLOOR)
@@ -217,7 +217,7 @@ class _Solver:
         return jitter, scatter
 
     def wobble(self, jitter: float, scatter: float) -> Float:
-        """Standard deviation of free planes about the model, beyond their own noise."""
+        """Standard deviations (2,) of tilt and shift of unconstrained planes about the model, beyond their noise."""
         solved = self.solve(FREE_WOBBLE, jitter, scatter)
         square = np.median(solved.change[:, 1:] ** 2, axis=0) * MEDIAN_TO_MEAN_SQUARE
         explained = np.median(np.diagonal(solved.covariance, axis1=1, axis2=2)[:, 1:], axis=0)
@@ -225,7 +225,7 @@ class _Solver:
 
 
 def _model_covariance(sweep: Sweep, nominal: MirrorModel, bases: Float) -> Float:
-    """Covariance (s, 3, 3) of the model itself, as turn, tilt and shift of each stripe."""
+    """Covariance (s, 3, 3) of the model itself, propagated to turn, tilt and shift of each stripe."""
     angles = sweep.mirror_angles + sweep.step_errors
     prior = np.array(list(PARAMETERS.values()))
     derivative = np.empty((len(angles), 4, len(prior)))

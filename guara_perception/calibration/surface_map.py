@@ -34,17 +34,17 @@ class SurfaceMap(FrozenArrays):
 
 
 def surface_map(pixels: npt.ArrayLike, points: npt.ArrayLike) -> SurfaceMap:
-    """Homography by the normalised direct linear transform.
+    """Compute the homography by the normalised direct linear transform.
 
-    The paper fixes i = 1 and solves eight equations; here both sides are centred and scaled first and the smallest
-    singular vector is taken, which needs no i and takes any number of marks.
+    The paper fixes i = 1 and solves eight equations. Here pixels and points are centred and scaled, and the solution is
+    the singular vector of the smallest singular value, which allows any number of marks.
 
     Args:
         pixels: (n, 2) undistorted pixels, n >= 4.
         points: (n, 2) floor points [m].
 
     Raises:
-        InvalidInput: fewer than four marks, or marks of which three lie on a line.
+        InvalidInput: there are fewer than four marks, or they are collinear.
     """
     u, x = np.asarray(pixels, dtype=np.float64), np.asarray(points, dtype=np.float64)
     if u.shape != x.shape or u.ndim != 2 or len(u) < 4:
@@ -60,14 +60,14 @@ def surface_map(pixels: npt.ArrayLike, points: npt.ArrayLike) -> SurfaceMap:
     singular, vectors = np.linalg.svd(rows)[1:]
     condition = float(singular[0] / max(singular[7], 1e-15))
     if condition > 1e6:
-        raise InvalidInput(f"the marks do not fix a surface map (condition number {condition:.1g}): on one line?")
+        raise InvalidInput(f"the marks do not determine a surface map (condition number {condition:.1g}): collinear?")
     homography = np.linalg.inv(from_points) @ vectors[-1].reshape(3, 3) @ from_pixels
     homography = homography / homography[2, 2]
     return SurfaceMap(homography, condition, apply_homography(homography, u) - x)
 
 
 def apply_homography(homography: Float, points: npt.ArrayLike) -> Float:
-    """Points (n, 2) through a (3, 3) homography (eqs. 9 and 10)."""
+    """Apply a homography (3, 3) to points (n, 2) (eqs. 9 and 10)."""
     homogeneous = np.column_stack((np.asarray(points, dtype=np.float64), np.ones(len(np.asarray(points)))))
     mapped = homogeneous @ homography.T
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
@@ -76,28 +76,28 @@ def apply_homography(homography: Float, points: npt.ArrayLike) -> Float:
 def stripe_constants(
     index: int, height_of_camera: float, x: Sequence[float], heights: Sequence[float]
 ) -> dict[str, float]:
-    """Fit the paper's constants n, d, k of one stripe to where it is seen on plates of known height.
+    """Fit the paper's constants n, d, k of one stripe to its positions on plates of known height.
 
-    With H the height of the optical centre and v the rectified x [m] in the column through the nadir, z = H - h =
-    n / (v d - k) is exact (eqs. 17 to 19): two heights solve it, more give a residual. z v d - z k = n is linear in k
-    and n once d = z_last - z_first, the difference of the calibrated depths as in eq. 17, fixes the scale.
+    Let H be the height of the optical centre and v the rectified x [m] in the column through the nadir. Then
+    z = H - h = n / (v d - k) is exact (eqs. 17 to 19): two heights determine n and k, more leave a residual. d, which
+    sets the scale, is the largest difference of the depths, as in eq. 17; then z v d - z k = n is linear in k and n.
 
     Args:
         index: index of the stripe.
         height_of_camera: H [m].
-        x: rectified x of the stripe on each plate [m]: where the ray through it meets the floor.
+        x: rectified x of the stripe on each plate: floor point of the ray through it [m].
         heights: heights of the plates [m].
 
     Returns:
-        index, n, d, k, and residual: rms error of height at the calibrated heights [m], zero for two.
+        index, n, d, k, and residual: rms error at the calibrated heights [m], zero for two heights.
 
     Raises:
-        InvalidInput: fewer than two heights, or the stripe does not move between them (eq. 17 is singular).
+        InvalidInput: there are fewer than two heights, or the stripe has one position at all (eq. 17 is singular).
     """
     v, z = np.asarray(x, dtype=np.float64), height_of_camera - np.asarray(heights, dtype=np.float64)
     if len(v) < 2 or np.ptp(z) < 1e-6 or np.ptp(v) < 1e-6:
         raise InvalidInput(
-            f"stripe index {index}: two or more heights at which it is seen at different positions are needed (eq. 17)"
+            f"stripe index {index}: two or more heights with different positions of the stripe are needed (eq. 17)"
         )
     d = float(z.min() - z.max())
     k, n = np.linalg.lstsq(np.column_stack((z, np.ones(len(z)))), z * v * d, rcond=None)[0].tolist()
@@ -106,7 +106,7 @@ def stripe_constants(
 
 
 def _normaliser(points: Float) -> Float:
-    """(3, 3) that brings points to mean zero and mean distance sqrt(2)."""
+    """Transform (3, 3) that gives points mean zero and mean distance sqrt(2)."""
     centre = points.mean(axis=0)
     scale = np.sqrt(2) / max(float(np.linalg.norm(points - centre, axis=1).mean()), 1e-12)
     return np.array([[scale, 0, -scale * centre[0]], [0, scale, -scale * centre[1]], [0, 0, 1.0]])

@@ -15,7 +15,7 @@ from kinematics.arrays import FrozenArrays
 
 # Prior standard deviation of one position of the mirror's stepper [rad].
 STEP_ERROR_SIGMA = float(np.deg2rad(0.02))
-# Scatter of one point of a line, which averages a few dozen columns [m].
+# Scatter of one point of a line, an average over a few dozen columns.
 POINT_SIGMA_M = 5e-5
 ROBUST_SIGMAS = 3.0
 ITERATIONS = 25
@@ -25,15 +25,15 @@ STEP_NUDGE = 1e-7
 
 @dataclass(frozen=True, slots=True)
 class Sweep(FrozenArrays):
-    """The mirror model in base_footprint and the angle error of each stripe.
+    """Mirror model in base_footprint, and the angle error of each stripe.
 
     Attributes:
         mirror: fitted model.
         parameters: values of PARAMETERS.
         covariance: (9, 9) covariance of `parameters`.
         indices: stripe indices, ascending.
-        mirror_angles: (s,) commanded [rad].
-        step_errors: (s,) true minus commanded mirror angle, in model units [rad].
+        mirror_angles: (s,) commanded mirror angles [rad].
+        step_errors: (s,) estimated minus commanded mirror angle [rad].
     """
 
     mirror: MirrorModel
@@ -45,7 +45,7 @@ class Sweep(FrozenArrays):
 
     @property
     def planes(self) -> Float:
-        """(s, 4) planes in base_footprint: the model at the corrected angle of each stripe."""
+        """Planes (s, 4) of the model in base_footprint at the corrected angle of each stripe."""
         return self.mirror.planes(self.mirror_angles + self.step_errors)
 
 
@@ -64,7 +64,7 @@ def fit_sweep(
         lines: lines of all stripes on all plates.
         points: (n, 3) points of each line in base_footprint.
         nominal: the nominal mirror in base_footprint.
-        start: a similar fit of the same stripes as the initial value; None = the nominal mirror.
+        start: similar fit of the same stripes, used as initial value; None = the nominal mirror.
     """
     angle_of = {line.index: line.mirror_angle for line in lines}
     indices = tuple(sorted(angle_of))
@@ -90,7 +90,7 @@ def fit_sweep(
             moved = x.copy()
             moved[i] += nudge[i]
             shared[:, i] = (distance(moved) - residual) * weight / nudge[i]
-        # Each angle error moves its own stripe only: all columns of the Jacobian come from one evaluation, and the
+        # Each angle error affects its own stripe only, so one evaluation gives all columns of the Jacobian, and the
         # normal equations are sums by stripe.
         moved = x.copy()
         moved[n:] += STEP_NUDGE

@@ -1,4 +1,4 @@
-"""Points in base_footprint of stripe profiles, by triangulation or by the paper's equations."""
+"""Points of stripe profiles in `base_footprint`, by triangulation or by the paper's equations."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from guara_perception.arrays import Float, Index
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder
 
-# Sine of the angle between ray and laser plane, about 3 degrees, below which the distance is too uncertain.
+# Sine of the angle between ray and laser plane (about 3 degrees) below which the distance is too uncertain.
 MIN_SINE_TO_PLANE = 0.05
-# Numbers of polynomial coefficients, tried in this order. A usual lens needs 16; one whose distortion is not monotonic
-# near a corner of the picture needs more.
+# Numbers of polynomial coefficients, tried in this order. A usual lens needs 16; a lens whose distortion is not
+# monotonic near a corner of the image needs more.
 COUNTS = (16, 24)
-# Largest error of a ray at the points where it is checked, projected into the picture [px]: triangulated points are
-# then accurate to a few nm.
+# Largest error of a ray, projected into the image, at the points where the polynomials are checked [px]. The error of
+# triangulated points is then a few nm.
 TOLERANCE_PX = 1e-6
 
 
@@ -34,7 +34,7 @@ class Triangulator:
 
         Args:
             camera: intrinsic model.
-            transform_camera_to_footprint: (4, 4).
+            transform_camera_to_footprint: (4, 4) pose of the camera.
         """
         self._rays = ColumnRays(camera)
         self._per_row = 1.0 / camera.matrix[1, 1]
@@ -55,9 +55,9 @@ class Triangulator:
         """Points (3, ..., n) in base_footprint of stripes at the given rows; NaN where there is no point.
 
         Args:
-            plane_in_camera: (..., 4) calibrated laser planes, one for every n rows.
+            plane_in_camera: (..., 4) calibrated laser planes, one for each set of n rows.
             position_px: (..., n) rows.
-            columns: (..., n) column of each row; None = all columns of the picture, in order.
+            columns: (..., n) column of each row; None = all columns of the image, in order.
         """
         rays = self._rays.at(position_px, columns)
         return self._at_depth(self._directions(rays), plane_depth(rays, plane_in_camera)[0])
@@ -69,7 +69,7 @@ class Triangulator:
         rays = self._rays.at(position_px)
         depth, along_normal = plane_depth(rays, plane_in_camera)
         directions = self._directions(rays)
-        # d(depth * ray)/dv, where the ray moves by 1 / fy per row (up to a few per cent, due to the lens).
+        # d(depth * ray)_z / dv = depth / fy * (R_zy - r_z n_y / (n . r)); the lens changes 1 / fy by a few per cent.
         slope = plane_in_camera[..., 1, None] / along_normal
         slope *= directions[2]
         np.subtract(self._rotation[2, 1], slope, out=slope)
@@ -81,7 +81,7 @@ class Triangulator:
     def _directions(self, rays: Float) -> Float:
         """Rays (3, ..., n) rotated into base_footprint.
 
-        Term by term: the rounding of a matrix product may depend on the number of points.
+        Computed term by term, because the rounding of a matrix product may depend on the number of points.
         """
         x, y = rays
         along_x, along_y, along_z = self._rotation.T.reshape(3, 3, *(1 for _ in x.shape))
@@ -91,22 +91,22 @@ class Triangulator:
         return np.asarray(directions)
 
     def _at_depth(self, directions: Float, depth: Float) -> Float:
-        """Points (3, ..., n) in base_footprint at depths along directions, computed in place of the directions."""
+        """Points (3, ..., n) in base_footprint at depths along directions; overwrites the directions."""
         directions *= depth
         directions += self._translation.reshape(3, *(1 for _ in depth.shape))
         return directions
 
 
 def plane_depth(rays: Float, plane_in_camera: Float) -> tuple[Float, Float]:
-    """Depths at which rays meet laser planes: ray r and plane (n, d) at -d / (n . r).
+    """Depths at which rays intersect laser planes: -d / (n . r) for ray r and plane (n, d).
 
     Args:
         rays: (2, n) or (2, s, n) x and y in the camera frame at z = 1, NaN where there is no ray.
-        plane_in_camera: (4,) n . X + d = 0, or (s, 4).
+        plane_in_camera: (4,) or (s, 4) planes n . X + d = 0.
 
     Returns:
         Depth (n,) or (s, n) along the camera's z [m], NaN where the ray meets the plane at a grazing angle or behind
-        the camera; and n . r of the same shape, the denominator.
+        the camera; and the denominator n . r, of the same shape.
     """
     x, y = rays
     nx, ny, nz, d = plane_in_camera.T[..., None]
@@ -131,14 +131,14 @@ def locator(
     transform_camera_to_footprint: Float,
     area: tuple[tuple[float, float], tuple[float, float]],
 ) -> Locator:
-    """Choose the paper's equations where `literal` is given, triangulation where it is None."""
+    """Return the paper's equations if `literal` is given, triangulation if it is None."""
     if literal is None:
         return Triangulator(camera, transform_camera_to_footprint)
     return PaperRangefinder(camera, transform_camera_to_footprint, area, literal)
 
 
 class ColumnRays:
-    """Polynomial approximation of `CameraModel.rays`, one per column, to TOLERANCE_PX and much faster."""
+    """Fast polynomial approximation of `CameraModel.rays` in every column, accurate to TOLERANCE_PX."""
 
     def __init__(self, camera: CameraModel) -> None:
         """Fit the polynomials; if none fits the lens, `at` uses the camera model."""
@@ -151,15 +151,14 @@ class ColumnRays:
 
         Args:
             rows: (..., n) sub-pixel rows.
-            columns: (..., n) whole columns; None = every column of the picture, in order.
+            columns: (..., n) integer columns; None = every column of the image, in order.
         """
         rows = np.asarray(rows, dtype=np.float64)
         if self._coefficients is None:
             return self._exact(rows, np.arange(rows.shape[-1]) if columns is None else columns)
         scaled = rows / self._centre_row - 1
         coefficients = self._coefficients if columns is None else self._coefficients.take(columns, axis=2)
-        for _ in range(2 + scaled.ndim - coefficients.ndim):
-            coefficients = coefficients[:, :, None]
+        coefficients = np.expand_dims(coefficients, tuple(range(2, 4 + scaled.ndim - coefficients.ndim)))
         # Horner's scheme.
         rays = coefficients[0] * scaled
         for coefficient in coefficients[1:-1]:
@@ -177,10 +176,10 @@ class ColumnRays:
 
 
 def _fitted(camera: CameraModel, count: int) -> Float | None:
-    """Coefficients (count, 2, width), highest power first, for rows scaled to -1 ... 1; None if they do not fit.
+    """Coefficients (count, 2, width), highest power first, for rows scaled to -1 ... 1; None if the fit is too coarse.
 
     The polynomials interpolate the rays at Chebyshev nodes along columns and rows, which is close to the best uniform
-    fit. The error is checked at other points, `between` the nodes and beyond them.
+    fit. The error is checked at other points between and beyond the nodes.
     """
     nodes, between = chebyshev.chebpts1(count), chebyshev.chebpts2(count)
     inverse = np.linalg.inv(chebyshev.chebvander(nodes, count - 1))
@@ -196,7 +195,7 @@ def _fitted(camera: CameraModel, count: int) -> Float | None:
 
 
 def _rays(camera: CameraModel, scaled: Float) -> Float:
-    """Exact rays (2, n, n), at rows and columns that both take the values `scaled` (n,), -1 ... 1 over the picture."""
+    """Exact rays (2, n, n) at a grid of rows and columns, both `scaled` (n,) to -1 ... 1 over the image."""
     (columns, rows) = ((scaled + 1) / 2 * (size - 1) for size in camera.size)
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
     return camera.rays(pixels)[:, :2].T.reshape(2, scaled.size, scaled.size)

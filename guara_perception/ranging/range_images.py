@@ -1,4 +1,4 @@
-"""Range images of a scan: the perspective one on floor pixels and the orthorectified one."""
+"""Perspective and orthorectified range images of a scan."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from guara_perception.ranging.surface import EVERYWHERE, Lines, shares, surface_
 from guara_perception.terrain.assessment.raster import ROUNDING, TOP_LAYER_M
 from kinematics.arrays import FrozenArrays
 
-# Picture size of the paper: rows along x, columns along y.
+# Image size of the paper: rows along x, columns along y.
 ROWS, COLUMNS = 512, 640
-# Largest stretch by the central projection for which samples of neighbouring image columns leave no pixel of the
+# Largest stretch by the central projection at which samples of neighbouring image columns leave no pixel of the
 # perspective image empty.
 LARGEST_STRETCH = 1.25
-# Largest number of lines between neighbouring image columns: enough for columns 4 mm apart, as on distant ground.
+# Largest number of lines added between neighbouring image columns: enough for columns 4 mm apart, as on distant ground.
 MOST_BETWEEN = 5
 
 
 @dataclass(frozen=True, slots=True)
 class RangeImages(FrozenArrays):
-    """Heights as pictures, (512, 640) float32 [mm above z = 0], NaN where unknown.
+    """Heights as images (512, 640) float32 [mm above z = 0], NaN where unknown.
 
     Pixel (r, c) is x = x_min + (r + 0.5) * depth / 512, y = y_min + (c + 0.5) * width / 640 in base_footprint.
 
     Attributes:
-        ortho_image_mm: orthorectified image: every height at its true position.
-        range_image_mm: perspective image: every height where the camera's ray through it meets the floor.
+        ortho_image_mm: orthorectified image, with each height at its true position.
+        range_image_mm: perspective image, with each height where the camera's ray through the point meets the floor.
     """
 
     ortho_image_mm: Float32
@@ -69,7 +69,7 @@ def range_images(
                 continue
             lines = _filled(found, followed, between) if between else found
             share = shares(lines.number)
-            # In pixels from the nadir: about it, the central projection that eqs. 20 and 21 undo is a pure stretch.
+            # In pixels relative to the nadir, about which the central projection undone by eqs. 20 and 21 is a stretch.
             first, difference = (lines.first[:2] - nadir[:, None]) / size[:, None], lines.difference[:2] / size[:, None]
             row, column, height = (
                 share * along + start
@@ -85,18 +85,18 @@ def range_images(
 
 
 def _lines_between(points: Mapping[int, StripePoints], width: float) -> int:
-    """Number of lines between neighbouring image columns that leaves no pixel of this width [m] empty."""
+    """Number of lines to add between neighbouring image columns so that no pixel of this width [m] is left empty."""
     apart = [np.nanmax(np.abs(np.diff(stripe.points[:, 1])), initial=0.0) for stripe in points.values()]
     return min(math.ceil(max(apart, default=0.0) * LARGEST_STRETCH / width) - 1, MOST_BETWEEN) if any(apart) else 0
 
 
 def _filled(lines: Lines, followed: Index, between: int) -> Lines:
-    """Lines with interpolated ones added between those of neighbouring image columns.
+    """Lines with interpolated lines added between those of neighbouring image columns.
 
     Args:
-        lines: the lines.
-        followed: positions of the lines that are followed by that of the next image column.
-        between: number of lines between two neighbours.
+        lines: the given lines.
+        followed: positions of the lines whose successor belongs to the next image column.
+        between: number of lines added between two neighbours.
     """
     ways = np.arange(1, between + 1) / (between + 1)
 
@@ -114,7 +114,7 @@ def _filled(lines: Lines, followed: Index, between: int) -> Lines:
 def _useful_y(
     points: Mapping[int, StripePoints], y_range: tuple[float, float], nadir: float, above: float
 ) -> tuple[float, float]:
-    """Range of y of all points that can fall into `y_range` in one of the two pictures."""
+    """Range of y of all points that can fall into `y_range` in one of the two images."""
     heights = np.concatenate([np.zeros(1), *(stripe.points[:, 2] for stripe in points.values())])
     if np.nanmax(heights) >= above:
         return EVERYWHERE
@@ -125,7 +125,7 @@ def _useful_y(
 class _Picture:
     """Mean of the samples in the top layer of each pixel (see `assessment.raster`).
 
-    Pixels and heights of all samples are kept to the end, since each sample may raise the top of its pixel.
+    Pixels and heights of all samples are kept to the end, because any sample may raise the top of its pixel.
     """
 
     def __init__(self) -> None:
@@ -142,24 +142,24 @@ class _Picture:
         """
         pixel = row.astype(np.int32)
         np.clip(pixel, np.int32(0), np.int32(ROWS + 1), out=pixel)
-        # Counted from the first row of this group: sums over a few rows stay in the processor's cache.
+        # Relative to the first row of this group, so that the sums over a few rows stay in the processor's cache.
         first = int(pixel.min())
         pixel -= np.int32(first)
         pixel *= np.int32(COLUMNS + 2)
         columns = column.astype(np.int32)
         pixel += np.clip(columns, np.int32(0), np.int32(COLUMNS + 1), out=columns)
         pixel, height, first = pixel.reshape(-1), height.reshape(-1), first * (COLUMNS + 2)
-        # Pixel 0 is outside the picture.
+        # Pixel 0 is outside the image.
         pixel[cut] = 0
-        # np.intp: with any other type of index `ufunc.at` is many times slower.
+        # np.intp, because `ufunc.at` is many times slower with any other index type.
         np.maximum.at(self._highest[first:], pixel.astype(np.intp), height)
         self._samples.append((first, pixel, height))
 
     def mean_mm(self) -> Float32:
-        """Mean height (ROWS, COLUMNS) of the top layer of each pixel [mm], NaN where no sample fell."""
+        """Mean height (ROWS, COLUMNS) of the top layer of each pixel [mm], NaN in pixels without a sample."""
         total, count = np.zeros((2, self._highest.size))
         bottom = self._highest - TOP_LAYER_M
-        # Outside the picture the top layer does not matter.
+        # Outside the image the top layer does not matter.
         bottom[:: COLUMNS + 2] = -np.inf
         for first, pixel, heights in self._samples:
             is_top = heights > bottom[first:].take(pixel)

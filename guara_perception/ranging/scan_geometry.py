@@ -1,4 +1,4 @@
-"""Geometry of a scan, known before its first frame: image rows and laser plane of each stripe; points of stripes."""
+"""Geometry of a scan before its first frame (image rows and laser plane of each stripe), and points of stripes."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from guara_perception.settings import Settings
 from guara_perception.stripes.band import StripeProfile
 from kinematics.self_filter import SelfFilter
 
-# Bands extend this far beyond the height limits, so that a stripe just outside of these is still detected.
+# Bands extend this far beyond the height limits, so that a stripe just outside the limits is still detected.
 LIMIT_MARGIN_M = 0.025
-# Rows added at the edges of a band, for smoothing and for the window about the centre.
+# Rows added at both edges of a band, for smoothing and for the window around the centre of the stripe.
 ROW_MARGIN_PX = 8
-# Number of stripes processed together: the arrays of more do not fit the processor's cache.
+# Number of stripes processed together; the arrays of more would exceed the processor's cache.
 TOGETHER = 8
 Item = TypeVar("Item")
 
@@ -32,7 +32,7 @@ class StripeGeometry:
 
     Attributes:
         plane_in_camera: (4,) laser plane n . X + d = 0 in the camera frame.
-        band: first and end row in which the stripe can appear; (0, 0) when it is out of view.
+        band: first and end row between which the stripe can appear; (0, 0) if it is out of view.
     """
 
     plane_in_camera: Float
@@ -44,10 +44,10 @@ class StripePlace:
     """Place of camera and body at the flash of one stripe.
 
     Attributes:
-        transform_camera_to_footprint: (4, 4).
+        transform_camera_to_footprint: (4, 4) pose of the camera.
         body: body of the robot, in base_footprint.
-        covariance: (6, 6) of the camera's place relative to that of the other stripes, in REP-103 order along the axes
-            of base_footprint: translation of the optical centre [m], rotation [rad].
+        covariance: (6, 6) covariance of the camera's pose relative to that at the other stripes, in REP-103 order along
+            the axes of base_footprint: translation of the optical centre [m], rotation [rad].
     """
 
     transform_camera_to_footprint: Float
@@ -65,9 +65,9 @@ class ScanGeometry:
 
     Attributes:
         calibration: calibration of the rangefinder.
-        transform_camera_to_footprint: (4, 4).
+        transform_camera_to_footprint: (4, 4) pose of the camera.
         stripes: calibrated stripes of the pattern by index, in the order of the pattern.
-        planes_in_footprint: (s, 4) their laser planes in base_footprint, in the same order.
+        planes_in_footprint: (s, 4) laser planes of these stripes in base_footprint, in the same order.
         sensor_origins: positions (3,) of the camera and (3,) of the laser, the point of the mirror axis nearest to the
             camera [m].
     """
@@ -79,12 +79,12 @@ class ScanGeometry:
     sensor_origins: tuple[Float, Float]
 
     def pixels(self, points_in_footprint: Float) -> Float:
-        """Picture positions (n, 2) of points (n, 3) in base_footprint."""
+        """Image positions (n, 2) of points (n, 3) in base_footprint [px]."""
         transform = self.transform_camera_to_footprint
         return self.calibration.camera.project((points_in_footprint - transform[:3, 3]) @ transform[:3, :3])
 
     def moved(self, places: Mapping[int, StripePlace]) -> ScanGeometry:
-        """Copy for a camera that moved: each plane at its own place, the sensors at that of the middle of the scan."""
+        """Copy for a camera that moved: each plane at its own place, the sensors at the place of the middle stripe."""
         if not places:
             return self
         poses = {index: place.transform_camera_to_footprint for index, place in places.items()}
@@ -107,7 +107,14 @@ class ScanGeometry:
 def scan_geometry(
     calibration: Calibration, transform_base_to_footprint: Float, settings: Settings, mode: str
 ) -> ScanGeometry:
-    """Predict a scan from the calibration and the pose that follows from the stance."""
+    """Predict the geometry of a scan from the calibration and the pose of the body.
+
+    Args:
+        calibration: calibration of the rangefinder.
+        transform_base_to_footprint: (4, 4) pose of the body.
+        settings: settings of the robot.
+        mode: mode of the scan.
+    """
     transform = transform_base_to_footprint @ calibration.transform_camera_to_base
     pattern = set(settings.pattern(mode))
     planned = [stripe for stripe in calibration.stripes if stripe.index in pattern]
@@ -122,14 +129,13 @@ def scan_geometry(
 
 
 def laser_origin(planes: Float, near: Float) -> Float:
-    """Point of the mirror axis nearest to `near`; all laser planes pass almost through that axis.
+    """Point (3,) of the mirror axis nearest to `near`, in the frame of the planes.
+
+    All laser planes pass almost through that axis, which is their line of intersection in the least-squares sense.
 
     Args:
         planes: (s, 4) planes of all stripes in one frame.
-        near: (3,) a point in the same frame, for instance the optical centre.
-
-    Returns:
-        (3,) point in that frame. The axis is the line that fits all planes in the least-squares sense.
+        near: (3,) point in the same frame, for instance the optical centre.
     """
     normals, offsets = planes[:, :3], planes[:, 3]
     axis = np.linalg.svd(normals)[2][-1]
@@ -138,7 +144,7 @@ def laser_origin(planes: Float, near: Float) -> Float:
 
 
 class StripeRanger:
-    """Converts the profiles of a scan's stripes to points."""
+    """Conversion of the profiles of a scan's stripes to points."""
 
     def __init__(
         self,
@@ -161,11 +167,11 @@ class StripeRanger:
     def points(
         self, profiles: Mapping[int, StripeProfile], places: Mapping[int, StripePlace] | None = None
     ) -> dict[int, StripePoints]:
-        """Points of stripes by index, for profiles of good frames.
+        """Points of stripes by index.
 
         Args:
-            profiles: profiles by index.
-            places: place of camera and body at the flash of each stripe; None = the camera stood.
+            profiles: profiles of usable frames by index.
+            places: place of camera and body at the flash of each stripe; None = the camera stood still.
         """
         found: dict[int, StripePoints] = {}
         for group in in_groups(list(profiles), TOGETHER if places is None else 1):
@@ -187,16 +193,18 @@ class StripeRanger:
 
 
 def variance_by_motion(points: Float, camera: Float, motion: Float) -> Float:
-    """Variances (...) of the heights of points (3, ...): z moves by v_z + w_x r_y - w_y r_x, r from the camera (3,).
+    """Variances (...) of the heights of points due to camera motion [m^2].
+
+    A small motion (v, w) of the camera moves a point at r relative to the camera by v_z + w_x r_y - w_y r_x along z.
 
     Args:
-        points: in base_footprint.
-        camera: optical centre in base_footprint.
-        motion: (3, 3) covariance of the camera's motion: z, and turns about x and y.
+        points: (3, ...) points in base_footprint.
+        camera: (3,) optical centre in base_footprint.
+        motion: (3, 3) covariance of v_z [m], w_x and w_y [rad].
     """
     x, y = points[0] - camera[0], points[1] - camera[1]
     (zz, zx, zy), (_, xx, xy), (_, _, yy) = motion
-    # Element by element: so that rounding does not depend on the other stripes.
+    # Element by element, so that rounding does not depend on the other stripes.
     return np.asarray(zz + 2.0 * (zx * y - zy * x) + xx * y**2 - 2.0 * xy * x * y + yy * x**2)
 
 

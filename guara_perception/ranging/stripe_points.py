@@ -1,4 +1,4 @@
-"""Points of stripes in the robot's frame; unreliable returns, such as those at the ends of runs, are set apart."""
+"""Points of stripes in `base_footprint`, with unreliable returns, such as those at the ends of runs, set apart."""
 
 from __future__ import annotations
 
@@ -15,35 +15,35 @@ from guara_perception.stripes.band import StripeProfile, StripeStatus
 from kinematics.arrays import read_only
 
 MIXED_EDGE, OUT_OF_BAND = np.uint8(StripeStatus.MIXED_EDGE), np.uint8(StripeStatus.OUT_OF_BAND)
-# A larger difference of height between neighbouring columns is a jump from one surface to another.
+# Height difference between neighbouring columns above which they belong to different surfaces.
 JUMP_M = 0.004
-# Number of unusable columns next to a jump or a gap: they contain light of both sides, or light that the lens and the
-# mean over columns spread there.
+# Number of unusable columns on each side of a jump or a gap: they mix light from both sides, or contain light spread by
+# the lens and by the mean over columns.
 END_COLUMNS = 2
-# A run of fewer than this many columns, all weaker than this share of the stripe's median, is the remnant of a stripe
-# that an edge cuts.
+# A run of fewer than SHORT_RUN_COLUMNS columns, all weaker than this fraction of the stripe's median strength, is the
+# remnant of a stripe cut by an edge.
 SHORT_RUN_COLUMNS = 12
 WEAK_OF_STRIPE = 0.5
-# A run that fades towards its end is cut by the edge of a shadow; what remains of the stripe there gives a wrong
-# position. A column is faded if it is weaker than this share of the mean of the next LEVEL_COLUMNS.
+# A run that fades towards its end is cut by the edge of a shadow, and the rest of the stripe there is displaced. A
+# column is faded if it is weaker than this fraction of the mean of the next LEVEL_COLUMNS columns.
 FADED_OF_LEVEL = 0.6
 LEVEL_COLUMNS = 12
-# This many columns in a row must be bright to end a fade: speckle makes single columns bright within a shadow.
+# Number of consecutive bright columns that end a fade; speckle makes single columns bright within a shadow.
 SOUND_COLUMNS = 2
-# Along a shadow's edge a stripe is cut lengthwise: over several columns it is displaced by this much and more, and its
-# first DIM_COLUMNS are weaker than this share of the level further in.
+# The edge of a shadow along a stripe cuts it lengthwise: several columns are displaced by more than DISPLACED_M, and
+# the first DIM_COLUMNS are weaker than DIM_OF_LEVEL of the strength further in.
 DISPLACED_M = 0.00075
 DIM_COLUMNS = 3
 DIM_OF_LEVEL = 0.85
-# A fade is searched in this many columns from the end of a run, in more only if it does not end there.
+# Number of columns from the end of a run in which a fade is sought first; more are examined if it does not end there.
 FADE_WINDOW = 24
 
 
 def _stored(values: npt.ArrayLike, kind: npt.DTypeLike) -> Array:
-    """Read-only array of a type, without a copy if the values are one already."""
+    """Read-only array of a type; not copied if the values are such an array already."""
     array = np.asarray(values, dtype=kind)
     if array is not values and array.base is None:
-        # No other reference to this one exists.
+        # A new array, to which there is no other reference.
         array.setflags(write=False)
     return read_only(array)
 
@@ -67,15 +67,16 @@ class ColumnPoints:
 
 @dataclass(frozen=True, slots=True)
 class StripePoints:
-    """One stripe of an organised scan, one entry per image column; float32, because a scan keeps all its stripes.
+    """Points of one stripe, one entry per image column; float32, because a scan keeps all its stripes.
 
     Attributes:
         points: (w, 3) in base_footprint [m], NaN where there is no trusted return within the height limits.
-        variance: (w,) variance of the height from the stripe position [m^2], NaN likewise.
+        variance: (w,) variance of the height [m^2], due to the stripe position and, with a track, to the pose of the
+            camera; NaN where there is no point.
         strength: (w,) height of the return above background [grey levels]; meaningful only where there is a point.
         status: (w,) uint8 StripeStatus.
         out_of_range: points below or above the height limits.
-        doubtful: points of unusable returns.
+        doubtful: points of unusable returns within the height limits.
     """
 
     points: Array
@@ -91,7 +92,7 @@ class StripePoints:
         object.__setattr__(self, "status", read_only(self.status))
 
 
-# Most stripes have no points that are set apart.
+# Shared by stripes, most of which have no points set apart.
 NO_POINTS = ColumnPoints(np.empty(0, np.int32), np.empty((0, 3), np.float32))
 
 
@@ -108,7 +109,7 @@ def stripe_points(
     Stripes do not influence each other; several in one call take less time.
 
     Args:
-        profiles: s stripes along the columns of the whole picture, one or more.
+        profiles: profiles of s >= 1 stripes over all columns of the image.
         locator: converts image rows to points.
         planes_in_camera: (s, 4) calibrated laser planes.
         height_limits: lowest and highest height that counts as terrain [m].
@@ -137,7 +138,7 @@ def stripe_points(
     np.copyto(kept, np.nan, where=unusable)
     single = variance.astype(np.float32)
     for array in (kept, single, status):
-        # No other references to these exist, so their parts need not be copied.
+        # There are no other references to these arrays, so StripePoints need not copy their parts.
         array.setflags(write=False)
     return [
         StripePoints(kept[:, k].T, single[k], profile.peak, status[k], out_of_range[k], doubtful[k])
@@ -146,7 +147,7 @@ def stripe_points(
 
 
 def _rows(profiles: Sequence[StripeProfile], name: str) -> Float:
-    """One array (s, w) of all profiles."""
+    """Array (s, w) of an attribute of all profiles."""
     return np.array([getattr(profile, name) for profile in profiles], dtype=np.float64)
 
 
@@ -154,7 +155,7 @@ def _drop(points: Float, on_robot: Callable[[Float], Mask]) -> None:
     """Set points (3, ..., n) on the robot to NaN."""
     own = on_robot(points.reshape(3, -1).T)
     if own.any():
-        # Not in the reshaped points, which may be a copy.
+        # Indexed in the original array, because the reshaped one may be a copy.
         points[:, own.reshape(points.shape[1:])] = np.nan
 
 
@@ -167,7 +168,7 @@ def _doubtful(
     points: Float,
     mixed: Mask,
 ) -> list[ColumnPoints]:
-    """Unusable returns within the height limits: doubted by the extraction, or at the ends of runs."""
+    """Unusable returns within the height limits: marked doubtful by the extraction, or at the ends of runs."""
     rows = _rows(profiles, "doubtful_px")
     indices = np.flatnonzero(mixed | np.isfinite(rows))
     if not indices.size:
@@ -186,7 +187,7 @@ def _doubtful(
 
 
 def _by_stripe(points: Float, indices: Index, found: Float | None = None) -> list[ColumnPoints]:
-    """Points (3, s, w) at ascending flat indices (n,), by stripe; `found` (3, n) replaces them."""
+    """Points by stripe, taken from `points` (3, s, w) at ascending flat indices (n,), or given as `found` (3, n)."""
     _, count, width = points.shape
     if not indices.size:
         return [NO_POINTS] * count
@@ -202,15 +203,15 @@ def _by_stripe(points: Float, indices: Index, found: Float | None = None) -> lis
 def run_ends(height: Float, strength: Float) -> Mask:
     """Mask of the returns that are unusable because a run of returns ends there.
 
-    The borders of the picture do not end a run.
+    The borders of the image do not end a run.
 
     Args:
-        height: (s, w) heights of stripes [m], NaN where there is no return.
+        height: (s, w) heights of the ground along stripes [m], NaN where there is no return.
         strength: (s, w) heights of the returns above background [grey levels].
 
     Returns:
-        (s, w) bool: within END_COLUMNS of a gap or a jump, in the faded end of a run, in a run that is short and weak,
-        or in an end of what is left that is dim and displaced.
+        (s, w) bool: returns within END_COLUMNS of a gap or a jump, in the faded end of a run, in a short and weak run,
+        or in a dim and displaced end of the remaining run.
     """
     breaks = run_breaks(height)
     if not breaks.any():
@@ -230,9 +231,9 @@ def run_ends(height: Float, strength: Float) -> Mask:
 
 
 def _displaced(height: Float, strength: Float, trusted: Mask) -> Mask:
-    """First columns of the runs of trusted returns that are dim, and higher or lower than the run is further in.
+    """First columns of runs of trusted returns if they are dim, and displaced relative to the columns further in.
 
-    A run all of whose first columns differ from those further in is a slope, and stays.
+    If all of the first LEVEL_COLUMNS are displaced, the ground slopes and the returns are kept.
     """
     displaced = np.zeros(trusted.shape, dtype=bool)
     stripe, first = np.nonzero(trusted[:, 1:] & ~trusted[:, :-1])
@@ -250,16 +251,16 @@ def _displaced(height: Float, strength: Float, trusted: Mask) -> Mask:
 
 
 def run_breaks(height: Float) -> Mask:
-    """(s, w - 1) bool: a gap or a jump lies between columns c and c + 1, so they do not belong to one run."""
+    """Mask (s, w - 1): True at c if a gap or a jump between columns c and c + 1 separates two runs."""
     with np.errstate(invalid="ignore"):
-        # A comparison with NaN is False, so a gap breaks a run as a jump does.
+        # A comparison with NaN is False, so a gap breaks a run like a jump.
         return np.asarray(~(np.abs(height[:, 1:] - height[:, :-1]) <= JUMP_M))
 
 
 def _faded(strength: Float, is_return: Mask, breaks: Mask) -> Mask:
-    """Columns at the ends of runs from which the strength rises inwards before it reaches the level of the run."""
+    """Mask of the faded columns at the ends of runs, and of all columns of short and weak runs."""
     width = strength.shape[1]
-    # All stripes in one row; a stripe's last column is the last of its run.
+    # All stripes in one row; the last column of a stripe always ends a run.
     is_last = np.ones(strength.shape, dtype=bool)
     is_last[:, :-1] = breaks
     last = np.flatnonzero(is_last)
@@ -275,7 +276,7 @@ def _faded(strength: Float, is_return: Mask, breaks: Mask) -> Mask:
         for begin, end in zip(first[is_short].tolist(), last[is_short].tolist(), strict=True):
             faded[begin : end + 1] = True
     left, right = ~is_short & begins, ~is_short & ends
-    # The right ends are the left ends of the reversed row, which is appended to the row: one call finds both.
+    # The right ends are the left ends of the reversed rows, which are appended, so that one call finds both.
     joined = np.concatenate((strength, strength[::-1, ::-1]))
     reversed_last = joined.size - 1
     starts = np.concatenate((first[left], reversed_last - last[right]))
@@ -288,25 +289,25 @@ def _faded(strength: Float, is_return: Mask, breaks: Mask) -> Mask:
 
 
 def _medians(strength: Float, is_return: Mask, indices: Index) -> Float:
-    """Median strength (n,) of the returns of the stripes in which these indices lie."""
+    """Median strength (n,) of all returns of the stripe that contains each index."""
     stripes, which = np.unique(indices // strength.shape[1], return_inverse=True)
     return np.array([np.median(strength[stripe][is_return[stripe]]) for stripe in stripes.tolist()])[which]
 
 
 def _fade_lengths(strength: Float, first: Index, last: Index, window: int = FADE_WINDOW) -> list[tuple[int, int]]:
-    """Number of first columns of each run before SOUND_COLUMNS in a row reach FADED_OF_LEVEL of those that follow them.
+    """Lengths of the faded beginnings of runs, which end at SOUND_COLUMNS consecutive columns that are not faded.
 
     Args:
-        strength: (s, w).
+        strength: (s, w) strength of the returns.
         first, last: (n,) indices of the first and last column of each run, into the flat array.
-        window: number of columns that are tested first; more only where these do not decide.
+        window: number of columns that are tested first; more are tested only in runs that are faded so far.
 
     Returns:
-        Pairs of first index and number; runs that do not fade may be missing.
+        Pairs of first index and length, without the runs that do not fade.
     """
     if not first.size:
         return []
-    # Summed row by row, so that rounding does not depend on the other stripes.
+    # Summed row by row, so that rounding does not depend on other stripes.
     total = np.zeros((len(strength), strength.shape[1] + 1))
     np.cumsum(strength, axis=1, out=total[:, 1:])
     behind = (first // strength.shape[1] + 1)[:, None]

@@ -1,7 +1,7 @@
 """Surface of a scan: points of stripes that both neighbours confirm, and lines between neighbours that agree.
 
 Two neighbouring stripes of the pattern are linked in an image column if their heights differ by less than
-`join_height`. A stripe can confirm returns of another, never create them: fewer stripes give less surface.
+`join_height`. A stripe can confirm returns of another stripe but never create them: fewer stripes give less surface.
 """
 
 from __future__ import annotations
@@ -18,30 +18,32 @@ from guara_perception.arrays import Array, Float, Index, Mask
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.terrain.assessment.raster import SurfaceSamples
 
-# The roughness is averaged over this many half distances of the stripes to either side.
+# Half-width of the window over which the relief is averaged, in units of half the stripe spacing.
 AVERAGED = 4
 # Key of a swath: (index, index) for one stripe, (index, next index) for the surface between two neighbours.
 Key = tuple[int, int]
-# Ratio of two strengths below which the weaker return may be cut by an edge or a shadow ...
+# Ratio of two strengths below which the weaker return may be cut by an edge or a shadow.
 WEAK_RATIO = 0.4
-# ... so that the two are joined only if their heights differ by less than this.
+# Largest height difference at which two returns of such different strength are joined.
 WEAK_JOIN_HEIGHT_M = 0.0015
 EVERYWHERE = (-math.inf, math.inf)
-# Samples along a joining line per cell length: a cell that it crosses over more than a third of that is not missed.
+# Samples per cell length along a joining line: every cell that the line crosses for more than a third of a cell length
+# gets a sample.
 SAMPLES_PER_CELL = 3
-# At the end of a surface its last stripe may extend beyond the edge by part of the stripe's width on the ground.
+# Length by which a joining line is shortened at the end of a surface, where part of the stripe's width may lie beyond
+# the edge.
 OPEN_END_M = 0.0005
 
 
 def pair_relief(points: Array, variance: Array) -> Float:
-    """Variance (w,) of the ground halfway between two stripes about the straight line between them [m^2].
+    """Variance (w,) of the ground halfway between two stripes relative to the straight line between them [m^2].
 
-    The ground is taken to be as rough across the stripes as along them: there, its heights are compared with the mean
-    of those half the distance of the stripes to either side.
+    The ground is assumed to be as rough across the stripes as along them. Along a stripe, each height is compared with
+    the mean of the two heights half a stripe spacing to its left and right.
 
     Args:
         points: (3, 2, w) points of both stripes, NaN where there is none.
-        variance: (2, w) variances of their heights [m^2], whose share is subtracted.
+        variance: (2, w) variances of their heights [m^2], whose contribution is subtracted.
     """
     x, y, heights = points.astype(np.float64)
     relief = np.zeros(heights.shape[1])
@@ -56,7 +58,7 @@ def pair_relief(points: Array, variance: Array) -> Float:
     if inner <= 0:
         return relief
     left, middle, right = (slice(start, start + inner) for start in (0, lag, 2 * lag))
-    # No gap and no jump between the three: the same number of them before the first and the last.
+    # No gap between the three: the number of unknown columns up to the first and up to the last is equal.
     gaps = np.cumsum(~known, axis=1)
     whole = known[:, left] & known[:, middle] & (gaps[:, left] == gaps[:, right])
     square = (heights[:, middle] - 0.5 * (heights[:, left] + heights[:, right])) ** 2
@@ -78,15 +80,15 @@ def surface_of(
     y_range: tuple[float, float] = EVERYWHERE,
     parted: Collection[Key] = (),
 ) -> SurfaceSamples:
-    """Surface of stripes (points that both neighbours confirm) and of pairs of stripes (lines between them).
+    """Samples of the surface: points of stripes that both neighbours confirm, and lines between pairs of stripes.
 
     Args:
         stripes: points by index.
         keys: (index, index) of stripes and (index, next index) of pairs; each is a swath, numbered in this order.
         pattern: indices of the stripes of the scan's mode.
         join_height: largest height difference of one surface [m].
-        resolution: edge of the cells that will be filled [m].
-        y_range: range of y [m]; points and whole lines outside it are omitted.
+        resolution: edge of the cells to be filled [m].
+        y_range: range of y [m]; points outside it, and lines wholly outside it, are omitted.
         parted: (index, next index) of neighbours that do not confirm each other, whatever their heights.
     """
     seen = links_of(stripes, keys, pattern, join_height, y_range, parted)
@@ -107,12 +109,12 @@ def surface_lines(
     resolution: float,
     y_range: tuple[float, float] = EVERYWHERE,
 ) -> Iterator[tuple[Lines, Index]]:
-    """Surface of `surface_of` as the lines on which its samples lie; a point is a line of one sample.
+    """Yield the surface of `surface_of` as lines on which its samples lie; a point is a line of one sample.
 
-    Yields lines, and the positions of those that the line of the next image column follows.
+    Each item also holds the positions of the lines whose successor belongs to the next image column.
     """
     seen = links_of(stripes, keys, pattern, join_height, y_range)
-    indices = np.flatnonzero(seen.confirmed & np.isfinite(seen.points[2]))
+    indices = np.flatnonzero(seen.confirmed)
     points = seen.points.reshape(3, -1).take(indices, axis=1)
     is_open = np.zeros(indices.size, dtype=bool)
     width = seen.points.shape[2]
@@ -122,7 +124,7 @@ def surface_lines(
 
 
 def surface_keys(stripes: Collection[int], pattern: range) -> list[Key]:
-    """(index, index) of every stripe and (index, next index) of every pair of neighbours of the pattern, in order."""
+    """Keys of all stripes (index, index) and pairs of neighbours of the pattern (index, next index), in order."""
     return [key for k in sorted(stripes) for key in ((k, k), (k, k + pattern.step)) if key[1] in stripes]
 
 
@@ -135,8 +137,8 @@ class Links:
         points: (3, s, w) float32 points of these stripes.
         confirmed: (s, w) requested points that the stripes on both sides confirm.
         own: number of the swath of each of the s stripes, -1 if not requested.
-        links: three (s - 1, w), links of the first stripe of each pair to the one before it, of the two stripes, and
-            of the second stripe to the one after it.
+        links: three masks (s - 1, w) per pair of stripes: the first is linked to the stripe before it, the two are
+            linked to each other, the second is linked to the stripe after it.
         wanted: (s - 1, w) columns in which lines are requested.
         pairs: number of the swath of each of the s - 1 pairs, -1 if not requested.
     """
@@ -161,7 +163,7 @@ def links_of(
     """Points and links of the stripes in `keys`; arguments as in `surface_of`."""
     numbers = {key: number for number, key in enumerate(keys)}
     indices = sorted({index for key in keys for index in key})
-    # Each coordinate contiguous in memory: several times faster than one point after the other.
+    # Each coordinate is contiguous in memory, which is several times faster than points one after the other.
     points = np.empty((3, len(indices), len(stripes[indices[0]].variance)), dtype=np.float32)
     for row, index in enumerate(indices):
         points[:, row] = stripes[index].points.T
@@ -172,7 +174,7 @@ def links_of(
     return Links(
         indices,
         points,
-        before & after & ~(low | high) & _is_requested(own),
+        before & after & ~(low | high) & _is_requested(own) & np.isfinite(points[2]),
         own,
         (before[:-1], after[:-1] & _is_requested(pairs), after[1:]),
         ~((low[:-1] & low[1:]) | (high[:-1] & high[1:])),
@@ -181,18 +183,18 @@ def links_of(
 
 
 def linked_columns(heights: tuple[Array, Array], strengths: tuple[Array, Array], join_height: float) -> Mask:
-    """Columns in which two neighbouring stripes lie on one surface.
+    """Mask of the columns in which two neighbouring stripes lie on one surface.
 
-    A stripe that is cut by an edge or a shadow is weak and displaced: where one of the two returns is much weaker than
-    the other, their heights must agree more closely.
+    A stripe that is cut by an edge or a shadow is weak and displaced. Where one of the two returns is much weaker than
+    the other, their heights must therefore agree more closely.
 
     Args:
-        heights: two (..., w), of neighbouring stripes [m].
-        strengths: two (..., w), strengths of their returns [grey levels].
+        heights: two (..., w) heights of neighbouring stripes [m].
+        strengths: two (..., w) strengths of their returns [grey levels].
         join_height: largest height difference of one surface [m].
 
     Returns:
-        (..., w) bool, True where both have a point and the heights differ by less than the difference allowed.
+        (..., w) bool, True where both have a point and the height difference is below the limit.
     """
     with np.errstate(invalid="ignore"):
         weaker, stronger = np.minimum(*strengths), np.maximum(*strengths)
@@ -203,10 +205,10 @@ def linked_columns(heights: tuple[Array, Array], strengths: tuple[Array, Array],
 def _links(
     stripes: Mapping[int, StripePoints], indices: list[int], pattern: range, join_height: float, parted: Collection[Key]
 ) -> tuple[Mask, Mask]:
-    """Masks (s, w) of the columns in which each stripe is linked to the previous one, and to the next one.
+    """Masks (s, w) of the columns in which each stripe is linked to the previous one and to the next one.
 
-    No column if that stripe was lost or the two are parted. All columns at an end of the pattern: no stripe is fired
-    there that could contradict the surface.
+    No column is linked if the neighbour was lost or the two are parted. At an end of the pattern all columns are
+    linked, because no stripe beyond it could contradict the surface.
     """
     stride = pattern.step
     around = sorted({near for index in indices for near in (index - stride, index, index + stride) if near in stripes})
@@ -226,32 +228,32 @@ def _links(
 
 
 def _is_requested(numbers: list[int]) -> Mask:
-    """Mask (n, 1) of the requested swaths, whose numbers are not -1."""
+    """Mask (n, 1) of the requested swaths: those whose number is not -1."""
     return np.array([number >= 0 for number in numbers], dtype=bool)[:, None]
 
 
 def confirmed_points(seen: Links, variance: Array) -> SurfaceSamples:
-    """Samples at the points of stripes that lie within a surface.
+    """Samples at the confirmed points of stripes.
 
     Args:
         seen: points and links of s stripes.
         variance: (s, w) variance of the heights [m^2].
     """
-    inside = seen.confirmed & np.isfinite(seen.points[2])
-    indices = np.flatnonzero(inside)
-    runs = [(swath, length) for swath, length in zip(seen.own, inside.sum(axis=1).tolist(), strict=True) if length]
+    indices = np.flatnonzero(seen.confirmed)
+    lengths = seen.confirmed.sum(axis=1).tolist()
+    runs = [(swath, length) for swath, length in zip(seen.own, lengths, strict=True) if length]
     return SurfaceSamples(seen.points.reshape(3, -1).take(indices, axis=1), variance.take(indices), runs)
 
 
 def joined_surface(seen: Links, variance: Array, resolution: float) -> list[SurfaceSamples]:
     """Sample the lines between each stripe and the next in the columns in which the two are linked.
 
-    Where the surface ends at one of the two, the line is shortened by OPEN_END_M at that end; samples cut off are NaN.
+    A line is shortened by OPEN_END_M at an end at which the surface ends; the samples cut off are NaN.
 
     Args:
-        seen: points and links of s stripes, two or more.
+        seen: points and links of s stripes.
         variance: (s, w) variance of the heights [m^2].
-        resolution: edge of the cells that will be filled [m].
+        resolution: edge of the cells to be filled [m].
 
     Returns:
         Samples of all pairs, grouped by the number of samples of a line.
@@ -266,7 +268,7 @@ def joined_surface(seen: Links, variance: Array, resolution: float) -> list[Surf
         samples = share * lines.difference[:, None]
         samples += lines.first[:, None]
         samples[2].reshape(-1)[lines.cut()] = np.nan
-        # Not that of the mean of two independent heights: a line is no surer than the points at its ends.
+        # Interpolated linearly, not by squared weights: a line is no more certain than the points at its ends.
         along = (1 - share) * variance.take(indices).astype(np.float64)
         along += share * variance.take(indices + width).astype(np.float64)
         along += 4 * share * (1 - share) * hidden.take(indices)
@@ -275,24 +277,23 @@ def joined_surface(seen: Links, variance: Array, resolution: float) -> list[Surf
 
 
 def _lines(seen: Links, resolution: float) -> Iterator[tuple[Lines, Index, list[tuple[int, int]]]]:
-    """The lines of `joined_surface`, the flat index (c,) of the point at which each begins, and the runs of swaths."""
+    """Yield the lines of `joined_surface`, the flat indices (c,) of their first points, and the runs of swaths."""
     points, (before, between, after) = seen.points, seen.links
     difference = points[:, 1:] - points[:, :-1]
-    # Sample counts must not depend on the requested columns.
+    # Counted over all linked columns, so that sample counts do not depend on the requested ones.
     numbers = sample_count(difference, between, resolution)
     lines = between & seen.wanted
     lengths = lines.sum(axis=1).tolist()
     runs = [(n, (swath, length)) for n, swath, length in zip(numbers, seen.pairs, lengths, strict=True) if length]
     for number in sorted({n for n, _ in runs}):
-        alike = [n == number for n in numbers]
-        indices = np.flatnonzero(lines if all(alike) else lines & np.array(alike)[:, None])
+        indices = np.flatnonzero(lines & (np.array(numbers) == number)[:, None])
         first, vectors = (each.reshape(3, -1).take(indices, axis=1).astype(np.float64) for each in (points, difference))
         found = Lines(first, vectors, ~before.take(indices), ~after.take(indices), number)
         yield found, indices, [run for n, run in runs if n == number]
 
 
 def _neighbours(indices: Index, width: int) -> Index:
-    """Positions of the flat indices (stripe, image column) whose successor is the next column of the same stripe."""
+    """Positions of the flat indices of (stripe, column) whose successor is the next column of the same stripe."""
     return np.flatnonzero((np.diff(indices) == 1) & ((indices[:-1] + 1) % width > 0))
 
 
@@ -303,7 +304,7 @@ class Lines:
     Attributes:
         first: (3, c) first point of each line, in base_footprint [m].
         difference: (3, c) vector from the first to the last point [m].
-        opens, closes: (c,) masks of the lines at whose first, or last, point the surface ends.
+        opens, closes: (c,) masks of the lines at whose first or last point, respectively, the surface ends.
         number: number of samples on each line.
     """
 
@@ -314,12 +315,12 @@ class Lines:
     number: int
 
     def cut(self) -> Index:
-        """Flat indices of the samples, (number, c), that are cut off at open ends."""
+        """Flat indices into the samples (number, c) of those that are cut off at open ends."""
         share = shares(self.number)
         at_ends = np.flatnonzero(self.opens | self.closes)
         run = np.maximum(np.hypot(*self.difference[:2].take(at_ends, axis=1)), 1e-9)
         length = np.minimum(OPEN_END_M / run, 0.5)
-        # Usually the cut ends before the nearest sample.
+        # Usually no sample lies in the part that is cut off.
         if length.max(initial=0.0) <= min(share[0], 1 - share[-1]):
             return np.empty(0, np.intp)
         start, end = np.where(self.opens[at_ends], length, 0.0), 1 - np.where(self.closes[at_ends], length, 0.0)
@@ -329,15 +330,15 @@ class Lines:
 
 @functools.cache
 def shares(n: int) -> Float:
-    """Fraction of a line before each of n samples (n, 1).
+    """Positions (n, 1) of n samples along a line, as fractions of its length.
 
-    It does not depend on other stripes: samples that are cut off do not move the rest.
+    They do not depend on other stripes: samples that are cut off do not move the rest.
     """
     return ((np.arange(n) + 0.5) / n)[:, None]
 
 
 def sample_count(difference: Array, is_line: Mask, resolution: float) -> list[int]:
-    """Samples per line for each of s sets of lines (3, s, w): SAMPLES_PER_CELL per cell, at least 2 and at most 64."""
+    """Samples per line in each of s sets of lines (3, s, w): SAMPLES_PER_CELL per cell length, from 2 to 64."""
     squares = np.where(is_line, difference[0] ** 2 + difference[1] ** 2, 0)
     longest = np.sqrt(squares.max(axis=1)).tolist()
     return [min(max(math.ceil(SAMPLES_PER_CELL * length / resolution), 2), 64) for length in longest]

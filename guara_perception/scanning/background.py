@@ -1,7 +1,7 @@
-"""Motion of the camera that the background of a scan's pictures shows: texture that moves is no light.
+"""Camera motion during a scan, estimated from the background of its images.
 
-Corners of a picture without laser are followed (Lucas-Kanade) into the other pictures of the scan, outside the rows of
-the laser line. What moves with them is the camera; where there is no texture, nothing is said.
+Corners of a laser-off image are tracked (Lucas-Kanade) into the other images of the scan, outside the rows of the laser
+line. Ground without texture gives no estimate.
 """
 
 from __future__ import annotations
@@ -18,45 +18,45 @@ from guara_perception.optical_flow import follow
 from kinematics.transforms import inverse, transform_points
 
 CAMERA_MOVED = "camera moved"
-MOVED = f"{CAMERA_MOVED}: the ground in its picture is not where it would be if the body moved as the joints say"
-# Stripes are not used if heights would be off by more than this [m], and by this many sigmas of what is seen.
+MOVED = f"{CAMERA_MOVED}: the ground in its image is not where it should be if the body moved as the joints say"
+# A stripe is not used if its height error exceeds this [m] and this many sigmas of the estimated motion.
 MOST_RISE_M, LEAST_SIGMAS = 0.003, 5.0
-# Pictures are followed at most at about this width [px].
+# Images are reduced to about this width before tracking [px].
 FOLLOWED_PX = 320
-# Mean levels [of 255] up to which a picture is brightened, and to which it is; the largest gain.
+# Mean level up to which an image is brightened, mean level after that [grey levels of 255], and largest gain.
 DIM_LEVEL, BRIGHT_LEVEL, MOST_GAIN = 32.0, 100.0, 16.0
-# Corners: their number, quality relative to the best, and distance [px]; fewer than LEAST_CORNERS say nothing, nor do
-# those of which less than LEAST_SHARE agree.
+# Corners: largest number, quality relative to the best one, least distance [px]. An estimate needs LEAST_CORNERS, of
+# which LEAST_SHARE must agree.
 MOST_CORNERS, QUALITY, APART_PX, LEAST_CORNERS, LEAST_SHARE = 48, 0.01, 14, 16, 0.6
 WINDOW_PX, LEVELS = 13, 2
-# [px] Corners that agree lie so near to where the others have them; pictures that differ by less have not moved.
+# Largest error of a corner that agrees with the homography, and median motion below which an image has not moved [px].
 AGREE_PX, STILL_PX = 0.7, 0.15
-# [px] The line's glow reaches so far beyond its rows. Least noise of a corner.
+# Reach of the line's glow beyond its rows, and least noise of a corner [px].
 GLOW_PX, LEAST_NOISE_PX = 6, 0.03
-# Steps of the fit, and largest condition of its equations: below 1e3 for corners all over the picture.
+# Iterations of the fit, and largest condition number of its equations (below 1e3 for corners all over the image).
 STEPS, MOST_CONDITION = 4, 1e9
 
 
 def gain_of(picture: Image) -> float:
-    """Gain that makes a dim picture bright enough to be followed; 1 for others."""
+    """Gain that makes a dim image bright enough for tracking; 1 for other images."""
     level = max(float(picture[::16, ::16].mean()) * 255.0 / np.iinfo(picture.dtype).max, 1.0)
     return 1.0 if level > DIM_LEVEL else min(BRIGHT_LEVEL / level, MOST_GAIN)
 
 
 def grey(picture: Image, gain: float) -> Image:
-    """One channel of a picture in 8 bits, reduced in size.
+    """One channel of an image in 8 bits, reduced in size.
 
     Args:
         picture: (h, w) or (h, w, 3).
-        gain: by which it is brightened; see `gain_of`.
+        gain: factor of brightness; see `gain_of`.
     """
     one = picture
     if picture.ndim == 3:
-        # Neither red nor blue: of three channels the one with the least noise.
+        # Green, the channel with the least noise.
         one = cv2.extractChannel(picture, picture.shape[2] // 2)
     factor = max(round(picture.shape[1] / FOLLOWED_PX), 1)
     gain /= 256 if one.dtype == np.uint16 else 1
-    # The mean of several pixels is finer than one level of a dim picture.
+    # As floats: the mean of several pixels of a dim image is finer than one grey level.
     bright = one if gain == 1.0 else one.astype(np.float32) * np.float32(gain)
     if factor > 1:
         size = picture.shape[1] // factor, picture.shape[0] // factor
@@ -65,17 +65,17 @@ def grey(picture: Image, gain: float) -> Image:
 
 
 def corners(picture: Image) -> Float:
-    """(n, 2) corners of a grey picture [px]; none where there is no texture."""
+    """Corners (n, 2) of a grey image [px]; none if it has no texture."""
     found = cv2.goodFeaturesToTrack(picture, MOST_CORNERS, QUALITY, APART_PX)
     return np.zeros((0, 2)) if found is None else np.asarray(found, np.float64).reshape(-1, 2)
 
 
 def aligned(picture: Image, to: Image) -> Image | None:
-    """A picture as the camera would have taken it from where it took another; None if it did not move, as far as seen.
+    """Image warped to the view of another; None if no motion between the two is seen.
 
     Args:
-        picture: without the laser, (h, w) or (h, w, 3).
-        to: the other picture, of the same size and type.
+        picture: laser-off image, (h, w) or (h, w, 3).
+        to: the other image, of the same size and type.
     """
     gain = gain_of(picture)
     one, other = grey(picture, gain), grey(to, gain)
@@ -93,7 +93,7 @@ def aligned(picture: Image, to: Image) -> Image | None:
         return None
     scale = np.diag([one.shape[1] / picture.shape[1], one.shape[0] / picture.shape[0], 1.0])
     whole = np.linalg.inv(scale) @ homography @ scale
-    # What the picture does not hold is taken from the other: nothing is said of it.
+    # Pixels outside the first image are copied from the second, so that they show no difference.
     return np.asarray(
         cv2.warpPerspective(picture, whole, picture.shape[1::-1], to.copy(), borderMode=cv2.BORDER_TRANSPARENT)
     )
@@ -106,41 +106,41 @@ def motion_text(moved: Mapping[int, float], parted: int, count: int, *, has_trac
         moved: stripes that are not used, with the error of their heights [m].
         parted: number of pairs of neighbouring stripes between which the body moved too far to join them.
         count: number of stripes.
-        has_track: whether the joints told the motion.
+        has_track: True if the motion of the body was measured by the joints.
     """
     texts = []
     if moved:
-        otherwise = " otherwise than the joints say" if has_track else ""
+        beyond = " from the motion that the joints report" if has_track else ""
         remedy = "check the joints and their clock" if has_track else "the robot must stand still, or stream its joints"
         texts.append(
-            f"{len(moved)} of {count} stripes, off by up to {1e3 * max(moved.values()):.0f} mm{otherwise}, are not "
-            f"used: {remedy}"
+            f"{len(moved)} of {count} stripes are not used, off by up to {1e3 * max(moved.values()):.0f} mm{beyond}: "
+            f"{remedy}"
         )
     if parted:
         texts.append(
-            f"stripes are parted: {parted} pairs of neighbours are not joined, so far did the body move between "
-            "their flashes, or so little is that known: scan faster, or stand more quietly"
+            f"{parted} pairs of neighbouring stripes are not joined, because the body moved too far between their "
+            "flashes, or its motion is too uncertain: scan faster, or keep the body still"
         )
     return f"{CAMERA_MOVED}: {'; '.join(texts)}" if texts else ""
 
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """Rise (4,) of the corners of the area with the camera since the scan began [m], and standard deviations."""
+    """Rise (4,) of the corners of the scanned area by camera motion since the reference image, and sigmas [m]."""
 
     rise: Float
     sigma: Float
 
 
 class BackgroundWitness:
-    """Motion of the camera from picture to picture of a scan, as the background shows it."""
+    """Camera motion from image to image of a scan, estimated from the background."""
 
     def __init__(self, camera: CameraModel, transform_camera_to_footprint: Float, ends: Float) -> None:
         """Prepare a scan.
 
         Args:
             camera: the calibrated camera.
-            transform_camera_to_footprint: (4, 4) at BEGIN.
+            transform_camera_to_footprint: (4, 4) pose of the camera at the beginning of the scan.
             ends: (4, 3) corners of the scanned area in base_footprint.
         """
         self._camera, self._pose, self._ends = camera, transform_camera_to_footprint, ends
@@ -149,17 +149,17 @@ class BackgroundWitness:
         self._flow: Float = np.zeros((0, 2, 6))
         self._seen: dict[int, _Seen] = {}
         self._pixel = self._gain = 0.0
-        # Rise of the ends by a small motion (translation, rotation) along the axes of the camera.
+        # Rise of the corners per unit of small motion (translation, rotation) along the axes of the camera.
         turn, arm = transform_camera_to_footprint[:3, :3], ends - transform_camera_to_footprint[:3, 3]
         self._rise = np.column_stack((np.tile(turn[2], (len(ends), 1)), np.cross(turn.T[None], arm[:, None])[:, :, 2]))
 
     def look(self, index: int, picture: Image, off: Image | None, band: tuple[int, int]) -> None:
-        """Look at the picture of a stripe.
+        """Estimate the camera motion from the image of a stripe.
 
         Args:
             index: index of the stripe.
-            picture: with the laser on.
-            off: with the laser off; the first one of the scan is what the others are compared with.
+            picture: laser-on image.
+            off: laser-off image; the first one of the scan is the reference for all others.
             band: rows between which the stripe can appear.
         """
         if self._reference is None and off is not None:
@@ -183,7 +183,7 @@ class BackgroundWitness:
         self._reference = grey(off, self._gain)
         points = corners(self._reference)
         scale = self._reference.shape[0] / off.shape[0]
-        # Of the reduced picture, along the rays.
+        # Angle of one pixel of the reduced image [rad].
         self._pixel = 1.0 / (scale * float(self._camera.matrix[0, 0]))
         rays = self._camera.rays(points / scale)
         down = rays @ self._pose[2, :3]
@@ -201,7 +201,7 @@ class BackgroundWitness:
         )
 
     def _motion(self, flow: Float, used: Mask) -> _Seen | None:
-        """Rise of the ends by the flow (n, 2) of some corners; None where too few agree, or they lie on a line."""
+        """Rise of the corners of the area from the flow (n, 2) of image corners; None if too few or collinear."""
         found = np.isfinite(flow[:, 0])
         count = int(np.count_nonzero(found))
         if count < max(LEAST_CORNERS, LEAST_SHARE * np.count_nonzero(used)):
@@ -217,7 +217,7 @@ class BackgroundWitness:
             motion = inverse_normal @ (weighted @ wanted)
             left = np.hypot(*(wanted - rows @ motion).reshape(-1, 2).T)
             noise = max(float(np.median(left)), LEAST_NOISE_PX * self._pixel)
-            # Tukey's weights: corners of things that move by themselves count nothing.
+            # Tukey's weights: corners of moving objects get weight zero.
             weights = np.clip(1.0 - (left / (6.0 * noise)) ** 2, 0.0, None) ** 2
         if np.count_nonzero(weights) < max(LEAST_CORNERS, LEAST_SHARE * count):
             return None
@@ -225,17 +225,17 @@ class BackgroundWitness:
         return _Seen(self._rise @ motion, sigma)
 
     def moved(self, places: Mapping[int, Float] | None) -> dict[int, float]:
-        """Stripes whose picture was taken from elsewhere than claimed, with the error of heights [m].
+        """Stripes whose image was taken from another place than the joints report, with the error of heights [m].
 
         Args:
-            places: places (4, 4) of the camera in base_footprint that the joints claim; None = it stood.
+            places: places (4, 4) of the camera in base_footprint as the joints report them; None = it stood still.
         """
         if not self._seen:
             return {}
         beyond = {index: seen.rise for index, seen in self._seen.items()}
         if places is not None:
             beyond = {index: rise - self._claimed(places[index]) for index, rise in beyond.items() if index in places}
-            # The place of the first picture is not known: all are relative to it.
+            # The place of the reference image is unknown, and all motion is relative to it.
             common = np.median(list(beyond.values()), axis=0) if beyond else 0.0
             beyond = {index: rise - common for index, rise in beyond.items()}
         return {

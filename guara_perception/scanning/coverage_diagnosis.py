@@ -15,23 +15,23 @@ from guara_perception.stripes.band import StripeStatus
 
 # Below this share of columns with any light the laser was practically off.
 NO_LIGHT = 0.01
-# With fewer stripes, every second one missing says nothing about the pattern.
+# Least number of stripes from which a missing half of the pattern can be inferred.
 FEWEST_OF_PATTERN = 8
-# Half length of the lines of the stripes on z = 0 [m].
+# Half length of a stripe's line on z = 0 [m].
 HALF_LENGTH_M = 0.6
-# A frame fits a stripe if half of its light is within this distance of it, as a share of the height of the picture:
-# less than half the pitch of neighbouring stripes.
+# A frame fits a stripe if at least half of its light is within this distance of the stripe's line, as a fraction of the
+# image height: less than half the spacing of neighbouring stripes.
 FIT_PX_OF_HEIGHT = 0.008
-# Frames that must fit for a cause to be named, as a share and in number.
+# Least share of the sampled frames that must fit for a cause to be named, and least number of sampled frames.
 FITTING_SHARE = 0.6
 FEWEST_FRAMES = 4
-# Frames that fit turned or flipped, while others fit upright, are reported from this share on.
+# Least share of turned or flipped frames that is reported while other frames are upright.
 MIXED_SHARE = 0.15
-# Frames show other stripes than expected if this share of the light near those stripes is close to them: 0.98 in such
-# frames, less than 0.65 by chance.
+# Frames show other stripes than expected if at least this share of the light near those other stripes is very close to
+# them: 0.98 in such frames, less than 0.65 by chance.
 FINE_SHARE = 0.8
-# Stripes are nearly symmetric from left to right: fits that differ by less than this factor do not tell turned frames
-# from flipped ones. They differ by 1.08 for a camera that is centred to a quarter of a pixel, by 2 for most.
+# Stripes are nearly symmetric from left to right: if the distances of two fits differ by less than this factor, turned
+# frames cannot be told from flipped ones. The factor is 1.08 for a camera centred to a quarter of a pixel, 2 for most.
 ALIKE = 1.03
 WHERE_NONE_CAN_BE = (
     "a stripe where none can be, too high or too low: the calibration is of another rangefinder, camera or mirror "
@@ -43,13 +43,13 @@ TURNED, FLIPPED, UPRIGHT = "turned by 180 degrees", "flipped top to bottom", ""
 def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> str:
     """Cause and remedy of few returns in one sentence, including the paper's remedies.
 
-    Order of precedence: too much light, or wrong orientation, order or pattern; stripes where none can be; weak
-    stripes; unusable stripes; stripes that were not found.
+    Order of precedence: faults of the whole scan (`wrong`); no light; stripes where none can be; weak stripes; stripes
+    that are too bright or double; stripes that were not found.
 
     Args:
         coverage: share of the expected ground that was seen.
         counts: image columns of all stripes per StripeStatus.
-        wrong: fault of the light, the frames or the pattern as a whole; empty for none.
+        wrong: text on a fault of the light, the frames or the pattern as a whole; empty for none.
         weak: text on a weak line; empty if the line is not weak.
     """
     found = f"only {100 * coverage:.0f} % of the expected ground returned the laser"
@@ -68,12 +68,15 @@ def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> s
     if weak:
         return f"{found}: {weak}"
     if bright > counts[StripeStatus.OK]:
-        return f"{found}, most of what came back is too bright or double: expose less, or put a polarised lens on"
+        return (
+            f"{found}, most of what came back is too bright or double: expose less, or put a polarising filter on "
+            "the lens"
+        )
     return f"{found}, the rest is too dark or a hole: put a narrow band-pass filter on the lens or use a stronger laser"
 
 
 def wrong_pattern(fired: Iterable[int], stride: int) -> str:
-    """Text for a scan in which no two neighbours of its pattern were fired; empty otherwise."""
+    """Text on a scan in which no two neighbours of its pattern were fired; empty otherwise."""
     indices = sorted(fired)
     if len(indices) < FEWEST_OF_PATTERN or np.diff(indices).min() <= stride:
         return ""
@@ -107,7 +110,7 @@ def wrong_frames(samples: FrameSamples, geometry: ScanGeometry) -> str:
             if own.mean() < MIXED_SHARE
             else f"{int(other.sum())} of {len(indices)} frames looked at are"
         )
-        return f"{which} {turn}: give them as the camera had them when it was calibrated"
+        return f"{which} {turn}: use the orientation in which the camera was calibrated"
     if own.mean() >= FITTING_SHARE:
         return ""
     for fit in (upright, likelier):
@@ -125,7 +128,7 @@ class _Fit:
         name: the orientation, in words.
         stripe: index of the stripe that each frame fits best.
         fits: (f,) mask of the frames that fit their stripe.
-        fine: share of the light near those stripes that is within a third of `within`; a third by chance.
+        fine: share of the light near those stripes that is within a third of `within`; about 1/3 by chance.
         distance: mean distance of the light from the best stripes [px], capped at `within`.
     """
 
@@ -137,7 +140,7 @@ class _Fit:
 
     @classmethod
     def of(cls, name: str, seen: Float, rows: Float, order: Sequence[int], within: float) -> Self:
-        """Fit rows of light (f, n) to rows of stripes (s, n), NaN for none, within a distance of a stripe [px]."""
+        """Fit rows of light (f, n) to rows of stripes (s, n), up to a distance [px]; NaN where there is no row."""
         apart = np.abs(seen[:, None, :] - rows[None])
         capped = np.where(apart < within, apart, within)
         best = np.argmin(capped.sum(axis=2), axis=1)
@@ -153,7 +156,7 @@ class _Fit:
 
 
 def _elsewhere(geometry: ScanGeometry, indices: Sequence[int], seen: Float) -> str:
-    """Text on frames most of which show light where no stripe can be; empty otherwise."""
+    """Text on a scan whose frames mostly show light where no stripe can be; empty otherwise."""
     bands = np.array([geometry.stripes[index].band for index in indices], np.float64)
     outside = ((seen < bands[:, :1]) | (seen >= bands[:, 1:])).sum(axis=1) > 0.5 * np.isfinite(seen).sum(axis=1)
     if outside.mean() < FITTING_SHARE:
@@ -162,7 +165,7 @@ def _elsewhere(geometry: ScanGeometry, indices: Sequence[int], seen: Float) -> s
 
 
 def _expected(geometry: ScanGeometry, columns: Index) -> Float:
-    """(s, n) row in which each stripe crosses some columns on ground at z = 0, NaN outside the picture."""
+    """Row (s, n) at which each stripe on ground at z = 0 crosses some columns; NaN where it does not reach them."""
     y = np.linspace(-HALF_LENGTH_M, HALF_LENGTH_M, 41)
     rows = []
     for plane in geometry.planes_in_footprint:
@@ -174,7 +177,7 @@ def _expected(geometry: ScanGeometry, columns: Index) -> Float:
 
 
 def _order_words(index: Index, stripe: Index) -> str:
-    """Text on the difference between the stripes in the frames and the indices given with the frames."""
+    """Text on the difference between the stripes that the frames show and the indices given with them."""
     off = stripe - index
     usual = int(np.median(off))
     if (np.abs(off - usual) <= 1).mean() > FITTING_SHARE:
@@ -182,4 +185,4 @@ def _order_words(index: Index, stripe: Index) -> str:
         return f"the frames are {abs(usual)} stripe indices {direction}: a frame was lost or the camera lags"
     if np.corrcoef(index, stripe)[0, 1] < -0.8:
         return "the frames are in reverse order"
-    return "the frames show other stripes than they are said to be: they are out of order, or of another pattern"
+    return "the frames do not show the stripes of their indices: they are out of order, or of another pattern"

@@ -1,9 +1,10 @@
-"""Proof that the light of a scan is the robot's own alone, and that its frames show the instants of their flashes."""
+"""Proof that a scan shows no laser light but the robot's own, and that each frame was exposed during its flash."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -14,69 +15,72 @@ from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus
 from guara_perception.stripes.peaks import upper_median
 
 SECOND_LINE = "two lines in one picture"
-# Columns in which the neighbourhood of the stripe is compared, and the least number of them that must show it.
+# Number of columns in which the surroundings of a stripe are examined, and the least number that must show the stripe.
 COLUMNS, LEAST_COLUMNS = 96, 12
-# Largest distance of the second line, as a share of the picture's height: 16 px of 512, about three stripes.
+# Largest distance of a second line, as a fraction of the image height: 16 px of 512, about three stripes.
 REACH_OF_HEIGHT = 1 / 32
-# Largest asymmetry of a single line, as a share of its top: a second line of this brightness shifts the measured row.
+# Brightness of a second line relative to the stripe, above which it shifts the measured row.
 LEAST_SHARE = 0.45
-# So does a fainter one if our line is hardly seen beside it; what all stripes show is a reflection, which moves none.
+# A fainter second line, above LEAST_ODD_SHARE, counts if it exceeds ODD times the median of the scan's stripes. What
+# all stripes show is a reflection, which does not shift the row.
 LEAST_ODD_SHARE, ODD = 0.2, 2.5
-# Two lines that merge have a flat top. The width at a quarter of the height is 2.2 times that at three quarters for a
-# Gaussian, 1.7 and more for single lines of simulated and rendered scenes, 1.25 to 1.6 for two lines of which one is
-# 0.8 to 1.3 as bright as the other, half a stripe beside it; nearer ones move the row by less than 5 mm of height.
+# Two merged lines have a flat top. The ratio of the widths at 1/4 and 3/4 of the height is 2.2 for a Gaussian, at least
+# 1.7 for single lines of simulated and rendered scenes, and 1.25 to 1.6 for two lines half a stripe width apart with a
+# brightness ratio of 0.8 to 1.3. Closer lines shift the row by less than 5 mm of height.
 LEAST_WIDTHS = 1.62
-# A line that is narrower than this at a quarter of the height is one: pixels flatten a thin line. In pictures of
-# 320 x 256 single ones are 1.7 to 2.5 px wide there, two of which one moves the row by 5 mm of height 2.2 px or more.
+# A line narrower than this at 1/4 of its height is a single one whose top is flat because of the pixel size. In images
+# of 320 x 256 px, single lines are 1.7 to 2.5 px wide there, pairs that shift the row by 5 mm of height 2.2 px or more.
 LEAST_WIDE_PX = 2.0
+# Fractions of the height at which widths are measured.
 LEVELS = 0.25, 0.5, 0.75
-# Two lines that lie apart, but within the width of half the height: 3 times as wide there as at three quarters; 1.55
-# for a Gaussian, 1.3 to 1.6 for single lines of simulated and rendered scenes.
+# Two separate lines whose outer flanks are both above half the height: the ratio of the widths at 1/2 and 3/4 is 3; it
+# is 1.55 for a Gaussian and 1.3 to 1.6 for single lines of simulated and rendered scenes.
 MOST_WIDTHS = 2.2
-# The flanks of the line itself lie nearer to its top.
+# Least distance from the top at which the two sides are compared [bins]: closer bins belong to the line itself.
 LEAST_BINS = 4
 BIN_PX = 0.5
-# Above this share of clipped tops, a flat top is no sign of a second line.
+# Largest fraction of clipped tops at which a flat top still indicates a second line.
 MOST_CLIPPED = 0.1
 # Least height of a top above its surroundings [grey levels of 255].
 LEAST_TOP = 12.0
-# From this share of its stripes on, and from this number on, the whole scan is refused.
+# The whole scan is refused if at least this fraction of its stripes, and at least this number, show a second line.
 REFUSED_SHARE, REFUSED_STRIPES = 0.2, 4
 FOREIGN_LIGHT = "foreign laser light"
 OTHER_INSTANT = "frames are not of their flash"
-# Pictures are compared at most at about this width [px]; light is averaged over so many pixels each way, and is that
-# of a line or a spot where it is narrower than LARGEST_PX.
+# Images are reduced by an integer factor to less than twice COMPARED_PX in width; edge of the averaging window; light
+# narrower than LARGEST_PX is a line or a spot [px].
 COMPARED_PX, MEAN_PX, LARGEST_PX = 640, 5, 25
-# [grey levels of 255] and sigmas of the noise by which averaged light stands out.
+# Least excess of averaged light [grey levels of 255], and the same in sigmas of the noise.
 LEAST_LEVEL, LEAST_SIGMAS = 5.0, 8.0
-# [px] Once aligned, a picture of ground that is not flat still differs by so much.
+# Remaining displacement between aligned images, because the ground is not flat [px].
 WITHIN_PX = 1
-# Light in at least this share of the columns or rows is a line. In fewer, as of a lamp, only its pixels are not used.
+# Light in at least this fraction of the columns or rows is a line. Smaller light, such as a lamp, only makes its pixels
+# unusable.
 LINE_SHARE = 0.08
-# Least share of the columns or rows of a spot that is compared with that of the dark frame before.
+# Least fraction of the columns or rows in which a spot of light is compared with the next dark frame.
 SPOT_SHARE = 0.01
-# Spots of two dark frames that share less than this of the smaller one are light that moves.
+# Spots in two successive dark frames that overlap in less than this fraction of the smaller one are moving light.
 LEAST_OVERLAP = 0.3
-# A frame with returns in less than the first share of its columns shows no line, with more than the second it does.
+# A frame shows no line if fewer than NO_LINE of its columns have returns, and a line if more than PLAIN_LINE do.
 NO_LINE, PLAIN_LINE = 0.02, 0.1
-# Largest shift of frames that is looked for, in frames.
+# Largest shift between frames and flashes that is tested [frames].
 MOST_SHIFT = 6
-# [px] Returns this near to light of a dark frame are not used, in pictures of COMPARED_PX.
+# Returns within this distance of light in a dark frame are not used [px of images COMPARED_PX wide].
 BESIDE_PX = 6
 
 
 def second_line(
     pair: FramePair, profile: StripeProfile, align: Callable[[Image, Image], Image | None] | None = None
 ) -> float:
-    """Brightness of a second line beside a stripe or merged with it, as a share of the stripe's; 1 where they merge.
+    """Brightness of a second line relative to a stripe, as the median of the columns; 1 if the two lines merge.
 
-    Most columns must show it. 0 without a laser-off picture, where a bright edge of the scene would look like a line.
+    It is 0 without a laser-off image, because a bright edge of the scene would look like a line.
 
     Args:
-        pair: the pictures.
-        profile: the stripe that was found in them.
-        align: moves the laser-off picture to where the other was taken, None where the camera stood: texture that
-            moved is no line.
+        pair: images of the stripe.
+        profile: stripe found in them.
+        align: warps the laser-off image to the view of the laser-on image, so that moving texture is not taken for a
+            line; returns None if the camera did not move.
     """
     share = _second_line(pair, profile)
     if align is not None and pair.off is not None and share > LEAST_ODD_SHARE:
@@ -104,18 +108,18 @@ def _second_line(pair: FramePair, profile: StripeProfile) -> float:
     if np.count_nonzero(seen) < LEAST_COLUMNS:
         return 0.0
     below, above = light[reach + 2 :], light[: reach - 1][::-1]
-    # Without the sign: some columns may have been found on the one line, some on the other.
+    # Unsigned, because the profile may follow one line in some columns and the other line elsewhere.
     difference = (below - above)[:, seen] / level[seen]
     share = float(np.median(np.abs(difference), axis=1).max())
     if is_clipped(pair.on[tops[seen], columns[seen]]).mean() > MOST_CLIPPED:
-        # Ragged edges of clipped tops differ without a sign in every stripe; one that others lack counts.
+        # The ragged edges of clipped tops make the unsigned difference large in every stripe, so it is bounded.
         return max(float(np.abs(np.median(difference, axis=1)).max()), min(share, LEAST_SHARE))
     distance = np.arange(-reach, reach + 1)[:, None] - (profile.position_px[columns] - tops)
     section = _section(distance[:, seen], light[:, seen] / level[seen])
     wide, middle, narrow = (_width(section, level) for level in LEVELS)
     if LEAST_WIDE_PX / BIN_PX < wide < LEAST_WIDTHS * narrow or MOST_WIDTHS * narrow < middle < np.inf:
         return 1.0
-    # The row found may lie between the two lines: the sides of the highest place.
+    # The measured row may lie between the two lines, so the sides of the highest bin are compared.
     top = int(section.argmax())
     sides = min(top, section.size - 1 - top)
     apart = np.arange(LEAST_BINS, sides + 1)
@@ -123,10 +127,10 @@ def _second_line(pair: FramePair, profile: StripeProfile) -> float:
 
 
 def doubled_stripes(shares: Mapping[int, float]) -> frozenset[int]:
-    """Stripes that a second line may have moved: a bright one, or a fainter one that the scan's other stripes lack.
+    """Stripes that a second line may have shifted: a bright line, or a fainter one that other stripes lack.
 
     Args:
-        shares: brightness of the second line, by index of the stripe.
+        shares: relative brightness of the second line, by stripe index.
     """
     usual = float(np.median(list(shares.values()))) if shares else 0.0
     least = min(LEAST_SHARE, max(LEAST_ODD_SHARE, ODD * usual))
@@ -134,11 +138,11 @@ def doubled_stripes(shares: Mapping[int, float]) -> frozenset[int]:
 
 
 def _section(distance: Float, light: Float32) -> Float:
-    """Mean cross-section in bins of BIN_PX, as shares of its height.
+    """Mean cross-section of a stripe in bins of BIN_PX, relative to its highest bin.
 
     Args:
-        distance: (rows, n) from the centre of the stripe [px].
-        light: (rows, n) share of the top.
+        distance: (rows, n) distance from the centre of the stripe [px].
+        light: (rows, n) brightness relative to the top of each column.
     """
     half = int(np.abs(distance).min(axis=1).max() / BIN_PX) - 1
     bins = np.floor(distance / BIN_PX + half + 0.5).astype(np.intp).ravel()
@@ -149,7 +153,7 @@ def _section(distance: Float, light: Float32) -> Float:
 
 
 def _width(section: Float, level: float) -> float:
-    """Distance between the outermost crossings of a level [bins]; infinite where one lies beyond the ends."""
+    """Distance between the outermost crossings of a level [bins]; infinite if one of them is beyond the ends."""
     above = np.flatnonzero(section >= level)
     first, last = int(above[0]), int(above[-1])
     if first == 0 or last == section.size - 1:
@@ -160,7 +164,7 @@ def _width(section: Float, level: float) -> float:
 
 
 def _around(picture: Image, tops: Index, columns: Index, reach: int) -> Float32:
-    """(2 reach + 1, n) brightest channel of the pixels around some rows."""
+    """Brightest channel (2 reach + 1, n) of the pixels up to `reach` rows above and below the tops."""
     rows = tops + np.arange(-reach, reach + 1)[:, None]
     pixels = picture[rows, columns].astype(np.float32)
     return np.asarray(pixels.max(axis=2) if pixels.ndim == 3 else pixels)
@@ -168,15 +172,15 @@ def _around(picture: Image, tops: Index, columns: Index, reach: int) -> Float32:
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """Result of the comparison for a scan.
+    """Findings of `FlashProof` about a scan.
 
     Attributes:
-        refused: reason why nothing of the scan may be used, beginning with its cause; empty if it may.
-        unproved: stripes that no dark flash follows: their frames may be of another instant.
-        spoilt: (h, w) mask of pixels that are lit while the laser is dark, and of those beside them, in the resolution
-            of `lit_pixels`; None if there are none.
-        doubled: stripes that are not used because their picture shows two lines.
-        darks: number of dark flashes whose frames are known; None for a sweep without any.
+        refused: reason why no stripe of the scan may be used, beginning with the cause; empty if the scan may be used.
+        unproved: stripes after the last dark flash, whose frames may show another instant.
+        spoilt: (h, w) mask of pixels that are lit while the laser is off, and of pixels close to them, in the
+            resolution of `lit_pixels`; None if there are none.
+        doubled: stripes that are not used because their image shows two lines.
+        darks: number of dark flashes whose frames are known; None for a sweep without dark flashes.
     """
 
     refused: str = ""
@@ -187,10 +191,10 @@ class Proof:
 
 
 class FlashProof:
-    """Compares the frames of a sweep with the code of its dark flashes."""
+    """Comparison of the frames of a sweep with the sequence of its lit and dark flashes (the code)."""
 
     def __init__(self) -> None:
-        """Start with a sweep without a code."""
+        """Start a sweep without dark flashes."""
         self._planned: set[int] = set()
         self._seen: dict[int, float] = {}
         self._darks: dict[int, tuple[float, Mask]] = {}
@@ -202,20 +206,20 @@ class FlashProof:
         self._planned.update(dark_after)
 
     def add(self, index: int, profile: StripeProfile) -> None:
-        """Take the profile of a stripe, in the order in which the stripes were fired."""
+        """Add the profile of a stripe, in the order in which the stripes were fired."""
         self._seen[index] = float("nan") if profile.is_frame_bad else _share_of_light(profile)
 
     def add_second_line(self, index: int, share: float) -> None:
-        """Take the brightness of a second line in the picture of a stripe, as a share of the stripe's."""
+        """Add the brightness of a second line in the image of a stripe, relative to the stripe."""
         self._second[index] = share
 
     def add_dark(self, index: int, dark: Image, reference: Image | None) -> None:
-        """Take the frame of the dark flash after a stripe.
+        """Add the frame of the dark flash after a stripe.
 
         Args:
             index: index of the stripe.
-            dark: the frame.
-            reference: a frame without the laser, or None: the dark frames are then compared with each other.
+            dark: frame of the dark flash.
+            reference: a frame without the laser; None = compare the dark frames with each other.
         """
         self._planned.add(index)
         if reference is None:
@@ -239,7 +243,7 @@ class FlashProof:
 
     @property
     def version(self) -> tuple[int, ...]:
-        """Changes with everything that is added."""
+        """Numbers that change with every addition."""
         return len(self._planned), len(self._seen), len(self._darks), len(self._second)
 
     def judge(self) -> Proof:
@@ -247,15 +251,15 @@ class FlashProof:
         order, count = list(self._seen), len(self._darks) if self._planned else None
         doubled = doubled_stripes(self._second)
         if len(doubled) >= max(REFUSED_STRIPES, REFUSED_SHARE * len(order)):
-            text = f"{FOREIGN_LIGHT}: {SECOND_LINE}, in {len(doubled)} of {len(order)}: another robot, or a "
-            return Proof(text + "reflection of our own line in a window or mirror", darks=count)
+            text = f"{FOREIGN_LIGHT}: {SECOND_LINE} of {len(doubled)} stripes of {len(order)}: another robot, or a "
+            return Proof(text + "reflection of the robot's own line in a window or mirror", darks=count)
         if not self._planned:
             return Proof(doubled=doubled)
         lines = [index for index in order if index in self._darks and self._darks[index][0] >= LINE_SHARE]
         if lines:
             return Proof(self._cause(order, lines), darks=count)
         if self._moves():
-            return Proof(f"{FOREIGN_LIGHT}: it moves while the laser is dark", darks=count)
+            return Proof(f"{FOREIGN_LIGHT}: light moves while the laser is off", darks=count)
         last = max((place for place, index in enumerate(order) if index in self._darks), default=-1)
         lit = [mask for share, mask in self._darks.values() if share > 0]
         spoilt = None
@@ -265,7 +269,7 @@ class FlashProof:
         return Proof(unproved=frozenset(order[last + 1 :]), spoilt=spoilt, doubled=doubled, darks=count)
 
     def _cause(self, order: list[int], lines: list[int]) -> str:
-        """Cause of lines in dark frames: frames of another instant where all are explained by one shift of the code."""
+        """Text on the cause of lines in dark frames: frames of another instant, if one shift explains all lines."""
         listed = ", ".join(map(str, lines))
         shots: list[tuple[int, bool]] = []
         for index in order:
@@ -275,16 +279,17 @@ class FlashProof:
         for shift in (each * sign for each in range(1, MOST_SHIFT + 1) for sign in (1, -1)):
             if self._explains(shots, lines, shift):
                 return (
-                    f"{OTHER_INSTANT}: they come {abs(shift)} {'late' if shift > 0 else 'early'}, and show a line in "
-                    f"the dark after stripe {listed}: restart the camera, and check its driver and trigger"
+                    f"{OTHER_INSTANT}: they are {abs(shift)} frames {'late' if shift > 0 else 'early'}, and show a "
+                    f"line in the dark flash after stripe {listed}: restart the camera, and check its driver and "
+                    "trigger"
                 )
         return (
-            f"{FOREIGN_LIGHT}, or {OTHER_INSTANT}: a line is seen in the dark after stripe {listed}: does another "
-            "robot scan the same ground?"
+            f"{FOREIGN_LIGHT}, or {OTHER_INSTANT}: a line is seen in the dark flash after stripe {listed}: is another "
+            "robot scanning the same ground?"
         )
 
     def _explains(self, shots: list[tuple[int, bool]], lines: list[int], shift: int) -> bool:
-        """Test that the frames that should show lines are dark where this shift brings the dark flashes."""
+        """Test that the frame to which this shift moves each dark flash with a line shows no line itself."""
         found = 0
         for place, (index, is_lit) in enumerate(shots):
             at = place + shift
@@ -299,10 +304,11 @@ class FlashProof:
         return found > 0
 
     def _moves(self) -> bool:
+        """Test that a spot of light moves from one dark frame to the next."""
         spots = [mask for share, mask in self._darks.values() if share >= SPOT_SHARE]
         return any(
             np.count_nonzero(a & b) < LEAST_OVERLAP * min(np.count_nonzero(a), np.count_nonzero(b))
-            for a, b in zip(spots, spots[1:], strict=False)
+            for a, b in pairwise(spots)
         )
 
 
@@ -311,26 +317,26 @@ def _share_of_light(profile: StripeProfile) -> float:
 
 
 def lit_pixels(dark: Image, reference: Image, *, within: int = 0) -> Mask:
-    """Mask of a frame without the laser: light narrower than LARGEST_PX, in any direction, that `reference` lacks.
+    """Mask of light in a laser-off frame that `reference` lacks and that is narrower than LARGEST_PX in any direction.
 
-    The mask is smaller than the frame by a whole factor where the frame is wider than COMPARED_PX.
+    If the frame is at least twice as wide as COMPARED_PX, the mask is smaller than the frame by an integer factor.
 
     Args:
-        dark: the frame.
-        reference: another without the laser, of the same size and type.
-        within: distance up to which light of the reference explains that of the frame, in pixels of the mask.
+        dark: frame without the laser.
+        reference: another frame without the laser, of the same size and type.
+        within: distance up to which light in the reference explains light in the frame [pixels of the mask].
     """
     scale = 255.0 / float(np.iinfo(dark.dtype).max)
     reduced = [_reduced(picture) for picture in (dark, reference)]
     samples = [float(picture[::8, ::8].mean()) for picture in reduced]
-    # The scene's own light may have changed as a whole.
+    # The overall brightness of the scene may have changed.
     gain = samples[0] / max(samples[1], 1e-3)
     light = reduced[0] - np.float32(gain) * reduced[1]
     mean = _mean(light * np.float32(scale))
     noise = _noise(mean)
     if within:
         near = cv2.dilate(reduced[1], np.ones((2 * within + 1, 2 * within + 1), np.uint8))
-        # Where the reference is brighter nearby, what lies between is not therefore light.
+        # Clipped at 0: negative differences beside bright pixels of the reference must not offset light in the mean.
         mean = _mean(np.maximum(reduced[0] - np.float32(gain) * near, 0) * np.float32(scale))
     wide = cv2.morphologyEx(mean, cv2.MORPH_OPEN, np.ones((LARGEST_PX, LARGEST_PX), np.uint8))
     narrow = mean - np.asarray(wide, np.float32)
@@ -338,13 +344,13 @@ def lit_pixels(dark: Image, reference: Image, *, within: int = 0) -> Mask:
 
 
 def _mean(light: Float32) -> Float32:
-    """Mean over MEAN_PX each way of the brightest channel."""
+    """Mean of the brightest channel over a window of MEAN_PX x MEAN_PX."""
     one = light.max(axis=2) if light.ndim == 3 else light
     return np.asarray(cv2.blur(one, (MEAN_PX, MEAN_PX)), np.float32)
 
 
 def _reduced(picture: Image) -> Float32:
-    """The picture in float32, at most about COMPARED_PX wide."""
+    """Image as float32, reduced by an integer factor to less than twice COMPARED_PX in width."""
     factor = max(picture.shape[1] // COMPARED_PX, 1)
     height, width = picture.shape[0] // factor, picture.shape[1] // factor
     whole = picture[: height * factor, : width * factor].astype(np.float32)
@@ -357,11 +363,11 @@ def _noise(mean: Float32) -> float:
 
 
 def without_spoilt(profile: StripeProfile, spoilt: Mask) -> StripeProfile:
-    """The profile without returns in or beside pixels that are lit while the laser is dark.
+    """Profile without the returns in or close to pixels that are lit while the laser is off.
 
     Args:
-        profile: a good profile.
-        spoilt: (h, w) mask of these pixels and of those beside them, of the frame or smaller by a whole factor.
+        profile: profile of a usable frame.
+        spoilt: (h, w) mask of these pixels, in the size of the frame or smaller by an integer factor.
     """
     rows = np.where(np.isfinite(profile.position_px), profile.position_px, profile.doubtful_px)
     columns = np.flatnonzero(np.isfinite(rows))

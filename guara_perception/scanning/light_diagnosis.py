@@ -1,4 +1,4 @@
-"""Samples of a few frames of a scan, and faults of its light that they show: too bright, flicker, bloom, texture."""
+"""Faults of the light of a scan, diagnosed from a few of its frames: too bright, flicker, bloom, weak line, texture."""
 
 from __future__ import annotations
 
@@ -10,36 +10,38 @@ import numpy as np
 from guara_perception.arrays import Float, Image, Index, Mask
 from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus, is_clipped
 
-# Frames of a scan that are sampled, all over its sweep, and distance of the sampled pixels and columns in them [px].
+# Approximate number of sampled frames, spread over the scan, and spacing of the sampled pixels and columns [px].
 SAMPLED_FRAMES = 12
 PIXELS_APART, COLUMNS_APART = 16, 48
-# Columns of a frame, evenly distributed, in which the brightest row is sought.
+# Number of evenly spaced columns of a frame in which the brightest row is sought.
 GLANCED = 12
 # Light counts if it exceeds the background of its column by this [grey levels of 255] and by this many sigmas.
 LEAST_LEVEL = 12.0
 LEAST_SIGMAS = 8.0
+# Spacing of the rows in which light is sought [px].
 ROWS_APART = 2
-# The background of a column is estimated from every eighth of those rows.
+# The background of a column is estimated from every eighth of these rows.
 USUAL_ROWS_APART = 8
-# Largest share of the laser-off picture that may be clipped; beyond it there is too much light.
+# Largest share of the pixels that may be clipped in a laser-off image; above it there is too much light.
 MOST_CLIPPED = 0.15
 # Largest relative change of the brightness between laser off and on, or from frame to frame.
 MOST_CHANGE = 0.06
-# In darker pictures changes are relative to this level [grey levels of 255]: they are too small to harm a stripe.
+# Changes in darker images are taken relative to this level, because they are too small to affect a stripe [grey levels
+# of 255].
 DARKEST_LEVEL = 32.0
-# Share of the pixels, the brightest ones, that the mean level leaves out: the stripe is among them.
+# Share of the brightest pixels, including the stripe, that the mean level excludes.
 STRIPE_SHARE = 0.05
-# Widest clipped core, as a share of the picture's height: a wider one has no shoulders to measure. 8 px of 512.
+# Widest clipped core, as a fraction of the image height: a wider one leaves no flanks to measure. 8 px of 512.
 WIDEST_CORE_OF_HEIGHT = 8 / 512
-# Distance of the rows in which the core is searched, as a share of the picture's height: 2 px of 512.
+# Spacing of the rows in which the core is sought, as a fraction of the image height: 2 px of 512.
 CORE_ROWS_OF_HEIGHT = 1 / 256
-# A stripe less than this above its surroundings [grey levels of 255] is lost in texture and noise.
+# Least height of a stripe above its surroundings [grey levels of 255]; a lower one is lost in texture and noise.
 WEAKEST_LINE = 50.0
 # Without laser-off pictures, a scene hides the stripe if its own light varies by this many times the stripe's.
 MOST_TEXTURE = 3.0
-# [%] Percentiles that bound the darkest and the brightest tenth of a scene.
+# Percentiles that bound the darkest and the brightest tenth of a scene [%].
 TENTHS = (10, 90)
-# Least share of the columns in which the laser must have been seen to call it weak.
+# Least share of the columns with a stripe at which the stripe can be called weak.
 LEAST_SEEN = 0.01
 
 
@@ -49,14 +51,14 @@ class FrameSample:
 
     Attributes:
         clipped: share of the pixels that are clipped without the laser.
-        level: mean level of the picture without its brightest pixels [grey levels of 255].
-        change: relative difference in brightness from the laser-off picture, 0 without one.
-        core: number of clipped rows of the stripe, median over the columns that have any; 0 where none has.
-        seen: share of the columns in which the laser was seen.
+        level: mean level of the laser-on image without its brightest pixels [grey levels of 255].
+        change: relative difference in brightness from the laser-off image, 0 without one.
+        core: number of rows clipped by the stripe, median over the columns that have any; 0 if none has.
+        seen: share of the columns in which a stripe was found.
         peak: height of the stripe, median over these columns [grey levels of 255].
-        contrast: difference between the brightest and the darkest tenth of the picture, 0 with a laser-off picture,
-            which removes the scene [grey levels of 255].
-        rows: (GLANCED,) row of the brightest light in some columns of the whole picture; NaN where none stands out.
+        contrast: difference between the brightest and the darkest tenth of the image [grey levels of 255]; 0 with a
+            laser-off image, which removes the scene.
+        rows: (GLANCED,) brightest row in some columns of the whole image [px]; NaN where no row stands out.
     """
 
     clipped: float
@@ -70,14 +72,14 @@ class FrameSample:
 
 
 class FrameSamples:
-    """Samples of some frames of a scan, taken while these are processed.
+    """Samples of some frames of a scan, taken while the frames are processed.
 
     Attributes:
         columns: (GLANCED,) columns of `FrameSample.rows`.
     """
 
     def __init__(self, order: Sequence[int], size: tuple[int, int]) -> None:
-        """Choose frames by an odd stride, so that frames of both kinds are among them when every second one is wrong.
+        """Choose frames at an odd stride, so that both kinds are included if every second frame is wrong.
 
         Args:
             order: indices of the scan's stripes.
@@ -90,7 +92,7 @@ class FrameSamples:
         self._unused: dict[int, str] = {}
 
     def add(self, pair: FramePair, profile: StripeProfile) -> None:
-        """Sample a frame if it is one of those chosen, and note why its laser-off picture was not used."""
+        """Sample a frame if it was chosen, and record why its laser-off image was not used."""
         if profile.remark and pair.off is not None:
             self._unused[pair.index] = profile.remark
         if pair.index in self._chosen:
@@ -103,17 +105,17 @@ class FrameSamples:
 
     @property
     def rows(self) -> dict[int, Float]:
-        """Brightest rows (GLANCED,) of the sampled frames that show light in a third of `columns`, by index."""
+        """Brightest rows (GLANCED,), by index, of sampled frames with light in at least a third of `columns`."""
         rows = {index: sample.rows for index, sample in sorted(self._samples.items())}
         return {index: seen for index, seen in rows.items() if np.isfinite(seen).sum() >= GLANCED // 3}
 
     @property
     def unused(self) -> dict[int, str]:
-        """Reasons for which laser-off pictures were not used, by stripe index."""
+        """Reasons why laser-off images were not used, by stripe index."""
         return dict(sorted(self._unused.items()))
 
     def excess(self) -> str:
-        """Text on too much or unsteady light and its remedy; empty for neither."""
+        """Text on excessive or unsteady light and its remedy; empty if the light is neither."""
         samples = list(self._samples.values())
         if not samples:
             return ""
@@ -128,15 +130,15 @@ class FrameSamples:
             )
         if core > WIDEST_CORE_OF_HEIGHT * self._height:
             return (
-                f"bloom: the stripe is clipped over {core:.0f} px: expose less, weaken the laser, or put a polarised "
-                "lens on"
+                f"bloom: the stripe is clipped over {core:.0f} px: expose less, weaken the laser, or put a polarising "
+                "filter on the lens"
             )
         if change > MOST_CHANGE:
             return f"flicker: the brightness changes by {100 * change:.0f} % from picture to picture: {STEADY}"
         return ""
 
     def lack(self) -> str:
-        """Text on a weak stripe and its remedy; empty where it is not weak, or was not seen at all."""
+        """Text on a weak stripe and its remedy; empty if the stripe is not weak, or was not seen at all."""
         samples = self._with_laser()
         if not samples or sum(sample.seen for sample in samples) < LEAST_SEEN * len(self._samples):
             return ""
@@ -149,12 +151,12 @@ class FrameSamples:
         )
 
     def texture(self) -> str:
-        """Text on a scene whose own light hides the stripe for lack of laser-off pictures; empty otherwise."""
+        """Text on a scene whose texture hides the stripe for lack of laser-off images; empty otherwise."""
         samples = self._with_laser()
         if not samples or (contrast := _median(samples, "contrast")) <= MOST_TEXTURE * _median(samples, "peak"):
             return ""
         return (
-            f"texture: the scene's own light differs by {contrast:.0f} grey levels of 255, the stripe adds "
+            f"texture: the scene's own light varies by {contrast:.0f} grey levels of 255, the stripe adds "
             f"{_median(samples, 'peak'):.0f}: take laser-off pictures"
         )
 
@@ -168,7 +170,7 @@ STEADY = 'lock exposure and white balance, keep lamps steady, or take laser-off 
 def _sample(pair: FramePair, profile: StripeProfile, rows: Float) -> FrameSample:
     on, off = pair.on, pair.off
     scale = 255.0 / float(np.iinfo(on.dtype).max)
-    # Copied: reading pixels so far apart takes most of the time of a sample.
+    # Copied, because reading pixels so far apart takes most of the time of a sample.
     thin = on[::PIXELS_APART, ::PIXELS_APART].copy()
     dark = thin if off is None else off[::PIXELS_APART, ::PIXELS_APART].copy()
     level, without = (scale * _level(picture) for picture in (thin, dark))
@@ -186,12 +188,12 @@ def _sample(pair: FramePair, profile: StripeProfile, rows: Float) -> FrameSample
 
 
 def _brightest_rows(on: Image, off: Image | None, columns: Index) -> Float:
-    """Row of the brightest light in some columns (n,) of a whole frame [px]; NaN where none stands out.
+    """Brightest row in some columns of a whole frame (n,) [px]; NaN where no row stands out.
 
     Args:
-        on: (h, w) or (h, w, 3), laser on.
-        off: the same with the laser off, or None.
-        columns: (n,) columns to look at.
+        on: (h, w) or (h, w, 3) laser-on image.
+        off: laser-off image, or None.
+        columns: (n,) the columns.
     """
     seen = on[::ROWS_APART, columns].astype(np.float32)
     if off is not None and off.shape == on.shape:
@@ -213,24 +215,24 @@ def _median(samples: Sequence[FrameSample], name: str) -> float:
 
 
 def _level(picture: Image) -> float:
-    """Mean of all but the brightest pixels."""
+    """Mean of all pixels except the brightest ones."""
     count = max(round((1 - STRIPE_SHARE) * picture.size), 1)
     return float(np.partition(picture, count - 1, axis=None)[:count].mean())
 
 
 def _contrast(picture: Image) -> float:
-    """Difference between brightest and darkest tenth of the pixels (rows, columns[, channels]), channels averaged."""
+    """Difference between the brightest and the darkest tenth of the pixels, after averaging their channels."""
     low, high = np.percentile(picture.reshape(*picture.shape[:2], -1).mean(axis=2), TENTHS)
     return float(high - low)
 
 
 def _share(level: float, usual: float) -> float:
-    """Share by which one level is above or below another."""
+    """Relative difference between two levels; see DARKEST_LEVEL."""
     return abs(level - usual) / max(usual, DARKEST_LEVEL)
 
 
 def _core(on: Image, off: Image | None) -> float:
-    """Number of rows that only the laser clips, median over the columns that have any."""
+    """Number of rows clipped by the laser, median over the columns that have any."""
     apart = max(round(CORE_ROWS_OF_HEIGHT * on.shape[0]), 1)
     clipped = _any_channel(is_clipped(on[::apart, ::COLUMNS_APART]))
     if off is not None:
@@ -240,5 +242,5 @@ def _core(on: Image, off: Image | None) -> float:
 
 
 def _any_channel(values: Mask) -> Mask:
-    """Values (rows, columns) that are true in any channel."""
+    """Mask (rows, columns) of pixels that are true in any channel."""
     return np.asarray(values.any(axis=2)) if values.ndim == 3 else values

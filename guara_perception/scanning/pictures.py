@@ -14,9 +14,9 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
 
 def with_pictures(terrain: TerrainGrid, processor: ScanProcessor | None = None) -> TerrainGrid:
-    """Copy of a grid with the range images of its scan; without a processor they are all unknown.
+    """Copy of a grid with the range images of its scan; without a processor, all pixels are unknown.
 
-    The orthorectified image is unknown wherever the grid is, which excludes returns that contradict each other.
+    The orthorectified image is unknown wherever the grid is unknown, which excludes contradictory returns.
     """
     if processor is None:
         nothing = np.full((ROWS, COLUMNS), np.nan, np.float32)
@@ -35,19 +35,19 @@ def with_pictures(terrain: TerrainGrid, processor: ScanProcessor | None = None) 
 
 
 def cause_image(terrain: TerrainGrid) -> Image:
-    """(512, 640) flags of the causes of unknown pixels of the orthorectified image, by cell; 0 where it is known."""
+    """Hazard flags (512, 640) of the cells under the unknown pixels of the orthorectified image; 0 in known pixels."""
     flags = (_under_pixels(terrain, terrain.hazard) & UNKNOWN_MASK).astype(np.uint8)
     return np.where(np.isnan(terrain.pictures["ortho_image_mm"]), flags, 0).astype(np.uint8)
 
 
 def sigma_image_mm(terrain: TerrainGrid) -> Float32:
-    """(512, 640) standard deviation of the orthorectified image, that of the cell under each pixel [mm]."""
+    """Standard deviation (512, 640) of the orthorectified image, taken from the cell under each pixel [mm]."""
     sigma = np.sqrt(_under_pixels(terrain, terrain.variance)) * 1e3
     return np.where(np.isnan(terrain.pictures["ortho_image_mm"]), np.nan, sigma).astype(np.float32)
 
 
 def _under_pixels(terrain: TerrainGrid, layer: Array) -> Array:
-    """(512, 640) value of a layer in the cell under the centre of each pixel."""
+    """Value (512, 640) of a layer in the cell under the centre of each pixel."""
     geometry = terrain.geometry
     ny, nx = geometry.shape
     x = geometry.origin[0] + (np.arange(ROWS) + 0.5) * nx * geometry.resolution / ROWS

@@ -19,8 +19,8 @@ from kinematics.stillness import check_camera_still
 logger = logging.getLogger(__name__)
 
 NO_CODE = "no dark flashes were recorded: foreign laser light and frames of another instant cannot be detected"
-# Largest difference of a mirror angle from the calibration's [rad]: commanded angles of one rangefinder repeat to
-# 2e-5 rad; this difference turns the light by 1 mrad, half a millimetre.
+# Largest difference of a mirror angle from the calibrated one [rad]. Commanded angles of one rangefinder repeat to
+# 2e-5 rad; this difference turns the light by 1 mrad, which shifts the stripe by half a millimetre.
 MIRROR_TOLERANCE = 5e-4
 
 
@@ -36,13 +36,18 @@ def run_scan(
     progress: Progress | None = None,
     gravity: GravityEstimate | None = None,
 ) -> ScanProcessor:
-    """Feed a recorded scan through a ScanProcessor; `gravity` as there.
+    """Feed a recorded scan through a `ScanProcessor`, and return the processor.
 
-    Returns:
-        The processor, for its grid, points and profiles.
+    Args:
+        scan: the recorded scan.
+        calibration: calibration of its rangefinder.
+        robot: robot of the scan.
+        method, resolution, threshold, gravity: see `ScanProcessor`.
+        strict: raise for an unusable frame instead of marking its stripe as bad.
+        progress: called with the number of stripes done and their total.
 
     Raises:
-        See `guara_perception.process_scan`.
+        Errors as in `guara_perception.process_scan`.
     """
     _check_fit(scan, calibration, robot)
     scan.refuse_withdrawn()
@@ -96,7 +101,7 @@ def run_scan(
         raise unreadable[0]
     if not fitting:
         why = "the frames are turned by 90 degrees" if turned else "another camera's calibration?"
-        raise CalibrationMismatch(f"{scan.source}: no frame is {width}x{height} px as the calibrated camera's: {why}")
+        raise CalibrationMismatch(f"{scan.source}: no frame has the calibrated camera's {width}x{height} px: {why}")
     if processor.track_fault:
         _check_still(scan, calibration, robot)
         processor.leave_track()
@@ -104,7 +109,7 @@ def run_scan(
 
 
 def _check_still(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
-    """Reject a scan during which the camera moved by more than robot.toml allows."""
+    """Reject a scan during which the camera moved more than robot.toml allows."""
     if scan.stance_end is None:
         return
     try:
@@ -116,10 +121,10 @@ def _check_still(scan: Scan, calibration: Calibration, robot: RobotModel) -> Non
 
 
 def _check_fit(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
-    """Reject a scan of another robot or rangefinder; warn where it may be one."""
+    """Reject a scan of another robot or rangefinder, and warn of a possible one."""
     if scan.robot != robot.name:
         raise CalibrationMismatch(
-            f"{scan.source}: robot is {scan.robot!r}, the model given is of {robot.name!r}: use the scan's own"
+            f"{scan.source}: robot is {scan.robot!r}, the model given is {robot.name!r}: use the robot of the scan"
         )
     check_identity(scan.camera_identity, calibration.camera.identity, scan.source)
     indices, pattern = {stripe.index for stripe in scan.stripes}, Settings.of(robot).pattern(scan.mode)
@@ -131,21 +136,21 @@ def _check_fit(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
     if missing := indices.difference(calibration.indices):
         raise CalibrationMismatch(
             f"{scan.source}: stripe index {_listed(missing)} is not in the calibration, "
-            f"which holds {_listed(calibration.indices)}: one of the two is of another rangefinder or another pattern"
+            f"which holds {_listed(calibration.indices)}: scan and calibration differ in rangefinder or pattern"
         )
     angles = {stripe.index: stripe.mirror_angle for stripe in scan.stripes}
     calibrated = {index: calibration.stripe(index).mirror_angle for index in angles}
     if moved := {index for index in angles if abs(angles[index] - calibrated[index]) > MIRROR_TOLERANCE}:
         logger.warning(
-            "%s: mirror_angle of stripe index %s differs from the calibration's by more than %g rad: heights are wrong "
-            "if the mirror really stood there",
+            "%s: mirror_angle of stripe index %s differs from the calibrated one by more than %g rad: heights are "
+            "wrong if the mirror really had this angle",
             scan.source,
             _listed(moved),
             MIRROR_TOLERANCE,
         )
     recorded, used = scan.calibration_hash, calibration.hash
     if recorded and used and recorded != used:
-        logger.warning("%s was recorded with calibration %s, it is processed with %s", scan.source, recorded, used)
+        logger.warning("%s was recorded with calibration %s but is processed with %s", scan.source, recorded, used)
 
 
 def _listed(indices: Iterable[int]) -> str:

@@ -87,8 +87,8 @@ class ScanProcessor:
             track: poses of the body relative to this stance, for a robot that sways: every stripe is then placed by the
                 `instant` of its `FramePair`, and a stripe whose pose is unknown is not used. More samples may be added
                 to the track until `finish`. None = the robot stands still.
-            gravity: gravity by the walk (`LegOdometry.carried_gravity`), for a stance without an IMU; without both, the
-                grid is level with the plane of the feet.
+            gravity: gravity from leg odometry (`LegOdometry.carried_gravity`), used if the stance has no IMU; without
+                either, the grid is level with the plane of the feet.
 
         Raises:
             InvalidInput: unknown mode or method, a threshold that does not fit it, a resolution that does not divide
@@ -142,8 +142,10 @@ class ScanProcessor:
         self._samples = FrameSamples(list(self._geometry.stripes), calibration.camera.size)
         self._surface = self._new_surface()
         self._proof = FlashProof()
-        ends = np.array([(x, y, 0.0) for x in settings.footprint_x for y in settings.footprint_y])
-        self._witness = BackgroundWitness(calibration.camera, self._geometry.transform_camera_to_footprint, ends)
+        # Corners of the scanned area in base_footprint.
+        self._corners = np.array([(x, y, 0.0) for x in settings.footprint_x for y in settings.footprint_y])
+        to_camera = self._geometry.transform_camera_to_footprint
+        self._witness = BackgroundWitness(calibration.camera, to_camera, self._corners)
         # Result of the last `_prove`, and what had been added by then.
         self._proved: tuple[tuple[object, ...], _Proved] | None = None
         # Laser-off picture of the stripe with the lowest index, the first that is fired.
@@ -208,15 +210,16 @@ class ScanProcessor:
         return "" if self._places is None else self._places.missing
 
     def leave_track(self) -> None:
-        """Place all stripes as if the body had stood, because of `track_fault`; whether it did must be known otherwise.
+        """Ignore the track because of `track_fault`, and place all stripes at the pose of the stance.
 
-        Holds for all copies of this scan too, with the stripes added later.
+        Also applies to stripes added later and to all copies of this scan. The caller must know that the body stood
+        still.
         """
         if self._places is not None:
             self._places.left = self.track_fault
 
     def flash(self, index: int) -> tuple[float, float] | None:
-        """Instant of a usable stripe's flash by the clock of the track, and its sigma [s]; None where not known."""
+        """Instant of a usable stripe's flash on the clock of the track, and its sigma [s]; None if unknown."""
         return None if self._places is None else self._places.flashes.get(index)
 
     def expect_dark(self, dark_after: Collection[int]) -> None:
@@ -232,7 +235,7 @@ class ScanProcessor:
         self._proof.add_dark(index, dark, off)
 
     def _what_is_proved(self) -> _Proved:
-        """Profiles and surface of the stripes that the dark flashes confirm; cached until something is added."""
+        """Stripes confirmed by dark flashes, background and track; cached until one of these changes."""
         placed = 0 if self._places is None else self._places.update()
         version = (*self._proof.version, len(self._profiles), placed, "" if self._places is None else self._places.left)
         if self._proved is None or self._proved[0] != version:
@@ -245,16 +248,13 @@ class ScanProcessor:
         forbidden = dict.fromkeys(proof.doubled, SECOND_LINE) | dict.fromkeys(proof.unproved, unproved)
         left = "" if self._places is None else self._places.left
         places = None if self._places is None or left else dict(self._places.places)
-        if places is not None:
-            forbidden |= dict.fromkeys(set(self._profiles).difference(places), NO_PLACE)
         claimed = None
-        if places is not None:
-            claimed = {index: place.transform_camera_to_footprint for index, place in places.items()}
-        moved = {i: rise for i, rise in self._witness.moved(claimed).items() if i in self._profiles}
         parted: Collection[Key] = ()
         if places is not None:
-            ends = tuple((x, y) for x in self.settings.footprint_x for y in self.settings.footprint_y)
-            parted = parted_pairs(places, self._pattern.step, ends)
+            forbidden |= dict.fromkeys(set(self._profiles).difference(places), NO_PLACE)
+            claimed = {index: place.transform_camera_to_footprint for index, place in places.items()}
+            parted = parted_pairs(places, self._pattern.step, self._corners)
+        moved = {i: rise for i, rise in self._witness.moved(claimed).items() if i in self._profiles}
         motion = motion_text(moved, len(parted), len(self._profiles), has_track=places is not None)
         motion = "; ".join(filter(None, (left, motion)))
         forbidden |= dict.fromkeys(moved, MOVED)
@@ -272,12 +272,11 @@ class ScanProcessor:
             return _Proved(proof, self._profiles, self._surface, motion)
         profiles = {**self._profiles, **changed}
         good = {index: each for index, each in profiles.items() if not each.is_frame_bad}
+        surface = self._new_surface(places, parted)
         if self._places is None:
-            surface = self._new_surface()
             surface.add({index: each for index, each in self._surface.stripes.items() if index not in changed})
             surface.add(self._ranger.points({index: each for index, each in good.items() if index in changed}))
         else:
-            surface = self._new_surface(places, parted)
             surface.add(self._ranger.points(good, places))
         return _Proved(proof, profiles, surface, motion, places)
 
@@ -288,7 +287,7 @@ class ScanProcessor:
         geometry, body = self._geometry, self._body
         if places:
             geometry, body = geometry.moved(places), places[sorted(places)[len(places) // 2]].body
-        # A stripe with a place of its own has the sigmas of that place.
+        # With a track, the sigmas of each stripe's own place already include the motion.
         motion = None if places else self._motion
         return ScanSurface(
             self._cell,
@@ -303,7 +302,7 @@ class ScanProcessor:
         )
 
     def drift(self) -> Drift:
-        """Drift of the calibration: measured floor compared with the plane of the soles.
+        """Drift of the calibration, from the measured floor relative to the plane of the soles.
 
         Mirrored frames cause an apparent drift that vanishes when they are mirrored back; the result names this cause.
         """
@@ -321,7 +320,7 @@ class ScanProcessor:
         return dict(sorted(self._what_is_proved().profiles.items()))
 
     def add(self, index: int, on: Image, off: Image | None = None, dark: Image | None = None) -> StripeProfile:
-        """Process one frame pair as `add_all` does, with the same errors, and return its stripe."""
+        """Process one frame pair like `add_all`, with the same errors, and return its profile."""
         return self.add_all([FramePair(index, on, off, dark)])[0]
 
     def add_all(self, pairs: Sequence[FramePair]) -> list[StripeProfile]:
@@ -329,9 +328,9 @@ class ScanProcessor:
 
         Several pairs in one call take less time than one by one, with the same result.
 
-        Without laser-off frames, the background of a stripe is the pixelwise minimum of two earlier frames of the
-        sweep, of which one channel is kept. Add such frames in order. A stripe is rejected when one of its two
-        background frames was lost.
+        Without laser-off frames, the background of a stripe is the pixelwise minimum of one channel of two earlier
+        frames of the sweep. Add such frames in order. A stripe is rejected when one of its two background frames was
+        lost.
 
         A frame that cannot be used (blank, of another size, swapped with its pair, not an array) marks its stripe as
         bad; the scan continues and its report lists the stripe.
@@ -356,11 +355,10 @@ class ScanProcessor:
         profiles = dict(zip(indices, found, strict=True))
         good = {index: profile for index, profile in profiles.items() if not profile.is_frame_bad}
         for pair in pairs:
+            self._proof.add(pair.index, profiles[pair.index])
             if pair.index in good:
                 self._samples.add(pair, good[pair.index])
                 self._witness.look(pair.index, pair.on, pair.off, stripes[pair.index].band)
-            self._proof.add(pair.index, profiles[pair.index])
-            if pair.index in good:
                 self._proof.add_second_line(pair.index, second_line(pair, good[pair.index], aligned))
                 if pair.off is not None and (self._off is None or pair.index < self._off[0]):
                     self._off = pair.index, grey_picture(pair.off)
@@ -381,7 +379,7 @@ class ScanProcessor:
         return list(profiles.values())
 
     def mark_bad(self, index: int, reason: str) -> None:
-        """Mark a stripe as bad that was fired but has no usable frame: lost, or not taken at its mirror angle.
+        """Mark as bad a stripe that was fired but whose frame was lost or not taken at its mirror angle.
 
         Args:
             index: index of the stripe in the standard pattern.
@@ -455,10 +453,10 @@ class ScanProcessor:
         return other
 
     def work_ahead(self) -> None:
-        """Merge the stripes added so far, so that `finish` only has to merge the columns of those added later.
+        """Merge the stripes added so far, so that `finish` only has to merge the columns of later ones.
 
-        Affects the run time of `finish` only, and takes about as long as `finish`: call it while waiting for the last
-        few stripes. With a track nothing is done: stripes get their places later.
+        Changes only the run time of `finish`, and takes about as long as `finish`: call it while waiting for the last
+        few stripes. It has no effect with a track, because stripes get their places later.
         """
         if self._places is None:
             self._what_is_proved().surface.layers("footprint")
@@ -519,9 +517,14 @@ class ScanProcessor:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class _Proved:
-    """What the dark flashes and the background of a scan confirm.
+    """Stripes of a scan that its dark flashes, background and track confirm.
 
-    Profiles and surface, what moved as text, and the places of the stripes; None where all have that of BEGIN.
+    Attributes:
+        proof: findings on the light of the scan.
+        profiles: profile of each stripe; those not confirmed are bad.
+        surface: surface of the confirmed stripes.
+        motion: text on stripes that moved, empty for none.
+        places: place of each stripe; None if all have the pose of the stance.
     """
 
     proof: Proof

@@ -23,22 +23,22 @@ from guara_perception.terrain.layers.record import Health, ScanRecord
 from kinematics import RobotModel, Stance, StancePose
 from kinematics.stance_pose import support_soles
 
-# Below this coverage the health names a cause and a remedy.
+# Coverage below which the health states a cause and a remedy.
 LOW_COVERAGE = 0.5
 REGIONS_X, REGIONS_Y = ("near", "middle", "far"), ("right", "centre", "left")
 MIRRORED = (
-    "mirrored left to right, the frames fit the calibration: the camera or its driver flips them, and what is on the "
-    "left is taken for the right"
+    "mirrored left to right, the frames fit the calibration: the camera or its driver mirrors them, so that left and "
+    "right are exchanged"
 )
-# The drift check reads every fourth column: neighbouring columns are smoothed together, so that a quarter of them
-# holds as much information and takes half of the time.
+# The drift check reads every fourth column: because neighbouring columns are smoothed together, a quarter of them gives
+# as much information in half the time.
 COLUMNS_APART = 4
-# Number of stripes, spread over the scan, by which it is decided if the whole scan is checked for mirrored frames.
+# Number of stripes, spread over the scan, that decide if the whole scan is checked for mirrored frames.
 SUSPECTED = 12
 
 
 def regional_coverage(seen: Mask, expected: Mask) -> dict[str, float | None]:
-    """Coverage of each ninth of the area, by names such as "far left"; None where nothing was expected."""
+    """Coverage of each ninth of the area, by names such as "far left"; None where no ground was expected."""
     result: dict[str, float | None] = {}
     ny, nx = seen.shape
     for i, along in enumerate(REGIONS_X):
@@ -83,7 +83,7 @@ def scan_record(
     reasons = [f"stripe {index}: {reason}" for index, reason in told.items()]
     if proof.unproved:
         reasons.append(
-            f"{OTHER_INSTANT}, perhaps: no dark flash came after {len(proof.unproved)} stripes, which are not used"
+            f"{OTHER_INSTANT}, perhaps: {len(proof.unproved)} stripes without a later dark flash are not used"
         )
     missing = [index for index in planned if index not in profiles]
     if missing:
@@ -92,8 +92,8 @@ def scan_record(
     if unused:
         index, why = next(iter(unused.items()))
         reasons.append(
-            f"flicker: for {len(unused)} of {len(profiles)} stripes the laser-off picture does not fit and "
-            f"was not used (stripe {index}: {why}): {STEADY}"
+            f"flicker: the laser-off pictures of {len(unused)} of {len(profiles)} stripes do not fit and were not "
+            f"used (stripe {index}: {why}): {STEADY}"
         )
     if not expected.any():
         reasons += filter(None, (motion, "no part of the area was scanned"))
@@ -104,17 +104,17 @@ def scan_record(
         reasons += filter(None, (motion, mirrored_frames(points, mirrored_points, pose), samples.texture()))
     if pose.attitude_source == "support_plane":
         reasons.append(
-            "levelled by the plane of the feet, as there is no IMU and no walk that carries gravity: "
-            f"{np.degrees(pose.attitude_sigma):.1f} degrees off level (one sigma)"
+            "levelled by the plane of the feet, as neither an IMU nor leg odometry gives gravity: level to "
+            f"{np.degrees(pose.attitude_sigma):.1f} degrees (one sigma)"
         )
     if sway := robot.pause_limits.stance_sway:
         reasons.append(
-            f"the body may sway by {np.degrees(sway):.2f} degrees unseen (robot.toml, [pause] stance_sway): heights "
-            "are less sure by that"
+            f"the body may sway by {np.degrees(sway):.2f} degrees undetected (robot.toml, [pause] stance_sway): the "
+            "variance of heights includes it"
         )
     verdict = calibration.quality.get("verdict")
     if verdict == "refused":
-        reasons.append("the calibration was refused and is used all the same")
+        reasons.append("the calibration is used although its verdict is 'refused'")
     return ScanRecord(
         robot=robot.name,
         robot_description=robot_description,
@@ -160,7 +160,7 @@ def scan_drift(
 
     Args:
         points: points of each stripe, by index.
-        mirrored_points: computes the same points as if every frame had been mirrored left to right.
+        mirrored_points: computes the points from the same frames mirrored left to right.
         pose: pose of the body over the ground.
     """
     drift = _check_drift(points, pose)
@@ -172,7 +172,7 @@ def scan_drift(
 def mirrored_frames(
     points: Mapping[int, StripePoints], mirrored_points: Callable[[], Mapping[int, StripePoints]], pose: StancePose
 ) -> str:
-    """MIRRORED if a scan of a flat floor fits its calibration only with mirrored frames, otherwise empty."""
+    """MIRRORED if a scan of a flat floor fits the calibration only with mirrored frames; otherwise empty."""
     some = dict(islice(points.items(), 0, None, max(len(points) // SUSPECTED, 1)))
     if _check_drift(some, pose).verdict != DRIFTING:
         return ""

@@ -1,4 +1,4 @@
-"""`ScanSurface`: layers of the grids of a scan, updated stripe by stripe, from the points of its stripes."""
+"""Layers of the grids of a scan, computed from the points of its stripes and updated stripe by stripe."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from guara_perception.terrain.layers.record import Run
 from kinematics import RobotModel, StancePose
 from kinematics.self_filter import SelfFilter
 
-# Coarsest raster; coarser grids are pooled from it, so that a lost stripe always leaves a gap.
+# Largest rasterised cell [m]; coarser cells are pooled from smaller ones, so that a lost stripe always leaves a gap.
 FINEST_CELL_M = 0.005
 AREAS = ("footprint", "wide")
 # Tolerance to rounding [cells].
@@ -43,9 +43,10 @@ ROUNDING = 1e-6
 
 
 class SharedVariance:
-    """Variance of heights in the frame of a scan, without that of single stripe positions and of relief between them.
+    """Variance of heights that neighbouring cells share: from the stance pose, camera motion and the calibration.
 
-    A calibrated plane errs along all of its stripe, and those of neighbours are fitted together.
+    An error of a calibrated plane affects its whole stripe, and the planes of neighbouring stripes are fitted together.
+    Noise of single stripe positions and relief between stripes are not included.
     """
 
     def __init__(self, geometry: ScanGeometry, pose: Float, motion: Float | None) -> None:
@@ -53,11 +54,11 @@ class SharedVariance:
 
         Args:
             geometry: geometry of the scan.
-            pose: (6, 6) covariance of the stance pose in base_footprint, as of `StancePose`.
-            motion: (6, 6) covariance in `base_link` of camera motion during the scan; None = it stood.
+            pose: (6, 6) covariance of the stance pose in base_footprint, as in `StancePose`.
+            motion: (6, 6) covariance in `base_link` of camera motion during the scan; None = no motion.
 
         Raises:
-            FileFormatError: the covariance of the calibration is not as documented.
+            FileFormatError: the covariance of the calibration has another form than documented.
         """
         self._geometry, self._pose = geometry, pose[2:5, 2:5]
         self._calibration = HeightUncertainty.of(geometry.calibration)
@@ -198,7 +199,7 @@ class ScanSurface:
         return shared
 
     def lost_cells(self, layers: Mapping[str, Array], is_lost: Mask, area: str) -> tuple[Run, ...]:
-        """Cells over which stripes were fired whose frames were lost; see the function `lost_cells`.
+        """Unknown cells that only lost stripes could have measured; see the function `lost_cells`.
 
         Args:
             layers: layers of the area.
@@ -230,10 +231,10 @@ class _Area:
 
 
 def area_rows(settings: Settings, cell: float) -> dict[str, tuple[GridGeometry, slice]]:
-    """The grid of each of AREAS, and its rows within the widest one.
+    """Grid of each of AREAS, and its rows within the widest one.
 
-    The wide area has the x range of the footprint and the y range of the map, in whole cells: the camera sees a wider
-    strip of ground farther away, which the map uses when the robot gets there.
+    The wide area has the x range of the footprint and the y range of the map, in whole cells: the camera sees wider
+    ground farther away, and the map uses it when the robot gets there.
 
     Args:
         settings: settings of the robot.
@@ -252,10 +253,11 @@ def area_rows(settings: Settings, cell: float) -> dict[str, tuple[GridGeometry, 
 
 
 def sway_variance(robot: RobotModel, pose: StancePose) -> Callable[[GridGeometry], Float] | None:
-    """Variance (ny, nx) of the heights of a grid by the sway that robot.toml states [m^2], None if it states none.
+    """Variance (ny, nx) of the heights of a grid due to the sway stated in robot.toml [m^2]; None if it states none.
 
-    A rotation w about the middle of the feet lifts the ground seen at (x, y) from there by w_x y - w_y x. The amplitude
-    of the sway is the sigma of w: a height that it can falsify by more than the limit of sigma is UNCERTAIN.
+    A rotation w about the centre of the feet lifts ground at (x, y) relative to this centre by w_x y - w_y x. The
+    amplitude of the sway is used as the sigma of w, so that a height that it can change by more than the limit of sigma
+    is UNCERTAIN.
     """
     sway = robot.pause_limits.stance_sway
     middle = pose.soles_in_footprint[:, :2].mean(axis=0)
@@ -295,7 +297,7 @@ def lost_cells(
         geometry: the grid.
 
     Returns:
-        Runs [ix, first iy, end iy] of cells, in order; stripes run along y, so there are few.
+        Runs [ix, first iy, end iy] of cells, in order; they are few, because stripes run along y.
     """
     known = np.isfinite(elevation)
     heights = np.append(elevation[known], 0.0)
@@ -312,7 +314,7 @@ def lost_cells(
     last = len(planes_in_footprint) - 1
     for stripe in np.flatnonzero(is_lost).tolist():
         before, after = max(stripe - 1, 0), min(stripe + 1, last)
-        # Between the two laser planes at the lowest or the highest height, or beyond them on opposite sides.
+        # Between the two laser planes at the lowest or highest height, or on different sides at the two heights.
         lost |= (low[:, before] != low[:, after]) | (high[:, before] != high[:, after])
         lost |= low[:, before] != high[:, before]
     not_looked_at = (hazard & np.uint16(Hazard.UNSCANNED | Hazard.OCCLUDED)) != 0
@@ -330,7 +332,10 @@ def _runs(mask: Mask) -> tuple[Run, ...]:
 
 
 class SurfaceRaster:
-    """Raster of the stripes of a scan, added in any order; each swath is rasterised once no stripe can change it."""
+    """Raster of the stripes of a scan, added in any order.
+
+    A swath is rasterised when no later stripe can change it, at the latest when the raster is read.
+    """
 
     def __init__(
         self, geometry: GridGeometry, pattern: range, join_height: float, parted: Collection[Key] = ()
@@ -338,7 +343,7 @@ class SurfaceRaster:
         """Start empty.
 
         Args:
-            geometry: the cells.
+            geometry: geometry of the raster.
             pattern: indices of the stripes of the scan's mode.
             join_height: largest height difference of one surface [m].
             parted: pairs of neighbouring stripes between which there is no surface.
@@ -372,8 +377,8 @@ class SurfaceRaster:
     def raster(self) -> Raster:
         """Heights of all stripes added so far; a cell with a return above the height limits is unknown.
 
-        A return below them only marks the cause of an unknown cell: below a surface that was seen it is a stray
-        reflection. Only the columns of swaths made since the last call are merged again.
+        A return below the limits does not make a cell unknown: below a measured surface it is a stray reflection.
+        Only the columns of swaths made since the last call are merged again.
         """
         self._make(list(self._to_make))
         for columns in runs(self._to_merge):
@@ -394,7 +399,7 @@ class SurfaceRaster:
         return flags
 
     def _touched(self, index: int) -> list[Key]:
-        """Stripes and pairs whose surface depends on a stripe."""
+        """Keys of the stripes and pairs whose surface depends on a stripe."""
         stride = self._pattern.step
         return [
             *((k, k) for k in (index - stride, index, index + stride)),
@@ -411,7 +416,7 @@ class SurfaceRaster:
         return all(i in self._stripes or i not in self._pattern for i in around)
 
     def _make(self, keys: list[Key]) -> None:
-        """Rasterise swaths by the stripes that are there."""
+        """Rasterise swaths from the stripes added so far."""
         cell = self._geometry.resolution
         low = self._geometry.origin[1] - cell
         y_range = (low, low + (self._geometry.shape[0] + 2) * cell)
@@ -426,13 +431,13 @@ class SurfaceRaster:
         self._to_make.difference_update(keys)
 
     def _mark_out_of_range(self, group: list[int]) -> None:
-        """Mark the cells of returns from beyond the height limits, and those between two such returns."""
+        """Mark the cells of returns beyond the height limits, and the cells between two such returns."""
         beyond = [index for index in group if self._stripes[index].out_of_range.columns.size]
         if not beyond:
             return
         stride, cell = self._pattern.step, self._geometry.resolution
         firsts = {first for index in beyond for first in (index - stride, index)}
-        # The ground between two stripes that are both out of range there is out of range too.
+        # Ground between two neighbouring returns that are both out of range is out of range too.
         ends = [(first, first + stride) for first in firsts if self._is_there((first, first + stride))]
         lines = [line_samples((self._stripes[i].out_of_range, self._stripes[j].out_of_range), cell) for i, j in ends]
         points = np.concatenate([*(self._stripes[index].out_of_range.points for index in beyond), *lines])

@@ -25,20 +25,20 @@ from guara_perception.stripes.band import (
 from guara_perception.stripes.paper import check_threshold, extract_paper
 from guara_perception.stripes.precise import extract_precise
 
-# How many stripes earlier the frames were taken that form the background of a stripe: far enough not to overlap it in
-# the picture, and two of them, because each hides the ground under its own stripe.
+# Offsets of the two earlier frames that form the background of a stripe [stripes]: far enough not to overlap it in the
+# image; two, because each hides the ground under its own stripe.
 STRIPES_BEFORE = (3, 6)
 
 
 class StripeFinder:
-    """Extractor of stripe profiles from frame pairs; the profile of an unusable frame holds the reason."""
+    """Extractor of stripe profiles from frame pairs; the profile of an unusable frame states the reason."""
 
     def __init__(self, method: str, size: tuple[int, int], stride: int, threshold: float | None = None) -> None:
         """Prepare a sweep.
 
         Args:
             method: one of `guara_perception.scanning.stripe_finder.METHODS`.
-            size: width and height of the calibrated camera's pictures [px].
+            size: width and height of the calibrated camera's images [px].
             stride: index difference of neighbouring stripes.
             threshold: threshold of the paper's binarisation, as in `paper_stripe`.
         """
@@ -71,7 +71,7 @@ class StripeFinder:
         if reason:
             return reason
         if is_raw_bayer(on[first:end], None if off is None else off[first:end]):
-            return "the frame is raw Bayer data taken as grey: take its red pixels, or make it BGR (cv2.demosaicing)"
+            return "the frame is raw Bayer data: use its red pixels only, or convert it to BGR (cv2.demosaicing)"
         if off is not None:
             return Band(on[first:end], off[first:end], first)
         return self._background.add(pair.index, on, rows)
@@ -80,8 +80,8 @@ class StripeFinder:
 class SweepBackground:
     """Backgrounds of a sweep without laser-off frames, from one channel of the last few laser-on frames.
 
-    The frames used for a stripe depend on its index alone. If one of them was lost, the stripe is rejected rather than
-    measured in another way: a lost frame may remove measurements, never change them.
+    The frames used for a stripe depend on its index alone. If one of them was lost, the stripe is rejected: a lost
+    frame may remove measurements but never change them.
     """
 
     def __init__(self, stride: int) -> None:
@@ -113,7 +113,7 @@ class SweepBackground:
             self._first = index
         kept = channel_of(on, self._channel)
         if np.may_share_memory(kept, on):
-            # A view of the frame: a monochrome camera may overwrite it with the next picture.
+            # A view of a monochrome frame, which the camera may overwrite with the next image.
             kept = kept.copy()
         out_of_order = index < self._last
         self._kept[index] = kept
@@ -133,9 +133,11 @@ class SweepBackground:
 METHODS: dict[str, Literal | None] = {
     # Matched filter, triangulation with the calibrated laser planes.
     "precise": None,
-    # The paper's chain, eqs. 7 to 21: corrected, with a one-step eq. 8, and with eqs. 20, 21 about the image centre.
+    # The paper's eqs. 7 to 21, corrected.
     "paper": Literal(),
+    # As "paper", with eq. 8 in one step as printed.
     "paper-literal-lens": Literal(lens=True),
+    # As "paper", with eqs. 20 and 21 about the image centre as printed.
     "paper-literal-ortho": Literal(ortho=True),
 }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -15,28 +15,28 @@ from kinematics import BodyTrack, SelfFilter, StancePose
 from kinematics.body_track import HALF_WINDOW, LONGEST_GAP
 from kinematics.transforms import inverse, transform_points
 
-NO_PLACE = "where the body was at its flash is not known: samples are missing, feet moved, or it has no instant"
-# Two neighbouring stripes are joined only if the body moved the ground between their flashes by less than this, along
-# the ground or up: half the distance of two coarse stripes, so that none lies where another should.
+NO_PLACE = "the pose of the body at its flash is unknown: joint samples are missing, feet moved, or it has no instant"
+# Two neighbouring stripes are joined only if the body motion between their flashes displaces the ground by at most
+# this much in any direction: half the spacing of coarse stripes, so that no stripe lies where another should.
 MOST_BETWEEN_M = 0.006
-# ... and if the heights of the one and the other agree with this standard deviation at the most.
+# Largest standard deviation of the height difference between two stripes that are joined.
 MOST_SIGMA_M = 0.0015
 
 
 class StripePlaces:
-    """Places of the stripes by index, found as the samples come.
+    """Places of the stripes by index, found as samples of the track arrive.
 
     Attributes:
-        flashes: instants of the flashes by the clock of the track, and their standard deviations [s].
-        places: those known so far.
-        left: reason why the track is not followed; empty if it is.
+        flashes: instants of the flashes on the clock of the track, and their standard deviations [s].
+        places: places known so far.
+        left: reason why the track is ignored; empty if it is used.
     """
 
     def __init__(self, track: BodyTrack, pose: StancePose, transform_camera_to_base: Float) -> None:
         """Start without stripes.
 
         Args:
-            track: where the body is, relative to the stance of `pose`.
+            track: poses of the body relative to the stance of `pose`.
             pose: pose of the body at that stance.
             transform_camera_to_base: (4, 4) calibrated placement of the camera.
         """
@@ -45,16 +45,16 @@ class StripePlaces:
         self.flashes: dict[int, tuple[float, float]] = {}
         self.places: dict[int, StripePlace] = {}
         self.left = ""
-        # Covered by the samples, and yet without a place: more of them do not help.
+        # Stripes that the samples cover but that have no place: later samples do not help.
         self._lost: set[int] = set()
 
     def expect(self, pairs: Collection[FramePair]) -> None:
-        """Take the instants of stripes; one that is not known is left out."""
+        """Add the instants of stripes; stripes without a known instant are ignored."""
         self.flashes.update({p.index: (p.instant, p.instant_sigma) for p in pairs if math.isfinite(p.instant)})
 
     @property
     def missing(self) -> str:
-        """Gap or end of the stream of joints at these flashes; empty if it covers them."""
+        """Text on a gap or the end of the joint stream at these flashes; empty if the stream covers them."""
         if not self.flashes:
             return ""
         instants = [instant for instant, _ in self.flashes.values()]
@@ -62,12 +62,13 @@ class StripePlaces:
         if gap <= LONGEST_GAP:
             return ""
         what = f"has a gap of {gap:.2f} s" if math.isfinite(gap) else "begins or ends"
-        return f"the stream of joints {what} within the scan, which counts as one without a stream: check the gait"
+        return f"the joint stream {what} during the scan, which is treated as one without a stream: check the gait"
 
     def update(self) -> int:
-        """Place the stripes that the samples cover by now; return how many are placed or lost.
+        """Place the stripes that the samples cover by now; return the number of stripes placed or lost.
 
-        No place is found before its last sample has come, so that a recorded scan has the same.
+        A stripe is placed only when all samples that affect its place have arrived, so that a recorded scan yields the
+        same places.
         """
         for index, (instant, sigma) in self.flashes.items():
             if index in self.places or index in self._lost or not self._track.covers(instant):
@@ -94,15 +95,14 @@ class StripePlaces:
         return StripePlace(to_footprint @ self._camera_to_base, body, turn @ place.covariance @ turn.T)
 
 
-def parted_pairs(places: Mapping[int, StripePlace], stride: int, ends: Sequence[tuple[float, float]]) -> frozenset[Key]:
-    """Neighbouring stripes between whose flashes the body moved too far, or not known how far.
+def parted_pairs(places: Mapping[int, StripePlace], stride: int, ground: Float) -> frozenset[Key]:
+    """Neighbouring stripes that are not joined: the body moved too far between their flashes, or too uncertainly.
 
     Args:
         places: places by index.
-        stride: distance of neighbours in the pattern.
-        ends: corners of the scanned area (x, y) in base_footprint [m].
+        stride: index difference of neighbours in the pattern.
+        ground: (n, 3) corners of the scanned area in base_footprint.
     """
-    ground = np.array([(x, y, 0.0) for x, y in ends])
     return frozenset(
         (index, index + stride)
         for index, place in places.items()
@@ -111,7 +111,7 @@ def parted_pairs(places: Mapping[int, StripePlace], stride: int, ends: Sequence[
 
 
 def _agree(one: StripePlace, other: StripePlace, ground: Float) -> bool:
-    # Where the second stripe's camera would see the ground if it had stayed at the first one's place.
+    # Apparent displacement of the ground if the camera were thought to stay at the first stripe's place.
     change = other.transform_camera_to_footprint @ inverse(one.transform_camera_to_footprint)
     moved = np.linalg.norm(transform_points(change, ground) - ground, axis=1).max()
     variance = one.height_variance(ground.T) + other.height_variance(ground.T)

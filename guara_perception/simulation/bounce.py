@@ -1,4 +1,4 @@
-"""Single-bounce indirect light: a stripe on one surface lights the surfaces that face it."""
+"""Single-bounce indirect light from a stripe on one surface to the surfaces that face it."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import numpy as np
 from guara_perception.arrays import Float32, Index, Mask
 from guara_perception.simulation.scene_view import SceneView
 
-# Bounced light is smooth, so few points suffice. Spacing of the receivers, as a fraction of the picture's width.
+# Spacing of the receivers, relative to the image width; few suffice, because bounced light is smooth.
 RECEIVER_SPACING = 1 / 64
 # Number of sources, sampled from the lit pixels of a stripe.
 SOURCES = 32
-# Horizontal ground cannot light horizontal ground. A surface is sloped when the z of its normal is below this.
+# z of the normal below which a surface is sloped; horizontal ground cannot light horizontal ground.
 SLOPED_COSINE = 0.97
-# Lower bound of the distance to a source: the light of a point source is unbounded.
+# Lower bound of the distance to a source, because the light of a point source is unbounded.
 NEAREST_M = 0.004
-# Grey levels of 255. Fainter bounced light is omitted: it is less than the rounding of a picture.
+# Bounced light below this level is omitted, because it is smaller than the rounding error of a pixel [levels of 255].
 FAINTEST = 0.2
 
 
@@ -28,33 +28,30 @@ class Bounce:
         height, width = view.laser_gain.shape
         stride = max(int(round(width * RECEIVER_SPACING)), 1)
         self._shape = (height, width)
-        self._points = np.ascontiguousarray(view.points[stride // 2 :: stride, stride // 2 :: stride])
-        self._normals = np.ascontiguousarray(view.normals[stride // 2 :: stride, stride // 2 :: stride])
-        self._reflectance = np.ascontiguousarray(view.reflectance[stride // 2 :: stride, stride // 2 :: stride])
+        every = np.s_[stride // 2 :: stride, stride // 2 :: stride]
+        self._points = np.ascontiguousarray(view.points[every])
+        self._normals = np.ascontiguousarray(view.normals[every])
+        self._reflectance = np.ascontiguousarray(view.reflectance[every])
         self._is_sloped = self._normals[..., 2] < SLOPED_COSINE
         self._view = view
 
     def light(self, pixels: Index, brightness: Float32, strength: float) -> Float32 | None:
-        """Bounced light (h, w) [grey levels of 255], or None when it is fainter than FAINTEST everywhere.
+        """Bounced light (h, w) [grey levels of 255], or None if it is fainter than FAINTEST everywhere.
 
         Args:
-            pixels: (n,) indices of the pixels that the stripe lights, into the flat picture.
+            pixels: (n,) indices into the flat image of the pixels lit by the stripe.
             brightness: (n,) brightness of these pixels, without speckle [grey levels of 255].
-            strength: factor on the bounced light; 1 = Lambert's law for the surfaces as they are.
+            strength: factor of the bounced light; 1 = Lambert's law.
         """
-        view = self._view
-        normals = view.normals.reshape(-1, 3)
-        sloped = normals[pixels, 2] < SLOPED_COSINE
-        if not sloped.any() and not self._is_sloped.any():
-            return None
+        sloped = self._view.normals.reshape(-1, 3)[pixels, 2] < SLOPED_COSINE
         total = np.zeros(self._is_sloped.shape, np.float32)
-        # Sloped sources light every receiver; horizontal ones only those that are sloped.
+        # Sloped sources light all receivers, horizontal sources only sloped receivers.
         for is_source, receivers in ((sloped, np.ones_like(self._is_sloped)), (~sloped, self._is_sloped)):
             if not is_source.any() or not receivers.any():
                 continue
             chosen, values = pixels[is_source], brightness[is_source]
             pick = np.linspace(0, chosen.size - 1, min(SOURCES, chosen.size)).astype(np.intp)
-            # Scaled so that the sampled sources send as much light as all lit pixels.
+            # Scaled so that the sampled sources emit as much light as all lit pixels.
             factor = float(values.sum() / max(values[pick].sum(), 1e-6))
             self._add(total, receivers, chosen[pick], values[pick] * np.float32(factor))
         total *= np.float32(strength)
@@ -64,20 +61,20 @@ class Bounce:
         return np.asarray(cv2.resize(total, (width, height), interpolation=cv2.INTER_LINEAR))
 
     def _add(self, total: Float32, receivers: Mask, sources: Index, sent: Float32) -> None:
-        """Add the light of sources to receivers: Lambert's cosine at both, over the square of the distance.
+        """Add the light of sources to receivers: the cosines at both ends divided by the squared distance.
 
         Args:
-            total: sum over all sources so far, one value per receiver; added to in place.
+            total: light received so far, one value per receiver; changed in place.
             receivers: mask of the receivers that are lit.
-            sources: indices of the sources into the flat picture.
+            sources: indices of the sources into the flat image.
             sent: brightness of the sources [grey levels of 255].
         """
         view = self._view
         to_points, to_normals = self._points[receivers], self._normals[receivers]
         from_points, from_normals = view.points.reshape(-1, 3)[sources], view.normals.reshape(-1, 3)[sources]
         areas = self._pixel_areas(sources)
-        # |a - b|^2 = |a|^2 - 2 a.b + |b|^2, and likewise below: matrix products avoid an array of all differences,
-        # (receivers, sources, 3).
+        # |a - b|^2 = |a|^2 - 2 a.b + |b|^2, and likewise below: matrix products avoid an array (receivers, sources, 3)
+        # of all differences.
         dot = to_points @ from_points.T
         distance_squared = (to_points**2).sum(axis=1)[:, None] - 2 * dot + (from_points**2).sum(axis=1)
         distance_squared = np.maximum(distance_squared, np.float32(NEAREST_M**2))
@@ -87,9 +84,9 @@ class Bounce:
         total[receivers] += self._reflectance[receivers] * (exchange @ (sent * areas)) / np.float32(np.pi)
 
     def _pixel_areas(self, sources: Index) -> Float32:
-        """Area of the surface (n,) that each source pixel shows [m^2].
+        """Area (n,) of the surface shown by each source pixel [m^2].
 
-        Limited to four times the median: at a depth edge the corners of a pixel are on two distant surfaces.
+        It is limited to four times the median, because the corners of a pixel at a depth edge are on two surfaces.
         """
         height, width = self._shape
         points = self._view.points.reshape(-1, 3)

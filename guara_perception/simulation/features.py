@@ -1,6 +1,6 @@
 """Features of the simulated ground (boxes, rocks, ramps, steps, stairs, pits, patches) and their materials.
 
-A feature maps the heights of the ground without it to those with it, exactly and at any point.
+A feature maps the heights of the ground before it is placed to the heights after that, exactly and at any point.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ class Feature:
 
     Attributes:
         x, y: centre [m].
-        size: length along its own x, width along its own y [m].
+        size: length and width along the feature's own x and y [m].
         yaw: rotation about z [rad].
-        material: name of its material.
+        material: name of the material.
     """
 
     x: float
@@ -46,7 +46,7 @@ class Feature:
         return self.x - half_x, self.x + half_x, self.y - half_y, self.y + half_y
 
     def local(self, x: Float, y: Float) -> tuple[Float, Float]:
-        """Coordinates along the feature's own axes, from its centre [m]."""
+        """Coordinates along the feature's own axes, relative to its centre [m]."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         dx, dy = x - self.x, y - self.y
         return c * dx + s * dy, c * dy - s * dx
@@ -57,10 +57,10 @@ class Feature:
         return (np.abs(u) <= self.size[0] / 2) & (np.abs(v) <= self.size[1] / 2)
 
     def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
-        """Heights with this feature, and mask of the points that have its material.
+        """Heights with this feature, and mask of the points with its material.
 
         Args:
-            x, y: points [m], any shape.
+            x, y: points of any shape [m].
             ground: heights without the feature [m].
             base: height of the ground at the centre of the feature [m].
         """
@@ -74,7 +74,7 @@ class Patch(Feature):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Raised(Feature):
-    """Base class of features that raise the ground; `height` is above the ground at the centre [m]."""
+    """Base class of features that raise the ground by `height` above the ground at their centre [m]."""
 
     height: float
 
@@ -95,7 +95,7 @@ class Raised(Feature):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box(Raised):
-    """A box with a level top."""
+    """Box with a level top."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,7 +111,7 @@ class Ramp(Raised):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rock(Raised):
-    """Half an ellipsoid of the given size and height, with bumps drawn from its own seed."""
+    """Half an ellipsoid of roughly the given size and height, with bumps drawn from its own seed."""
 
     seed: int = 0
     material: str = "concrete"
@@ -131,7 +131,7 @@ class Rock(Raised):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pit(Feature):
-    """Hole with a level bottom, `depth` below the ground at its centre."""
+    """Hole with a level bottom at `depth` below the ground at its centre [m]."""
 
     depth: float
     material: str = "soil"
@@ -161,7 +161,7 @@ class Step:
         _finite(self, "x")
         _positive(self, "height", "run")
         if isinstance(self.count, bool) or not isinstance(self.count, int) or not 1 <= self.count <= 100:
-            raise InvalidInput(f"count is {self.count!r}, allowed: a whole number 1 ... 100")
+            raise InvalidInput(f"count is {self.count!r}, allowed: an integer 1 ... 100")
         if self.direction not in DIRECTIONS:
             raise InvalidInput(f"direction is {self.direction!r}, allowed: {', '.join(DIRECTIONS)}")
         material_index(self.material)
@@ -180,7 +180,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stairs(Step):
-    """Flight of `count` steps of `height` each, one every `run` metres, the first at `x`."""
+    """Flight of `count` steps, each `height` high, at intervals of `run` [m], the first at `x`."""
 
     count: int
     run: float
@@ -219,8 +219,8 @@ class Material:
 
     Attributes:
         name: name in world files.
-        albedo: share of light scattered back, red, green, blue, 0 ... 1.
-        shine: share of the remaining light that is reflected specularly, 0 ... 1.
+        albedo: share of red, green and blue light scattered back, 0 ... 1.
+        shine: strength of the specular reflection of the laser, 0 ... 1.
         texture: standard deviation of the albedo over the surface, relative to the albedo.
     """
 
@@ -237,7 +237,7 @@ MATERIALS = (
     Material("brick", (0.40, 0.13, 0.09), texture=0.12),
     Material("blue", (0.07, 0.12, 0.30), texture=0.10),
     Material("gravel", (0.33, 0.31, 0.28), texture=0.35),
-    # Coal, rubber, black cloth: under 3 % in red, so that the stripe is lost in noise.
+    # Coal, rubber, black cloth: less than 3 % in red, so that the stripe is lost in noise.
     Material("dark", (0.006, 0.006, 0.006), texture=0.10),
     Material("metal", (0.10, 0.10, 0.11), shine=0.7, texture=0.05),
     Material("wet", (0.14, 0.10, 0.07), shine=0.35, texture=0.10),

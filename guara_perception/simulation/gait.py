@@ -1,4 +1,4 @@
-"""Wave gait (order of the legs, landings, first stance) and body pose on given footholds."""
+"""Wave gait (order of the legs, landings, first stance), and body pose on given footholds."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from kinematics import RobotModel
 
-# A body that cannot reach all footholds is lowered in steps of the first, by the second at most [m].
+# Step by which a body that cannot reach all footholds is lowered, and largest total.
 CROUCH_STEP_M = 0.005
 DEEPEST_CROUCH_M = 0.060
+# Largest slope of the body.
 LARGEST_TILT = 0.12
 
 
@@ -24,8 +25,8 @@ class WaveGait:
 
     Attributes:
         lift_order: legs in the order in which they swing.
-        hips: (x, y) of each sole in base_link halfway between its landing and its lift, by leg [m].
-        cycle_length: advance of the body in one cycle, all legs once [m].
+        hips: (x, y) of each sole in base_link halfway between landing and lift-off, by leg [m].
+        cycle_length: advance of the body in one cycle, in which each leg swings once [m].
         hip_height: height of the body's origin over the plane of the soles [m].
     """
 
@@ -37,7 +38,7 @@ class WaveGait:
     @staticmethod
     def of(robot: RobotModel) -> WaveGait:
         """Gait of a robot in its scan posture; RH, RF, LH, LF for a robot with four legs."""
-        # The soles of the scan posture: on most robots they are beside the first joint of the leg, not below it.
+        # From the soles of the scan posture, because on most robots a sole is beside the first joint of its leg.
         state = robot.state(robot.posture(robot.config.scan_posture))
         soles = state.soles_in_base()
         hips = {leg: np.round(sole, 6) for leg, sole in zip(robot.legs, soles, strict=True)}
@@ -58,7 +59,7 @@ class WaveGait:
         return self.lift_order[number % len(self.lift_order)]
 
     def landing(self, leg: str) -> tuple[float, float]:
-        """Landing (x, y) of a foot in base_link after the body has advanced: half a cycle ahead of its hip [m]."""
+        """Landing (x, y) of a foot in base_link after the body has advanced: half a cycle ahead of `hips` [m]."""
         x, y = self.hips[leg]
         return x + self.cycle_length / 2, y
 
@@ -84,9 +85,9 @@ class OutOfReach(InvalidInput):
 def stand_on(
     robot: RobotModel, soles_in_world: Mapping[str, npt.ArrayLike], position: tuple[float, float], height: float
 ) -> tuple[Float, dict[str, float]]:
-    """Solve pose and joint positions of a robot that stands on all feet, heading along x of the world.
+    """Solve for pose and joint positions of a robot that stands on all feet, heading along x of the world.
 
-    The body's tilt is that of the plane through the feet; soles are level.
+    The body is parallel to the plane through the feet, up to LARGEST_TILT; the soles are level.
 
     Args:
         robot: the robot.
@@ -98,7 +99,7 @@ def stand_on(
         transform_base_to_world (4, 4) and joint name -> position [rad].
 
     Raises:
-        OutOfReach: the body would be too low.
+        OutOfReach: a leg cannot reach its foothold even from the lowest body.
     """
     soles = {leg: np.asarray(sole, np.float64) for leg, sole in soles_in_world.items()}
     failed = ""
@@ -121,14 +122,14 @@ def stand_on(
 
 
 def body_pose(soles: Float, position: tuple[float, float], height: float) -> Float:
-    """transform_base_to_world (4, 4) of a body parallel to the plane through soles (n, 3), heading along x."""
+    """Pose transform_base_to_world (4, 4) of a body parallel to the plane through soles (n, 3), heading along x."""
     centre = soles.mean(axis=0)
     offsets = soles - centre
     slope = np.linalg.lstsq(offsets[:, :2], offsets[:, 2], rcond=None)[0]
     slope *= min(1.0, LARGEST_TILT / max(float(np.linalg.norm(slope)), 1e-9))
     up = np.array([-slope[0], -slope[1], 1.0])
     up /= np.linalg.norm(up)
-    # The body's x axis projects onto that of the world: heading zero.
+    # The body's x axis projects onto the x axis of the world, so the heading is zero.
     ahead = np.array([up[2], 0.0, -up[0]]) / np.hypot(up[0], up[2])
     transform = np.eye(4)
     transform[:3, :3] = np.column_stack((ahead, np.cross(up, ahead), up))
@@ -138,7 +139,10 @@ def body_pose(soles: Float, position: tuple[float, float], height: float) -> Flo
 
 
 def level_pitch(robot: RobotModel, leg: str, sole_in_base: Float, up_in_base: Float) -> float:
-    """Pitch in the leg's plane that makes the sole's x axis level [rad]; tan p = u_x / (u_z cos q - u_y sin q)."""
+    """Pitch p in the leg's plane that makes the sole's x axis level [rad].
+
+    tan p = u_x / (u_z cos q - u_y sin q), with the vertical u in base_link and the roll q of the leg's plane.
+    """
     hip = robot.state(robot.posture(robot.config.scan_posture)).position_in_base(robot.tree.leg(leg).hip)
     reach = sole_in_base - hip
     roll = np.arctan2(reach[1], -reach[2])

@@ -1,4 +1,4 @@
-"""Light and sensor of the simulated rangefinder: brightness, noise, width of the stripe."""
+"""Light and sensor of the simulated rangefinder: brightness, noise, stripe width, effects of real light."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ BEST_JPEG = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """Light, laser and sensor; levels are grey levels of the picture, 0 ... 255, at nominal exposure.
+    """Light, laser and sensor; levels are grey levels of the image, 0 ... 255, at nominal exposure.
 
-    The effects that follow `skirt` in the list, and `skirt`, occur outside a laboratory and are off by default.
-    `real_light` scales them to their strength in photographs.
+    The effects from `skirt` on occur outside a laboratory and are off by default. `real_light` scales them to their
+    strength in photographs.
 
     Attributes:
-        ambient: level of a white, horizontal surface under the ambient light, blue, green, red.
+        ambient: levels of a white, horizontal surface under the ambient light in blue, green and red.
         sun: share of the ambient light that comes from one direction; the rest comes evenly from the sky.
-        laser: level of the stripe's centre on a white surface that faces the laser 0.5 m away, in the red channel.
-        leakage: share of the laser's light that the blue, green and red channels record.
+        laser: level of the stripe's centre in the red channel, on a white surface that faces the laser 0.5 m away.
+        leakage: share of the laser light recorded by the blue, green and red channels.
         stripe_sigma: standard deviation of the laser plane's Gaussian profile [m].
         fan: half the fan angle of the laser line [rad].
-        speckle: relative standard deviation of the laser's light from pixel to pixel.
+        speckle: relative standard deviation of the laser light from pixel to pixel.
         bounce: strength of indirect light from one surface on another, 1 = physical, 0 = none.
-        blur: standard deviation of the lens's blur [px].
-        shot_noise: variance per level, from the number of electrons.
-        read_noise: standard deviation of the darkest level.
-        vignetting: exponent of the brightness as a power of the cosine of the field angle.
-        texture: factor of the mottles of all surfaces, 0 = none.
-        skirt: scattered light 8 px beside the stripe's peak, as a share of it; it falls with the distance.
+        blur: standard deviation of the blur of the lens [px].
+        shot_noise: variance of the noise per level.
+        read_noise: standard deviation of the noise at level 0.
+        vignetting: exponent v of the brightness cos(field angle)^v.
+        texture: factor of the mottled texture of all surfaces, 0 = none.
+        skirt: light scattered to 8 px beside the stripe, relative to its peak; it decreases with the distance.
         halo: level beside a clipped core; it fades within 20 px.
         ghost: relative strength of a second image of the stripe, caused by reflection.
         blotches: standard deviation of noise in patches of some pixels, independent in each channel.
-        flicker: relative standard deviation of the ambient light from one picture to the next.
-        drift: blue, green and red of the pictures with the laser relative to those without: automatic exposure and
-            white balance.
-        chessboard: share of each surface's albedo that comes from a chessboard of 20 mm, 0 = none, 1 = all of it.
-        demosaiced: the pixels are interpolated from a colour filter array.
-        jpeg_quality: quality of a JPEG compression with halved colour (4:2:0), 1 ... 100; 0 = none.
+        flicker: relative standard deviation of the ambient light from image to image.
+        drift: gains of blue, green and red in laser-on images relative to laser-off images, due to automatic exposure
+            and white balance.
+        chessboard: share of a 20 mm chessboard in the albedo of each surface, 0 = none, 1 = all of it.
+        demosaiced: True if the pixels are interpolated from a colour filter array.
+        jpeg_quality: quality of a JPEG compression with halved colour resolution (4:2:0), 1 ... 100; 0 = none.
     """
 
     ambient: tuple[float, float, float] = (235.0, 255.0, 270.0)
@@ -93,7 +93,7 @@ class Light:
 
     @property
     def is_even(self) -> bool:
-        """True if pictures with and without laser are equal outside the laser's light."""
+        """True if images with and without laser are equal, except for noise, outside the laser light."""
         return not (self.is_scattered or self.blotches or self.flicker or self.demosaiced or self.jpeg_quality) and (
             self.drift == (1.0, 1.0, 1.0)
         )

@@ -1,4 +1,4 @@
-"""Simple foot planner: for each leg, the best safe foothold near the gait's nominal one, and a swing to it."""
+"""Simple foot planner: best safe foothold of a leg near the gait's nominal one, and a swing to it."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from guara_perception.terrain.questions.reason import Reason
 from guara_perception.terrain.questions.swing import Swing
 from kinematics import RobotModel
 
-# Search radii about the nominal foothold: first near, then as far as the wave gait allows.
+# Search radii around the nominal foothold: first close to it, then as far as the wave gait allows.
 SEARCH_RADII_M = (0.03, 0.06)
-# Then beside the nominal foothold: legs reach farther sideways than the gait leaves room ahead.
+# Then sideways offsets of the search, because legs reach farther to the side than the gait leaves room ahead.
 SIDEWAYS_M = (0.05, -0.05)
-# If no swing reaches the best footholds, others are searched in circles at these offsets, of this radius.
+# If no swing reaches the best footholds, others are sought in circles at these offsets, with this radius.
 OTHER_OFFSETS_M = tuple((dx, dy) for dx in (0.0, -0.04, 0.04) for dy in (0.0, 0.04, -0.04, 0.08, -0.08))
 OTHER_RADIUS_M = 0.02
-# Clearances of a swing over the ground, in the order in which they are tried.
+# Clearances of a swing over the ground, in the order of trial.
 SWING_CLEARANCES_M = (0.030, 0.020)
 
 
@@ -31,8 +31,8 @@ class PlannedSwing:
 
     Attributes:
         foothold: chosen foothold.
-        swing: path of the sole to it, over known ground.
-        clearance: clearance with which the swing was checked [m].
+        swing: path of the sole to the foothold.
+        clearance: clearance with which the swing was accepted [m].
     """
 
     foothold: Foothold
@@ -50,17 +50,17 @@ def plan_foothold(
     """Choose a foothold.
 
     Args:
-        terrain: the newest grid; of extent "map", since a single scan does not show the ground of the hind feet.
-        leg: name of the leg, whose reach is checked; None = any safe foothold.
+        terrain: newest grid, of extent "map" because a single scan does not show the ground of the hind feet.
+        leg: name of the leg, whose reach is checked; None = do not check the reach.
         wish: x and y of the gait's nominal foothold, in base_footprint of the grid [m].
         previous: foothold chosen before for this swing, kept unless another is clearly better.
         robot: model of the robot; None = the robot that the grid names.
 
     Returns:
-        The foothold, or None if no safe one is within reach.
+        Foothold, or None if no safe one is within reach.
 
     Raises:
-        InvalidInput: a wish that is not finite, a leg that the robot does not have.
+        InvalidInput: the wish is not finite, or the robot does not have the leg.
     """
     return next(_best_first(terrain, leg, wish, previous, robot), None)
 
@@ -72,14 +72,14 @@ def plan_swing(
     previous: tuple[float, float] | None = None,
     robot: RobotModel | None = None,
 ) -> PlannedSwing | None:
-    """Choose the best foothold to which a swing is accepted, and the swing.
+    """Choose the best foothold with an accepted swing, and this swing.
 
     Args:
-        terrain: the newest grid, with the stance of its pause in its record: the swing begins where the sole stands.
+        terrain: newest grid, whose record contains the stance of its pause: the swing begins at the standing sole.
         leg, wish, previous, robot: as in `plan_foothold`.
 
     Returns:
-        The swing, or None if no safe foothold within reach has an accepted swing.
+        Foothold and swing, or None if no safe foothold within reach has an accepted swing.
 
     Raises:
         InvalidInput: as `plan_foothold` and `TerrainGrid.swing`.
@@ -101,7 +101,7 @@ def plan_swing(
 def refusals(
     terrain: TerrainGrid, leg: str, wish: tuple[float, float], robot: RobotModel | None = None
 ) -> tuple[Reason, ...]:
-    """Reasons why `plan_swing` found nothing: those of the nominal foothold or, if a foothold is near, of its swing."""
+    """Reasons why `plan_swing` found nothing: from the swing to the best foothold or, without one, from the nominal."""
     foothold = plan_foothold(terrain, leg, wish, robot=robot)
     if foothold is None:
         return terrain.check_foothold(wish[0], wish[1], leg=leg, robot=robot).reasons
@@ -117,9 +117,9 @@ def _best_first(
     previous: tuple[float, float] | None,
     robot: RobotModel | None,
 ) -> Iterator[Foothold]:
-    """Best footholds near the nominal one, then farther, then beside it."""
+    """Yield the best footholds close to the nominal one, then farther away, then beside it."""
     x, y = wish
-    # Towards the centre line first: ground outside may not have been scanned.
+    # Towards the centre line first, because ground outside may not have been scanned.
     sideways = sorted(SIDEWAYS_M, key=lambda aside: abs(y + aside))
     circles = [(0.0, radius) for radius in SEARCH_RADII_M] + [(aside, SEARCH_RADII_M[-1]) for aside in sideways]
     for aside, radius in circles:
@@ -129,7 +129,7 @@ def _best_first(
 
 
 def _others(terrain: TerrainGrid, leg: str, wish: tuple[float, float], robot: RobotModel | None) -> Iterator[Foothold]:
-    """Best foothold of each circle of OTHER_OFFSETS_M, the nearest circle first."""
+    """Yield the best foothold of each circle of OTHER_OFFSETS_M, nearest circle first."""
     for dx, dy in sorted(OTHER_OFFSETS_M, key=lambda offset: (np.hypot(*offset), abs(wish[1] + offset[1]))):
         found = terrain.best_foothold(wish[0] + dx, wish[1] + dy, OTHER_RADIUS_M, leg=leg, robot=robot)
         if found is not None:

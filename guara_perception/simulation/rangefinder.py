@@ -1,4 +1,4 @@
-"""Simulated rangefinder: renders the camera's frames for any pose of the body over a world."""
+"""Simulated rangefinder that renders camera frames for any pose of the body over a world."""
 
 from __future__ import annotations
 
@@ -21,15 +21,14 @@ from guara_perception.simulation.world import World
 from kinematics import RobotModel
 from kinematics.transforms import inverse, transform_points
 
-# Beyond this many sigmas the laser plane's light is below a hundredth of a level.
+# Distance from the laser plane, in sigmas, beyond which the light is below a hundredth of a level.
 REACH_SIGMAS = 4.5
-# A pixel that spans more than this across the laser plane is at a depth edge; the part beyond is not counted.
+# Largest extent of a pixel across the laser plane; a larger one is at a depth edge, and the rest is ignored.
 MAX_FOOTPRINT_M = 0.002
-# Pixels from one sample to the next: enough to find the rows that a laser plane passes, when those within
-# this distance count.
+# The rows near a laser plane are found by the points of every THINNING_PX-th pixel that are closer than NEAR_PLANE_M.
 THINNING_PX = 4
 NEAR_PLANE_M = 0.020
-# A camera or laser closer to the ground than this counts as in collision.
+# Height of camera or laser above the ground below which they count as in collision.
 LEAST_CLEARANCE_M = 0.05
 
 
@@ -51,9 +50,9 @@ class SimulatedRangefinder:
         Args:
             world: the terrain.
             calibration: true calibration of the rangefinder, for instance from `specimen`.
-            robot: robot that carries it.
+            robot: robot that carries the rangefinder.
             seed: seed of all noise; the same calls give the same frames.
-            light: light and sensor; None = those of the world.
+            light: light and sensor; None = use those of the world.
 
         Raises:
             CalibrationMismatch: the calibration belongs to another robot.
@@ -89,11 +88,11 @@ class SimulatedRangefinder:
     def set_pose(
         self, transform_base_to_world: npt.ArrayLike, joint_positions: Mapping[str, float] | None = None
     ) -> SceneView:
-        """Set the pose of the body and compute everything that all frames from there share.
+        """Set the pose of the body, and compute everything that is common to all frames from this pose.
 
         Args:
-            transform_base_to_world: (4, 4).
-            joint_positions: joint positions of the legs, which are drawn and cast shadows; None = draw no legs.
+            transform_base_to_world: (4, 4) pose of the body.
+            joint_positions: joint positions of the robot, which is drawn and casts shadows; None = draw no robot.
 
         Raises:
             InvalidInput: camera or laser is in the ground or too close to it.
@@ -139,7 +138,7 @@ class SimulatedRangefinder:
             exposure: exposure time relative to the nominal one.
 
         Raises:
-            InvalidInput: `set_pose` was never called, or an exposure that is not above 0.
+            InvalidInput: `set_pose` was never called, or the exposure is not above 0.
         """
         view = self.view
         if not (np.isfinite(exposure) and exposure > 0):
@@ -152,7 +151,7 @@ class SimulatedRangefinder:
     def _laser_light(
         self, view: SceneView, mirror_angle: float, mirror_travel: float
     ) -> tuple[Float32, tuple[int, int]]:
-        """Levels (rows, w) of the laser's light and the rows (first, end) where there is any."""
+        """Levels (rows, w) of the laser light, and the rows (first, end) that contain it."""
         plane = self.laser_planes.plane_at(mirror_angle)
         normal = self._transform_world_to_base[:3, :3].T @ plane[:3]
         # The plane in the world, relative to the origin of the view to keep float32 accurate.
@@ -160,7 +159,7 @@ class SimulatedRangefinder:
         height, width = view.laser_gain.shape
         top, bottom = self._rows_near(normal, offset, height)
         distance = view.points[top:bottom].reshape(-1, 3) @ normal.astype(np.float32) + np.float32(offset)
-        # The laser plane turns by twice the travel and the stripe widens: the swept width adds to the Gaussian's.
+        # The laser plane turns by twice the travel, 0.5 m away; the swept width adds to that of the Gaussian.
         swept = 2 * mirror_travel * 0.5
         sigma = np.hypot(self.light.stripe_sigma, swept / np.sqrt(12))
         reach = np.float32(REACH_SIGMAS * np.hypot(sigma, MAX_FOOTPRINT_M * self.light.blur))
@@ -173,8 +172,8 @@ class SimulatedRangefinder:
             return np.zeros((0, width), np.float32), (0, 0)
         from_plane = distance[within]
         below = distance[np.minimum(within + width, distance.size - 1)]
-        # A pixel takes in light over its own height and, by the lens's blur, from its neighbours'. Widening the
-        # Gaussian by both is exact on smooth ground, and avoids the aliasing of a picture blurred afterwards.
+        # A pixel integrates light over its own height and, due to the blur of the lens, over its neighbours. Widening
+        # the Gaussian accordingly is exact on smooth ground, and avoids the aliasing of an image that is blurred later.
         footprint = np.minimum(np.abs(below - from_plane), np.float32(MAX_FOOTPRINT_M))
         variance = np.float32(sigma**2) + footprint**2 * np.float32(1 / 12 + self.light.blur**2)
         strength = gain * np.float32(self.light.stripe_sigma) / np.sqrt(variance)
@@ -189,7 +188,7 @@ class SimulatedRangefinder:
         return light, (first, end)
 
     def _rows_near(self, normal: Float, offset: float, height: int) -> tuple[int, int]:
-        """First and end row of all pixels that may lie in a laser plane."""
+        """First and end row of all pixels that may be near a laser plane."""
         thin = self._thin_points
         distance = thin.reshape(-1, 3) @ normal.astype(np.float32) + np.float32(offset)
         rows = np.flatnonzero((np.abs(distance) < NEAR_PLANE_M).reshape(thin.shape[:2]).any(axis=1))
@@ -200,7 +199,7 @@ class SimulatedRangefinder:
 
 @dataclass(frozen=True, slots=True)
 class LaserPlanes:
-    """Laser plane as a smooth function of the mirror angle, through the planes of all stripes.
+    """Laser plane as a continuous function of the mirror angle that interpolates the planes of all stripes.
 
     Attributes:
         angles: (s,) mirror angles, ascending [rad].
@@ -221,14 +220,15 @@ class LaserPlanes:
     def plane_at(self, mirror_angle: float) -> Float:
         """Laser plane (4,) in base_link at a mirror angle [rad].
 
-        Between two stripes the plane turns about their line of intersection, as with the mirror; beyond the first and
-        the last stripe it is extrapolated from the nearest two.
+        Between two stripes the plane turns about the line of intersection of their planes, as with the mirror; beyond
+        the first and the last stripe it is extrapolated from the nearest two.
         """
         after = int(np.clip(np.searchsorted(self.angles, mirror_angle), 1, len(self.angles) - 1))
         a, b = self.planes_in_base[after - 1], self.planes_in_base[after]
         share = (mirror_angle - self.angles[after - 1]) / (self.angles[after] - self.angles[after - 1])
         turn = np.arccos(np.clip(a[:3] @ b[:3], -1.0, 1.0))
-        # Spherical interpolation gives a constant rate; every combination of two planes contains their common line.
+        # Spherical interpolation gives a constant rate; every linear combination of two planes contains their common
+        # line.
         weights = np.array([np.sin((1 - share) * turn), np.sin(share * turn)]) / np.sin(turn)
         plane = weights @ np.array([a, b])
         return np.asarray(plane / np.linalg.norm(plane[:3]))

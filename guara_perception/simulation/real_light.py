@@ -12,16 +12,16 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.light import Light
 
 PLAIN = Light()
-# Values of the effects at strength 1: the strongest on photographs of laser lines from 21 cameras and scenes, in
-# pictures of the simulated camera (0.88 mm of ground per pixel at 640 x 512).
+# Values of the effects at strength 1: the strongest in photographs of laser lines from 21 cameras and scenes, converted
+# to images of the simulated camera (0.88 mm of ground per pixel at 640 x 512).
 WIDEST_SIGMA_M = 0.0045  # 12 px wide at half its height
 STRONGEST_SKIRT = 0.12
 STRONGEST_HALO = 150.0
-LEAST_CLIPPED, MOST_CLIPPED = 3.0, 8.0  # on soil cores of 2 to 4 px at 255
+LEAST_CLIPPED, MOST_CLIPPED = 3.0, 8.0  # clipped cores of 2 to 4 px on soil
 MOST_LEAKAGE = (0.25, 0.52, 1.0)
-# Factor on the ambient light: soil is then at 250 to 300 of 255 in red, everything brighter is clipped.
+# Factor of the ambient light: soil is then at 250 to 300 of 255 in red, and everything brighter is clipped.
 MOST_AMBIENT = 4.0
-# Factor on the laser: a line of 85 grey levels on soil then has 33.
+# Factor of the laser: a line of 85 grey levels on soil then has 33.
 WEAKEST_LASER = 0.4
 MOST_NOISE, MOST_BLOTCHES = 7.0, 5.0
 WORST_JPEG, BEST_JPEG = 75, 95
@@ -61,22 +61,22 @@ EFFECTS: Mapping[str, Callable[[float], dict[str, Any]]] = MappingProxyType(
         "ghosts": lambda s: {"ghost": s * STRONGEST_GHOST},
     }
 )
-"""Functions from a strength to fields of `Light`, by name of the effect."""
+"""Functions from a strength to fields of `Light`, by the name of the effect."""
 
 
 def real_light(strengths: Mapping[str, float]) -> Light:
-    """Light with one or several effects, scaled to their strength in photographs of laser lines.
+    """Light with one or several effects, scaled relative to their strength in photographs of laser lines.
 
-    Factors of effects on the same field are multiplied, such as those of a clipped and a weak line.
+    If several effects change one field, such as those of a clipped and a weak line, their factors are multiplied.
 
     Example:
         rangefinder = SimulatedRangefinder(world, calibration, robot, light=real_light({"ambient": 0.5, "jpeg": 1}))
 
     Args:
-        strengths: strength of each effect by its name in EFFECTS, 0 = none ... 1 = as in the worst of the photographs.
+        strengths: strength of each effect by its name in EFFECTS, from 0 = none to 1 = as in the worst photograph.
 
     Raises:
-        InvalidInput: no such effect, or a strength that is not 0 ... 1.
+        InvalidInput: there is no such effect, or a strength is not 0 ... 1.
     """
     options: dict[str, Any] = {}
     for name, strength in strengths.items():

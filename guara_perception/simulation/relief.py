@@ -1,8 +1,9 @@
 """The world on a fine raster (`Relief`), and its visibility from a viewpoint above it (`PolarView`).
 
-In a polar view a point at distance r and height z along a bearing has the tangent r / (viewpoint height - z) of its
-angle from straight down. A point behind a larger tangent is hidden. The running maximum of the tangent therefore tells
-whether a point is visible, and its inverse gives the point at which a line of sight meets the ground.
+In a polar view, a point at distance r and height z along a bearing has the tangent r / (viewpoint height - z), with the
+angle measured from straight down. A point is hidden if a nearer point on its bearing has a larger tangent. The running
+maximum of the tangent along the distance therefore decides visibility, and its inverse gives the point at which a line
+of sight meets the ground.
 """
 
 from __future__ import annotations
@@ -17,21 +18,21 @@ import numpy as np
 from guara_perception.arrays import Array, Codes, Float, Float32, Mask
 from guara_perception.simulation.world import World
 
-# Finer than the width of a stripe; walls become slopes of this width.
+# Edge of a cell: finer than the width of a stripe; walls become slopes of this width.
 CELL_M = 0.001
-# The texture repeats after 1 m.
+# Number of cells of the texture, which repeats after 1 m.
 TEXTURE_CELLS = 512
 TEXTURE_CELL_M = 1.0 / TEXTURE_CELLS
-# Tolerance of the visibility test for the error of the raster.
+# Tolerances of the visibility test, for the error of the raster.
 IN_FRONT_M = 0.0025
 TANGENT_TOLERANCE = 0.001
-# Neighbouring lines of sight that meet the ground further apart than this enclose a depth edge.
+# Distance between the ground points of neighbouring lines of sight above which there is a depth edge between them.
 EDGE_M = 0.001
 
 
 @dataclass(frozen=True, slots=True)
 class Relief:
-    """Raster a[iy, ix] of a world; beyond its border the outermost cells are repeated.
+    """Raster a[iy, ix] of a world; its outermost cells are repeated outside.
 
     Attributes:
         origin: x and y of the corner of cell (0, 0) [m].
@@ -39,7 +40,7 @@ class Relief:
         height: (ny, nx) float32 [m].
         slope: (ny, nx, 2) float32, d height / dx and / dy.
         material: (ny, nx) uint8, index into MATERIALS.
-        texture: (n, n) float32 of mean 0 and standard deviation 1, repeating after 1 m.
+        texture: (n, n) float32 with mean 0 and standard deviation 1, repeated every 1 m.
     """
 
     origin: tuple[float, float]
@@ -72,17 +73,17 @@ class Relief:
 
 
 def _slope(height: Float32, cell: float, axis: int) -> Array:
-    """Central differences along x (0) or y (1)."""
+    """Slope along x (`axis` 0) or y (1), by central differences."""
     along = (1, 0) if axis == 0 else (0, 1)
     return cv2.Sobel(height, cv2.CV_32F, *along, ksize=1, scale=1 / (2 * cell), borderType=cv2.BORDER_REPLICATE)
 
 
 def _texture(seed: int) -> Float32:
-    """Mottled texture, with patches of 2 mm to 40 mm."""
+    """Mottled texture with patches of 2 mm to 40 mm."""
     noise = np.random.default_rng(seed).standard_normal((TEXTURE_CELLS, TEXTURE_CELLS)).astype(np.float32)
     total = np.zeros_like(noise)
     for sigma, share in ((0.7, 1.0), (2.5, 0.8), (8.0, 0.3)):
-        # Filtered with wrap-around, so that tiles join without a seam.
+        # Filtered with wrap-around, so that repeated tiles have no seam.
         wide = cv2.copyMakeBorder(noise, 32, 32, 32, 32, cv2.BORDER_WRAP)
         soft = cv2.GaussianBlur(wide, (0, 0), sigma)[32:-32, 32:-32]
         total += share * soft / soft.std()
@@ -136,7 +137,13 @@ class PolarView:
         return PolarView(viewpoint, (first, spacing), radius_spacing, np.maximum.accumulate(tangent, axis=1))
 
     def meets(self, bearing: Float32, tangent: Float32, tangents: int) -> Float32:
-        """Distance (h, w) [m] at which lines of sight (h, w) meet the ground; it is level beyond the last radius."""
+        """Distance (h, w) at which lines of sight (h, w) meet the ground [m], at most the largest radius.
+
+        Args:
+            bearing: bearings of the lines of sight [rad].
+            tangent: tangents of their angles from straight down.
+            tangents: number of tangents in the inverse table.
+        """
         limit = float(np.clip(tangent.max(), 0.01, float(self.horizon[:, -1].max())))
         grid = np.linspace(0.0, limit, tangents, dtype=np.float32)
         radii = (np.arange(self.horizon.shape[1] + 1) * self.radius_spacing).astype(np.float32)

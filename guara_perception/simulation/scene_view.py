@@ -1,4 +1,4 @@
-"""View of the simulated camera from one pose, computed per pixel once for all stripes."""
+"""View of the simulated camera from one pose, computed once per pixel for all stripes."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ from guara_perception.simulation.relief import PolarView, Relief
 from kinematics import RobotState
 from kinematics.self_filter import place_shape
 
-# Range and resolution of the views of camera and laser: at most half a pixel's width on the ground.
+# Range and resolution of the views of camera and laser: at most half the width of a pixel on the ground.
 RADIUS_M = 1.3
 RADIUS_SPACING_M = 0.001
 TANGENTS = 2400
 LASER_BEARINGS = 3000
 LASER_RADIUS_M = 0.75
 SUN_DIRECTION = np.array([0.35, 0.45, 0.82])
-# Limits of the texture: no natural surface varies from black to white.
+# Limits of the texture, because no natural surface varies from black to white.
 TEXTURE_RANGE = (0.5, 1.6)
 LEG_ALBEDO = (0.30, 0.30, 0.32)
-# Edge of a chessboard's square, and albedo of black and white squares: printed black is brighter than coal.
+# Edge of a chessboard's square, and albedo of black and white squares; printed black is brighter than coal.
 SQUARE_M = 0.020
 BOARD_ALBEDO = (0.06, 0.75)
+# Largest albedo of absorbing material.
 DARK_ALBEDO = 0.03
 MIRRORED_EXPONENT = 60.0
 MIRRORED_GAIN = 6.0
@@ -40,11 +41,11 @@ class SceneView:
     Attributes:
         points: (h, w, 3) float32, surface points in the world, relative to `origin`.
         origin: (3,) position in the world at which the laser leaves the mirror [m].
-        normals: (h, w, 3) float32.
+        normals: (h, w, 3) float32, unit normals of the surface.
         reflectance: (h, w) float32, share of red light scattered towards the camera.
-        laser_gain: (h, w) float32, level of the stripe's centre where the laser plane meets the point, 0 in shadow.
+        laser_gain: (h, w) float32, level at the point if it is in the laser plane; 0 in shadow.
         ambient: (h, w, 3) float32, levels without laser at nominal exposure.
-        is_body: (h, w) bool, own legs.
+        is_body: (h, w) bool, pixels that show the robot itself.
     """
 
     points: Float32
@@ -69,9 +70,9 @@ def view_scene(
     Args:
         relief: the ground.
         rays: (h, w, 3) float32, viewing rays of all pixels in the camera frame, z = 1.
-        transform_camera_to_world: (4, 4).
-        beam: (3,) point at which the laser leaves the mirror and (3,) direction of the mirror axis, in the world.
-        body: the robot's own shapes in the world, or None.
+        transform_camera_to_world: (4, 4) pose of the camera.
+        beam: point (3,) at which the laser leaves the mirror, and direction (3,) of the mirror axis, in the world.
+        body: shapes of the robot in the world, or None.
         light: light and sensor.
     """
     camera, (laser, across) = transform_camera_to_world[:3, 3], beam
@@ -82,7 +83,7 @@ def view_scene(
     normals = np.dstack((-slope[..., 0] * steepness, -slope[..., 1] * steepness, steepness))
     albedo, shine = _surface(relief, points, normals, light.texture)
     if light.chessboard:
-        # The chessboard does not cover absorbing material: dark ground stays dark.
+        # The chessboard does not cover absorbing material, so that dark ground stays dark.
         board = np.where(albedo.max(axis=2) > DARK_ALBEDO, _chessboard(points), albedo[..., 0])
         albedo += np.float32(light.chessboard) * (board[..., None] - albedo)
     is_body = np.zeros(points.shape[:2], dtype=bool)
@@ -111,11 +112,11 @@ def view_scene(
 
 
 def _ground_points(relief: Relief, camera: Float, directions: Float32) -> Float32:
-    """Points (h, w, 3) where lines of sight meet the ground."""
+    """Points (h, w, 3) in which lines of sight meet the ground."""
     horizontal = np.sqrt(directions[..., 0] ** 2 + directions[..., 1] ** 2) + np.float32(1e-9)
     down = np.maximum(-directions[..., 2], np.float32(1e-3))
     tangent = horizontal / down
-    # Bearings relative to the centre of the picture, so that they never wrap around inside it.
+    # Bearings are computed relative to the image centre, so that they do not wrap around inside the image.
     ahead = directions[directions.shape[0] // 2, directions.shape[1] // 2]
     heading = float(np.arctan2(ahead[1], ahead[0]))
     c, s = np.float32(np.cos(heading)), np.float32(np.sin(heading))
@@ -133,7 +134,7 @@ def _ground_points(relief: Relief, camera: Float, directions: Float32) -> Float3
 
 
 def _surface(relief: Relief, points: Float32, normals: Float32, contrast: float) -> tuple[Float32, Float32]:
-    """Albedo (h, w, 3) red, green, blue and shine (h, w); those of a wall are sampled just behind it."""
+    """Albedo (h, w, 3) in red, green, blue, and shine (h, w); at a wall, sampled just behind its face."""
     behind = np.float32(0.0015) * (1 - normals[..., 2])
     x = points[..., 0] - behind * normals[..., 0]
     y = points[..., 1] - behind * normals[..., 1]
@@ -146,7 +147,7 @@ def _surface(relief: Relief, points: Float32, normals: Float32, contrast: float)
 
 
 def _chessboard(points: Float32) -> Float32:
-    """Albedo (h, w) of a chessboard in three dimensions: on walls its colours alternate with the height."""
+    """Albedo (h, w) of a three-dimensional chessboard, whose colours also alternate with the height on walls."""
     square = np.floor(points / np.float32(SQUARE_M) + np.float32(1e-3)).astype(np.int64)
     return np.where(square.sum(axis=2) % 2 == 0, BOARD_ALBEDO[0], BOARD_ALBEDO[1]).astype(np.float32)
 
@@ -154,7 +155,7 @@ def _chessboard(points: Float32) -> Float32:
 def _laser_gain(
     points: Float32, normals: Float32, directions: Float32, albedo: Float32, shine: Float32, across: Float, light: Light
 ) -> Float32:
-    """Level of the stripe's centre at points relative to the laser: scattered by the surface, and mirrored."""
+    """Level of the stripe's centre at points relative to the laser, from diffuse and specular reflection."""
     distance = np.sqrt((points**2).sum(axis=2)) + np.float32(1e-6)
     cosine = np.maximum(-(points * normals).sum(axis=2) / distance, 0)
     scattered = albedo * cosine
@@ -166,20 +167,20 @@ def _laser_gain(
         lobe = np.maximum((leaving * towards).sum(axis=1), 0) ** np.float32(MIRRORED_EXPONENT)
         scattered[shiny] += shine[shiny] * np.float32(MIRRORED_GAIN) * lobe * (cosine[shiny] > 0)
     beside = np.abs(points @ across.astype(np.float32)) <= np.float32(np.sin(light.fan)) * distance
-    # The fan spreads the laser in one direction only: its light falls with the distance, not with the square.
+    # The fan spreads the laser in one direction only, so the light decreases with the distance, not with its square.
     return np.asarray(np.float32(light.laser * 0.5) * scattered * beside / distance, dtype=np.float32)
 
 
 def _add_body(
     body: Body, camera: Float, directions: Float32, points: Float32, normals: Float32, albedo: Float32, shine: Float32
 ) -> Mask:
-    """Put the robot's own shapes in front of the ground, in place; return the mask of their pixels."""
+    """Draw the robot's shapes in front of the ground, in place; return the mask of their pixels."""
     is_body = np.zeros(directions.shape[:2], dtype=bool)
     share = ((points - camera.astype(np.float32)) * directions).sum(axis=2) / (directions**2).sum(axis=2)
     directions, points, normals, albedo = (array.reshape(-1, 3) for array in (directions, points, normals, albedo))
     lowest, highest = directions.min(axis=0), directions.max(axis=0)
     for number, corners in enumerate(body.corners()):
-        # A cheap test first: the box is outside the cone of all lines of sight, or above the camera.
+        # Cheap tests first, for boxes above the camera or outside the cone of all lines of sight.
         towards = corners - camera
         depth = -towards[:, 2]
         if depth.max() <= 0.01:
@@ -203,7 +204,7 @@ def _add_body(
 
 
 def _shade(body: Body, laser: Float, points: Float32, lit: Mask) -> None:
-    """Clear `lit` where the robot's own shapes cast a shadow, in place."""
+    """Clear `lit`, in place, where the robot's shapes cast a shadow."""
     flat, is_lit = points.reshape(-1, 3), lit.reshape(-1)
     floor = float(points[..., 2].min())
     x, y = np.ascontiguousarray(flat[:, 0]), np.ascontiguousarray(flat[:, 1])
@@ -212,7 +213,7 @@ def _shade(body: Body, laser: Float, points: Float32, lit: Mask) -> None:
         depth = laser[2] - corners[:, 2]
         if depth.max() <= 0.01:
             continue
-        # The shadow on the lowest ground bounds it everywhere above.
+        # The shadow on the lowest ground contains the shadow on all higher ground.
         stretch = np.maximum((laser[2] - floor) / np.maximum(depth, 0.01), 1.0)
         shadow = np.vstack((corners[:, :2], laser[:2] + (corners[:, :2] - laser[:2]) * stretch[:, None]))
         low, high = shadow.min(axis=0), shadow.max(axis=0)
@@ -222,7 +223,7 @@ def _shade(body: Body, laser: Float, points: Float32, lit: Mask) -> None:
         if not inside.size:
             continue
         enter, _ = body.meets(number, laser, flat[inside] - laser.astype(np.float32))
-        # A ray that ends on the shape itself meets it at its end point, which is lit.
+        # A ray whose end point is on the shape itself meets the shape there, and that point is lit.
         is_lit[inside[enter < np.float32(0.995)]] = False
 
 
@@ -233,8 +234,8 @@ class Body:
         """Place the boxes.
 
         Args:
-            state: joint positions with forward kinematics done.
-            transform_base_to_world: (4, 4).
+            state: forward kinematics of the joint positions.
+            transform_base_to_world: (4, 4) pose of the body.
         """
         self._boxes = tuple(
             place_shape(shape, name, transform_base_to_world @ state.transform_to_base(name), 0.0)
@@ -253,11 +254,11 @@ class Body:
         Args:
             number: number of the box.
             viewpoint: (3,) position in the world [m].
-            directions: (n, 3) from the viewpoint; the result is in units of their lengths.
+            directions: (n, 3) directions of the lines, of any length.
 
         Returns:
-            (n,) share of the direction's length at which the line enters, inf where it misses, and the axis (0, 1, 2)
-            of the face.
+            Distance (n,) at which each line enters the box, in units of its direction's length, inf if it misses the
+            box; and axis (n,) of the face that it meets, 0, 1 or 2.
         """
         box = self._boxes[number]
         start, along = (viewpoint - box.centre) @ box.rotation, directions @ box.rotation.astype(np.float32)

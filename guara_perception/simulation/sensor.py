@@ -1,4 +1,4 @@
-"""The simulated camera's sensor: exposure, noise, saturation, eight bits; effects of lens and compression."""
+"""Sensor of the simulated camera: exposure, noise, saturation, 8 bits; effects of lens and compression."""
 
 from __future__ import annotations
 
@@ -9,35 +9,36 @@ from drivers.cameras.bayer import mosaic
 from guara_perception.arrays import Float32, Image
 from guara_perception.simulation.light import Light
 
-# Noisy pictures without laser, cached for a scene and an exposure and used in turn.
+# Number of noisy laser-off images that are cached for a scene and an exposure, and used in turn.
 DARK_PICTURES = 4
+# Least number of precomputed noise values.
 POOL_SIZE = 1 << 22
-# The skirt falls with one over the distance from here on, and ends there [px].
+# Distances beyond which the skirt decreases as 1 / distance, and at which it ends [px].
 SKIRT_FROM_PX, SKIRT_TO_PX = 8, 40
-# Light that the lens scatters is spread along the stripe too.
+# Number of columns over which the lens also spreads scattered light along the stripe.
 SKIRT_COLUMNS = 9
-# Decay length of a halo from the edge of the clipped core: a tenth is left at 20 px.
+# Decay length of a halo from the edge of the clipped core [px]: a tenth is left at 20 px.
 HALO_SIGMA_PX = 9.0
 FULL_SCALE = 255.0
-# Distance of the ghost from the stripe, amplitude and length of its waves, as shares of the picture's height and width;
-# and its blur [px].
+# Distance of the ghost from the stripe and amplitude of its waves, relative to the image height; length of its waves,
+# relative to the image width; and its blur [px].
 GHOST_OF_HEIGHT, GHOST_AMPLITUDE_OF_HEIGHT, GHOST_WAVE_OF_WIDTH = 0.05, 0.012, 0.4
 GHOST_SIGMA_PX = 1.2
-# The ghost is visible between these shares of the picture's width.
+# First and last column between which the ghost is visible, relative to the image width.
 GHOST_COLUMNS = (0.3, 0.75)
-# Deviation of the patches of blotches [px].
+# Sigma of the Gaussian that makes patches of the blotches' noise [px].
 BLOTCH_SIGMA_PX = 3.0
 
 
 class Sensor:
-    """Sensor that converts light to pictures; all noise comes from one seeded generator."""
+    """Sensor that converts light to images; all noise comes from one seeded generator."""
 
     def __init__(self, light: Light, shape: tuple[int, int], seed: int) -> None:
         """Generate the noise.
 
         Args:
             light: light and sensor.
-            shape: height and width of the picture.
+            shape: height and width of the image [px].
             seed: seed of the noise.
         """
         self._light, self._shape = light, shape
@@ -58,15 +59,15 @@ class Sensor:
         self._dark.clear()
 
     def dark_picture(self, exposure: float) -> Image:
-        """A picture without laser, (h, w, 3) uint8."""
+        """Image without laser light, (h, w, 3) uint8."""
         return self._next_dark(exposure).copy()
 
     def picture(self, light: Float32, rows: tuple[int, int], laser: float, exposure: float) -> Image:
-        """A picture with laser light.
+        """Image with laser light, (h, w, 3) uint8.
 
         Args:
             light: (rows, w) levels of the red laser at nominal exposure.
-            rows: first and end row that it covers.
+            rows: first and end row covered by `light`.
             laser: share of the exposure during which the laser was on.
             exposure: exposure time relative to the nominal one.
         """
@@ -100,7 +101,7 @@ class Sensor:
         return kept[self._turn % DARK_PICTURES]
 
     def _uneven_picture(self, light: Float32, rows: tuple[int, int], laser: float, exposure: float) -> Image:
-        """Picture with laser light where it differs from a dark picture in all pixels (not `Light.is_even`)."""
+        """Image with laser light if the light is not `Light.is_even`: all pixels differ from a laser-off image."""
         gains = np.array(self._light.drift, np.float32)
         level = self._ambient_now()
         if light.size:
@@ -108,7 +109,7 @@ class Sensor:
             if self._light.is_scattered:
                 first, end = rows_reached(rows, height)
                 light = np.pad(light, ((rows[0] - first, end - rows[1]), (0, 0)))
-                # Overflow depends on the level at the sensor, exposure and drift included.
+                # Overflow depends on the level at the sensor, which includes exposure and drift.
                 gain = np.float32(laser * exposure) * gains[2]
                 light = scattered(light * gain, self._light, height) / gain
             level[first : first + len(light)] += light[:, :, None] * (
@@ -119,13 +120,13 @@ class Sensor:
         return self._delivered(level, exposure)
 
     def _ambient_now(self) -> Float32:
-        """Ambient light (h, w, 3) of the next picture, with its flicker."""
+        """Ambient light (h, w, 3) of the next image, with its flicker."""
         if not self._light.flicker:
             return self._ambient.copy()
         return self._ambient * np.float32(max(1 + self._light.flicker * self._rng.standard_normal(), 0.0))
 
     def _delivered(self, level: Float32, exposure: float) -> Image:
-        """Picture that the camera delivers for levels (h, w, 3); `level` is overwritten."""
+        """Image delivered by the camera for levels (h, w, 3); overwrites `level`."""
         if self._blotches is not None:
             level *= np.float32(exposure)
             level += self._blotches.draw(self._rng)
@@ -134,7 +135,7 @@ class Sensor:
         return delivered(self._expose(level, exposure), self._light)
 
     def _expose(self, level: Float32, exposure: float) -> Image:
-        """Add noise to levels (..., 3), in place, and clip to eight bits."""
+        """Image of levels (..., 3) with noise, clipped to 8 bits; overwrites `level`."""
         if exposure != 1.0:
             level *= np.float32(exposure)
         noise = level * np.float32(self._light.shot_noise)
@@ -152,7 +153,7 @@ class Sensor:
 
 
 def rows_reached(rows: tuple[int, int], height: int) -> tuple[int, int]:
-    """First and end row that light between two rows reaches when it is scattered."""
+    """First and end row reached by scattered light from a range of rows."""
     ghost = int((GHOST_OF_HEIGHT + GHOST_AMPLITUDE_OF_HEIGHT) * height) + 1
     return max(rows[0] - SKIRT_TO_PX, 0), min(rows[1] + ghost + SKIRT_TO_PX, height)
 
@@ -161,9 +162,9 @@ def scattered(level: Float32, light: Light, height: int) -> Float32:
     """Laser light (rows, w) with reflections, scatter in the lens and overflow of clipped pixels.
 
     Args:
-        level: (rows, w) grey levels of the laser's light at the sensor's gain, not clipped.
+        level: (rows, w) grey levels of the laser light at the sensor, not clipped.
         light: strengths of the effects.
-        height: number of rows of the whole picture [px].
+        height: height of the whole image [px].
     """
     if light.ghost:
         level = level + np.float32(light.ghost) * _ghost(level, height)
@@ -176,7 +177,7 @@ def scattered(level: Float32, light: Light, height: int) -> Float32:
 
 
 def _ghost(level: Float32, height: int) -> Float32:
-    """Reflection of the light, further down in the picture."""
+    """Reflection of the light, lower in the image."""
     width = level.shape[1]
     columns, rows = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(len(level), dtype=np.float32))
     wave = GHOST_AMPLITUDE_OF_HEIGHT * np.sin(2 * np.pi * columns / (GHOST_WAVE_OF_WIDTH * width))
@@ -188,7 +189,7 @@ def _ghost(level: Float32, height: int) -> Float32:
 
 
 def _skirt(level: Float32, share: float) -> Float32:
-    """Light scattered by the lens: `share` of each column's peak 8 px beside it, less further away."""
+    """Light scattered by the lens: `share` of each column's peak up to 8 px beside it, decreasing beyond."""
     distance = np.abs(np.arange(-SKIRT_TO_PX, SKIRT_TO_PX + 1))
     taps = (SKIRT_FROM_PX / np.maximum(distance, SKIRT_FROM_PX)).astype(np.float32)
     total = level.sum(axis=0)
@@ -199,7 +200,7 @@ def _skirt(level: Float32, share: float) -> Float32:
 
 
 def _halo(level: Float32, strength: float) -> Float32:
-    """Overflow of clipped pixels: `strength` at the edge of the core."""
+    """Overflow of clipped pixels, with level `strength` at the edge of the clipped core."""
     core = (level > FULL_SCALE).astype(np.uint8)
     if not core.any():
         return np.zeros_like(level)
@@ -208,28 +209,28 @@ def _halo(level: Float32, strength: float) -> Float32:
 
 
 class Blotches:
-    """Noise in patches; each frame takes a random part of one large picture."""
+    """Noise in patches; each frame uses a random part of one large image."""
 
     def __init__(self, noise: Float32, deviation: float) -> None:
         """Filter the noise.
 
         Args:
-            noise: (2 h, 2 w, channels) independent noise of each pixel, of standard deviation 1.
-            deviation: standard deviation of the patches.
+            noise: (2 h, 2 w, channels) independent noise of each pixel, with standard deviation 1.
+            deviation: standard deviation of the filtered noise [grey levels].
         """
         soft = cv2.GaussianBlur(noise, (0, 0), BLOTCH_SIGMA_PX)
-        # A Gaussian of sigma leaves 1 / (2 sqrt(pi) sigma) of white noise.
+        # A Gaussian filter reduces the standard deviation of white noise to 1 / (2 sqrt(pi) sigma).
         self._patches = np.asarray(soft * np.float32(deviation * 2 * np.sqrt(np.pi) * BLOTCH_SIGMA_PX), np.float32)
 
     def draw(self, rng: np.random.Generator) -> Float32:
-        """Blotches of one picture, (h, w, channels)."""
+        """Blotches of one image, (h, w, channels)."""
         height, width = self._patches.shape[0] // 2, self._patches.shape[1] // 2
         row, column = int(rng.integers(height + 1)), int(rng.integers(width + 1))
         return self._patches[row : row + height, column : column + width]
 
 
 def delivered(picture: Image, light: Light) -> Image:
-    """Picture (h, w, 3) uint8 as the camera delivers it, demosaiced and compressed."""
+    """Image (h, w, 3) uint8 as delivered by the camera, demosaiced and compressed if `light` says so."""
     if light.demosaiced:
         picture = np.asarray(cv2.cvtColor(mosaic(picture, "BayerRG8"), cv2.COLOR_BayerRGGB2BGR), np.uint8)
     if light.jpeg_quality:

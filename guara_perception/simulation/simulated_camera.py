@@ -1,4 +1,4 @@
-"""Simulated rangefinder as a camera of `drivers`, with laser and mirror of the emulated board."""
+"""Camera of `drivers` that renders the simulated rangefinder, with laser and mirror of the emulated board."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ def simulated_camera(
     """Create a free-running camera on the simulated rangefinder.
 
     Args:
-        rangefinder: simulated rangefinder whose pose is set; the pose may be set again between scans, from the thread
-            that grabs frames.
-        board: the emulated board (of this process or another) whose laser and mirror light the scene.
+        rangefinder: simulated rangefinder with a pose. The pose may be changed between scans, on the thread that grabs
+            frames.
+        board: emulated board, of this process or another, whose laser and mirror light the scene.
         fps: frames per second.
-        latency: time from the end of an exposure to its arrival [s].
+        latency: time from the end of an exposure to the arrival of its frame [s].
     """
     return EmulatedCamera(
         board,

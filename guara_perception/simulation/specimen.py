@@ -1,4 +1,4 @@
-"""True calibration of a simulated rangefinder: the robot's nominal mounts with assembly errors."""
+"""True calibration of a simulated rangefinder: nominal mounts of the robot with assembly errors."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import Settings
 from kinematics import RobotModel
 
-# A 3.2 mm lens on a sensor 3.5 mm wide: the area is in view with a margin of 5 % on each side.
+# Focal length relative to the sensor width: with a 3.2 mm lens on a 3.5 mm wide sensor, the area is in view with a
+# margin of 5 % on each side.
 FOCAL_LENGTH_OF_WIDTH = 0.921
 DISTORTION = (-0.23, 0.06, 0.0, 0.0, 0.0)
-# Errors that remain after careful assembly (two sigma): a degree, 3 mm, 1 % of focal length, 1 % of the width off
-# centre.
+# Errors that remain after careful assembly (one sigma); two sigma are about a degree, 3 mm, 1 % of the focal length,
+# and 1 % of the width for the principal point.
 ANGLE_SIGMA = 0.008
 POSITION_SIGMA_M = 0.0015
 FOCAL_SIGMA = 0.005
 CENTRE_SIGMA_OF_WIDTH = 0.006
 DISTORTION_SIGMA = 0.01
-# A stepper of 1.8 degrees with 256 microsteps turns the mirror: the angles at which it can stop.
+# Angle between two positions at which the mirror can stop: a stepper of 1.8 degrees with 256 microsteps [rad].
 MIRROR_STEP = 122718e-9
 
 
@@ -32,18 +33,18 @@ def specimen(
 
     Args:
         robot: robot with the nominal mounts and the scan pattern.
-        size: picture width and height [px].
+        size: image width and height [px].
         seed: seed of the assembly errors; None = exactly nominal.
-        mirror_step: mirror angles are multiples of this [rad]; 0 = any angle.
+        mirror_step: step of the mirror angles [rad]; 0 = any angle.
 
     Raises:
-        InvalidInput: a size that no camera has.
+        InvalidInput: the image is smaller than 64 x 64 px.
     """
     width, height = size
     if min(size) < 64:
         raise InvalidInput(f"picture size is {width}x{height}, allowed: 64x64 px or more")
     errors = np.zeros(16) if seed is None else np.random.default_rng(seed).standard_normal(16)
-    # Square pixels: the larger of the focal lengths for the width and for the height (at 5:4).
+    # Pixels are nearly square; the focal length is the larger one of those for the width and for the height (at 5:4).
     focal = FOCAL_LENGTH_OF_WIDTH * max(width, 1.25 * height) * (1 + FOCAL_SIGMA * errors[0])
     centre = np.array([width - 1, height - 1]) / 2 + CENTRE_SIGMA_OF_WIDTH * width * errors[1:3]
     camera = CameraModel(
@@ -77,7 +78,7 @@ def specimen(
 
 
 def rotation(turn: npt.ArrayLike) -> Float:
-    """Rotation matrix (3, 3) of a rotation vector (3,) [rad]."""
+    """Rotation matrix (3, 3) from a rotation vector (3,) [rad]."""
     vector = np.asarray(turn, np.float64)
     angle = float(np.linalg.norm(vector))
     if angle < 1e-12:
@@ -88,7 +89,7 @@ def rotation(turn: npt.ArrayLike) -> Float:
 
 
 def _laser_planes(robot: RobotModel, angles: Float, errors: Float) -> Float:
-    """Planes (s, 4) in base_link of the laser plane reflected by a mirror at 45 degrees to a level laser."""
+    """Planes (s, 4) in base_link of a horizontal laser, reflected by a mirror inclined by 45 degrees at angle 0."""
     position = robot.transform_laser_to_base[:3, 3] + POSITION_SIGMA_M * np.array([errors[0], 0, errors[1]])
     axis = rotation(ANGLE_SIGMA * 0.3 * np.array([errors[2], 0, errors[3]])) @ np.array([0.0, 1.0, 0.0])
     # The incoming laser plane contains the axis up to a small tilt; at angle zero it is reflected straight down.

@@ -1,4 +1,4 @@
-"""Simulated pictures of calibration targets: a board in any pose, and crosses on the floor."""
+"""Simulated images of calibration targets: a board in any pose, and crosses on the floor."""
 
 from __future__ import annotations
 
@@ -13,23 +13,24 @@ from guara_perception.calibration.crosses import ARM_M, BAR_M
 from guara_perception.calibration.find_board import board_ink
 from guara_perception.simulation.light import Light
 from guara_perception.simulation.sensor import Sensor
+from kinematics.transforms import inverse
 
 # Grey levels at nominal exposure under the ambient light of a room.
 INK, PAPER, GROUND = 22.0, 190.0, 95.0
 # Standard deviation of the ground's texture, and the length over which it changes.
 TEXTURE, TEXTURE_M = 5.0, 0.02
-# Width of the white border around the squares, as a share of a square.
+# Width of the white border around the squares, relative to a square.
 BORDER = 0.6
 
 
 @dataclass(frozen=True, slots=True)
 class TargetCamera:
-    """Simulated camera for pictures of targets, with precomputed rays.
+    """Simulated camera for images of targets, with precomputed rays.
 
     Attributes:
         camera: true intrinsic model.
         rays: (h, w, 3) directions in camera_optical_frame, z = 1.
-        light: noise of the sensor.
+        light: light and sensor effects: blur, vignetting, noise.
         seed: seed of noise and texture.
     """
 
@@ -57,7 +58,7 @@ class TargetCamera:
 
     def crosses(self, points_in_footprint: Float, transform_camera_to_footprint: Float) -> Image:
         """Render crosses on white cards on the floor, (h, w, 3) BGR."""
-        x, y, size = self._on_plane(np.asarray(np.linalg.inv(transform_camera_to_footprint), np.float64))
+        x, y, size = self._on_plane(inverse(transform_camera_to_footprint))
         level: Float = GROUND + _texture(x, y, self.seed)
         for px, py in points_in_footprint:
             u, v = x - px, y - py
@@ -70,14 +71,14 @@ class TargetCamera:
         return self._picture(level)
 
     def _on_plane(self, transform_plane_to_camera: Float) -> tuple[Float, Float, Float]:
-        """Points at which the pixels' rays meet the plane z = 0 of a frame [m], and widths of the pixels there [m]."""
+        """Positions x and y at which the rays of the pixels meet the plane z = 0, and the pixels' widths there [m]."""
         rotation, origin = transform_plane_to_camera[:3, :3], transform_plane_to_camera[:3, 3]
         into = self.rays @ rotation
         start = -origin @ rotation
         depth = np.where(np.abs(into[..., 2]) > 1e-9, -start[2] / into[..., 2], np.inf)
         depth = np.where(depth > 0, depth, 1e3)
         x, y = start[0] + depth * into[..., 0], start[1] + depth * into[..., 1]
-        # A pixel takes in its own area and, by the lens's blur, some of its neighbours'.
+        # A pixel integrates over its own area and, due to the blur of the lens, over parts of its neighbours.
         slant = np.abs(into[..., 2]) / np.linalg.norm(into, axis=-1)
         focal = float(self.camera.matrix[0, 0])
         size = depth / focal * np.hypot(1.0, np.sqrt(12) * self.light.blur) / np.sqrt(np.clip(slant, 0.05, 1))
@@ -93,7 +94,14 @@ class TargetCamera:
 
 
 def _ink(cells: Mask, column: Float, row: Float, width: Float, columns: int) -> Float:
-    """Share of ink in a window of `width` about each position, in squares, from the integral of the pattern."""
+    """Fraction of ink in a square window around each position, from a summed-area table.
+
+    Args:
+        cells: cells of the board, True where there is ink.
+        column, row: positions on the board [squares].
+        width: edges of the windows [squares].
+        columns: number of squares along a row of the board.
+    """
     per_square = cells.shape[1] // columns
     whole = np.pad(cells.astype(np.float64).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
 
@@ -112,15 +120,16 @@ def _ink(cells: Mask, column: Float, row: Float, width: Float, columns: int) -> 
 
 
 def _inside(position: Float, low: float, high: float, width: Float) -> Float:
-    """Share of a window of `width` about each position that is within low ... high."""
+    """Fraction of a window of `width` around each position that is within low ... high."""
     covered = np.minimum(position + width / 2, high) - np.maximum(position - width / 2, low)
     return np.asarray(np.clip(covered / width, 0.0, 1.0))
 
 
 def _texture(x: Float, y: Float, seed: int) -> Float:
-    """Smooth texture of the floor."""
+    """Smooth texture of the floor [grey levels]."""
     waves = np.random.default_rng(seed).standard_normal((12, 3))
     total = np.zeros(x.shape)
+    x, y = np.clip(x, -5, 5), np.clip(y, -5, 5)
     for kx, ky, phase in waves:
-        total += np.sin((kx * np.clip(x, -5, 5) + ky * np.clip(y, -5, 5)) / TEXTURE_M + 6 * phase)
+        total += np.sin((kx * x + ky * y) / TEXTURE_M + 6 * phase)
     return np.asarray(TEXTURE * total / np.sqrt(6))

@@ -19,6 +19,7 @@ from guara_perception.simulation.light import Light
 from guara_perception.simulation.real_light import real_light
 from kinematics.untrusted import LARGEST_FILE, key_lines, parse_toml, table_name
 
+# Number of the waves of the undulation, and range of their lengths.
 UNDULATION_WAVES = 6
 SHORTEST_WAVE_M = 0.25
 LONGEST_WAVE_M = 1.0
@@ -30,16 +31,16 @@ WORLDS = Path(__file__).resolve().parent / "worlds"
 class World:
     """Ground with features on it; z = 0 is the ground without undulation.
 
-    Beyond the area the ground continues as at the border.
+    Outside the area, the heights of its border continue.
 
     Attributes:
         x: smallest and largest x of the area [m].
-        y: smallest and largest y [m].
-        features: features in order; each one stands on the ground and those before it.
+        y: smallest and largest y of the area [m].
+        features: features in order; each stands on the ground and on the features before it.
         material: material of the bare ground.
         undulation: standard deviation of the bare ground about z = 0 [m].
         seed: seed of undulation and texture.
-        flat_until: there is no undulation before this x, and it grows smoothly over the next 0.2 m [m].
+        flat_until: x up to which there is no undulation [m]; it grows smoothly over the next 0.2 m.
         light: illumination of the world.
     """
 
@@ -58,7 +59,8 @@ class World:
         """Check the fields and compute the height on which each feature stands.
 
         Raises:
-            InvalidInput: an empty area, a feature outside it, a negative undulation.
+            InvalidInput: the area is empty, a feature is outside it, the undulation is not 0 ... 0.1 m, or the material
+                is unknown.
         """
         for name, (low, high) in (("x", self.x), ("y", self.y)):
             if not (np.isfinite([low, high]).all() and low < high):
@@ -76,7 +78,7 @@ class World:
             object.__setattr__(self, "_bases", (*self._bases, base))
 
     def check_inside(self, feature: AnyFeature) -> None:
-        """Reject a feature that leaves the area.
+        """Reject a feature that extends beyond the area.
 
         Raises:
             InvalidInput: the feature is outside; the message gives its bounds and the allowed ones.
@@ -94,7 +96,7 @@ class World:
         return self._evaluate(px, py, self.features)[0]
 
     def material_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Codes:
-        """Index into MATERIALS of the top surface at points."""
+        """Material of the top surface at points, as an index into MATERIALS."""
         px, py = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
         return self._evaluate(px, py, self.features)[1]
 
@@ -119,12 +121,12 @@ class World:
         return heights, materials
 
     def sole_height(self, x: float, y: float, length: float, width: float) -> float:
-        """Height of a level, rigid sole of length x width that rests centred at a point [m]."""
+        """Height of a level, rigid sole of length x width centred at a point [m]."""
         u, v = np.meshgrid(np.linspace(-0.5, 0.5, 17) * length, np.linspace(-0.5, 0.5, 13) * width)
         return float(self.height(x + u, y + v).max())
 
     def _undulated(self, cx: Float, cy: Float) -> Float:
-        """Heights (ny, nx) of the bare ground; the addition theorem needs thousands of sines instead of millions."""
+        """Heights (ny, nx) of the bare ground; the angle-sum identity reduces millions of sines to thousands."""
         if self.undulation <= 0:
             return np.zeros((cy.size, cx.size))
         cx, cy = np.clip(cx, *self.x), np.clip(cy, *self.y)
@@ -161,9 +163,9 @@ def _waves(seed: int) -> Float:
 
 
 LIGHT = "light"
-# Types of a number; `isinstance` would accept true and false.
+# Types of a number, compared by `type` because `isinstance` would accept true and false.
 NUMBERS = (int, float)
-_TYPES = {"float": "a number", "int": "a whole number", "str": "a text", "tuple[float, float]": "two numbers"}
+TYPES = {"float": "a number", "int": "an integer", "str": "a string", "tuple[float, float]": "two numbers"}
 
 
 def load_world(name_or_path: str | Path) -> World:
@@ -171,15 +173,16 @@ def load_world(name_or_path: str | Path) -> World:
 
     Top level: `x`, `y` (area, two numbers each), `material`, `undulation`, `flat_until`, `seed`; then a table
     `[[box]]`, `[[rock]]`, `[[ramp]]`, `[[pit]]`, `[[patch]]`, `[[step]]` or `[[stairs]]` for each feature, in the
-    order in which they are placed. Units are metres and radians. A table `[light]` gives effects of real light by name,
-    each relative to its strength in photographs (`real_light`).
+    order in which they are placed. Units are metres and radians. A table `[light]` contains the strengths of effects of
+    real light, relative to photographs (`real_light`).
 
     Args:
         name_or_path: a .toml file, or the name of a world that comes with the package.
 
     Raises:
         MissingFile: neither a file nor a world has this name; the message lists the worlds.
-        FileFormatError: the file is wrong; the message gives file, line, value and what is allowed.
+        FileFormatError: the file is invalid; the message names the file and the fault, mostly with the line, the value
+            and what is allowed.
     """
     path = Path(name_or_path)
     named = WORLDS / f"{name_or_path}.toml"
@@ -189,7 +192,7 @@ def load_world(name_or_path: str | Path) -> World:
         names = ", ".join(sorted(p.stem for p in WORLDS.glob("*.toml")))
         raise MissingFile(f"{name_or_path}: no such world file; worlds that come with the package: {names}")
     if path.stat().st_size > LARGEST_FILE:
-        raise FileFormatError(f"{path}: has {path.stat().st_size} bytes, at most {LARGEST_FILE} are read")
+        raise FileFormatError(f"{path}: has {path.stat().st_size} bytes, allowed: {LARGEST_FILE} or fewer")
     try:
         return parse_world(path.read_text(encoding="utf-8"), str(path))
     except UnicodeDecodeError as error:
@@ -197,7 +200,7 @@ def load_world(name_or_path: str | Path) -> World:
 
 
 def parse_world(text: str, source: str) -> World:
-    """Parse the text of a world file; `source` is the name of the file in messages.
+    """Parse the text of a world file; `source` is its name for messages.
 
     Raises:
         FileFormatError: see `load_world`.
@@ -236,18 +239,18 @@ def parse_world(text: str, source: str) -> World:
 
 @dataclass(frozen=True, slots=True)
 class _WorldFile:
-    """Name of a world file and the lines of its tables and keys (`key_lines`), for messages."""
+    """Name of a world file and the lines of its tables and keys (from `key_lines`), for messages."""
 
     name: str
     lines: Mapping[str, int]
 
     def line(self, table: str, key: str) -> str:
-        """File and line of a key, or of its table if it is not there."""
+        """File and line of a key, or of its table if the key is missing."""
         return f"{self.name}, line {self.lines.get(f'{table}.{key}' if table else key, self.lines.get(table, 1))}"
 
     @contextmanager
     def named(self, table: str, title: str = "", key: str = "") -> Iterator[None]:
-        """Convert InvalidInput to FileFormatError with the line of a key, by default the first word of its text."""
+        """Convert InvalidInput to FileFormatError with the line of `key`, by default the first word of the message."""
         try:
             yield
         except InvalidInput as error:
@@ -282,4 +285,4 @@ def _value(value: Any, kind: str, where: str) -> Any:
         and [type(item) in NUMBERS for item in value] == [True, True]
     ):
         return float(value[0]), float(value[1])
-    raise FileFormatError(f"{where} is {value!r}, allowed: {_TYPES[kind]}")
+    raise FileFormatError(f"{where} is {value!r}, allowed: {TYPES[kind]}")

@@ -1,4 +1,4 @@
-"""Comparison of two grids of the same cells."""
+"""Comparison of two grids with the same cells."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from kinematics.arrays import FrozenArrays
 
 @dataclass(frozen=True, eq=False)
 class GridComparison(FrozenArrays):
-    """Differences of grid b from grid a.
+    """Differences between a reference grid a and a grid b.
 
     Attributes:
-        difference: height of b minus height of a, (ny, nx) float64 [m]; NaN where either is unknown.
+        difference: (ny, nx) float64 height of b minus height of a [m]; NaN where either is unknown.
         known_in_both, known_only_in_a, known_only_in_b: numbers of cells.
         free_in_both, free_only_in_a, free_only_in_b: numbers of traversable cells.
         mean, rms, largest: statistics of the difference over the cells known in both [m]; NaN if there are none.
@@ -56,14 +56,14 @@ def compare(a: LayeredGrid | str | Path, b: LayeredGrid | str | Path) -> GridCom
 
     Raises:
         InvalidInput: the grids have different cells.
-        MissingFile, FileFormatError: a file is missing or no grid.
+        MissingFile, FileFormatError: a file is missing or does not contain a grid.
     """
     a, b = (load_terrain(grid) if isinstance(grid, str | Path) else grid for grid in (a, b))
     same = a.shape == b.shape and np.isclose(a.resolution, b.resolution, rtol=1e-9, atol=0)
     if not same or not np.allclose(a.origin, b.origin, rtol=0, atol=1e-6 * a.resolution):
         raise InvalidInput(
             f"a has {a.shape} cells of {a.resolution:g} m from {a.origin}, b has {b.shape} of {b.resolution:g} m from "
-            f"{b.origin}; both must have the same cells, as grids of one extent and resolution have"
+            f"{b.origin}; allowed: grids of the same cells (equal extent and resolution)"
         )
     known_a, known_b = known_cells(a), known_cells(b)
     free_a, free_b = a.layers["traversability"] > 0, b.layers["traversability"] > 0

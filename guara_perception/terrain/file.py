@@ -1,4 +1,4 @@
-"""Reader of the NumPy files of `save_terrain`."""
+"""Reader of the NumPy files written by `save_terrain`."""
 
 from __future__ import annotations
 
@@ -20,17 +20,18 @@ PICTURES = ("ortho_image_mm", "range_image_mm")
 
 
 def load_terrain(path: str | Path) -> TerrainGrid:
-    """Read a grid of `save_terrain` and check the safety invariant.
+    """Read a grid written by `save_terrain`, and check the safety invariant.
 
     Raises:
         MissingFile: no such file.
-        FileFormatError: not such a file, a layer missing or of another type, or an unsafe grid.
+        FileFormatError: the file is not a terrain file, a layer is missing or has another type, or the grid violates
+            the safety invariant.
     """
     path = existing_file(path)
     wanted = [layer.name for layer in LAYERS] + ["origin", "resolution", "frame", "stamp", "step", "metadata"]
     data: dict[str, Any] = dict(read_arrays(path, [*wanted, *PICTURES]))
     if "variance" in data:
-        # Files of earlier versions hold the total alone.
+        # Files of earlier versions contain neither the local variance nor ceilings.
         data.setdefault("variance_local", data["variance"])
         data.setdefault("ceiling", np.full_like(data["variance"], np.nan))
     missing = [name for name in wanted if name not in data]
@@ -59,7 +60,7 @@ def load_terrain(path: str | Path) -> TerrainGrid:
 
 
 def _checked(data: dict[str, Any], path: Path, name: str, kinds: str, shape: tuple[int | None, ...]) -> Array:
-    """Array of the file with a type of `kinds` (NumPy's letters) and a shape of `shape` (None = any)."""
+    """Array of the file, checked to have a type of `kinds` (NumPy letters) and a shape (None = any length)."""
     array = np.asarray(data[name])
     fits = len(array.shape) == len(shape) and all(w in (None, n) for w, n in zip(shape, array.shape, strict=True))
     if array.dtype.kind not in kinds or not fits:

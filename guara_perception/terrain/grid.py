@@ -28,13 +28,13 @@ from guara_perception.terrain.questions.steppable import steppable_regions as _s
 from guara_perception.terrain.questions.swing import swing as _swing
 
 
-# No `slots=True`: dataclasses would then put its own pickling in place of the one inherited.
+# Without `slots=True`, with which dataclasses would replace the inherited pickling.
 @dataclass(frozen=True, eq=False, repr=False)
 class TerrainGrid(LayeredGrid):
     """Terrain under and in front of the robot at one stance pause (docs/terrain.md).
 
-    A `LayeredGrid`, which documents attributes and look-ups, with the queries of planners as methods. Each query is a
-    function of its own module in `questions`.
+    This is a `LayeredGrid`, which documents attributes and look-ups, with the queries of planners as methods. Each
+    query is documented in its own module of `questions`.
     """
 
     __slots__ = ()

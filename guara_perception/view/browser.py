@@ -1,4 +1,4 @@
-"""Browser view of a walk in 3-D, with timeline and camera, for any number of browsers."""
+"""3-D view of a walk, with timeline and camera, for any number of browsers."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
         Args:
             robot: robot whose shapes are drawn.
             host: address to listen on; only this machine by default.
-            port: port to listen on; if it is taken, the next free one.
+            port: port to listen on; if it is in use, the next free one.
 
         Raises:
             MissingExtra: viser is not installed.
@@ -69,10 +69,10 @@ class BrowserView(AbstractContextManager["BrowserView"]):
         return f"http://{self._server.get_host()}:{self._server.get_port()}"
 
     def show_recording(self, moments: Sequence[Moment]) -> None:
-        """Show recorded moments, the first one at the beginning.
+        """Show recorded moments, beginning with the first.
 
         Raises:
-            InvalidInput: there are none.
+            InvalidInput: there are no moments.
         """
         if not moments:
             raise InvalidInput("there is nothing to show: the recording holds no grid")
@@ -91,7 +91,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
                 self._show_timeline()
 
     def report(self, text: str, is_stale: bool) -> None:
-        """Show a line on the live grid, in red if it is stale."""
+        """Show a line about the live grid, in red if the grid is stale."""
         with self._lock, self._server.atomic():
             self._controls.live(text, is_stale)
         self._server.flush()
@@ -132,12 +132,12 @@ class BrowserView(AbstractContextManager["BrowserView"]):
         self._server.flush()
 
     def _is_other(self, part: str, *of: Any) -> bool:
-        """Test if a part changed since it was last drawn; unnecessary redraws would flicker."""
+        """Test if the data of a part changed since it was last drawn; unnecessary redraws would flicker."""
         before, self._drawn[part] = self._drawn.get(part), of
         return before != of
 
     def _grid_of(self, moment: Moment) -> TerrainGrid:
-        """The grid of the selected extent, or the other one if there is none."""
+        """Grid of the selected extent if the moment has it, otherwise its first grid."""
         return moment.grids.get(self._controls.extent.value, moment.any_grid)
 
     def _show_timeline(self) -> None:
@@ -173,7 +173,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
             self._show_timeline()
 
     def _click(self, origin: Float, direction: Float) -> None:
-        """Explain the point of the terrain that the ray (in odom) of a click meets."""
+        """Explain the point of the terrain that is hit by the ray of a click, given in odom."""
         with self._lock, self._server.atomic():
             moment = self._timeline.shown
             if moment is None:
@@ -186,7 +186,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
             self._explain(grid)
 
     def _explain(self, grid: TerrainGrid) -> None:
-        """Explain the clicked cell by this grid."""
+        """Show the explanation of the clicked cell in this grid."""
         point, text = None, None
         if self._clicked is not None:
             point = transform_points(inverse(pose_of(grid)), self._clicked)
@@ -195,7 +195,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
         self._controls.cell(text)
 
     def _look_from(self, position: Float) -> None:
-        """Move all cameras with the robot; browsers that connect later start with the default view."""
+        """Move all cameras with the robot, if they follow it, and set the initial camera of later browsers."""
         moved = position - self._viewed_from
         self._viewed_from = position
         if self._controls.follow.value:

@@ -1,4 +1,4 @@
-"""Control panel: timeline, visible parts, camera picture; legend, status and cell texts."""
+"""Control panel of the browser view: timeline, visible parts, camera image, legend, status and cell texts."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ class Controls:
     """Controls of the page, shared by all browsers.
 
     Attributes:
-        colouring, extent: viser's controls of the colours and the grid of the terrain.
-        follow: viser's control that makes the camera follow the robot.
+        colouring, extent: viser controls that select colouring and grid of the terrain.
+        follow: viser control that makes the camera follow the robot.
     """
 
     def __init__(self, gui: Any, *, go_to: Callable[[int], None], play: Callable[[], None], redraw: Callable[[], None]):
         """Create the controls.
 
         Args:
-            gui: viser's `gui`, to which controls are added.
+            gui: `gui` of viser, to which the controls are added.
             go_to: called with the number of a moment when the slider moves.
             play: called when the play button is pressed.
             redraw: called when another control changes.
@@ -85,7 +85,7 @@ class Controls:
         self._shown["stripes"].disabled = not available
 
     def timeline(self, count: int, number: int, *, playing: bool) -> None:
-        """Show the number of moments, the present one, and the state of playback."""
+        """Show the number of moments, the current one, and the state of playback."""
         self._slider.max = max(count - 1, 1)
         self._slider.disabled = self._play.disabled = count < 2
         if int(self._slider.value) != number:
@@ -93,7 +93,7 @@ class Controls:
         self._play.label = "stop" if playing else "play"
 
     def live(self, text: str, is_stale: bool) -> None:
-        """Show a line on the newest grid of a node, in red if it is stale."""
+        """Show a line about the newest grid of a node, in red if the grid is stale."""
         content = f'<p style="{STALE_STYLE if is_stale else LIVE_STYLE}">{html.escape(text)}</p>' if text else ""
         if self._live.content != content:
             self._live.content = content
@@ -103,7 +103,7 @@ class Controls:
         self._status.content, self._legend.content = status, legend
 
     def picture(self, image: Image | None) -> None:
-        """Show the camera picture, (h, w) or (h, w, 3) BGR; None = not available."""
+        """Show the camera image, (h, w) or (h, w, 3) BGR; None = not available."""
         self._picture.visible, self._caption.visible = image is not None, image is None
         if image is not None and image is not self._sent:
             self._picture.image = for_page(image)
@@ -115,13 +115,13 @@ class Controls:
 
 
 def for_page(image: Image) -> Image:
-    """Convert a camera picture for the page: RGB, 8 bits, no wider than it is drawn."""
+    """Convert a camera image for the page: 8-bit RGB, no wider than it is drawn."""
     small = for_screen(image, PICTURE_WIDTH_PX)
     return np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2RGB if small.ndim == 2 else cv2.COLOR_BGR2RGB))
 
 
 def legend_html(mesh: TerrainMesh) -> str:
-    """Legend of a mesh: hazards in three groups, or a colour bar, and the parts that are not drawn."""
+    """Legend of a mesh: hazards in three groups, or a colour bar; regions, and cells that are not drawn."""
     rows = _scale_rows(mesh.scale) if mesh.scale is not None else _hazard_rows(mesh.legend)
     rows.append(_row("regions", REGION, f"border:2px solid rgb{REGION_COLOUR}".replace(" ", "")))
     rows.append(_row("not drawn", NEVER_OBSERVED, "border:1px dashed #888"))
@@ -183,7 +183,7 @@ def status_text(terrain: TerrainGrid) -> str:
 
 
 def cell_text(sentence: str) -> str:
-    """Text of `TerrainGrid.explain` in Markdown, a line for each part, position and verdict in bold."""
+    """Text of `TerrainGrid.explain` as Markdown, one line per part, with position and verdict in bold."""
     facts, _, verdict = sentence.partition(": ")
     where, _, rest = facts.partition(" is ")
     return f"**{where}**  \n{rest.replace(', ', '  ' + chr(10))}  \n**{verdict}**"

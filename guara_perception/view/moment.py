@@ -1,4 +1,4 @@
-"""Moments of a walk, each with the grids, measurements and plans of a stance pause, and their timeline."""
+"""Moments of a walk (grids, measurements and plans of a stance pause), and their timeline."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from guara_perception.arrays import Float, Image
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.record import MapRecord, ScanRecord
 
-# Most moments of a live walk kept in memory; a map takes 2 MB.
+# Largest number of moments of a live walk in memory; a map takes 2 MB.
 KEPT = 60
 
 
 def no_stripes() -> list[Float]:
-    """Stripes of a moment without any."""
+    """Empty list of stripes."""
     return []
 
 
 def no_picture() -> Image | None:
-    """Picture of a moment without one."""
+    """None, for a moment without a camera image."""
     return None
 
 
 def pose_of(terrain: TerrainGrid) -> Float:
-    """transform_footprint_to_odom (4, 4) of a grid, the identity if absent."""
+    """Pose transform_footprint_to_odom (4, 4) of a grid, the identity if absent."""
     placed = getattr(terrain.record, "transform_footprint_to_odom", None)
     return np.eye(4) if placed is None else placed
 
@@ -39,7 +39,7 @@ class Moment:
         grids: grids by extent, "footprint" and "map"; at least one, all of one pause.
         stripes: returns the measured points (n, 3) of each stripe in base_footprint [m]; called when first shown.
         footholds: planned footholds by leg, (3,) in base_footprint [m].
-        picture: returns the camera picture of one stripe, (h, w) or (h, w, 3) BGR; called when first shown.
+        picture: returns the camera image of one stripe, (h, w) or (h, w, 3) BGR; called whenever the moment is drawn.
     """
 
     grids: Mapping[str, TerrainGrid]
@@ -49,7 +49,7 @@ class Moment:
 
     @property
     def any_grid(self) -> TerrainGrid:
-        """The scan if present, else the map."""
+        """First grid: the scan if present, otherwise the map."""
         return next(iter(self.grids.values()))
 
     @property
@@ -74,18 +74,22 @@ class Moment:
 
     @property
     def transform_base_to_footprint(self) -> Float:
-        """(4, 4), the identity if absent."""
+        """Pose (4, 4) of the body, the identity if absent."""
         placed = self.record.transform_base_to_footprint
         return np.eye(4) if placed is None else placed
 
     @property
     def transform_footprint_to_odom(self) -> Float:
-        """(4, 4) of the map, the identity if absent."""
+        """Pose (4, 4) of the map, or else of the scan; the identity if absent."""
         return pose_of(self.grids.get("map", self.any_grid))
 
 
 class Timeline:
-    """Moments in order and the number of the one shown, which follows the newest."""
+    """Moments in order, and the number of the moment shown, which follows the newest one.
+
+    Attributes:
+        number: number of the moment shown.
+    """
 
     def __init__(self) -> None:
         self._moments: list[Moment] = []
@@ -96,7 +100,7 @@ class Timeline:
 
     @property
     def shown(self) -> Moment | None:
-        """The moment shown, None before the first."""
+        """Moment shown, None before the first one."""
         return self._moments[self.number] if self._moments else None
 
     @property
@@ -109,7 +113,7 @@ class Timeline:
         self._moments, self.number = list(moments), 0
 
     def add(self, moment: Moment) -> None:
-        """Append a moment; it replaces the last one of the same pause."""
+        """Append a moment, or replace the last one if it is of the same pause."""
         follow = self.is_newest
         last = self._moments[-1] if self._moments else None
         if last is not None and (last.step, last.walk) == (moment.step, moment.walk):
@@ -123,12 +127,12 @@ class Timeline:
             self.number = len(self._moments) - 1
 
     def go_to(self, number: int) -> bool:
-        """Show the moment of this number, or the nearest; return True if the shown moment changes."""
+        """Show the moment with this number, or the nearest; return True if the moment shown changes."""
         before, self.number = self.number, max(0, min(number, len(self._moments) - 1))
         return self.number != before
 
     def poses(self) -> list[Float]:
-        """Poses (4, 4) of base_footprint in odom, of this walk up to the moment shown."""
+        """Poses (4, 4) of base_footprint in odom, in the walk of the moment shown and up to it."""
         shown = self.shown
         until = self._moments[: self.number + 1]
         return [item.transform_footprint_to_odom for item in until if shown is not None and item.walk == shown.walk]

@@ -38,7 +38,7 @@ class VisualShape:
 def visual_shapes(robot: RobotModel) -> dict[str, tuple[VisualShape, ...]]:
     """Shapes by link, for links that have any.
 
-    A link is drawn by its visuals if all are boxes, cylinders and spheres, else (meshes) by its collision shapes.
+    A link is drawn with its visuals if all are boxes, cylinders or spheres, otherwise with its collision shapes.
     """
     root = ElementTree.fromstring(robot.tree.urdf.text)
     named = {str(found.get("name")): colour for found in root.findall("material") if (colour := _colour(found))}
@@ -57,7 +57,7 @@ def visual_shapes(robot: RobotModel) -> dict[str, tuple[VisualShape, ...]]:
 
 
 def _visual(element: ElementTree.Element, named: dict[str, Colour], default: Colour) -> tuple[Shape, Colour]:
-    """Shape and colour of a <visual>; ValueError, TypeError or KeyError if it is not a primitive shape."""
+    """Shape and colour of a <visual>; raises ValueError, TypeError or KeyError if it is not a primitive shape."""
     (geometry,) = element.findall("geometry")
     (found,) = geometry
     keys = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}[found.tag]
@@ -108,7 +108,7 @@ def primitive(kind: str, size: tuple[float, ...]) -> tuple[Float, Faces]:
 
 
 def _revolved(outline: list[tuple[float, float]]) -> tuple[Float, Faces]:
-    """Vertices and triangles of the solid of revolution of an outline of points (radius, z) about z."""
+    """Vertices and triangles of the solid of revolution about z of an outline with points (radius, z)."""
     angles = np.arange(ROUND_SIDES) * (2 * np.pi / ROUND_SIDES)
     rings = [np.column_stack((r * np.cos(angles), r * np.sin(angles), np.full(ROUND_SIDES, z))) for r, z in outline]
     index = np.arange(ROUND_SIDES)

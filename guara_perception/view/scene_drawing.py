@@ -1,4 +1,4 @@
-"""Drawing of robot, terrain and plans of one moment in a viser scene, in odom."""
+"""Drawing of robot, terrain and plans of one moment in a viser scene, with odom as its frame."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LIFT_M = 0.002
 LINE_PX = 2.0
 # Tolerance of simplified outlines, slightly more than a cell [m].
 OUTLINE_M = 0.006
-# Point size [m], largest number of points and their height [m]; the ground between the stripes stays visible.
+# Size of the points of stripes [m], largest number of points, and height above the ground [m].
 STRIPE_SIZE_M, STRIPE_POINTS, STRIPE_LIFT_M = 0.0007, 12_000, 0.001
 EVEN_LIGHT = 2.2
 # Height of the ground plane, below the reach of the legs [m].
@@ -41,13 +41,13 @@ class SceneDrawing:
         """Set up light, ground and the robot.
 
         Args:
-            scene: viser's `scene`, to which nodes are added.
+            scene: `scene` of viser, to which nodes are added.
             robot: robot whose shapes are drawn.
-            picked: called with origin and direction (3,) in odom of a click on the terrain.
+            picked: called with origin and direction (3,) in odom of the ray of a click on the terrain.
         """
         self._scene, self._robot, self._picked = scene, robot, picked
         scene.set_up_direction("+z")
-        # No environment map: it would be fetched from the network.
+        # No environment map, because it would be fetched from the network.
         scene.configure_environment_map(None)
         # Even light without shadows, so that colours match the legend.
         scene.configure_default_lights(enabled=False, cast_shadow=False)
@@ -93,7 +93,7 @@ class SceneDrawing:
             _set_pose(frame, state.transform_to_base(link))
 
     def terrain(self, terrain: TerrainGrid, mesh: TerrainMesh) -> None:
-        """Draw a grid at its pose in odom and report clicks on it."""
+        """Draw a grid at its pose in odom, and report clicks on it."""
         self._scene.remove_by_name("/odom/terrain")
         if not len(mesh.faces):
             return
@@ -105,7 +105,7 @@ class SceneDrawing:
             self._picked(np.array(event.ray_origin), np.array(event.ray_direction))
 
     def stripes(self, stripes: Sequence[Float]) -> None:
-        """Draw measured points: for each stripe (n, 3) in base_footprint."""
+        """Draw the measured points (n, 3) of each stripe, given in base_footprint."""
         name = "/odom/footprint/stripes"
         self._scene.remove_by_name(name)
         points = [stripe[np.isfinite(stripe).all(axis=1)] for stripe in stripes]
@@ -151,7 +151,7 @@ class SceneDrawing:
             self._lines("/odom/trail", track(poses), TRAIL_COLOUR, 2 * LINE_PX)
 
     def cell(self, terrain: TerrainGrid, point: Float | None) -> None:
-        """Mark the cell at a point (3,) of a grid by a square around it and a pin; None removes the mark."""
+        """Mark the cell at a point (3,) of a grid with a square and a pin; None removes the mark."""
         name = "/odom/cell"
         self._renew(name, terrain)
         if point is None:
@@ -180,7 +180,7 @@ def simplify(outline: Float) -> Float:
 
 
 def prism(outline: Float, bottom: float, top: float) -> Float:
-    """Edges (3 n, 2, 3) of an upright prism over an outline (n, 2) that does not repeat its first corner."""
+    """Edges (3 n, 2, 3) of an upright prism over an outline (n, 2), which does not repeat its first corner."""
     following = np.roll(outline, -1, axis=0)
     rings = [
         np.stack([np.column_stack((ends, np.full(len(ends), z))) for ends in (outline, following)], axis=1)
@@ -205,7 +205,7 @@ def track(poses: Sequence[Float]) -> Float:
 
 
 def textured(mesh: TerrainMesh) -> Any:
-    """Textured mesh for viser, which renders vertex colours too dark."""
+    """Mesh with a texture, because viser renders vertex colours too dark."""
     import trimesh
     from PIL import Image
 
@@ -217,7 +217,7 @@ def textured(mesh: TerrainMesh) -> Any:
 
 
 def _set_pose(handle: Any, transform: Float) -> None:
-    """Set the pose of a node from its transform (4, 4) to its parent."""
+    """Set the pose of a node from the transform (4, 4) to its parent."""
     from scipy.spatial.transform import Rotation
 
     handle.position = transform[:3, 3]

@@ -1,4 +1,4 @@
-"""Textured triangles of a terrain grid between the centres of its cells, and their intersection with a ray."""
+"""Textured triangle mesh between the cell centres of a terrain grid, and its intersection with a ray."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
 COLOURINGS = ("hazard", "elevation", "traversability")
-# Sampling step of a ray as a share of a cell, and its largest distance [m].
+# Sampling step of a ray relative to a cell, and its largest length [m].
 SHARE_OF_CELL = 0.5
 FAR_M = 20.0
-# Margin above the highest and below the lowest cell within which the ray is sampled [m].
+# Margin above the highest and below the lowest cell within which a ray is sampled [m].
 MARGIN_M = 0.005
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """Colour scale of a layer from `low` to `high`, with their texts."""
+    """Colour scale of a layer from `low` to `high`, with the texts at its ends."""
 
     name: str
     low: float
@@ -39,13 +39,13 @@ class Scale:
     high_text: str
 
 
-# The range of the height colours is rounded to multiples of the first and at least as wide as the second [m].
+# Step to which the range of the height colours is rounded, and least range.
 ROUNDED_TO_M, LEAST_HEIGHT_RANGE_M = 0.01, 0.06
 
 # Fraction of the known cells that may be beyond either end of the range.
 BEYOND = 0.005
 
-# Largest height difference of joined neighbours: a wall that was not measured is not drawn.
+# Largest height difference of neighbours that are joined, so that walls that were not measured are not drawn.
 JOIN_HEIGHT_M = 0.030
 
 TRAVERSABILITY = Scale("traversability", 0.0, 1.0, TRAVERSABILITY_COLOURS, "0 no foot here", "1 best")
@@ -53,14 +53,14 @@ TRAVERSABILITY = Scale("traversability", 0.0, 1.0, TRAVERSABILITY_COLOURS, "0 no
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TerrainMesh:
-    """Triangles of a grid.
+    """Triangle mesh of a grid.
 
     Attributes:
         vertices: (n, 3) float32 in base_footprint [m].
         faces: (m, 3) uint32, facing up.
         picture: (ny, nx, 3) uint8, red, green, blue of each cell.
-        texture_positions: (n, 2) float32, position of each vertex in the picture, 0 ... 1 to the right and upwards;
-            the first row of the picture is on top.
+        texture_positions: (n, 2) float32, position of each vertex in `picture`, 0 ... 1 to the right and upwards; the
+            first row of `picture` is at the top.
         legend: (name, colour) of the hazards shown; empty for other colourings.
         scale: colour scale of the other colourings.
     """
@@ -74,10 +74,10 @@ class TerrainMesh:
 
 
 def terrain_mesh(terrain: TerrainGrid, colouring: str = "hazard") -> TerrainMesh:
-    """Triangles over all cells that are known or were observed.
+    """Make a mesh over all cells that are known or were observed.
 
-    Unknown cells are drawn at the height of the nearest known cell, with the colouring "hazard" in the colour of their
-    cause, else in grey. Cells that were never observed are not drawn.
+    Unknown cells are drawn at the height of the nearest known cell: in the colour of their cause if the colouring is
+    "hazard", otherwise in grey. Cells that were never observed are not drawn.
 
     Raises:
         InvalidInput: no such colouring.
@@ -128,7 +128,7 @@ def _height_scale(elevation: Float32) -> Scale:
 
 
 def drawn_heights(terrain: TerrainGrid) -> Float32:
-    """Heights (ny, nx) of drawn cells [m]; an unknown cell has that of the nearest known one, or 0."""
+    """Heights (ny, nx) at which cells are drawn [m]: for unknown cells, that of the nearest known cell, or 0."""
     from scipy.ndimage import distance_transform_edt
 
     elevation = terrain.elevation
@@ -143,15 +143,15 @@ def met_by_ray(terrain: TerrainGrid, origin: npt.ArrayLike, direction: npt.Array
     """First position (3,) of a ray at or below the drawn terrain, None if it misses.
 
     Args:
-        terrain: grid; unknown cells have the height at which they are drawn.
-        origin, direction: (3,) in the frame of the grid [m]; the direction of any length.
+        terrain: grid, whose unknown cells have the height at which they are drawn.
+        origin, direction: (3,) in the frame of the grid [m]; the direction may have any length.
     """
     start, along = np.asarray(origin, dtype=np.float64), np.asarray(direction, dtype=np.float64)
     along = along / np.linalg.norm(along)
     heights = drawn_heights(terrain)
     near, far = 0.0, FAR_M
     if along[2] != 0.0:
-        # Only between the heights of the highest and the lowest cell.
+        # Sampled only between the heights of the highest and the lowest cell.
         limits = np.array([heights.max() + MARGIN_M, heights.min() - MARGIN_M])
         one, other = np.sort((limits - start[2]) / along[2])
         near, far = max(near, float(one)), min(far, float(other))

@@ -1,4 +1,4 @@
 """Equations of the paper, each a small function with its number, and the chain that they form.
 
-`ranging.locate` imports it, and `scanning.stripe_finder` for the methods that take equations as printed.
+Used by `ranging.locate`, and by `scanning.stripe_finder` for the methods that take equations as printed.
 """

@@ -2,11 +2,11 @@
 
 Eqs. 1 to 7 and 11 to 13 are solved by the calibration (`CameraModel`, `surface_map`).
 
-In rectified floor coordinates (after eqs. 9 and 10) eqs. 14 to 19 are exact: there f and the pitch drop out, v is the
-position on the floor measured across the stripe and z = H - h, with H the height of the optical centre.
+Eqs. 14 to 19 are exact in rectified floor coordinates (after eqs. 9 and 10): there f and the pitch drop out, v is the
+position on the floor measured across the stripe, and z = H - h, where H is the height of the optical centre.
 
-A homography does not move the optical centre, so (u0', v0') of eqs. 20 and 21 is the nadir, the spot below the camera,
-which usually lies outside the picture; only about the nadir the equations are exact.
+A homography does not move the optical centre, so (u0', v0') of eqs. 20 and 21 is the nadir, the point below the camera,
+which usually lies outside the image. The equations are exact only about the nadir.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 
-# Fixed-point iterations of eq. 8: 8 leave < 0.001 px at the corner for k = -0.3; more cost little.
+# Fixed-point iterations of eq. 8: 8 leave < 0.001 px at the corner for k = -0.3, and more cost little.
 UNDISTORT_ITERATIONS = 12
 
 Number = float | Float
 
 
 def undistort(u_r: Float, v_r: Float, k: float, *, literal: bool = False) -> tuple[Float, Float]:
-    """Distorted to distortion-free, eq. 8.
+    """Convert distorted coordinates to undistorted ones, eq. 8.
 
-    r in eq. 8 is the radius of the point that is sought, so the equation is solved by iteration.
+    r in eq. 8 is the undistorted radius, so the equation is solved by iteration.
 
     Args:
         u_r, v_r: distorted coordinates, relative to the principal point and divided by the focal length.
         k: coefficient of eq. 7.
-        literal: one iteration with the distorted radius, as the equation is printed; it leaves up to 10 px at a corner
-            for k = -0.2.
+        literal: True for one iteration with the distorted radius, as the equation is printed; its error is up to 10 px
+            at a corner for k = -0.2.
     """
     u, v = u_r, v_r
     for _ in range(1 if literal else UNDISTORT_ITERATIONS):
@@ -56,7 +56,7 @@ def surface_y(coefficients: Float, u: Float, v: Float) -> Float:
 
 @dataclass(frozen=True, slots=True)
 class StripeConstants:
-    """The three constants of one stripe, eqs. 17 and 18, or of several in arrays of one shape."""
+    """Constants n, d and k of a stripe, eqs. 17 and 18; arrays of one shape for several stripes."""
 
     n: Number
     d: Number
@@ -64,10 +64,10 @@ class StripeConstants:
 
 
 def stripe_constants(v1: Number, z1: float, v2: Number, z2: float) -> StripeConstants:
-    """Constants n, d and k of stripes from two calibrated points of each, as defined at eqs. 16 and 17.
+    """Constants of stripes from two calibrated points of each, as defined at eqs. 16 and 17.
 
     Raises:
-        InvalidInput: equal depths, or a stripe that does not move between them: eq. 17 is singular.
+        InvalidInput: the depths are equal, or a stripe has the same position at both: eq. 17 is singular.
     """
     if z1 == z2 or np.any(v1 == v2):
         raise InvalidInput(f"eq. 17 needs two depths and two positions, given z = {z1}, {z2} and v = {v1}, {v2}")
@@ -75,7 +75,7 @@ def stripe_constants(v1: Number, z1: float, v2: Number, z2: float) -> StripeCons
 
 
 def depth_from_constants(v: Float, constants: StripeConstants) -> Float:
-    """Depth z of points of a stripe seen at v, eq. 18; NaN at its pole and behind it."""
+    """Depth z of points of a stripe seen at v, eq. 18; NaN at the pole of the equation and beyond it."""
     below = v * constants.d - constants.k
     with np.errstate(divide="ignore", invalid="ignore"):
         z = constants.n / below
@@ -88,17 +88,17 @@ def height(z: Float, h_m: float, alpha: float = 0.0) -> Float:
 
 
 def ortho_u(u: Float, h: Float, camera_height: float, u0: float) -> Float:
-    """Position across in the ortho image, eq. 20; the printed u0 of its first term must be u0', as in eq. 21.
+    """Position u in the orthorectified image, eq. 20; the u0 printed in its first term must be u0', as in eq. 21.
 
     Args:
-        u: position across in the perspective range image.
-        h: height of the surface there.
-        camera_height: H, of the optical centre above the floor.
-        u0: u0', of the nadir.
+        u: position in the perspective range image.
+        h: height of the surface at this position.
+        camera_height: height H of the optical centre above the floor.
+        u0: coordinate u0' of the nadir.
     """
     return np.asarray((u - u0) * (camera_height - h) / camera_height + u0)
 
 
 def ortho_v(v: Float, h: Float, camera_height: float, v0: float) -> Float:
-    """Position along in the ortho image, eq. 21; v0 is v0', of the nadir."""
+    """Position v in the orthorectified image, eq. 21; `v0` is the coordinate v0' of the nadir."""
     return np.asarray((v - v0) * (camera_height - h) / camera_height + v0)

@@ -22,25 +22,25 @@ from guara_perception.ranging.paper.equations import (
     undistort,
 )
 
-# Heights of the plates that the constants of a stripe are taken at [m].
+# Heights of the two virtual plates that define the constants of a stripe [m].
 PLATE_HEIGHTS_M = (0.0, 0.08)
-# Pixels from which the one radial coefficient is fitted to the calibrated lens, across and along.
+# Number of columns and rows of pixels at which the single radial coefficient is fitted to the calibrated lens.
 LENS_GRID = (17, 13)
-# Distance of the four marks from the border of the surface, as a share of its extent: one coefficient leaves about as
-# much of the lens within the marks as outside. With marks in the corners the mean error of the recorded scans is 0.66
-# in place of 0.46 mm.
+# Distance of the four marks from the border of the surface, as a fraction of its extent: the distortion that one
+# coefficient cannot model is then about as large inside the marks as outside. With marks in the corners, the mean error
+# of the recorded scans is 0.66 mm instead of 0.46 mm.
 MARK_INSET = 0.2
-# Rows to either side for the finite difference that gives the sigma of a height [px].
+# Offset of rows for the finite difference that gives the sigma of a height [px].
 DIFFERENCE_PX = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Literal:
-    """Equations taken as printed although they are wrong, to show the difference.
+    """Equations that are used as printed although they are wrong, to show the difference.
 
     Attributes:
-        lens: eq. 8 in one iteration.
-        ortho: eqs. 20 and 21 about the centre of the picture instead of the nadir.
+        lens: True to solve eq. 8 in one iteration.
+        ortho: True to apply eqs. 20 and 21 about the centre of the area instead of the nadir.
     """
 
     lens: bool = False
@@ -48,11 +48,11 @@ class Literal:
 
 
 class PaperRangefinder:
-    """Points of stripes by the paper's equations, its constants derived from a calibration for one stance.
+    """Points of stripes by the paper's equations, with constants derived from a calibration for one stance.
 
     Attributes:
-        view_point: (3,) point in base_footprint about which the picture is orthorectified, the optical centre; with
-            `Literal.ortho` the centre of the area, at the height of the optical centre.
+        view_point: (3,) point in base_footprint about which the image is orthorectified: the optical centre, or with
+            `Literal.ortho` the centre of the area at the height of the optical centre.
     """
 
     def __init__(
@@ -62,13 +62,13 @@ class PaperRangefinder:
         area: tuple[tuple[float, float], tuple[float, float]],
         literal: Literal,
     ) -> None:
-        """Solve lens and surface map.
+        """Fit the lens coefficient and the surface map.
 
         Args:
-            camera: intrinsic model; of its distortion only one radial coefficient is kept, as in eq. 8.
-            transform_camera_to_footprint: (4, 4).
-            area: x and y range of the surface [m], in which the four marks lie.
-            literal: equations that are taken as printed.
+            camera: intrinsic model, whose distortion is reduced to one radial coefficient, as in eq. 8.
+            transform_camera_to_footprint: (4, 4) pose of the camera.
+            area: x and y range of the surface [m], which contains the four marks.
+            literal: equations that are used as printed.
         """
         self._camera = camera
         self._transform = transform_camera_to_footprint
@@ -83,22 +83,22 @@ class PaperRangefinder:
             self.view_point[:2] = (marks[0] + marks[2]) / 2
 
     def stripe(self, plane_in_camera: Float) -> tuple[StripeConstants, Float]:
-        """Constants of stripes and the horizontal directions (..., 2) across them, in which their v is measured.
+        """Constants of stripes, and the horizontal unit vectors (..., 2) across the stripes along which v is measured.
 
-        The paper's stripes are parallel to the rows of its picture; a real one is rotated by a little, so v is
-        measured across the stripe itself: that keeps eqs. 17 and 18 exact.
+        The paper's stripes are parallel to the rows of its image. A real stripe is slightly rotated, so v is measured
+        across the stripe itself, which keeps eqs. 17 and 18 exact.
 
         Args:
             plane_in_camera: (..., 4) calibrated laser planes.
         """
-        # One by one: the rounding of a matrix product may depend on the number of planes.
+        # One by one, because the rounding of a matrix product may depend on the number of planes.
         planes = [plane_in_frame(plane, self._transform) for plane in plane_in_camera.reshape(-1, 4)]
         nx, ny, nz, d = np.reshape(planes, plane_in_camera.shape).transpose(-1, *range(plane_in_camera.ndim - 1))
         steepness = np.hypot(nx, ny)
         across = np.stack((nx, ny), axis=-1) / steepness[..., None]
         z = [self._camera_height - h for h in PLATE_HEIGHTS_M]
         nadir = across[..., 0] * self._transform[0, 3] + across[..., 1] * self._transform[1, 3]
-        # Where the laser plane meets each plate, seen from the optical centre on the floor.
+        # Intersection of the laser plane with each plate, projected from the optical centre onto the floor.
         v = [
             nadir + (-(nz * h + d) / steepness - nadir) * self._camera_height / (self._camera_height - h)
             for h in PLATE_HEIGHTS_M
@@ -109,9 +109,9 @@ class PaperRangefinder:
         """Points (3, ..., n) in base_footprint of stripes seen at these rows, NaN where there is none.
 
         Args:
-            plane_in_camera: (..., 4) calibrated laser planes, one for each n rows.
+            plane_in_camera: (..., 4) calibrated laser planes, one for each set of n rows.
             position_px: (..., n) rows.
-            columns: (..., n) column of each row; None = every column of the picture, in order.
+            columns: (..., n) column of each row; None = every column of the image, in order.
         """
         rows = np.asarray(position_px, dtype=np.float64)
         matrix = self._camera.matrix
@@ -127,7 +127,7 @@ class PaperRangefinder:
     def measure(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
     ) -> tuple[Float, Float]:
-        """The same points and the standard deviations (..., w) of their heights [m] for those of the rows."""
+        """Points as from `points`, and standard deviations (..., w) of their heights [m] due to those of the rows."""
         rows = np.asarray(position_px, dtype=np.float64)
         above = self.points(plane_in_camera, rows - DIFFERENCE_PX)[2]
         below = self.points(plane_in_camera, rows + DIFFERENCE_PX)[2]
@@ -135,9 +135,9 @@ class PaperRangefinder:
         return self.points(plane_in_camera, rows), sigma
 
     def _undistorted_marks(self, marks: Float) -> Float:
-        """Image coordinates (n, 2) of floor marks (n, 2) as the camera sees them, undistorted by eq. 8.
+        """Image coordinates (n, 2) of floor marks (n, 2), distorted by the calibrated lens and undistorted by eq. 8.
 
-        The surface map thus compensates the distortion at the marks that one radial coefficient leaves.
+        The surface map thus compensates at the marks for the distortion that one radial coefficient cannot model.
         """
         rotation, translation = self._transform[:3, :3], self._transform[:3, 3]
         in_camera = (np.column_stack((marks, np.zeros(len(marks)))) - translation) @ rotation
@@ -147,7 +147,7 @@ class PaperRangefinder:
 
 
 def radial_coefficient(camera: CameraModel) -> float:
-    """The one coefficient k of eq. 7 that is nearest to the calibrated lens over the picture (least squares)."""
+    """Coefficient k of eq. 7 that fits the calibrated lens best over the image (least squares)."""
     u = np.linspace(0, camera.size[0] - 1, LENS_GRID[0])
     v = np.linspace(0, camera.size[1] - 1, LENS_GRID[1])
     pixels = np.array([(a, b) for b in v for a in u])

@@ -18,11 +18,11 @@ from guara_perception.terrain.layers.geometry import (
 )
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
-# Least score of a safe cell: 0 is reserved for hazards.
+# Least score of a safe cell, because 0 is reserved for hazards.
 LEAST_SAFE_SCORE = 0.01
-# Large grids are assessed in blocks of rows that fit the cache; all tests are local, so the result is the same.
+# Number of cells of a block of rows that fits the cache. All tests are local, so blocks do not change the result.
 BLOCK_CELLS = 60_000
-# Minimum height of a block, in multiples of its margin, whose rows are assessed twice.
+# Minimum height of a block in multiples of its margin; rows of the margin are assessed twice.
 LEAST_MARGINS = 6
 
 
@@ -39,27 +39,27 @@ def assess_layers(
 ) -> dict[str, Array]:
     """Compute all layers of a grid from its heights.
 
-    Every test reads a fixed window. A cell whose windows, or those of the cells under its sole, are not wholly known
-    gets EDGE whatever the values, so the loss of an observation never makes another cell safe.
+    Every test reads a fixed window. A cell gets EDGE if its window, or that of any cell under its sole, contains an
+    unknown cell. So the loss of an observation never makes another cell safe.
 
     Args:
-        raster: heights, the variances that neighbours do not share, lowest and highest samples.
+        raster: heights, variances not shared by neighbours, lowest and highest samples.
         hazard: (ny, nx) uint16 initial flags (causes of unknown cells, CONFLICT, STALE).
         resolution: cell edge [m].
         limits: traversability limits.
         drift: (ny, nx, 2) drift of each cell of the fused map along y and x [cells]; None for a single scan.
-        shared: (ny, nx) variance that neighbouring cells share [m^2], which no test between neighbours reads.
-        attitude_sigma: standard deviation of the frame's tilt against gravity, per axis [rad].
-        beyond: width of a margin on each side, which the tests read and the returned layers do not contain [cells].
+        shared: (ny, nx) variance shared by neighbouring cells [m^2], which does not affect tests between neighbours.
+        attitude_sigma: standard deviation of the frame's tilt relative to gravity, per axis [rad].
+        beyond: width of a margin on each side that the tests read but the returned layers do not contain [cells].
 
     Returns:
-        All layers by name, read-only, in the types of `LAYERS`; age and looks are those of a single scan.
+        All layers by name, read-only, in the types of `LAYERS`, with age and looks of a single scan.
     """
     known = np.isfinite(raster.elevation)
-    # No causes in known cells, and UNSCANNED in unknown cells without a cause.
+    # Known cells have no cause, and unknown cells without a cause get UNSCANNED.
     flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
     flags[~known & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
-    # Everything beyond the outermost known cells is unknown and equivalent to the outside of the grid.
+    # Cells outside the range of known cells are unknown, which is equivalent to being off the grid.
     window = _extent(known, axis=0), _extent(known, axis=1)
     drift = None if drift is None else np.ascontiguousarray(drift[window])
     own_flags = np.ascontiguousarray(flags[window])
@@ -84,7 +84,7 @@ def assess_layers(
         "ceiling": np.full(known.shape, np.nan, np.float32),
     }
     for layer in layers.values():
-        # Read-only layers are not copied by a grid.
+        # A grid does not copy read-only layers.
         layer.setflags(write=False)
     return layers
 
@@ -95,7 +95,7 @@ def _unknown(layer: str) -> float:
 
 
 def _sole_off_grid(shape: tuple[int, ...], resolution: float, limits: TraversabilityLimits) -> Mask:
-    """Cells on which a sole would extend beyond the border."""
+    """Mask of the cells on which a sole would extend beyond the border."""
     y, x = (half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length))
     result = np.ones(shape, dtype=bool)
     result[y : max(shape[0] - y, 0), x : max(shape[1] - x, 0)] = False
@@ -103,7 +103,7 @@ def _sole_off_grid(shape: tuple[int, ...], resolution: float, limits: Traversabi
 
 
 def _extent(known: Mask, axis: int) -> slice:
-    """Range of the rows (axis 0) or columns (axis 1) with known cells; the first one if there are none."""
+    """Range of the rows (axis 0) or columns (axis 1) with known cells; the first row or column if there are none."""
     occupied = np.flatnonzero(known.any(axis=1 - axis))
     return slice(int(occupied[0]), int(occupied[-1]) + 1) if occupied.size else slice(0, 1)
 
@@ -116,7 +116,7 @@ def _assess_in_blocks(
     drift: Index | None,
     attitude_sigma: float,
 ) -> dict[str, Array]:
-    """All layers but clearance, age, looks and the total variance, computed in blocks of rows."""
+    """Layers that depend on heights (not clearance, total variance, age, looks, ceiling), in blocks of rows."""
     kernel = disc_kernel(limits.disc_radius / resolution)
     ny, nx = flags.shape
     margin = half_cells(limits.sole_width, resolution) + 2 * (kernel.shape[0] // 2)
@@ -144,15 +144,15 @@ def _assess_discs(
     limits: TraversabilityLimits,
     attitude_sigma: float,
 ) -> dict[str, Array]:
-    """Layers computed from a disc around each cell (all but clearance, EDGE and the total variance).
+    """Layers of `_assess_in_blocks` without EDGE, computed from a disc around each cell.
 
     Args:
         raster, resolution, limits, attitude_sigma: as in `assess_layers`.
-        flags: initial flags, with a cause in every unknown cell and in no other.
-        kernel: the disc; within its radius of the border the layers differ from those of a larger grid.
+        flags: initial flags, with a cause in exactly the unknown cells.
+        kernel: the disc; cells within its radius of the border differ from those of a larger grid.
     """
     known = (flags & UNKNOWN_MASK) == 0
-    # Only known cells are computed, often a quarter of a map. Each result is stored in single precision at once, which
+    # Only known cells are computed, often a quarter of a map. Results are stored in single precision at once, which
     # saves most of the memory.
     index = np.flatnonzero(known)
 
@@ -171,7 +171,7 @@ def _assess_discs(
     step_layer = layer("step_height", np.maximum(rise, fall))
     sigma = np.sqrt(raster.variance.take(index))
     step_sigma = k * np.sqrt(2.0) * sigma
-    # From here on rise and fall include their uncertainty.
+    # From here on, rise and fall include their uncertainty.
     rise += step_sigma
     fall += step_sigma
 
@@ -205,9 +205,9 @@ def _assess_discs(
 
 
 def rises(low: Float, high: Float, known: Mask, kernel: Kernel) -> tuple[Float, Float]:
-    """Largest rise and largest fall from each known cell (n,) to any known cell of its window [m].
+    """Largest rise and largest fall (n,) from each known cell to any known cell of its window [m].
 
-    Lowest and highest samples are used, so that a step inside one cell counts.
+    They are computed from lowest and highest samples, so that a step within one cell counts.
     """
     far = 1e3
     highest = cv2.dilate(np.where(known, high, -far), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=(-far,))
@@ -217,5 +217,5 @@ def rises(low: Float, high: Float, known: Mask, kernel: Kernel) -> tuple[Float, 
 
 
 def _score(value: Float, limit: float) -> Float:
-    """1 at zero, falling to 0 at the limit; 0 for NaN."""
+    """Score that decreases from 1 at zero to 0 at the limit; 0 for NaN."""
     return np.minimum(np.fmax(1.0 - value / limit, 0.0), 1.0)

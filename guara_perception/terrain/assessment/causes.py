@@ -12,23 +12,23 @@ from guara_perception.terrain.assessment.raster import ROUNDING
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 
-# A surface that rises this far above a line of sight hides the ground at its end.
+# Height above a line of sight by which a surface must rise to hide the ground at its end.
 HIDING_MARGIN_M = 0.001
-# Cells that are compared with all laser planes together.
+# Number of cells that are compared with all laser planes at once.
 CELLS_TOGETHER = 256
-# Lines from ground to sensor that are followed together.
+# Number of lines from ground to sensor that are traced at once.
 LINES_TOGETHER = 256
-# Marks a cell that is not computed yet.
+# Value of a cell that is not computed yet.
 NOT_ASKED = -2
 # Lowest ground that light may reach beside an obstacle.
 DEEPEST_M = -0.2
-# Tolerance, beside half a cell, of the outermost stripe's position in the outermost known cell of a row: the ground
-# slopes within the cell, and samples at the end of a stripe are cut off.
+# Tolerance, in addition to half a cell, of the position of the outermost stripe in the outermost known cell of a row:
+# the ground slopes within the cell, and samples at the end of a stripe are cut off.
 END_MARGIN_M = 0.0005
 
 
 class LookPlan:
-    """Expected observations of the cells of a grid by a scan of flat ground, computed once for each cell.
+    """Expected observations of the cells of a grid in a scan of flat ground, computed once per cell on demand.
 
     Attributes:
         geometry: the grid.
@@ -47,8 +47,8 @@ class LookPlan:
         Args:
             geometry: the grid.
             planes_in_footprint: (s, 4) laser planes in the order of the pattern, at least one.
-            project: gives picture positions (n, 2) of points (n, 3) in base_footprint, NaN where behind the camera.
-            size: picture width and height [px].
+            project: returns image positions (n, 2) of points (n, 3) in base_footprint, NaN behind the camera.
+            size: image width and height [px].
         """
         self.geometry, self._project, self._size = geometry, project, size
         self.planes_in_footprint = planes_in_footprint
@@ -56,16 +56,16 @@ class LookPlan:
         self._in_view = np.full(geometry.size, NOT_ASKED, dtype=np.int8)
 
     def pairs(self, cells: Index) -> Index:
-        """Index within the pattern of the first stripe of each cell's pair (n,), -1 where no pair passes over it."""
+        """Position (n,) in the pattern of the first stripe of the pair that encloses each cell, -1 if none does."""
         new = cells[self._pairs[cells] == NOT_ASKED]
-        # All cells of a grid and all laser planes at once would take megabytes.
+        # In blocks, because all cells and all laser planes at once would take megabytes.
         for begin in range(0, new.size, CELLS_TOGETHER):
             block = new[begin : begin + CELLS_TOGETHER]
             self._pairs[block] = self._find_pairs(block)
         return self._pairs[cells].astype(np.intp)
 
     def in_view(self, cells: Index) -> Mask:
-        """Mask (n,) of the cells whose centres the camera sees."""
+        """Mask (n,) of the cells whose centres are in the camera's view."""
         new = cells[self._in_view[cells] == NOT_ASKED]
         if new.size:
             self._in_view[new] = self._look(new)
@@ -74,10 +74,9 @@ class LookPlan:
     def unmet(self, elevation: Float, pair_usable: Mask, laser_origin: Float) -> Mask:
         """Mask (ny, nx) of the cells at both ends of the rows that no stripe could reach.
 
-        The light of the first stripe ends at the ground, and all other stripes land beyond it. If the first known cell
-        of a row is the one where the first stripe meets the ground, no light reached the cells before it. The same
-        holds for the last stripe and the last known cell. Light may cross several rows on its way from the laser: all
-        of them must end in this way.
+        If the first usable stripe meets the ground in the first known cell of a row, no light reached the cells before
+        it, because all other stripes land farther away. The same holds for the last stripe and the last known cell.
+        Light may cross several rows on its way from the laser; all of them must end in this way.
 
         Args:
             elevation: (ny, nx) heights [m], NaN where unknown.
@@ -95,7 +94,7 @@ class LookPlan:
         unmet = []
         for end, sign in zip(ends, (1, -1), strict=True):
             height = elevation[rows, end]
-            # Where the outermost stripe of this side crosses the row at the height of the row's end.
+            # Position at which the outermost stripe on this side crosses the row, at the height of the row's end.
             crossing = sign * (sign * -(b * y + c * height + d) / a).min(axis=0)
             ends_there = known.any(axis=1) & (sign * (x[end] - crossing) <= tolerance)
             top = float(height[ends_there].max(initial=DEEPEST_M))
@@ -111,7 +110,7 @@ class LookPlan:
         x, y = self._centres(cells)
         a, b, _, d = self.planes_in_footprint.T[:, :, None]
         side = a * x + (b * y + d) > 0
-        # The first pair whose planes have a cell on different sides passes over it.
+        # A cell belongs to the first pair whose planes have it on different sides.
         still = np.logical_and.accumulate(side[1:] == side[0], axis=0)
         return np.where(still.all(axis=0), -1, still.sum(axis=0))
 
@@ -136,7 +135,7 @@ def unknown_causes(
     marks: Flags,
     in_own_shadow: Callable[[Float], Mask] | None = None,
 ) -> Flags:
-    """The causes of unknown cells.
+    """Compute the causes of unknown cells.
 
     Args:
         plan: expected observations.
@@ -144,15 +143,15 @@ def unknown_causes(
         elevation: (ny, nx) heights [m], NaN where unknown.
         pair_usable: (s - 1,) mask of the pairs of neighbouring stripes fired with good frames.
         marks: (ny, nx) flags of unusable returns.
-        in_own_shadow: mask of the points (n, 3) that the robot hides from its own camera or laser; None = none.
+        in_own_shadow: mask of the points (n, 3) that the robot hides from its own camera or laser; None = no points.
 
     Returns:
-        (ny, nx) uint16, one or more unknown flags where the elevation is NaN, 0 elsewhere.
+        (ny, nx) uint16: one or more unknown flags where the elevation is NaN, 0 elsewhere.
     """
     unknown = np.isnan(elevation)
     flags = np.where(unknown, marks, 0).astype(np.uint16)
     cells = np.flatnonzero(unknown & (flags == 0))
-    # The index -1 of no pair selects the appended entry, which is not usable.
+    # Without a pair, the index -1 selects the appended entry, which is False.
     looked_at = np.append(pair_usable, False)[plan.pairs(cells)] & plan.in_view(cells)
     looked_at &= ~plan.unmet(elevation, pair_usable, sensor_origins[-1]).ravel()[cells]
     flags.ravel()[cells[~looked_at]] = np.uint16(Hazard.UNSCANNED)
@@ -168,19 +167,19 @@ def unknown_causes(
 
 
 def behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geometry: GridGeometry) -> Mask:
-    """Mask of the targets (n, 3) that a measured surface hides from a sensor."""
+    """Mask of the targets (n, 3) that are hidden from a sensor by the measured surface."""
     top = float(np.fmax.reduce(elevation, axis=None, initial=np.nan))
     if np.isnan(top) or not len(targets):
         return np.zeros(len(targets), dtype=bool)
-    # Nothing hides above the highest surface: only the last part of each line is tested.
+    # Nothing above the highest surface can hide a target, so only the last part of each line is tested.
     start = np.clip(1 - (top - targets[:, 2]) / np.maximum(sensor_origin[2] - targets[:, 2], 1e-6), 0.0, 1.0)
     length = np.hypot(sensor_origin[0] - targets[:, 0], sensor_origin[1] - targets[:, 1])
-    # Steps of half a cell from the target; those beyond the end of a shorter line are all at its end.
+    # Steps of half a cell from the target; steps beyond the end of a shorter line are moved to its end.
     spacing = geometry.resolution / 2 / np.maximum(length, geometry.resolution)
-    # With an unknown border of one cell, to which positions beyond the grid are clipped.
+    # With an unknown border of one cell, to which positions outside the grid are clipped.
     around = np.pad(elevation.astype(np.float32), 1, constant_values=np.nan)
     hidden = []
-    # All lines at once would take megabytes.
+    # In blocks, because all lines at once would take megabytes.
     for first in range(0, len(targets), LINES_TOGETHER):
         block = slice(first, first + LINES_TOGETHER)
         samples = int(np.ceil((1 - start[block]) / spacing[block]).max()) + 1
@@ -191,9 +190,16 @@ def behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geome
 
 
 def _is_blocked(around: Float32, targets: Float, share: Float32, sensor_origin: Float, geometry: GridGeometry) -> Mask:
-    """Mask of the targets (n, 3) whose line to a sensor is below the surface at any of its fractions `share` (m, n).
+    """Mask of the targets (n, 3) whose line to a sensor passes below the surface.
 
-    `around` is the surface with a border of one cell. Single precision is exact to 1e-5 of a cell.
+    Single precision is accurate to 1e-5 of a cell.
+
+    Args:
+        around: surface with an unknown border of one cell.
+        targets: (n, 3) points in base_footprint.
+        share: (m, n) positions tested on each line: 0 at the sensor, 1 at the target.
+        sensor_origin: (3,) position of the sensor.
+        geometry: geometry of the surface without its border.
     """
 
     def along(begin: float, ends: Float) -> Float32:
@@ -215,7 +221,7 @@ def _is_blocked(around: Float32, targets: Float, share: Float32, sensor_origin: 
 
 
 def _lowest_ground(elevation: Float, cells: Index, geometry: GridGeometry) -> Float:
-    """Centres (n, 3) of flat cells at the lowest height measured near them, 0 if nothing is known nearby."""
+    """Centres (n, 3) of cells, at the lowest height measured nearby, or at 0 if nothing is known nearby."""
     x, y = geometry.centres()
     iy, ix = np.divmod(cells, x.size)
     far = 1e3

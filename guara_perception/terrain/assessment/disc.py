@@ -1,4 +1,4 @@
-"""Neighbourhood of a cell: plane fit of its disc, EDGE under a sole, clearance."""
+"""Tests of a cell's neighbourhood: plane fit of its disc, EDGE, clearance."""
 
 from __future__ import annotations
 
@@ -20,19 +20,22 @@ from guara_perception.terrain.layers.geometry import (
 )
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK
 
-# From 50 weights on cv2.filter2D uses a Fourier transform, whose rounding makes every cell depend on every other.
+# Largest number of weights for which cv2.filter2D uses no Fourier transform, whose rounding would make each cell depend
+# on every other.
 MOST_WEIGHTS = 49
 
 
 @dataclass(frozen=True, slots=True)
 class DiscFit:
-    """Plane fit z = a x + b y + c of the disc around each known cell, (n,) float64 each, in the order of the grid.
+    """Plane fit z = a x + b y + c of the disc around each known cell, in the order of the grid.
+
+    All arrays are (n,) float64, NaN if too little of the disc is known.
 
     Attributes:
-        slope: angle of the plane to the horizontal [rad], NaN if too little of the disc is known.
-        roughness: sqrt(sum of squared distances to the plane / (n - 1)) [m], NaN likewise.
-        slope_sigma: standard deviation of the slope from the variance of the heights [rad].
-        roughness_sigma: standard deviation of the roughness, likewise [m].
+        slope: angle between the plane and the horizontal [rad].
+        roughness: sqrt(sum of squared distances to the plane / (n - 1)) [m].
+        slope_sigma: standard deviation of the slope due to the variance of the heights [rad].
+        roughness_sigma: standard deviation of the roughness due to the variance of the heights [m].
     """
 
     slope: Float
@@ -44,9 +47,9 @@ class DiscFit:
 def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: float) -> DiscFit:
     """Fit a plane to the known cells of the disc around each known cell.
 
-    Slope and roughness are defined as in the filters of grid_map, with least squares in place of principal components
-    (equal on planes). All sums are float64: in float32 the roughness is lost to cancellation. The result of a cell
-    depends on its disc only, to the last bit: no mean height is subtracted, since it would depend on other cells.
+    Slope and roughness are defined as in the filters of grid_map, but with least squares instead of principal
+    components (equal on planes). Sums are float64, because in float32 the roughness would be lost to cancellation. The
+    result of a cell depends only on its disc, to the last bit, so no mean height of the grid is subtracted.
 
     Args:
         elevation: (ny, nx) [m], NaN where unknown.
@@ -56,7 +59,7 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     """
     known = np.isfinite(elevation)
     index = np.flatnonzero(known)
-    # Whole numbers, which float32 sums exactly, and in half the time.
+    # Integers, which are summed exactly in float32, and in half the time.
     mask = known.astype(np.float32)
     height = np.where(known, elevation, 0.0)
     half = kernel.shape[0] // 2
@@ -67,7 +70,7 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     def sums(layer: Array, weights: Float) -> Float:
         return disc_sums(layer, weights).take(index).astype(np.float64, copy=False)
 
-    # Computed in place, with arrays freed early: they take most of the memory of an assessment.
+    # Computed in place and freed early, because these arrays take most of the memory of an assessment.
     n, sx, sy = sums(mask, disc), sums(mask, x), sums(mask, y)
     cxx, cxy, cyy = sums(mask, x * offset[None, :]), sums(mask, x * offset[:, None]), sums(mask, y * offset[:, None])
     del mask
@@ -100,21 +103,21 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
         roughness_sigma = np.sqrt(mean_variance / (2 * freedom))
         slope = np.arctan(steepness)
         del mean_variance, freedom, steepness
-    # Known cells on all four sides, otherwise the plane would extrapolate.
+    # There must be known cells on all four sides; otherwise the plane would extrapolate.
     enough = (n >= KNOWN_SHARE * disc.sum()) & (determinant > 1e-6 * cxx * cyy)
     present = known.astype(np.uint8)
     for side in (offset[None, :] < 0, offset[None, :] > 0, offset[:, None] < 0, offset[:, None] > 0):
         beside = cv2.dilate(present, kernel * side.astype(np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=(0,))
         enough &= beside.take(index) > 0
 
-    # Not by adding NaN: that would keep the sign of a NaN of 0 / 0, which is not deterministic.
+    # Assigned instead of added: adding NaN would keep the sign of a NaN from 0 / 0, which is not deterministic.
     for values in (slope, roughness, slope_sigma, roughness_sigma):
         values[~enough] = np.nan
     return DiscFit(slope, roughness, slope_sigma, roughness_sigma)
 
 
 def disc_sums(layer: Array, weights: Float) -> Array:
-    """Weighted sum over the window around each cell, with zeros outside the grid. It depends on that window only.
+    """Weighted sum over the window around each cell, with zeros outside the grid; it depends on that window only.
 
     Args:
         layer: (ny, nx) float32 or float64, the type of the sums.
@@ -137,24 +140,24 @@ def disc_sums(layer: Array, weights: Float) -> Array:
 def edge_cells(
     flags: Flags, kernel: Kernel, resolution: float, limits: TraversabilityLimits, drift: Index | None = None
 ) -> Mask:
-    """Cells whose sole would cover, or whose tests would read, something unknown, hazardous or off the grid.
+    """Mask of the cells on which a sole would cover a hazard, or depend on something unknown or off the grid.
 
-    Every cell under the sole must be free of hazards, and every cell of the discs of these cells must be known, so that
-    no test under the sole depends on an unknown cell. Unknown cells count as hazards.
+    Every cell under the sole must be free of hazards and known, and every cell of the discs of these cells must be
+    known, so that no test under the sole depends on an unknown cell.
 
-    Unknown cells, rises and falls are therefore at least the radius of a disc away from the sole, and do not come under
-    it while the map drifts by no more than that. In the map the sole is also widened on each side: by one cell, so that
-    nothing unsafe reaches its rim at such a drift, or by the part of the drift beyond the radius if that is more.
+    Unknown cells, rises and falls are therefore at least the radius of a disc away from the sole, and do not get under
+    it if the map drifts by at most this radius. In the map the sole is also widened on each side: by one cell, so that
+    nothing unsafe reaches its rim at such a drift, or by the excess of the drift over the radius if that is more.
 
     Args:
-        flags: (ny, nx).
-        kernel: the disc of the tests.
+        flags: (ny, nx) hazard flags.
+        kernel: disc of the tests.
         resolution: cell edge [m].
-        limits: limits of the robot, with the sole's size.
-        drift: (ny, nx, 2) number of cells along y and x by which each cell of the map may have drifted; it must not
-            depend on other cells. None for a single scan, which does not drift. There, all cells that the discs touch
-            and one more ring must be known: heights may change with the stripe beside them, and an edge within a cell
-            may show in the next cell only.
+        limits: limits of the robot, including the size of its sole.
+        drift: (ny, nx, 2) number of cells along y and x by which each cell of the map may have drifted, independent of
+            other cells. None for a single scan, which does not drift. In a scan, all cells that the discs touch and one
+            more ring must be known, because heights may change with a neighbouring stripe, and an edge within a cell
+            may show only in the next cell.
     """
     half = [half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length)]
     bad = ((flags & ALL_BUT_EDGE) != 0).astype(np.uint8)
@@ -182,9 +185,9 @@ def edge_cells(
 
 
 def clearance(flags: Flags, resolution: float) -> Float:
-    """Signed distance to the nearest cell that carries a flag other than EDGE, or to the border [m]; negative inside.
+    """Signed distance to the nearest cell with a flag other than EDGE, or to the border [m]; negative in such cells.
 
-    Distances are from a cell's centre to the nearer face of the other cell, hence the half cells.
+    Distances are measured from a cell's centre to the nearer face of the other cell, hence the half cells.
     """
     ny, nx = flags.shape
     bad = (flags & ALL_BUT_EDGE) != 0
@@ -196,8 +199,8 @@ def clearance(flags: Flags, resolution: float) -> Float:
         return np.asarray(-to_border * resolution)
     within = bad.astype(np.uint8)
     inside, outside = (cv2.distanceTransform(m, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for m in (within, 1 - within))
-    # One of the two is 0. OpenCV's last bit depends on the alignment of the memory; the squares are whole numbers, so
-    # rounding them corrects it.
+    # One of the two is 0. The last bit of OpenCV's result depends on memory alignment; since the squares are integers,
+    # rounding removes this dependence.
     distance = inside + outside
     to_other = np.sqrt(np.rint(distance * distance), dtype=np.float64) - 0.5
     return np.where(bad, -to_other, np.minimum(to_other, to_border)) * resolution

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from guara_perception.arrays import Array, Flags, Float, Float32, Index, Mask
 from guara_perception.terrain.layers.geometry import GridGeometry
 
-# Samples this far below the highest of a cell belong to another surface; a foot meets the top one.
+# Samples farther than this below the highest sample of a cell belong to another surface; a foot meets the top one.
 TOP_LAYER_M = 0.004
 # Tolerance of `GridGeometry.indices` to rounding [cells].
 ROUNDING = 1e-6
@@ -21,14 +21,14 @@ ROUNDING = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class CellSamples:
-    """Samples of one swath, summed per cell; arrays of equal length, each cell once, in ascending order.
+    """Samples of one swath, summed per cell, in arrays (n,) with one entry per cell.
 
     Attributes:
-        cell: int32 ix * (ny + 2) + iy, column and row counted from 1; a ring of cells around the grid collects the
-            samples beyond it.
-        total, count: sum and number of the heights in the top layer of the cell, float64 and float32.
-        variance_total: float32 sum of their variances.
-        low, high: float32 lowest and highest height of any sample.
+        cell: int32 index ix * (ny + 2) + iy, ascending, with column and row counted from 1; a ring of cells around the
+            grid collects the samples outside it.
+        total, count: float64 sum and float32 number of the heights in the top layer of the cell.
+        variance_total: float32 sum of the variances of these heights.
+        low, high: float32 lowest and highest height of all samples.
     """
 
     cell: npt.NDArray[np.int32]
@@ -60,13 +60,14 @@ NO_SAMPLES = CellSamples(np.empty(0, np.int32), np.empty(0), *(np.empty(0, np.fl
 class SurfaceSamples:
     """Samples of several swaths, in runs that each belong to one swath.
 
-    A swath is the surface of one stripe, or that between two neighbouring stripes.
+    A swath is the surface of one stripe, or the surface between two neighbouring stripes.
 
     Attributes:
-        points: (3, n) float64 in base_footprint, coordinate by coordinate; samples that are NaN are left out.
-        variance: (n,) float64 variance of the heights [m^2].
-        runs: (swath, number of samples) of each run, at least one sample per run and n in all. A swath may have any
-            number of runs.
+        points: (3, n) points in base_footprint, coordinate by coordinate; NaN samples are ignored. float64 when they
+            are rasterised.
+        variance: (n,) variance of the heights [m^2]; float64 when they are rasterised.
+        runs: (swath, number of samples) of each run, with at least one sample per run and n in all. A swath may have
+            any number of runs.
     """
 
     points: Float
@@ -80,7 +81,7 @@ class Raster:
 
     Attributes:
         elevation: mean height of the top layer of each cell [m].
-        variance: mean local variance of the samples in that layer [m^2]; that of the mean cannot exceed it.
+        variance: mean local variance of the samples in that layer [m^2], an upper bound of the variance of their mean.
         low, high: lowest and highest sample [m].
     """
 
@@ -95,7 +96,7 @@ class Raster:
         return self.elevation, self.variance, self.low, self.high
 
     def window(self, cells: tuple[slice, slice]) -> Raster:
-        """Part of the raster: ranges of its rows and columns."""
+        """Part of the raster with the given ranges of rows and columns."""
         return Raster(*(np.ascontiguousarray(layer[cells]) for layer in self.layers))
 
     def with_columns(self, columns: slice, part: Raster) -> Raster:
@@ -110,7 +111,7 @@ def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSam
     """Sum the samples of the top layer of each cell.
 
     Args:
-        points: (n, 3) in base_footprint; NaN points are left out.
+        points: (n, 3) in base_footprint; NaN points are ignored.
         variance: (n,) variance of the heights [m^2].
         geometry: the grid.
     """
@@ -121,13 +122,13 @@ def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSam
 def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry) -> list[CellSamples]:
     """Rasterise `count` independent swaths at once.
 
-    Each swath takes memory for all columns that any of them touches: rasterise neighbouring swaths together.
+    Each swath takes memory for the columns of all swaths, so rasterise neighbouring swaths together.
     """
     if not samples.runs:
         return [NO_SAMPLES] * count
     (ix, iy), height, variance = _cells(samples.points, geometry), samples.points[2], samples.variance
     ny = geometry.shape[0]
-    # Each swath has an entry for every cell in the columns that any swath touches, one swath after the other.
+    # Each swath has an entry for every cell in the range of columns of all swaths, one swath after the other.
     lowest = int(ix.min())
     span = (int(ix.max()) + 1 - lowest) * (ny + 2)
     ix -= lowest
@@ -157,15 +158,15 @@ def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry
 
 
 def _cells(points: Float, geometry: GridGeometry) -> npt.NDArray[np.int32]:
-    """Column and row (2, n) of the cells of points (3, n), those of `GridGeometry.indices` counted from 1.
+    """Column and row (2, n) of the cells of points (3, n): those of `GridGeometry.indices`, but counted from 1.
 
-    Points that are unknown or beyond the grid are assigned to the ring of cells around it.
+    Points that are unknown or outside the grid are assigned to the ring of cells around it.
     """
     offset, last = _offset_and_last(geometry)
     position = points[:2] * (1 / geometry.resolution)
     position += offset
     with np.errstate(invalid="ignore"):
-        # Positive numbers are truncated. NaN and positions below the grid give 0 or less: the ring.
+        # Positive numbers are truncated. NaN and positions before the grid give 0 or less, which is the ring.
         cell = position.astype(np.int32)
     cell.clip(np.int32(0), last, out=cell)
     unknown = np.isnan(points[2])
@@ -176,14 +177,14 @@ def _cells(points: Float, geometry: GridGeometry) -> npt.NDArray[np.int32]:
 
 @functools.lru_cache(maxsize=8)
 def _offset_and_last(geometry: GridGeometry) -> tuple[Float, npt.NDArray[np.int32]]:
-    """Origin (2, 1) of base_footprint in columns and rows counted from 1, and the last column and row of the ring."""
+    """Origin (2, 1) of base_footprint as column and row counted from 1, and last column and row (2, 1) of the ring."""
     offset = [[1 + ROUNDING - origin / geometry.resolution] for origin in geometry.origin]
     ny, nx = geometry.shape
     return np.array(offset), np.array([[nx + 1], [ny + 1]], dtype=np.int32)
 
 
 def cells_of(points: Float, geometry: GridGeometry) -> tuple[Index, Mask]:
-    """Flat cells iy * nx + ix (m,) of the known points (n, 3) on the grid, and the mask of these points."""
+    """Flat indices (m,), iy * nx + ix, of the cells of points (n, 3), and mask (n,) of the points on the grid."""
     ix, iy = _cells(np.asarray(points.T, dtype=np.float64), geometry)
     ny, nx = geometry.shape
     inside = np.asarray((ix > 0) & (ix <= nx) & (iy > 0) & (iy <= ny))
@@ -198,7 +199,7 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice 
     """Merge the swaths of all stripes and pairs into the heights of a grid.
 
     Args:
-        swaths: the swaths, always in the same order, which determines the last bit of the sums.
+        swaths: swaths in a fixed order, which determines the last bit of the sums.
         geometry: the grid.
         columns: columns of the grid to compute; None = all.
     """
@@ -209,8 +210,8 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice 
     swaths = [swath for swath in swaths if swath.cell.size]
     if not swaths:
         return Raster(*[np.broadcast_to(np.nan, (geometry.shape[0], number))] * 4)
-    # Attributes are concatenated one at a time, which saves most of the memory of a merge.
-    # np.intp: with any other type of index `ufunc.at` is many times slower.
+    # Attributes are concatenated one at a time, which saves most of the memory of a merge. np.intp, because `ufunc.at`
+    # is many times slower with any other index type.
     cell = _joined(swaths, "cell", np.intp)
     cell -= first * rows
     size = (number + 2) * rows
@@ -252,7 +253,7 @@ def without_cells(raster: Raster, cells: Mask) -> Raster:
 
 
 def pool(raster: Raster, factor: int) -> Raster:
-    """Pool `factor` x `factor` cells; one unknown fine cell makes the coarse one unknown."""
+    """Pool `factor` x `factor` cells; one unknown fine cell makes the coarse cell unknown."""
     if factor == 1:
         return raster
     return Raster(
@@ -264,7 +265,7 @@ def pool(raster: Raster, factor: int) -> Raster:
 
 
 def pool_flags(flags: Flags, factor: int) -> Flags:
-    """Flags of coarser cells: union of the flags of their `factor` x `factor` fine cells."""
+    """Flags of coarser cells: union of the flags of `factor` x `factor` fine cells."""
     return np.asarray(np.bitwise_or.reduce(blocks(flags, factor), axis=-1), dtype=np.uint16)
 
 
@@ -275,6 +276,6 @@ def blocks(layer: Array, factor: int) -> Array:
 
 
 def runs(columns: Mask) -> list[slice]:
-    """Runs of adjacent columns in a mask (nx,), in order."""
+    """Ranges of adjacent columns in a mask (nx,), in order."""
     ends = np.flatnonzero(np.diff(columns, prepend=False, append=False))
     return [slice(first, end) for first, end in ends.reshape(-1, 2).tolist()]

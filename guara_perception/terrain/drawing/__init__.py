@@ -1,4 +1,4 @@
-"""Grids drawn for people with matplotlib, which is loaded when the first picture is drawn: colours, axes, `plot`.
+"""Plots of grids with matplotlib, which is loaded when the first plot is drawn: colours, axes, `plot`.
 
-Imports `layers`; `TerrainGrid`, `app` and `view` use it. It writes a file only where it is given a path.
+Imports `layers`; `TerrainGrid`, `app` and `view` use it. It writes a file only if it is given a path.
 """

@@ -43,7 +43,7 @@ COLOUR_BARS = {
     "ceiling": ("upper bound of unknown ground [mm]", 1e3),
 }
 SHOWN_FLAGS = 4
-# Position of the key of the greys below the axes, as a fraction of their height.
+# Position of the key of the greys below the axes, relative to the height of the axes.
 KEY_Y = -0.16
 HTML_SIZE_INCH = (4.2, 3.0)
 
@@ -71,7 +71,7 @@ def plot(
     """
     if not isinstance(layer, str) or layer not in LAYER_NAMES:
         given = repr(layer) if isinstance(layer, str) else f"a {type(layer).__name__}"
-        hint = "" if isinstance(layer, str) else "; cells of your own are drawn on the axes that plot gives"
+        hint = "" if isinstance(layer, str) else "; draw values of your own on the axes that plot returns"
         raise InvalidInput(f"layer is {given}, allowed: {', '.join(LAYER_NAMES)}{hint}")
     marks = [_xy_of(foothold) for foothold in footholds]
     outlines = [_outline_of(region) for region in regions]
@@ -85,7 +85,7 @@ def plot(
         else:
             _draw_values(axes, terrain, layer, hazards)
         for x, y in outlines:
-            # White below black is visible on any ground.
+            # A black line on a white one is visible on any background.
             for width, colour in ((2.4, "white"), (1.0, "black")):
                 axes.plot(y, x, color=colour, linewidth=width, zorder=2)
         if marks:
@@ -94,7 +94,7 @@ def plot(
         axes.set_title(f"{layer.replace('_', ' ')}, {terrain.extent}, step {terrain.step}")
         if layer != "hazard":
             key = "pale grey: unknown" + (", veiled: not traversable" if hazards else "")
-            # Below the axes, so that a title of the user does not replace it.
+            # Below the axes, so that a title set by the user does not replace it.
             axes.text(0.5, KEY_Y, key, transform=axes.transAxes, ha="center", va="top", fontsize="small")
     return axes
 
@@ -123,7 +123,7 @@ def describe(terrain: LayeredGrid) -> str:
 
 
 def describe_as_html(terrain: LayeredGrid) -> str:
-    """Summary of a grid with pictures of heights and hazards where there is matplotlib, for notebooks."""
+    """Summary of a grid for notebooks, with plots of heights and hazards if matplotlib is installed."""
     text = html.escape(describe(terrain))
     try:
         figure, axes = new_figure(1, 2, (2 * HTML_SIZE_INCH[0], HTML_SIZE_INCH[1]))
@@ -156,7 +156,7 @@ def _draw_values(axes: Axes, terrain: LayeredGrid, layer: str, hazards: bool) ->
 
 
 def _outline_of(region: Any) -> tuple[Float, Float]:
-    """Closed outline, x and y [m]."""
+    """Closed outline of a region, x and y [m]."""
     vertices = np.asarray(getattr(region, "vertices", ()), dtype=np.float64)
     if vertices.ndim != 2 or vertices.shape[1] not in (2, 3) or len(vertices) < 3:
         raise InvalidInput(
@@ -171,5 +171,5 @@ def _xy_of(foothold: Any) -> tuple[float, float]:
         x, y = (foothold.x, foothold.y) if hasattr(foothold, "x") else foothold
         return float(x), float(y)
     except (TypeError, ValueError):
-        hint = "; best_foothold found none: leave it out, check_foothold(x, y) says why" if foothold is None else ""
+        hint = "; best_foothold found none: omit it, check_foothold(x, y) gives the reasons" if foothold is None else ""
         raise InvalidInput(f"a foothold is {foothold!r}, it must have x and y, or be a pair (x, y) [m]{hint}") from None

@@ -1,6 +1,6 @@
 """Style of all figures: colour-blind-safe colours, sizes, orientation (x up, y left), files.
 
-Figures are made without pyplot: no global state, no display, any thread.
+Figures are made without pyplot, so they need no global state and no display, and work on any thread.
 """
 
 from __future__ import annotations
@@ -28,10 +28,11 @@ HEIGHT_COLOURS = "cividis"
 TRAVERSABILITY_COLOURS = "viridis"
 UNKNOWN_COLOUR = "#E4E4E4"
 
-# Colours of lines and points, in their order of use (palette of Okabe and Ito without yellow, too pale for lines).
+# Colours of lines and points in order of use: palette of Okabe and Ito without yellow, which is too pale for lines.
 LINE_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 
 FREE_COLOUR = "#BEEEC7"
+# In order of precedence: a cell with several flags has the colour of the first of them.
 HAZARD_COLOURS: dict[Hazard, str] = {
     Hazard.DROPOUT: "#000000",
     Hazard.OUT_OF_RANGE: "#0C4381",
@@ -49,7 +50,6 @@ HAZARD_COLOURS: dict[Hazard, str] = {
     Hazard.STALE: "#A898CC",
     Hazard.EDGE: "#F6E27A",
 }
-"""Colours of hazards in order of precedence: a cell with several flags shows the first of them."""
 
 DOTS_PER_INCH = 150
 STYLE_SHEET = Path(__file__).with_name("figures.mplstyle")
@@ -57,7 +57,7 @@ STYLE_SHEET = Path(__file__).with_name("figures.mplstyle")
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Apply the style while drawing: titles, colour bars and legends take their sizes when they are made.
+    """Apply the style while drawing, because titles, colour bars and legends get their sizes when they are created.
 
     Example:
         with styled():
@@ -80,7 +80,7 @@ def new_figure(
     Args:
         rows: number of rows of axes.
         columns: number of columns of axes.
-        size: width and height [inch], DOTS_PER_INCH pixels each.
+        size: width and height [inch], at DOTS_PER_INCH pixels per inch.
         options: passed to matplotlib's `Figure.subplots` (`sharex`, `gridspec_kw`, ...).
     """
     with styled():
@@ -94,7 +94,7 @@ def new_figure(
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a figure to a .png, .svg or .pdf file, whole or not at all; return the path.
+    """Write a figure to a .png, .svg or .pdf file atomically; return the path.
 
     Raises:
         MissingFile: the folder does not exist.
@@ -111,7 +111,7 @@ def draw_layer(axes: Axes, geometry: GridGeometry, values: Array, **options: Any
         axes: axes to draw on.
         geometry: geometry of the grid.
         values: (ny, nx) numbers, or (ny, nx, 3) colours 0 ... 1.
-        options: passed to `imshow` (`cmap`, `vmin`, `vmax`, ...); the colours are those of heights by default.
+        options: passed to `imshow` (`cmap`, `vmin`, `vmax`, ...); the default colours are those of heights.
     """
     ny, nx = geometry.shape
     (x0, y0), cell = geometry.origin, geometry.resolution
@@ -136,7 +136,7 @@ def hazard_picture(hazard: Flags) -> tuple[Float32, list[tuple[str, str]]]:
     Returns:
         (ny, nx, 3) float32 colours 0 ... 1, and (name, colour) of all flags shown, free cells first.
     """
-    picture = np.full((*hazard.shape, 3), np.nan, dtype=np.float32)
+    picture = np.full((*hazard.shape, 3), rgb(FREE_COLOUR), dtype=np.float32)
     left = np.ones(hazard.shape, dtype=bool)
     shown: list[tuple[str, str]] = []
     for flag, colour in HAZARD_COLOURS.items():
@@ -145,7 +145,6 @@ def hazard_picture(hazard: Flags) -> tuple[Float32, list[tuple[str, str]]]:
         if here.any():
             picture[here] = rgb(colour)
             shown.append((str(flag.name).lower().replace("_", " "), colour))
-    picture[left] = rgb(FREE_COLOUR)
     if left.any():
         shown.insert(0, ("free", FREE_COLOUR))
     return picture, shown

@@ -1,4 +1,4 @@
-"""Parts of a grid: geometry, polygons, layers, hazards, safety invariant, look-up by position.
+"""Parts of a grid: geometry, layers, hazards, safety invariant, record, look-up by position.
 
 Every other subpackage of `terrain` may import this one; it imports none of them.
 """

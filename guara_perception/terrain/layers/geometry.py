@@ -1,4 +1,4 @@
-"""Geometry of grids: positions of cells, axis order, cells in a polygon, under a disc and under a sole."""
+"""Geometry of grids: positions and order of cells, and cells inside a polygon, a disc or a sole."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from guara_perception.arrays import Codes, Float, Index, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import TraversabilityLimits
 
-# As in a Terrain message (docs/messages.md); all layers of this many cells take 160 MB.
+# Largest number of cells, as in a Terrain message (docs/messages.md); all layers of so many cells take 160 MB.
 MOST_CELLS = 4_000_000
 Kernel = Codes
-# Least known fraction of a disc for a plane fit; EDGE decides if the cell is safe.
+# Least known fraction of a disc for a plane fit; whether a cell is safe is decided by EDGE.
 KNOWN_SHARE = 0.6
-# Largest radius of the disc; a finer grid gains nothing over the stripe pitch.
+# Largest radius of the disc [cells]; a finer grid would not show more than the stripe spacing allows.
 MOST_RADIUS_CELLS = 24
-# A height of a single scan may change if a stripe beside it is lost, so one more ring must be known.
+# Number of additional rings that must be known in a single scan, where a lost stripe may change heights beside it.
 EXTRA_RING_CELLS = 1
 # Half edge of a cell [cells].
 TOUCHED = 0.5
-# The sole in the fused map is wider by at least this [cells].
+# Least widening of the sole in the fused map [cells].
 LEAST_MARGIN_CELLS = 1
-# Largest drift of the fused map that is considered [cells]; more makes no difference.
+# Largest drift of the fused map that is considered [cells]; a larger drift is treated like this one.
 LARGEST_DRIFT_CELLS = 6
 
 
 @dataclass(frozen=True, slots=True)
 class GridGeometry:
-    """A grid a[iy, ix]: cell (0, 0) at minimum x and y, x fastest (docs/conventions.md).
+    """Geometry of a grid a[iy, ix]: cell (0, 0) at minimum x and y, x fastest (docs/conventions.md).
 
     Attributes:
         origin: x and y of the corner of cell (0, 0) [m].
@@ -50,7 +50,7 @@ class GridGeometry:
         if len(self.shape) != 2 or min(self.shape) < 1:
             raise InvalidInput(f"grid shape is {self.shape}, it must be (ny, nx) with one cell or more")
         if self.shape[0] * self.shape[1] > MOST_CELLS:
-            raise InvalidInput(f"a grid of {self.shape[0]} x {self.shape[1]} cells, allowed: {MOST_CELLS} in all")
+            raise InvalidInput(f"grid shape is {self.shape[0]} x {self.shape[1]} cells, allowed: {MOST_CELLS} in all")
 
     @staticmethod
     def over(x: tuple[float, float], y: tuple[float, float], resolution: float) -> GridGeometry:
@@ -81,7 +81,7 @@ class GridGeometry:
         """Cell indices (iy, ix) of points; not clipped, -1 for NaN. Cells are half open: [low, high)."""
         fx = (np.asarray(x, np.float64) - self.origin[0]) / self.resolution
         fy = (np.asarray(y, np.float64) - self.origin[1]) / self.resolution
-        # Tolerance to rounding: a point at 0.50 + 3 * 0.005 must not fall into the cell below.
+        # With a tolerance to rounding, so that a point at 0.50 + 3 * 0.005 is not in the cell below.
         ix = np.floor(np.where(np.isfinite(fx), fx, -1.0) + 1e-6)
         iy = np.floor(np.where(np.isfinite(fy), fy, -1.0) + 1e-6)
         limit = 2**31
@@ -92,7 +92,7 @@ class GridGeometry:
         return (iy >= 0) & (iy < self.shape[0]) & (ix >= 0) & (ix < self.shape[1])
 
     def centres(self) -> tuple[Float, Float]:
-        """X (nx,) and y (ny,) of the cell centres."""
+        """Coordinates x (nx,) and y (ny,) of the cell centres [m]."""
         ny, nx = self.shape
         x = self.origin[0] + (np.arange(nx, dtype=np.float64) + 0.5) * self.resolution
         y = self.origin[1] + (np.arange(ny, dtype=np.float64) + 0.5) * self.resolution
@@ -111,11 +111,11 @@ class GridGeometry:
 
 
 def inside_polygon(corners: Float, x: Float, y: Float) -> Mask:
-    """Mask of the points inside a simple polygon, by the number of edges that a ray to the left crosses.
+    """Mask of the points inside a simple polygon, from the number of edges crossed by a ray along x.
 
     Args:
-        corners: (n, 2), not closed, in either sense of rotation.
-        x, y: coordinates of one shape.
+        corners: (n, 2) corners in either direction; the first one is not repeated.
+        x, y: coordinates of the points, in arrays of one shape.
     """
     inside = np.zeros(np.shape(x), dtype=bool)
     for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -128,9 +128,9 @@ def inside_polygon(corners: Float, x: Float, y: Float) -> Mask:
 
 
 def touched_cells(corners: Float, geometry: GridGeometry) -> tuple[Index, Index]:
-    """Cells (iy, ix) that a polygon touches, on the grid or off it, conservatively.
+    """Cells (iy, ix) touched by a polygon, conservatively; they may be outside the grid.
 
-    A cell counts if its centre lies inside, or an edge passes within half its diagonal.
+    A cell counts as touched if its centre is inside the polygon, or within half a cell diagonal of an edge.
     """
     resolution = geometry.resolution
     low, high = corners.min(axis=0) - resolution, corners.max(axis=0) + resolution
@@ -146,7 +146,7 @@ def touched_cells(corners: Float, geometry: GridGeometry) -> tuple[Index, Index]
 
 
 def distance_to_segment(start: Float, stop: Float, x: Float, y: Float) -> Float:
-    """Distance of points from a line segment, all in the plane."""
+    """Distance of points in the plane from a line segment [m]."""
     along = stop - start
     length = float(along @ along)
     share = np.zeros(np.shape(x)) if length == 0 else ((x - start[0]) * along[0] + (y - start[1]) * along[1]) / length
@@ -155,22 +155,22 @@ def distance_to_segment(start: Float, stop: Float, x: Float, y: Float) -> Float:
 
 
 def disc_kernel(radius_cells: float, half_cell: float = 0.0) -> Kernel:
-    """Disc of cells whose centres lie within the radius, (2 r + 1, 2 r + 1) uint8.
+    """Disc of cells whose centres are within a radius, (2 r + 1, 2 r + 1) uint8.
 
-    It contains at least the four neighbours: a slope cannot be tested with one cell.
+    It contains at least the four neighbours of the central cell, because a slope cannot be tested with one cell.
 
     Args:
         radius_cells: radius [cells].
-        half_cell: half edge of a square about each centre; the cell counts if any part of the square lies within the
-            radius. 0 = the centre alone, TOUCHED = the whole cell.
+        half_cell: half edge of a square around each centre [cells]; a cell belongs to the disc if any part of its
+            square is within the radius. 0 = the centre only, TOUCHED = the whole cell.
 
     Raises:
         InvalidInput: the disc is larger than MOST_RADIUS_CELLS cells.
     """
     if not radius_cells < MOST_RADIUS_CELLS + 1:
         raise InvalidInput(
-            f"the disc's radius is {radius_cells:.0f} cells, at most {MOST_RADIUS_CELLS} are allowed: "
-            "take a larger resolution or a smaller disc_radius"
+            f"the radius of the disc is {radius_cells:.0f} cells, allowed: at most {MOST_RADIUS_CELLS}; use larger "
+            "cells (resolution) or a smaller disc_radius"
         )
     radius = max(radius_cells, 1.0)
     half = int(np.floor(radius + 1e-9))
@@ -179,17 +179,17 @@ def disc_kernel(radius_cells: float, half_cell: float = 0.0) -> Kernel:
 
 
 def beyond_border(kernel: Kernel) -> int:
-    """Number of rows and columns beyond the border of the fused map that influence the safety of a sole on it."""
+    """Number of rows and columns outside the fused map that affect the safety of a sole inside it."""
     return kernel.shape[0] // 2 + _most_beside(kernel)
 
 
 def _most_beside(kernel: Kernel) -> int:
-    """Largest widening of a sole in the map on each side [cells]."""
+    """Largest widening of the sole in the map on each side [cells]."""
     return max(LARGEST_DRIFT_CELLS - kernel.shape[0] // 2, LEAST_MARGIN_CELLS)
 
 
 def widest_window(kernel: Kernel, resolution: float, limits: TraversabilityLimits, *, is_map: bool) -> float:
-    """Distance from the centre of a cell to the farthest corner of the window of `edge_cells` [m]."""
+    """Distance from the centre of a cell to the farthest corner of the window that `edge_cells` reads [m]."""
     half_y, half_x = (half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length))
     iy, ix = np.nonzero(kernel if is_map else disc_kernel(limits.disc_radius / resolution, TOUCHED))
     radius = kernel.shape[0] // 2
@@ -199,5 +199,5 @@ def widest_window(kernel: Kernel, resolution: float, limits: TraversabilityLimit
 
 
 def half_cells(length: float, resolution: float) -> int:
-    """Cells to each side of the centre cell that a sole of this length touches."""
+    """Number of cells touched by a sole of this length on each side of its centre cell."""
     return int(np.ceil((length / 2 - resolution / 2) / resolution - 1e-9)) if length > resolution else 0

@@ -14,15 +14,7 @@ from guara_perception.terrain.layers.layers import LAYERS
 
 
 class Hazard(IntFlag):
-    """Flags of a cell: causes of unknown cells up to 32, hazards of known cells above.
-
-    Unknown: DROPOUT, no return where one was expected; OCCLUDED, hidden by something nearer; UNSCANNED, not observed;
-    OUT_OF_RANGE, below or above the heights that count as terrain; AMBIGUOUS, an unreliable return; SELF, hidden by the
-    robot itself.
-    Known: SOFT, a foot sank or slid on ground like this; STEEP, STEP, DROP and ROUGH ground; EDGE, a sole centred here
-    would reach something unknown, hazardous or off the grid; UNCERTAIN, large standard deviation of the height;
-    CONFLICT, observations disagree; STALE, observed too long ago, or drifted too far since.
-    """
+    """Flags of a cell: causes of unknown cells up to 32, hazards of known cells above; MEANING explains each."""
 
     NONE = 0
     DROPOUT = 1
@@ -70,13 +62,13 @@ MEANING = {
 
 
 def names(flags: int | Hazard) -> list[str]:
-    """Names of the flags that are set, lowest first."""
+    """Names of the flags that are set, in ascending order."""
     return [str(flag.name) for flag in Hazard(int(flags))]
 
 
 def cells_by_flag(hazard: Flags) -> dict[str, int]:
-    """Number of cells of a grid with each flag, by its name."""
-    # A grid contains few of the possible combinations of flags.
+    """Number of cells of a grid with each flag, by name."""
+    # By combination of flags, of which a grid contains few.
     cells = np.bincount(hazard.ravel())
     combinations = np.flatnonzero(cells)
     return {str(flag.name): int(cells[combinations[(combinations & int(flag)) != 0]].sum()) for flag in Hazard}
@@ -86,7 +78,7 @@ def check_invariant(layers: Mapping[str, Array]) -> None:
     """Reject a grid that violates the safety invariant (docs/safety.md).
 
     Raises:
-        UnsafeGrid: a layer is missing, has another shape or type, or a rule is broken; the message names the rule, the
+        UnsafeGrid: a layer is missing, has another shape or type, or violates a rule; the message names the rule, the
             number of cells and the first of them.
     """
     shape = layers["elevation"].shape if "elevation" in layers else None
@@ -100,7 +92,7 @@ def check_invariant(layers: Mapping[str, Array]) -> None:
     for name in ("variance", "variance_local"):
         _reject(known & ~(layers[name] >= 0), f"{name} of a known cell is NaN or negative")
     ceiling = layers["ceiling"]
-    _reject(np.isinf(ceiling) | (known & ~np.isnan(ceiling)), "ceiling of a known cell, or an infinite one")
+    _reject(np.isinf(ceiling) | (known & ~np.isnan(ceiling)), "ceiling is infinite, or set in a known cell")
 
 
 def check_safe(elevation: Float32, hazard: Flags, traversability: Float32) -> None:
@@ -112,23 +104,23 @@ def check_safe(elevation: Float32, hazard: Flags, traversability: Float32) -> No
         traversability: (ny, nx), 0 where no foot may be set, up to 1.
 
     Raises:
-        UnsafeGrid: a rule is broken.
+        UnsafeGrid: a rule is violated.
     """
     traversability = np.asarray(traversability, np.float32)
     unknown = (hazard & UNKNOWN_MASK) != 0
     _reject(np.isinf(elevation), "elevation is infinite")
     _reject(np.isnan(elevation) != unknown, "elevation is NaN without an unknown flag, or known with one")
     _reject(~((traversability >= 0) & (traversability <= 1)), "traversability is outside 0 ... 1")
-    _reject((hazard == 0) != (traversability > 0), "a cell is traversable with a hazard, or not without one")
-    occupancy = occupancy_values(traversability, hazard)
-    _reject((hazard == 0) != (occupancy < 100), "occupancy and hazard disagree")
-    # All cells in the test windows of a safe cell must be known. Their size is not known here: only the
-    # eight neighbours are checked.
+    # Occupancy below 100 <=> hazard == 0 follows: see `occupancy_values`.
+    mismatch = (hazard == 0) != (traversability > 0)
+    _reject(mismatch, "a cell is traversable with a hazard, or not traversable without one")
+    # All cells in the test windows of a safe cell must be known. The size of the windows is not known here, so only
+    # the eight neighbours are checked.
     _reject((hazard == 0) & with_neighbours(unknown), "a cell beside an unknown one is traversable")
 
 
 def with_neighbours(cells: Mask) -> Mask:
-    """Cells of a mask (ny, nx) and their eight neighbours; without OpenCV, which guara-client lacks."""
+    """Mask (ny, nx) of some cells and their eight neighbours; without OpenCV, which guara-client lacks."""
     rows = cells.copy()
     rows[1:] |= cells[:-1]
     rows[:-1] |= cells[1:]

@@ -1,4 +1,4 @@
-"""Immutable layers of a terrain (`LayeredGrid`), and the look-up of cells by position (`Gridded`)."""
+"""Immutable layers of a terrain (`LayeredGrid`), and look-up of cells by position (`Gridded`)."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class Gridded:
 
 
 class LayerAttribute(Generic[A]):
-    """A layer of a grid as a read-only attribute."""
+    """Layer of a grid as a read-only attribute."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
@@ -106,9 +106,9 @@ class LayerAttribute(Generic[A]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LayeredGrid(Gridded):
-    """Immutable layers of a terrain, on which the queries are built.
+    """Immutable layers of a terrain, the basis of the queries.
 
-    The layers satisfy the safety invariant. All arrays are (ny, nx), a[iy, ix], read-only; each layer is an attribute.
+    The layers satisfy the safety invariant. They are read-only arrays (ny, nx), a[iy, ix]; each is also an attribute.
 
     Attributes:
         layers: every layer of `LAYERS` by name.
@@ -118,7 +118,7 @@ class LayeredGrid(Gridded):
         stamp: time of the scan [ns since the epoch].
         step: number of the stance pause.
         extent: "footprint" (this scan alone) or "map" (fused).
-        pictures: range images by name, (512, 640) float32 [mm], if the scan was processed with them.
+        pictures: range images (512, 640) float32 by name [mm], if the scan was processed with them.
         stale_because: reasons why a client returns the grid only with `allow_stale`; empty otherwise.
     """
 
@@ -166,9 +166,9 @@ class LayeredGrid(Gridded):
         def __getattr__(self, name: str) -> Array:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}; layers: {', '.join(LAYER_NAMES)}")
 
-    # Not __getstate__: dataclasses with slots overwrite it before Python 3.11.4.
+    # Instead of __getstate__, which dataclasses with slots overwrite before Python 3.11.4.
     def __reduce__(self) -> tuple[object, ...]:
-        """Support pickling and copying: a mapping proxy cannot be pickled, a dict can."""
+        """Support pickling and copying, with dicts instead of mapping proxies, which cannot be pickled."""
         state = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         for name in ("layers", "pictures"):
             state[name] = dict(state[name])
@@ -176,19 +176,19 @@ class LayeredGrid(Gridded):
 
     @property
     def metadata(self) -> Mapping[str, Any]:
-        """The record as plain JSON values, read-only."""
+        """Record as plain JSON values, read-only."""
         return self.record.to_json()
 
     @property
     def scan_record(self) -> ScanRecord:
-        """The record of a scan.
+        """Record of a scan.
 
         Raises:
-            InvalidInput: this is a map.
+            InvalidInput: the grid is a map.
         """
         if isinstance(self.record, ScanRecord):
             return self.record
-        raise InvalidInput(f"a grid of extent {self.extent!r} was given; allowed: a scan's, 'footprint'")
+        raise InvalidInput(f"extent of the grid is {self.extent!r}, allowed: 'footprint', a scan")
 
     @property
     def is_provisional(self) -> bool:

@@ -18,8 +18,8 @@ class Layer:
     meaning: str
 
 
-# Assumed standard deviation of a ceiling [m], from the heights of a scan and the pose of the body; a height with a
-# larger one gives no ceiling. `benchmarks.usable_ground` compares ceilings with the truth.
+# Assumed standard deviation of a ceiling, due to the heights of a scan and the pose of the body. A height with a larger
+# standard deviation gives no ceiling. `benchmarks.usable_ground` compares ceilings with the truth.
 CEILING_SIGMA_M = 0.003
 
 LAYERS = (

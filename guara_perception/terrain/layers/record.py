@@ -53,17 +53,17 @@ class Health:
 
     @staticmethod
     def of(reasons: tuple[str, ...]) -> Health:
-        """Degraded if there are reasons, ok otherwise."""
+        """Health "degraded" if there are reasons, "ok" otherwise."""
         return Health("degraded" if reasons else "ok", reasons)
 
 
 @dataclass(frozen=True, slots=True)
 class Rounding:
-    """Bounds of the rounding errors in a compact grid, for layers that are not rounded to the safe side.
+    """Bounds of the rounding errors in a compact grid, for layers that are not rounded conservatively.
 
     Attributes:
         elevation: largest error of an elevation [m].
-        variance: largest relative error of a variance: before rounding it was at least that of the grid / (1 + this).
+        variance: largest relative error of a variance: before rounding it was at least the grid's value / (1 + this).
     """
 
     elevation: float = 0.0
@@ -143,7 +143,7 @@ def _limits(value: object) -> TraversabilityLimits:
 
 
 def known_limits(limits: Mapping[str, Any], kind: type) -> dict[str, Any]:
-    """The limits that are fields of a class of limits; a grid of a newer version may hold others too."""
+    """Limits that are fields of a class of limits; a grid of a newer version may contain others."""
     return {entry.name: limits[entry.name] for entry in fields(kind) if entry.name in limits}
 
 
@@ -182,34 +182,35 @@ def limits_to_dict(limits: TraversabilityLimits) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GridRecord(FrozenArrays):
-    """Fields common to scans and maps; None where a value is absent.
+    """Fields common to records of scans and maps; None if a value is absent.
 
-    `to_json` returns the fields that docs/files.md lists. A record made by `from_json` returns every field that it was
-    read from, unknown ones included.
+    `to_json` returns the fields listed in docs/files.md. For a record read by `from_json`, it returns all fields that
+    were read, including unknown ones.
 
     Attributes:
         robot, robot_description: name of the robot, and its files packed by `kinematics.describe_robot`.
         mode, method: pattern of the scan, and method of stripe extraction.
         calibration_hash, calibration_verdict: identity of the calibration, and its verdict.
         stance, attitude_source, support_feet_used: stance of the robot, and the inputs of its pose.
-        attitude_sigma: standard deviation of the vertical against gravity, per axis [rad].
-        support_soles: leg -> the sole's centre [m] and the rows of its covariance [m^2], (4, 3) in base_footprint.
-        transform_base_to_footprint, transform_camera_to_base: (4, 4) each.
-        pose_covariance: (6, 6) of the pose in the footprint.
+        attitude_sigma: standard deviation of the vertical relative to gravity, per axis [rad].
+        support_soles: leg -> (4, 3) array of the sole's centre [m] and the rows of its covariance [m^2], in
+            base_footprint.
+        transform_base_to_footprint, transform_camera_to_base: (4, 4) pose of the body and mount of the camera.
+        pose_covariance: (6, 6) covariance of the pose in base_footprint.
         limits: traversability limits of the assessment.
-        newer_limits, limit_flags: limits that this version does not know, and the flags that they set, by name.
+        newer_limits, limit_flags: limits unknown to this version, and the flags that they set, by name.
         validity_pauses, validity_seconds: validity of an observation.
         coverage, known: fraction of the expected cells, and of all cells, that are known.
         hazard_cells: number of cells by flag.
         health: verdict on the grid.
         rounding: rounding of a compact encoding.
-        refinement_follows: a finer scan follows in this pause.
+        refinement_follows: True if a finer scan follows in this pause.
         epoch: identity of the walk.
-        provisional: the pause has yet to confirm that the robot stood still.
-        withdrawn: the node withdraws the grid of this step.
-        run, instance, sequence: run and name of the node that sent it, and number of its message.
-        scan_start, scan_end: time of the first and last frame [ns since the epoch].
-        scan_end_clock: time of the last frame by the node's clock [s].
+        provisional: True if the pause has not yet confirmed that the robot stood still.
+        withdrawn: True if the node withdraws the grid of this step.
+        run, instance, sequence: run and name of the node that sent the grid, and number of its message.
+        scan_start, scan_end: time of the first and last frame [ns since the Unix epoch].
+        scan_end_clock: time of the last frame on the node's clock [s].
         extra: fields of other programs and versions, null fields, and known fields whose values cannot be read.
         keys: names of the fields in the order of the JSON object that was read.
     """
@@ -261,12 +262,12 @@ class GridRecord(FrozenArrays):
                 object.__setattr__(self, entry.name, MappingProxyType(dict(value)))
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickle support, by the JSON form."""
+        """Support pickling by way of the JSON object."""
         return type(self).from_json, (dict(self.to_json()),)
 
     @classmethod
     def from_json(cls: type[R], data: Mapping[str, object]) -> R:
-        """Read the JSON object of any version. Values that cannot be read go to `extra`; `check` refuses them."""
+        """Read the JSON object of any version; values that cannot be read go to `extra`, and `check` refuses them."""
         known: dict[str, object] = {}
         extra: dict[str, object] = {}
         for name, value in data.items():
@@ -290,7 +291,7 @@ class GridRecord(FrozenArrays):
         return str(cls.__dataclass_fields__[name].type)
 
     def to_json(self) -> Mapping[str, object]:
-        """The JSON object, read-only; fields in the order in which they were read, others in that of `ORDER`."""
+        """JSON object, read-only: fields in the order in which they were read, others in the order of `ORDER`."""
         return self._json
 
     @cached_property
@@ -309,10 +310,10 @@ class GridRecord(FrozenArrays):
         return MappingProxyType({**{name: found[name] for name in self.keys if name in found}, **found})
 
     def check(self, *names: str) -> None:
-        """Refuse values that could not be read, of the named fields or of all; absent fields pass.
+        """Refuse unreadable values of the named fields, or of all fields; absent fields pass.
 
         Raises:
-            InvalidInput: such a value.
+            InvalidInput: a value could not be read.
         """
         for name in names or self.ORDER:
             if getattr(self, name, None) is None and (said := self.extra.get(name)) is not None:
@@ -322,23 +323,23 @@ class GridRecord(FrozenArrays):
 
     @property
     def required_limits(self) -> TraversabilityLimits:
-        """Traversability limits of the assessment, as far as this version knows them.
+        """Traversability limits of the assessment that are known to this version.
 
         Raises:
-            InvalidInput: limits are absent or incomplete.
+            InvalidInput: the limits are absent or incomplete.
         """
         if self.limits is None:
             raise InvalidInput(
                 f"the grid's metadata says limits = {self.extra.get('limits')!r}; a grid made by process_scan, "
-                f"TerrainMap or assess_terrain holds {', '.join(LIMITS)} there, and is needed for this question"
+                f"TerrainMap or assess_terrain, which this query needs, contains {', '.join(LIMITS)} there"
             )
         return self.limits
 
     def other_limits(self) -> dict[str, tuple[Hazard, float]]:
-        """Limits of a newer version: name -> the flag that it sets, and its value.
+        """Limits of a newer version: name -> flag set by the limit, and its value.
 
-        All hazard bits are in use, so a new limit sets the existing flag that fits best, named in `limit_flags`. A cell
-        that it flagged is a hazard like any other.
+        All hazard bits are in use, so a new limit sets the existing flag that fits best, which is stated in
+        `limit_flags`. A cell with this flag is a hazard like any other.
         """
         self.check("limit_flags")
         return {
@@ -349,7 +350,7 @@ class GridRecord(FrozenArrays):
 
     @property
     def checked_attitude_sigma(self) -> float:
-        """Standard deviation of the vertical, 0 if it is not known [rad].
+        """Standard deviation of the vertical, 0 if unknown [rad].
 
         Raises:
             InvalidInput: the value cannot be read, or is not finite and 0 or more.
@@ -379,12 +380,12 @@ class ScanRecord(GridRecord):
         laser_origin: (3,) position of the laser in base_footprint [m].
         stripes_planned, stripes_used: numbers of stripes.
         stripes_missing: stripes that were not fired.
-        frames_bad, off_pictures_unused: stripe number -> reason why its frame or laser-off picture was not used.
+        frames_bad, off_pictures_unused: stripe index -> reason why its frame or laser-off image was not used.
         points, points_used: number of image columns by status, and number of those used.
         coverage_regions: coverage of each ninth of the area.
-        seconds: processor time by stage [s].
-        lost_cells: cells whose frame was lost, as runs (ix, first iy, end iy).
-        dark_flashes: number of frames that were proved to be dark when the laser was; None where the sweep had none.
+        seconds: computing time by stage [s].
+        lost_cells: cells that only lost frames could have shown, as runs (ix, first iy, end iy).
+        dark_flashes: number of dark flashes whose frames were compared; None for a sweep without dark flashes.
     """
 
     ORDER: ClassVar[tuple[str, ...]] = (
@@ -414,20 +415,20 @@ class MapRecord(GridRecord):
     """Record of the map of a walk.
 
     Attributes:
-        transform_footprint_to_odom, odometry_covariance: (4, 4) and (6, 6), pose of this pause.
-        scans: number of scans fused.
+        transform_footprint_to_odom, odometry_covariance: pose (4, 4) of this pause and its covariance (6, 6).
+        scans: number of fused scans.
         disagreeing_cells: number of heights of the last scan that disagreed with the map.
-        support_residuals: leg -> height of its sole above the map [m], None where the map knows too little.
-        sunk_feet, slid_feet: leg -> how far it sank below the map, and slid relative to the other feet, where feet did
-            [m]; None otherwise.
-        height_correction, height_correction_sigma: correction of the walk's height [m].
-        known_ground: declared patches.
+        support_residuals: leg -> height of its sole above the map [m], None if too little of the map is known there.
+        sunk_feet, slid_feet: leg -> distance by which the foot sank below the map, or slid relative to the other feet
+            [m]; None if no foot did.
+        height_correction, height_correction_sigma: height correction of the walk and its standard deviation [m].
+        known_ground: ground declared by the gait.
         sideways_correction, sideways_correction_sigma: planar correction (x, y, yaw) of the walk [m, m, rad].
         registration_refused: reason why the registration of the scan was not used.
-        visual_corners: number of corners of the ground's texture that moved alike, None without pictures.
-        visual_refused: reason why the laser-off picture did not correct the walk.
-        foot_slips: leg -> distance by which it slid since the last pause while it stood, all feet alike included [m];
-            None where pictures did not hold the map at both.
+        visual_corners: number of corners of the ground's texture that agree on a motion, None without images.
+        visual_refused: reason why the laser-off image did not correct the walk.
+        foot_slips: leg -> distance by which the standing foot slid since the last pause, including a slide common to
+            all feet [m]; None unless images held the map in place at both pauses.
         slipped_feet, odometry_residual, restarts: findings of leg odometry.
     """
 

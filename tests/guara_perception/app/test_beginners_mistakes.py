@@ -31,7 +31,12 @@ MISTAKES = (
     ("plates in millimetres", "heights of -0.5 ... 0.5 m", RECORD, "wrong_options_are_refused"),
     ("--plates 0", "allowed: 2 ... 20 heights", RECORD, "wrong_options_are_refused"),
     ("another board", "wrong corner count", REFUSALS, "fault_is_refused"),
-    ("one cross 10 mm off", "by the others cross", CROSSES, "the_one_cross_that_was_measured_wrongly_is_named"),
+    (
+        "one cross 10 mm off",
+        "according to the others cross",
+        CROSSES,
+        "the_one_cross_that_was_measured_wrongly_is_named",
+    ),
     ("all crosses off", "near where the nominal mount predicts them", REFUSALS, "fault_is_refused"),
     ("one cross forgotten", "resembles", CROSSES, "a_forgotten_cross_is_named_and_no_cross_is_called_wrongly_measured"),
     ("crosses in millimetres", "give metres, not", RECORD, "wrong_options_are_refused"),

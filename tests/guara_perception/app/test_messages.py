@@ -97,7 +97,7 @@ def test_grid_without_a_scan_can_be_sent():
         ("hazard", 0x0001, "elevation is NaN without an unknown flag, or known with one"),
         ("elevation", np.nan, "elevation is NaN without an unknown flag"),
         ("elevation", np.inf, "elevation is infinite"),
-        ("traversability", 0.0, "a cell is traversable with a hazard, or not without one"),
+        ("traversability", 0.0, "a cell is traversable with a hazard, or not traversable without one"),
         ("traversability", 1.5, "traversability is outside 0 ... 1"),
         ("variance", -1.0, "variance of a known cell is NaN or negative"),
     ],

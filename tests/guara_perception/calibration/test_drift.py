@@ -74,7 +74,7 @@ def test_missed_step() -> None:
         stripes[index][:, 2] -= 0.020
     drift = check_drift(stripes)
     assert drift.verdict == DRIFTING
-    assert any("from stripe index 24 on all points lie -20" in reason for reason in drift.reasons)
+    assert any("from stripe index 24 on, all points are -20" in reason for reason in drift.reasons)
 
 
 def test_nothing_to_compare_with() -> None:

@@ -90,7 +90,7 @@ def test_changed_pictures_of_five_crosses_are_named(robot: RobotModel, flip: Fli
     height, width = picture.shape[:2]
     matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
     camera = CameraModel((width, height), matrix, truth.camera.distortion)
-    with pytest.raises(CalibrationRefused, match=f"fiducials: the picture of the crosses is {name}: switch that off"):
+    with pytest.raises(CalibrationRefused, match=f"fiducials: the picture of the crosses is {name}: switch this off"):
         locate_camera(to_grey(picture), camera, Fiducials("", points), to_footprint @ robot.transform_camera_to_base)
 
 

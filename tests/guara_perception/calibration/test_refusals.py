@@ -165,7 +165,7 @@ def test_pixels_of_other_points(session: CalibrationSession, robot: RobotModel, 
     """Pixels that fit the points in no order are refused as such."""
     pixels = np.array([mark.centre_px for mark in result.floor.marks]) + [[90, 0], [0, 70], [0, 0], [0, 0]]
     fiducials = dataclasses.replace(session.fiducials, points_px=pixels)
-    with pytest.raises(CalibrationRefused, match="do not belong together in any order"):
+    with pytest.raises(CalibrationRefused, match="do not match in any order"):
         calibrate_session(dataclasses.replace(session, fiducials=fiducials), robot)
 
 

@@ -189,7 +189,7 @@ def test_a_scan_of_a_body_that_sways_loses_what_moved_and_says_why(rig: Rig) -> 
     still, wrong = swaying_scan(rig, Sway(0.0, 0.0, 1.0))
     health = still.record.health
     # There is no IMU here, and a scan alone has no walk.
-    assert wrong == 0 and health is not None and all("no IMU" in reason for reason in health.reasons), health
+    assert wrong == 0 and health is not None and all("neither an IMU" in reason for reason in health.reasons), health
     known = np.isfinite(still.elevation).sum()
     little, wrong = swaying_scan(rig, Sway(math.radians(0.1), 0.001, 1.0))
     assert wrong == 0 and np.isfinite(little.elevation).sum() > 0.9 * known
@@ -208,10 +208,11 @@ def test_joints_that_claim_another_motion_are_contradicted(rig: Rig) -> None:
     assert wrong == 0 and np.isfinite(grid.elevation).mean() > 0.8
     grid, wrong = swaying_scan(rig, sway, claims=Sway(0.0, 0.0, 1.0))
     health = grid.record.health
-    assert wrong == 0 and health is not None and "otherwise than the joints say" in health.reasons[0]
+    assert wrong == 0 and health is not None and "from the motion that the joints report" in health.reasons[0]
 
 
 def test_parted_stripes_are_named() -> None:
     assert motion_text({}, 0, 35, has_track=True) == ""
     text = motion_text({3: 0.004, 5: 0.0071}, 4, 35, has_track=False)
-    assert text.startswith("camera moved: 2 of 35 stripes, off by up to 7 mm") and "4 pairs of neighbours" in text
+    assert text.startswith("camera moved: 2 of 35 stripes are not used, off by up to 7 mm")
+    assert "4 pairs of neighbouring stripes are not joined" in text

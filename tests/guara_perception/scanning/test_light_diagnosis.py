@@ -57,7 +57,7 @@ def test_texture_is_named_where_laser_off_pictures_would_help(effect: str, with_
     health = processor.finish().metadata["health"]
     if effect == "chessboard" and not with_off:
         (reason,) = health["reasons"]
-        assert reason.startswith("texture: the scene's own light differs by ")
+        assert reason.startswith("texture: the scene's own light varies by ")
         assert reason.endswith(": take laser-off pictures")
     else:
         assert health == {"level": "ok", "reasons": []}
@@ -95,7 +95,7 @@ def test_pictures_that_were_not_used_are_reported_by_stripe() -> None:
         data = processor.finish().metadata
         unused, reported = (
             data["off_pictures_unused"],
-            f"flicker: for {count} of {STRIPES} stripes the laser-off picture",
+            f"flicker: the laser-off pictures of {count} of {STRIPES} stripes",
         )
         assert any(reason.startswith(reported) for reason in data["health"]["reasons"]) == (count > 0)
         assert len(unused) == count

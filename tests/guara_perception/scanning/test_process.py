@@ -159,7 +159,7 @@ def test_pairing_is_by_index_not_by_order(paper_scan, calibration, robot, paper_
 def test_another_robots_model_is_refused(paper_scan, calibration, robot):
     """Robot of scan, of model and of calibration must be one."""
     other = dataclasses.replace(paper_scan, robot="tapir")
-    with pytest.raises(gp.CalibrationMismatch, match=r"scan.json: robot is 'tapir', the model given is of 'guara'"):
+    with pytest.raises(gp.CalibrationMismatch, match=r"scan.json: robot is 'tapir', the model given is 'guara'"):
         gp.process_scan(other, calibration, robot)
 
 
@@ -219,7 +219,7 @@ def with_frames(scan: gp.Scan, change: Callable[[str, np.ndarray], np.ndarray]) 
 def test_frames_of_another_size_are_refused(paper_scan, calibration, robot):
     """A camera that was not calibrated is not used, strict or not."""
     small = with_frames(paper_scan, lambda name, frame: frame[::2, ::2])
-    with pytest.raises(gp.CalibrationMismatch, match="no frame is 640x512 px as the calibrated camera's"):
+    with pytest.raises(gp.CalibrationMismatch, match="no frame has the calibrated camera's 640x512 px"):
         gp.process_scan(small, calibration, robot)
     with pytest.raises(gp.InvalidInput, match="on_000.jpg: the frame is 320x256 px, .* camera gives 640x512"):
         gp.process_scan(small, calibration, robot, strict=True)
@@ -258,7 +258,7 @@ def test_mirror_that_stood_elsewhere_is_reported(paper_scan, calibration, robot,
         gp.process_scan(paper_scan, calibration, robot, pictures=False)
         assert not caplog.records
         gp.process_scan(dataclasses.replace(paper_scan, stripes=stripes), calibration, robot, pictures=False)
-    assert "mirror_angle of stripe index 0, 2 ... 68 differs from the calibration's" in caplog.text
+    assert "mirror_angle of stripe index 0, 2 ... 68 differs from the calibrated one" in caplog.text
 
 
 def test_progress_counts_every_stripe(paper_scan, calibration, robot):

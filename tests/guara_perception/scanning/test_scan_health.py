@@ -143,7 +143,7 @@ def test_scan_whose_camera_stood_still_is_processed(paper_scan, calibration, rob
     ("counts", "expected_texts"),
     [
         ([0, 1000, 0, 0, 0, 0, 0], ["laser is on", "mirror turns"]),
-        ([100, 300, 400, 200, 0, 0, 0], ["polarised lens", "expose less"]),
+        ([100, 300, 400, 200, 0, 0, 0], ["polarising filter", "expose less"]),
         ([300, 700, 0, 0, 0, 0, 0], ["narrow band-pass filter", "stronger laser"]),
     ],
 )

@@ -58,7 +58,7 @@ def test_no_cell_is_free_that_an_unseen_sway_made_wrong(robot: RobotModel, tmp_p
     free = {name: grid.hazard == 0 for name, grid in grids.items()}
     wrong = {name: int((free[name] & (np.abs(grid.elevation - truth) > WRONG_M)).sum()) for name, grid in grids.items()}
     assert wrong["still"] == wrong["swaying, said"] == 0 < wrong["swaying, unsaid"]
-    assert "the body may sway by 0.50 degrees unseen" in " ".join(grids["still, said"].record.health.reasons)
+    assert "the body may sway by 0.50 degrees undetected" in " ".join(grids["still, said"].record.health.reasons)
     assert np.nanmax(grids["still, said"].variance_local) > 10 * np.nanmax(grids["still"].variance_local)
 
 

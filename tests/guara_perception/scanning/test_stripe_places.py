@@ -76,7 +76,7 @@ def test_a_gap_makes_a_scan_one_without_a_stream_if_asked_for(
     times = np.arange(-0.2, PERIOD * len(paper_scan.stripes) + 0.2, 0.005)
     track = tracked(robot, paper_scan, times[(times < 0.3) | (times > 0.5)])
     processor = scanned(robot, paper_scan, calibration, track)
-    assert "has a gap of 0.21 s within the scan" in processor.track_fault
+    assert "has a gap of 0.21 s during the scan" in processor.track_fault
     still = gp.process_scan(paper_scan, calibration, robot)
     assert np.isfinite(processor.finish().elevation).sum() < 0.95 * np.isfinite(still.elevation).sum()
     processor.leave_track()
@@ -85,7 +85,7 @@ def test_a_gap_makes_a_scan_one_without_a_stream_if_asked_for(
     np.testing.assert_array_equal(grid.elevation, still.elevation)
     assert grid.record.health is not None and processor.track_fault in grid.record.health.reasons[0]
     early = scanned(robot, paper_scan, calibration, tracked(robot, paper_scan, times[times < 0.5]))
-    assert "begins or ends within the scan" in early.track_fault
+    assert "begins or ends during the scan" in early.track_fault
 
 
 def test_where_instants_are_doubtful_nothing_is_known(

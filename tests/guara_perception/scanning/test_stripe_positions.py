@@ -76,7 +76,7 @@ def test_raw_bayer_taken_as_grey_is_refused(paper_scan, calibration, robot) -> N
     """Every frame that shows a stripe is refused, with what to do; in true grey the scan is good."""
     raw, _ = reasons(spoiled(paper_scan, lambda k, frame: raw_bayer(frame)), calibration, robot)
     assert raw.metadata["known"] == 0 and len(raw.metadata["frames_bad"]) > 30
-    assert "raw Bayer data taken as grey" in raw.metadata["health"]["reasons"][0]
+    assert "the frame is raw Bayer data" in raw.metadata["health"]["reasons"][0]
     for change in (lambda k, frame: cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), lambda k, frame: frame[:, :, 2].copy()):
         grey = gp.process_scan(spoiled(paper_scan, change), calibration, robot, pictures=False)
         assert not grey.metadata["frames_bad"] and grey.metadata["known"] > 0.9

@@ -221,7 +221,7 @@ REFUSED = [
     ("fiducials: 3 of 5 crosses were found", "`guara record {session} --redo crosses`"),
     ("2 of 14 board views are usable", "`guara record {session} --redo board`"),
     (
-        "wrong square size: by the fiducials",
+        "wrong square size: relative to the fiducials",
         "`guara calibrate {session} -o {session}/calibration.json --square",
     ),
 ]

@@ -165,10 +165,10 @@ def test_unknown_ground_is_not_safe_however_large_the_cells_are() -> None:
         ("elevation", np.inf, "elevation is infinite"),
         ("variance", np.nan, "variance of a known cell"),
         ("variance", -1.0, "variance of a known cell"),
-        ("traversability", 0.0, "traversable with a hazard, or not without one"),
+        ("traversability", 0.0, "traversable with a hazard, or not traversable without one"),
         ("traversability", 1.5, "outside 0 ... 1"),
         ("traversability", np.nan, "outside 0 ... 1"),
-        ("hazard", Hazard.STEP, "traversable with a hazard, or not without one"),
+        ("hazard", Hazard.STEP, "traversable with a hazard, or not traversable without one"),
         ("hazard", Hazard.DROPOUT, "NaN without an unknown flag"),
     ],
 )

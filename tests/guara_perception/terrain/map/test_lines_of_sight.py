@@ -274,5 +274,5 @@ def test_a_ceiling_that_is_none_is_refused(
     fused = gp.TerrainMap(robot).update(make_scan(0.0, metadata=where), PoseInOdom(np.eye(4), NO_DRIFT))
     ceiling = fused.ceiling.copy()
     ceiling[at] = value
-    with pytest.raises(gp.UnsafeGrid, match="ceiling of a known cell, or an infinite one: 1 cells"):
+    with pytest.raises(gp.UnsafeGrid, match="ceiling is infinite, or set in a known cell: 1 cells"):
         dataclasses.replace(fused, layers={**fused.layers, "ceiling": ceiling})
