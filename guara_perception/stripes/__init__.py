@@ -1,4 +1,4 @@
-"""Stripes: from a pair of frames to the position of the laser line in every column.
+"""Stripe extraction: from a pair of frames to the position of the laser line in every column.
 
 Imports no other subpackage; `calibration`, `ranging` and the scan processor use it. It does no input or output.
 """

@@ -1,11 +1,10 @@
-"""Pictures of a stripe: their checks and light, the band of rows that can hold it, the profile extracted from them."""
+"""Images of a stripe: validity checks, the band of rows that can contain it, and the profile extracted from them."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,33 +13,35 @@ from guara_perception.arrays import Codes, Float, Float32, Image, Mask
 from guara_perception.stripes.kernel.library import Picture, addresses, kernel
 from kinematics.arrays import FrozenArrays
 
-# A band is checked for white in every eighth row, and in 40 to 79 columns of a wide picture.
+# A band is checked for white in every eighth row, and in 40 to 79 columns of a wide image.
 CHECKED_ROWS, CHECKED_COLUMNS = 8, 40
-# From this share of full scale a pixel counts as clipped; JPEG and demosaicing keep it from reaching 1.
+# Fraction of full scale from which a pixel counts as clipped; JPEG and demosaicing prevent it from reaching 1.
 CLIPPED = 0.98
-# Columns of a grey picture differ from their neighbours by a thousandth, those behind a colour filter by 2 %
-# under white light at the least, and by 30 to 95 % of its light in a red laser's.
+# Least contrast between even and odd columns behind a colour filter. It is about 0.1 % in grey images; behind a colour
+# filter it is at least 2 % in white light and 30 to 95 % in red laser light.
 LEAST_AMBIENT_CONTRAST = 0.012
 LEAST_LASER_CONTRAST = 0.25
+# Least mean difference of the laser light between even and odd columns that exceeds the noise [grey levels].
 LEAST_LASER_LEVEL = 0.15
+# Number of parts of the width that are tested separately.
 QUARTERS = 4
-# Half the height of the opening that stands in for a missing off frame: wider than any stripe, narrower than texture.
+# Half height of the opening that replaces a missing laser-off image: wider than any stripe, narrower than texture.
 BACKGROUND_HALF_HEIGHT_PX = 12
-# Largest change of the brightness beside the stripe between laser off and on, as a share of full scale: beyond it the
-# frames are no pair.
+# Largest change of brightness beside the stripe between laser off and on, as a fraction of full scale. Above it,
+# `paper` rejects the frame, and `precise` uses the laser-off image only if it is found to show the same view.
 MAX_AMBIENT_CHANGE = 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class FramePair:
-    """The pictures of one stripe. They are not copied: nothing may write into them before they have been processed.
+    """Images of one stripe. They are not copied, so they must not be changed before they have been processed.
 
     Attributes:
         index: index of the stripe in the standard pattern.
-        on: picture with the laser on, (h, w) or (h, w, 3) BGR as OpenCV reads it, uint8 or uint16.
-        off: picture with the laser off, or None: earlier frames of the sweep serve instead.
-        dark: picture of the dark flash that came after the stripe, None where none did.
-        instant: time of the flash [s], by the clock of the body's track; NaN where it is not known.
+        on: laser-on image, (h, w) or (h, w, 3) BGR as OpenCV reads it, uint8 or uint16.
+        off: laser-off image; None = use earlier frames of the sweep instead.
+        dark: image of the dark flash after the stripe, None if there was none.
+        instant: time of the flash on the clock of the body's track [s]; NaN if unknown.
         instant_sigma: standard deviation of that time [s].
     """
 
@@ -54,12 +55,12 @@ class FramePair:
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """The rows of a pair of frames that can hold one stripe.
+    """Rows of a frame pair that can contain one stripe.
 
     Attributes:
-        on: (rows, columns[, 3]) uint8 or uint16, laser on.
-        off: the same rows with the laser off, or None.
-        first_row: row of the full picture in which the band begins.
+        on: (rows, columns[, 3]) uint8 or uint16 rows of the laser-on image.
+        off: same rows of the laser-off image, or None.
+        first_row: row of the whole image in which the band begins.
     """
 
     on: Image
@@ -68,7 +69,7 @@ class Band:
 
 
 def channel_of(frame: Image, number: int) -> Image:
-    """One channel of a frame (rows, columns[, channels]) as a contiguous picture."""
+    """One channel of a frame (rows, columns[, channels]) as a contiguous image."""
     if frame.ndim == 2:
         return np.ascontiguousarray(frame)
     if frame.shape[2] == 1:
@@ -77,22 +78,17 @@ def channel_of(frame: Image, number: int) -> Image:
 
 
 def has_colour(frame: Image) -> bool:
-    """Test that a picture has three channels."""
+    """Test that an image has three channels."""
     return frame.ndim == 3 and frame.shape[2] == 3
 
 
 def is_clipped(values: Image) -> Mask:
-    """Mask of the grey levels at the end of the scale."""
-    return np.asarray(values >= clipped_from(values.dtype))
-
-
-def clipped_from(kind: np.dtype[Any]) -> int:
-    """Grey level from which a pixel of this type counts as clipped."""
-    return int(np.ceil(CLIPPED * np.iinfo(kind).max))
+    """Mask of the clipped grey levels."""
+    return np.asarray(values >= int(np.ceil(CLIPPED * np.iinfo(values.dtype).max)))
 
 
 def picture_fault(on: Image) -> str:
-    """Text that says what was given in place of a camera's picture; empty for a picture."""
+    """Description of an array that is not a valid camera image; empty if it is one."""
     if not isinstance(on, np.ndarray):
         return f"{type(on).__name__}, it must be a numpy array"
     if on.dtype not in (np.uint8, np.uint16) or on.ndim not in (2, 3) or (on.ndim == 3 and on.shape[2] not in (1, 3)):
@@ -101,17 +97,16 @@ def picture_fault(on: Image) -> str:
 
 
 def unusable_frame(band: Image, off: Image | None, shape: tuple[int, ...]) -> str:
-    """Reason for which a frame cannot be used; empty for a usable one.
+    """Reason why a frame cannot be used; empty if it is usable.
 
     Args:
-        band: the rows of the laser-on frame that will be searched.
+        band: rows of the laser-on frame that will be searched.
         off: the whole laser-off frame, or None.
         shape: shape of the whole laser-on frame.
     """
-    if off is not None:
-        if not isinstance(off, np.ndarray) or off.dtype != band.dtype or off.shape != shape:
-            given = f"{off.dtype} {off.shape}" if isinstance(off, np.ndarray) else type(off).__name__
-            return f"laser-off frame is {given}, laser-on frame is {band.dtype} {shape}: they must be alike"
+    if off is not None and (not isinstance(off, np.ndarray) or off.dtype != band.dtype or off.shape != shape):
+        given = f"{off.dtype} {off.shape}" if isinstance(off, np.ndarray) else type(off).__name__
+        return f"laser-off frame is {given}, laser-on frame is {band.dtype} {shape}: they must be alike"
     sampled = np.ascontiguousarray(band[::CHECKED_ROWS, :: max(band.shape[1] // CHECKED_COLUMNS, 1)])
     low, high = float(sampled.min()), float(sampled.max())
     if low == high and float(band.min()) == float(band.max()):
@@ -122,10 +117,10 @@ def unusable_frame(band: Image, off: Image | None, shape: tuple[int, ...]) -> st
 
 
 def is_raw_bayer(on: Image, off: Image | None) -> bool:
-    """Detect the 2 x 2 pattern of a colour filter in a picture of one channel, or in its rows from an even one on.
+    """Detect the 2 x 2 pattern of a colour filter in a single-channel image or a band of its rows.
 
-    Grey pictures have no reason to differ between even and odd columns all over; behind a colour filter these differ,
-    in even rows otherwise than in odd ones.
+    Even and odd columns of a grey image have the same mean. Behind a colour filter their means differ, and the
+    difference is not the same in even and odd rows.
     """
     if on.ndim == 3 and on.shape[2] != 1:
         return False
@@ -133,14 +128,15 @@ def is_raw_bayer(on: Image, off: Image | None) -> bool:
         return _agree(_of_sums(_sums(on)), LEAST_AMBIENT_CONTRAST)
     dark = _sums(off)
     light = _sums(on) - dark
-    # Rows of one kind hardly take in the laser: each kind is judged by itself, and only where there is more than noise.
+    # Rows without red pixels hardly respond to the laser, so even and odd rows are tested separately, and only where
+    # the signal exceeds the noise.
     apart = np.abs(light[..., 0] - light[..., 1]) / (on.shape[0] / 2 * on.shape[1] / QUARTERS)
     laser = np.where(apart > LEAST_LASER_LEVEL, _of_sums(light), 0.0)
     return _agree(laser, LEAST_LASER_CONTRAST) or _agree(_of_sums(dark), LEAST_AMBIENT_CONTRAST)
 
 
 def _sums(picture: Image) -> Float:
-    """(2 kinds of row, QUARTERS of the width, 2 kinds of column) sums of levels."""
+    """Sums of grey levels (2, QUARTERS, 2) by even and odd rows, part of the width, and even and odd columns."""
     height, width = picture.shape[0] // 2 * 2, picture.shape[1] // (2 * QUARTERS) * 2 * QUARTERS
     plane = picture.reshape(picture.shape[:2])[:height, :width]
     by_column = np.array([plane[row::2].sum(axis=0, dtype=np.float64) for row in (0, 1)])
@@ -148,18 +144,18 @@ def _sums(picture: Image) -> Float:
 
 
 def _of_sums(sums: Float) -> Float:
-    """(2, QUARTERS) difference over sum of even and odd columns."""
+    """Contrast (2, QUARTERS) of even and odd columns: their difference divided by their sum."""
     return np.asarray((sums[..., 0] - sums[..., 1]) / np.maximum(np.abs(sums).sum(axis=-1), 1e-9))
 
 
 def _agree(contrast: Float, least: float) -> bool:
-    """Test that one kind of row differs by more than `least`, with one sign, in all quarters but one at the most."""
+    """Test that even or odd rows have a contrast above `least`, with one sign, in all quarters except at most one."""
     more, less = (contrast > least).sum(axis=1), (contrast < -least).sum(axis=1)
     return bool((np.maximum(more, less) >= QUARTERS - 1).any())
 
 
 class StripeStatus(IntEnum):
-    """Result of one column; the values never change."""
+    """Result in one column; the values never change."""
 
     OK = 0
     DROPOUT = 1
@@ -172,16 +168,16 @@ class StripeStatus(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class StripeProfile(FrozenArrays):
-    """One stripe, column by column (row by row when it was extracted along rows).
+    """One stripe, column by column (row by row if it was extracted along rows).
 
     Attributes:
-        position_px: (n,) float32, row of the stripe centre in full-picture coordinates, NaN where there is none.
+        position_px: (n,) float32, row of the stripe centre in the whole image, NaN where there is none.
         sigma_px: (n,) float32, standard deviation of the position, NaN where there is none.
         status: (n,) uint8, a StripeStatus per column.
         peak: (n,) float32, height of the smoothed peak above background [grey levels], NaN in a bad frame.
-        doubtful_px: (n,) float32, row of a return that may not be used (ambiguous or mixed), NaN where there is none.
-        reason: reason for which the whole frame is bad; empty for a good one.
-        remark: what is wrong with the laser-off picture, used or not; empty when nothing is, or there was none.
+        doubtful_px: (n,) float32, row of a return that must not be used (ambiguous or mixed), NaN where there is none.
+        reason: reason why the whole frame is bad; empty for a usable frame.
+        remark: defect of the laser-off image, even if it was not used; empty if it has none or is missing.
     """
 
     position_px: Float32
@@ -194,11 +190,11 @@ class StripeProfile(FrozenArrays):
 
     @property
     def is_frame_bad(self) -> bool:
-        """True where the whole frame was rejected."""
+        """True if the whole frame was rejected."""
         return bool(self.reason)
 
     def mirrored(self) -> StripeProfile:
-        """The profile of the same picture seen in a mirror, its columns in reverse order."""
+        """Profile of the same image mirrored left to right."""
         return replace(self, remark="", **{name: getattr(self, name)[::-1] for name in PROFILE_ARRAYS})
 
 
@@ -206,11 +202,12 @@ PROFILE_ARRAYS = StripeProfile.__slots__[:5]
 
 
 def profile_of(profile: Float32, status: Codes, doubtful: Float32 | None = None, remark: str = "") -> StripeProfile:
-    """Profile of a measured stripe; the arrays become read-only, so that it keeps them without a copy.
+    """Profile of a measured stripe; the arrays are made read-only, so that they need not be copied.
 
     Args:
         profile: (3, columns) position, its sigma, and the peak [grey levels].
-        status, doubtful: (columns,), None where no return is doubtful.
+        status: (columns,) status of each column.
+        doubtful: (columns,) rows of doubtful returns, or None if no return is doubtful.
         remark: as in a StripeProfile.
     """
     doubtful = nothing(status.size) if doubtful is None else doubtful
@@ -221,13 +218,13 @@ def profile_of(profile: Float32, status: Codes, doubtful: Float32 | None = None,
 
 
 def bad_frame(n: int, reason: str) -> StripeProfile:
-    """The profile of a frame that cannot be used: nothing is known but the reason."""
+    """Profile of a frame that cannot be used, with the reason."""
     status = np.full(n, StripeStatus.FRAME_BAD, dtype=np.uint8)
     return StripeProfile(nothing(n), nothing(n), status, nothing(n), nothing(n), reason)
 
 
 def nothing(n: int) -> Float32:
-    """NaN (n,) read-only, in the memory of one number: a scan keeps the profiles of all its stripes."""
+    """Read-only array of n NaNs that takes the memory of one, because a scan keeps the profiles of all its stripes."""
     one = np.full((), np.nan, dtype=np.float32)
     one.setflags(write=False)
     return np.broadcast_to(one, n)
@@ -235,14 +232,15 @@ def nothing(n: int) -> Float32:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """Assessment of a pair of frames by some columns of a band.
+    """Assessment of a frame pair from some columns of a band, made by the kernel.
 
     Attributes:
         channel: number of the channel in which the stripe stands out most from the noise; 0 for mono.
-        is_swapped: the dark side looks like a stripe and the bright side does not.
-        change: how much brighter the surroundings of the stripe are than the background [grey levels].
-        is_uneven: whether the surroundings are brighter or darker in any channel.
-        is_core_clipped: whether the stripe's core is clipped in that channel in more than a fifth of the columns.
+        is_swapped: True if the stripe is a dip of `on - off` instead of a peak.
+        change: median of `on - off` in that channel [grey levels]; near 0 for a valid pair.
+        is_uneven: True if the brightness beside the stripe differs between `on` and `off` in any channel.
+        is_core_clipped: True if the core is clipped in that channel in more than a fifth of the columns in which the
+            stripe stands out.
     """
 
     channel: int
@@ -253,11 +251,11 @@ class Judgement:
 
 
 def judge(on: Image, off: Image | None) -> Judgement:
-    """Judge a pair by some columns: which channel shows the stripe best, and whether its core is clipped.
+    """Assess a frame pair from some of its columns.
 
     Args:
-        on: (rows, columns[, channels]) uint8 or uint16, laser on.
-        off: the same with the laser off, or None.
+        on: (rows, columns[, channels]) uint8 or uint16 laser-on image.
+        off: laser-off image, or None.
     """
     first, second = pictures_of(on, off)
     found, work = np.empty(5), np.empty(kernel().judge_size(*first.shape), np.float32)
@@ -266,10 +264,10 @@ def judge(on: Image, off: Image | None) -> Judgement:
 
 
 def pictures_of(on: Image, off: Image | None) -> tuple[Picture, Picture | None]:
-    """A pair as the kernel takes it; both arrays must outlive it.
+    """Frame pair as passed to the kernel; both arrays must outlive it.
 
     Raises:
-        ValueError: they are no pair of pictures.
+        ValueError: `on` is not an image, or `off` differs in shape or type.
     """
     if fault := picture_fault(on):
         raise ValueError(f"the laser-on picture is {fault}")
@@ -279,6 +277,6 @@ def pictures_of(on: Image, off: Image | None) -> tuple[Picture, Picture | None]:
 
 
 def opening(picture: Image) -> Image:
-    """Vertical grey opening: the picture without anything as narrow as a stripe."""
+    """Vertical grey opening, which removes everything as narrow as a stripe from an image."""
     column = np.ones((2 * BACKGROUND_HALF_HEIGHT_PX + 1, 1), np.uint8)
     return np.asarray(cv2.morphologyEx(picture, cv2.MORPH_OPEN, column))

@@ -1,4 +1,4 @@
-"""`extract_stripe`: the stripe of one picture by a chosen method."""
+"""Extraction of the stripe from one image, by a chosen method."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ def extract_stripe(
     method: str = "precise",
     threshold: float | None = None,
 ) -> StripeProfile:
-    """Find the laser stripe in one picture.
+    """Find the laser stripe in one image.
 
     Args:
-        on: (h, w) or (h, w, 3) BGR as OpenCV reads it, uint8 or uint16, laser on.
-        off: the same view with the laser off; None = the background is estimated from `on`.
-        along: "columns": the stripe crosses the columns, one position (a row) per column; "rows": one position
-            (a column) per row.
-        band: (first, end) rows that are searched, or columns for along="rows"; None = the whole picture.
+        on: laser-on image, (h, w) or (h, w, 3) BGR as OpenCV reads it, uint8 or uint16.
+        off: laser-off image of the same view; None = estimate the background from `on`.
+        along: "columns": the stripe crosses the columns and has one position (a row) per column; "rows": it has one
+            position (a column) per row.
+        band: (first, end) rows to search, or columns for along="rows"; None = the whole image.
         method: one of METHODS.
-        threshold: of the binarisation of "paper" [grey levels of 8 bits]; None = chosen by the picture.
+        threshold: binarisation threshold of "paper" [grey levels of 8 bits]; None = chosen for the image.
 
     Returns:
-        A StripeProfile with w entries (h for along="rows"). A picture that cannot be used (blank, white,
-        another size or type than its off frame) gives FRAME_BAD in every entry and says why.
+        StripeProfile with w entries (h for along="rows"). An image that cannot be used (blank, white, or of another
+        size or type than `off`) has FRAME_BAD in every entry and states the reason.
 
     Raises:
-        InvalidInput: `on` is no picture of 8 by 8 pixels or more, or an argument is not one of those allowed.
+        InvalidInput: `on` is not an image of 8 x 8 pixels or more, or an argument has a value that is not allowed.
     """
     if method not in METHODS:
         raise InvalidInput(f"method is {method!r}, allowed: {', '.join(METHODS)}")
@@ -66,7 +66,7 @@ def extract_stripe(
 
 
 def _turned(picture: Image) -> Image:
-    """The picture with its rows as columns; a valid one in contiguous memory, which is quicker to read."""
+    """Transpose an image; a valid one is copied to contiguous memory, which is read faster."""
     turned = picture.swapaxes(0, 1)
     if picture.dtype not in (np.uint8, np.uint16) or picture.ndim > 3:
         return turned

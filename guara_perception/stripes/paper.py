@@ -1,4 +1,4 @@
-"""The `paper` method: red-enhanced grey, background removed, binarised, skeletonised, mean row per column."""
+"""Method `paper`: red-enhanced grey, background removal, binarisation, skeleton, mean row of each column."""
 
 from __future__ import annotations
 
@@ -23,27 +23,29 @@ from guara_perception.stripes.band import (
 )
 from guara_perception.stripes.peaks import upper_median
 
-# Red-enhanced grey of a BGR picture: the paper names no numbers; red carries the laser, the rest steadies the grey.
+# Weights of the channels in the red-enhanced grey. The paper gives no numbers; red contains the laser, the other
+# channels stabilise the grey.
 BLUE_SHARE, GREEN_SHARE, RED_SHARE = 0.05, 0.15, 0.80
-# Otsu's threshold lies midway between the background and the bright part of the stripe: above it, 2 to 38 % of the
-# columns of a recorded scan are lost. The paper only says that the picture is binarised.
+# Threshold relative to Otsu's, which is midway between the background and the bright part of the stripe and would lose
+# 2 to 38 % of the columns of a recorded scan. The paper only says that the image is binarised.
 OTSU_SHARE = 0.4
-# It splits the noise where there is no stripe: below this many sigmas of it nothing counts.
+# Least threshold in sigmas of the noise, which Otsu's method would split where there is no stripe.
 THRESHOLD_SIGMAS = 5.0
+# Upper quartile of a normal distribution [sigmas].
 UPPER_QUARTILE = 0.674
 NAN = np.float32(np.nan)
-# A skeleton is right to about half a pixel.
+# Error of a skeleton, about half a pixel.
 SIGMA_PX = 0.5
-# Skeleton pixels of one column that extend over more rows belong to two lines.
+# Largest extent of the skeleton of one line in a column; a larger one belongs to two lines.
 MOST_EXTENT_PX = 4
-# The skeletons of a picture and of the picture upside down differ by at most this in the middle of a line.
+# Largest difference, in the middle of a line, between the skeletons of an image and of the same image upside down.
 MOST_DIFFERENCE_PX = 1
-# Thinning takes one layer of pixels per pass off each side; nothing in a band of rows is thicker than this.
+# Largest number of passes of the thinning, each of which removes one layer of pixels on each side.
 MOST_PASSES = 200
 
 
 def extract_paper(bands: Sequence[Band], threshold: float | None = None) -> list[StripeProfile]:
-    """Find the stripes of some bands as `paper_stripe` does."""
+    """Find the stripes of several bands with `paper_stripe`."""
     return [paper_stripe(band, threshold) for band in bands]
 
 
@@ -62,14 +64,14 @@ def check_threshold(threshold: float | None, method: str, *, has_threshold: bool
 
 
 def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
-    """Find one stripe as the paper does.
+    """Find one stripe with the method of the paper.
 
     Args:
-        band: rows that can hold the stripe.
-        threshold: fixed threshold of the binarisation [grey levels of 8 bits]; None = OTSU_SHARE of Otsu's.
+        band: rows that can contain the stripe.
+        threshold: fixed threshold of the binarisation [grey levels of 8 bits]; None = derived from Otsu's.
 
     Returns:
-        One position per column in full-picture rows.
+        Profile with one position per column, in rows of the whole image.
     """
     rows, columns = band.on.shape[:2]
     grey = red_enhanced_grey(band.on)
@@ -81,7 +83,8 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
         )
     light = remove_background(grey, background)
     mask = binarise(light, threshold)
-    # Thinning leaves the same one of the two middle rows of a line an even number of pixels thick: half a pixel off.
+    # Of a line whose thickness is an even number of pixels, thinning always leaves the same one of the two middle rows,
+    # half a pixel off. So the skeleton is averaged with that of the image upside down.
     (above, extent_above), (below, extent_below) = mean_rows(skeleton(mask)), mean_rows(skeleton(mask[::-1])[::-1])
     row = (above + below) / 2
     peak = light.max(axis=0).astype(np.float32)
@@ -103,7 +106,7 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
 
 
 def red_enhanced_grey(frame: Image) -> Grey:
-    """Grey picture of 8 bits in which red counts most; a mono picture is taken as it is."""
+    """Grey image of 8 bits in which red has the largest weight; a mono image is only converted to 8 bits."""
     frame = eight_bits(frame)
     if not has_colour(frame):
         return channel_of(frame, 0)
@@ -112,27 +115,27 @@ def red_enhanced_grey(frame: Image) -> Grey:
 
 
 def remove_background(grey: Grey, background: Grey) -> Grey:
-    """Laser light alone; negative differences become zero."""
+    """Laser light without the background; negative differences become zero."""
     return np.asarray(cv2.subtract(grey, background), dtype=np.uint8)
 
 
 def binarise(light: Grey, threshold: float | None = None) -> Mask:
-    """Pixels whose light exceeds a threshold: the given one, or a share of Otsu's, raised above the noise.
+    """Mask of the pixels whose light exceeds a threshold.
 
     Args:
         light: (rows, columns) laser light.
-        threshold: fixed threshold; None = OTSU_SHARE of Otsu's.
+        threshold: fixed threshold; None = OTSU_SHARE of Otsu's threshold, at least THRESHOLD_SIGMAS of the noise.
     """
     if threshold is None:
         otsu, _ = cv2.threshold(light, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
-        # Half of the noise was cut off at zero, but its upper quartile is where it was: at 0.674 sigma.
+        # Half of the noise was clipped at zero, but its upper quartile is still at 0.674 sigma.
         noise = float(np.percentile(light[::3, ::16], 75)) / UPPER_QUARTILE
         threshold = max(OTSU_SHARE * otsu, THRESHOLD_SIGMAS * max(noise, 0.5))
     return np.asarray(light > threshold)
 
 
 def mean_rows(thin: Mask) -> tuple[Float, Index]:
-    """Mean row (columns,) of the pixels of each column, NaN where it has none, and the rows that they extend over."""
+    """Mean row (columns,) of the pixels of each column, NaN without pixels, and their extent (columns,) in rows."""
     count = thin.sum(axis=0)
     rows = np.arange(len(thin))[:, None]
     mean = np.where(count > 0, (thin * rows).sum(axis=0) / np.maximum(count, 1), np.nan)
@@ -142,10 +145,10 @@ def mean_rows(thin: Mask) -> tuple[Float, Index]:
 
 
 def skeleton(mask: Mask) -> Mask:
-    """Thin a mask (rows, columns) to lines one pixel wide, connections kept; works on the pixels of the mask only.
+    """Thin a mask (rows, columns) to lines one pixel wide that stay connected.
 
-    Zhang, Suen: A fast parallel algorithm for thinning digital patterns, CACM 27 (1984): in turn the south-east
-    and the north-west border pixels are taken off, those that do not end or connect lines.
+    Zhang, Suen: A fast parallel algorithm for thinning digital patterns, CACM 27 (1984): south-east and north-west
+    border pixels that do not end or connect lines are removed in turn. Only pixels of the mask are visited.
     """
     rows, columns = mask.shape
     padded = np.zeros((rows + 2, columns + 2), dtype=np.uint8)
@@ -171,7 +174,7 @@ def skeleton(mask: Mask) -> Mask:
 
 @lru_cache(maxsize=1)
 def deletable() -> tuple[Mask, Mask]:
-    """Tables of the 256 neighbourhoods in which a pixel may be removed, for both halves of a pass."""
+    """Tables (256,) of the neighbourhoods in which a pixel may be removed, for both halves of a pass."""
     codes = np.arange(256)
     p = [(codes >> bit) & 1 for bit in range(8)]
     neighbours = sum(p)

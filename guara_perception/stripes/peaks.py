@@ -9,12 +9,12 @@ from guara_perception.stripes.kernel.library import address, kernel
 
 
 def upper_median(values: Array) -> float:
-    """Upper median of one or more values, as float32; NaN must not be among them."""
+    """Upper median of one or more values without NaN, as float32."""
     return select(values, values.size // 2)
 
 
 def select(values: Array, rank: int) -> float:
-    """Value of this rank among values without NaN, as float32; the lowest has rank 0."""
+    """Value of a given rank among values without NaN, as float32; the lowest has rank 0."""
     copy = np.array(values, np.float32, order="C")
     if not 0 <= rank < copy.size:
         raise IndexError(f"rank {rank} of {copy.size} values")

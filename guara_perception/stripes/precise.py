@@ -1,4 +1,4 @@
-"""The `precise` method: highest peak of each column; in doubtful light the best path through all columns."""
+"""Method `precise`: the highest peak of each column, or in difficult light the best path through all columns."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ from guara_perception.stripes.band import (
 )
 from guara_perception.stripes.kernel.library import addresses, kernel, memory
 
-# Results that are no numbers of doubtful columns, as in extract.c and any_light.c.
+# Return codes of extract.c and any_light.c; results of 0 and above are numbers of doubtful columns.
 SWAPPED, CHANGED = -2, -3
 EVERY_COLUMN = -1
-# Columns of a picture of at least this many that become one where a path is looked for in a pair of colour pictures.
+# Search for a path in a colour pair: (least width, number of columns averaged to one), and least number of rows from
+# which columns are averaged.
 SHRUNK_FROM, SHRUNK_ROWS = ((1000, 4), (480, 2)), 32
-# What is wrong with a laser-off picture, by the kernel's number, in words that take its numbers.
+# Defects of a laser-off image by the kernel's code, as formats for the two numbers that it returns.
 REMARKS = (
     "",
     "the laser-off picture is {:.2f} times as bright as the laser-on one: expose both alike",
-    "the laser-off picture is of another scene: {:.0f} of {:.0f} grey levels remain",
+    "the laser-off picture shows another scene: {:.0f} of {:.0f} grey levels of contrast remain after subtraction",
 )
 
 
@@ -41,7 +42,7 @@ def extract_precise(bands: Sequence[Band]) -> list[StripeProfile]:
         bands: one band per stripe, all of the same width.
 
     Returns:
-        Profile of each band: one position per column, in rows of the full picture.
+        Profile of each band, with one position per column in rows of the whole image.
     """
     return [_extract(band) for band in bands]
 
@@ -74,13 +75,13 @@ def _extract(band: Band) -> StripeProfile:
 def extract_in_any_light(
     band: Band, weak_row: Index | None = None, is_weak: Mask | None = None, *, is_changed: bool = False
 ) -> StripeProfile:
-    """Find the stripe that runs across the columns of a band, with or without a picture with the laser off.
+    """Find the best path of the stripe through the columns of a band, with or without a laser-off image.
 
     Args:
-        band: rows that can hold the stripe.
-        weak_row, is_weak: (columns,) row of a peak that may be a stripe, and whether there is one: where no stripe is
-            found these are doubtful returns.
-        is_changed: whether the light changed so much that `off` must be shown to be of the same view.
+        band: rows that can contain the stripe.
+        weak_row, is_weak: (columns,) row of a weak peak, and mask of the columns that have one; where no stripe is
+            found, this peak is a doubtful return.
+        is_changed: True if the light changed so much that `off` is used only if it is found to show the same view.
     """
     first, second = pictures_of(band.on, band.off)
     rows, n, channels = first.shape
@@ -105,15 +106,15 @@ def extract_in_any_light(
 
 
 class ClearStripe:
-    """Findings on the highest peaks of a band: views of memory that the next band of the thread overwrites."""
+    """Findings on the highest peaks of a band, as views of memory that the thread's next band overwrites."""
 
     def __init__(self, work: Array, n: int) -> None:
-        """Take the beginning of the kernel's memory, as extract.c has it, after a band of n columns."""
+        """Wrap the beginning of the kernel's memory, laid out as in extract.c, for a band of n columns."""
         self._work, self._n = work, n
 
     @property
     def told(self) -> Float:
-        """Judgement of the pair, then the stripe's width [px] and the noise of a response."""
+        """Numbers (8,): judgement of the pair, then width of the stripe [px] and noise of a response."""
         return self._work[:64].view(float)
 
     @property
@@ -123,15 +124,15 @@ class ClearStripe:
 
     @property
     def height(self) -> Float32:
-        """Light (columns,) float32 at the peak, sum of 9 pixels."""
+        """Light (columns,) float32 at the peak, the sum of 9 pixels."""
         return self._work[64 + 8 * self._n : 64 + 12 * self._n].view(np.float32)
 
     @property
     def doubtful(self) -> Float32:
-        """Row (columns,) float32 of a return that may not be used, NaN where there is none."""
+        """Row (columns,) float32 of a return that must not be used, NaN where there is none."""
         return self._work[64 + 12 * self._n : 64 + 16 * self._n].view(np.float32)
 
     @property
     def masks(self) -> Mask:
-        """Masks (3, columns) of the columns with a peak, with a clipped core, and with an unsure peak."""
+        """Masks (3, columns) of the columns with a peak, with a clipped core, and with an uncertain peak."""
         return self._work[64 + 16 * self._n : 64 + 19 * self._n].view(np.bool_).reshape(3, self._n)

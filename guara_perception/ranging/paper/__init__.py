@@ -1,4 +1,4 @@
 """Equations of the paper, each a small function with its number, and the chain that they form.
 
-Used by `ranging.locate`, and by `scanning.stripe_finder` for the methods that take equations as printed.
+`ranging.locate` imports it, and so does `scanning.stripe_finder` for the methods that use equations as printed.
 """

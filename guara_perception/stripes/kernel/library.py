@@ -1,4 +1,4 @@
-"""The kernel's library for this processor, loaded once."""
+"""Library of the kernel for this processor, loaded once."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from guara_perception.arrays import Array
 from guara_perception.exceptions import DamagedInstallation
 
 FOLDER = Path(__file__).parent
-# What `x86-64-v3` may use beyond older processors.
+# Processor flags required by `x86-64-v3`.
 V3_FLAGS = {"avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"}
 N = ctypes.c_int64
 
 
 class Picture(ctypes.Structure):
-    """A camera's picture as the kernel takes it; the array must outlive it."""
+    """Image as passed to the kernel; the array must outlive it."""
 
     _fields_ = tuple((n, N) for n in "data rows columns channels row_step column_step channel_step size".split())
 
@@ -37,7 +37,7 @@ class Picture(ctypes.Structure):
 
 
 P, D, F, PICTURE = ctypes.c_void_p, ctypes.c_double, ctypes.c_float, ctypes.POINTER(Picture)
-# Function -> types of its arguments and of its result. The interpreter's lock is released while one runs.
+# Types of the arguments and the result of each function. The global interpreter lock is released while one runs.
 FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "centres": ([P, N, P, P], None),
     "clipped_columns": ([PICTURE, P, D, N, N, P, P], None),
@@ -60,7 +60,7 @@ def kernel() -> ctypes.CDLL:
     """Load the library.
 
     Raises:
-        DamagedInstallation: it is missing, or is no library of this version for this machine.
+        DamagedInstallation: the library is missing, or not one of this version for this machine.
     """
     path = FOLDER / f"{processor()}.so"
     try:
@@ -76,7 +76,7 @@ def kernel() -> ctypes.CDLL:
 
 
 def processor() -> str:
-    """Kind of this machine's processor, which is the name of its library."""
+    """Processor type of this machine, which is the name of its library."""
     machine = platform.machine()
     if machine != "x86_64":
         return {"aarch64": "armv8-a"}.get(machine, machine)
@@ -85,7 +85,7 @@ def processor() -> str:
 
 
 class _Memory(threading.local):
-    """Memory of a thread, which it uses for one band after the other."""
+    """Work memory of a thread, reused for one band after the other."""
 
     bytes: Array = np.empty(0, np.uint8)
 
@@ -93,12 +93,12 @@ class _Memory(threading.local):
 _MEMORY = _Memory()
 
 
-# Bytes that a thread keeps: enough for a band of a scan. What whole pictures take besides is given back.
+# Largest number of bytes that a thread keeps: enough for a band of a scan; larger memory for whole images is freed.
 MOST_KEPT = 8 << 20
 
 
 def memory(size: int) -> Array:
-    """At least this many bytes (uint8) from a multiple of 64 on; up to MOST_KEPT the same at each call of a thread."""
+    """Work memory of at least `size` bytes (uint8), aligned to 64 bytes; up to MOST_KEPT, a thread reuses the same."""
     if size > MOST_KEPT:
         return _aligned(size)
     if _MEMORY.bytes.size < size:

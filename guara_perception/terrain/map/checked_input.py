@@ -1,4 +1,4 @@
-"""Checks of what the map is given at a pause: the grid of a scan, and the pose of the robot."""
+"""Checks of the input of the map at a pause: the grid of a scan, and the pose of the robot."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from guara_perception.terrain.grid import TerrainGrid
 from kinematics import ArgumentError, KinematicsError, OdometryPose, PoseInOdom, RobotModel
 from kinematics.transforms import checked_covariance, checked_transform, inverse
 
-# Without gravity a scan is levelled by its support plane, which tilts by 0.11 rad with two feet on a box of 40 mm.
+# Largest tilt of a footprint. Without gravity a scan is levelled by its support plane, which tilts by 0.11 rad if two
+# feet stand on a box of 40 mm.
 LARGEST_TILT = 0.2
-# Rounding of a vertical: a smaller tilt moves nothing by more than a nanometre and counts as zero.
+# Tilt below which a vertical counts as exact; it moves nothing by more than a nanometre.
 LEAST_TURN = 1e-9
 
 
@@ -22,12 +23,13 @@ def check_scan(terrain: TerrainGrid, resolution: float, last_step: int | None) -
     """Refuse a grid that cannot be fused.
 
     Args:
-        terrain: the grid.
+        terrain: grid of the scan.
         resolution: resolution of the map [m].
-        last_step: step of the last scan fused, None before the first.
+        last_step: step of the last fused scan, None before the first.
 
     Raises:
-        InvalidInput: a grid of another extent or cell size, in the compact encoding, or of an earlier pause.
+        InvalidInput: the grid has another extent or cell size, is in the compact encoding, or belongs to an earlier
+            pause.
     """
     if terrain.extent != "footprint":
         raise InvalidInput(f"a grid of extent {terrain.extent!r} cannot be fused, it must be a scan's: 'footprint'")
@@ -48,7 +50,7 @@ def check_scan(terrain: TerrainGrid, resolution: float, last_step: int | None) -
 
 @dataclass(frozen=True, slots=True)
 class CheckedPose:
-    """Checked copies of the arrays of a `PoseInOdom`; the transform is that of the scan's footprint."""
+    """Checked copies of the arrays of a `PoseInOdom`, with the transform of the scan's own footprint."""
 
     transform: Float
     covariance: Float
@@ -59,11 +61,11 @@ class CheckedPose:
 def checked_pose(terrain: TerrainGrid, pose: PoseInOdom) -> CheckedPose:
     """Check a pose and transform it to the footprint in which the scan was processed.
 
-    Without gravity the scan's footprint is parallel to the support plane; that of leg odometry is horizontal by the
-    gravity of earlier pauses.
+    Without gravity the scan's footprint is parallel to the support plane, but the footprint of leg odometry is
+    horizontal, according to gravity at earlier pauses.
 
     Raises:
-        InvalidInput: a transform that is not rigid or tilts by more than 0.2 rad; an invalid covariance.
+        InvalidInput: a transform is not rigid or tilts by more than 0.2 rad, or a covariance is invalid.
     """
     given, own = pose.transform_footprint_to_odom, pose.own_covariance
     since_last = pose.covariance_since_last
@@ -92,10 +94,10 @@ def checked_pose(terrain: TerrainGrid, pose: PoseInOdom) -> CheckedPose:
 
 
 def tilt_between_looks(robot: RobotModel, terrain: TerrainGrid) -> Float:
-    """Covariance (2, 2) of the tilt of a scan against those of other pauses [rad^2]; 0 if it is not known.
+    """Covariance (2, 2) of the tilt of a scan relative to the scans of other pauses [rad^2]; 0 if unknown.
 
-    With an IMU that of gravity. A walk without one carries the same error of its vertical along: pauses differ by the
-    noise of the feet.
+    With an IMU it is the covariance of gravity. Without one, the error of the vertical is the same at all pauses of a
+    walk, and scans differ by the noise of the feet.
     """
     record = terrain.record
     record.check("pose_covariance", "attitude_source", "stance")

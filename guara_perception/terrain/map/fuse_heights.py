@@ -11,7 +11,7 @@ from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
 
-# At 3 sigma one correct observation in 370 is rejected; the next one replaces the height.
+# Gate of the innovation: one correct observation in 370 is rejected, and the next two that agree replace the height.
 GATE_SIGMAS = 3.0
 # Causes of cells that were observed without a usable height.
 LOOKED_AT = np.uint16(Hazard.DROPOUT | Hazard.AMBIGUOUS | Hazard.OUT_OF_RANGE)
@@ -38,10 +38,10 @@ class MapPause:
 
     Attributes:
         pause: number of the pause.
-        stamp: time on the clock that gives the age of cells [ns].
-        drift: present drift of the odometry.
+        stamp: time of the pause on the clock of the cells' age [ns].
+        drift: current drift of the odometry.
         sideways: sideways drift of the cells.
-        transform_footprint_to_odom: (4, 4).
+        transform_footprint_to_odom: (4, 4) pose of the robot.
     """
 
     pause: int
@@ -57,10 +57,10 @@ class Heights:
 
     Attributes:
         slot: slot of each cell in the map's memory, without duplicates.
-        height: [m] in odom.
-        variance: [m^2].
-        local: part of it that neighbouring cells do not share [m^2].
-        distance: distance of each cell from the robot [m], the lever arm of a yaw error.
+        height: height in odom [m].
+        variance: variance of the height [m^2].
+        local: part of the variance that is not shared by neighbouring cells [m^2].
+        distance: distance of each cell from the robot, the lever arm of a yaw error [m].
         below, above: distance of the lowest and highest sample from the height, 0 or more [m].
         steepness: tan^2 of the slope.
     """
@@ -76,12 +76,12 @@ class Heights:
 
 
 def drift_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, distance: Float) -> Float:
-    """Increase of the height variance since cells were last seen [m^2]: drift in z, and sideways drift on slopes.
+    """Increase of the height variance since cells were last seen [m^2], due to drift in z and sideways drift on slopes.
 
     Args:
         cells: memory of the map.
         slot: (n,) slots of the cells.
-        drift: present drift of the odometry.
+        drift: current drift of the odometry.
         distance: (n,) distances of the cells from the robot [m], the lever arm of a yaw error.
     """
     memory = cells.memory
@@ -92,20 +92,20 @@ def drift_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, distance
 
 
 def fuse_heights(cells: OdomCells, new: Heights, now: MapPause, *, is_scan: bool = True) -> Mask:
-    """Fuse heights into the memory: a Kalman filter per cell with a gate on the innovation.
+    """Fuse heights into the memory by a Kalman filter per cell, with a gate on the innovation.
 
-    An unknown cell takes the new height. A known cell is updated if the innovation is within GATE_SIGMAS; otherwise it
-    keeps its height and is in conflict. While in conflict, each new height is compared with the one before it, and two
-    in a row that agree replace the old height.
+    An unknown cell gets the new height. A known cell is updated if the innovation is within GATE_SIGMAS; otherwise it
+    keeps its height and is in conflict. In a cell in conflict, each new height is compared with the previous one, and
+    two successive heights that agree replace the old height.
 
     Args:
         cells: memory of the map, changed in place.
         new: heights to fuse.
-        now: present pause.
-        is_scan: True for the heights of a scan, False for those of a foot or of the gait.
+        now: current pause.
+        is_scan: True for heights from a scan, False for heights from a foot or the gait.
 
     Returns:
-        (n,) mask of the accepted heights.
+        Mask (n,) of the accepted heights.
     """
     memory, slot = cells.memory, new.slot
     grown = drift_variance(cells, slot, now.drift, new.distance)

@@ -1,4 +1,4 @@
-"""Fusion of a scan into the cells of the map: resampling to these cells, and what each observation changes."""
+"""Fusion of a scan into the cells of the map: resampling to these cells, and update of their memory."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ SEEN_LAYERS = ("elevation", "variance", "variance_local", "elevation_min", "elev
 
 
 def fuse_scan(cells: OdomCells, terrain: TerrainGrid, now: MapPause, tilt: Float) -> int:
-    """Fuse a scan whose tilt has a covariance (2, 2); return the number of heights that disagreed with the map."""
+    """Fuse a scan, given the covariance (2, 2) of its tilt; return the number of heights that disagree with the map."""
     found = observe(cells, terrain, now.transform_footprint_to_odom, tilt)
     accepted = fuse_heights(cells, found.heights, now)
     forget_heights(cells, found.empty, found.empty_cause)
     memory = cells.memory
-    # A cause is more specific than "not observed", and an observation without return than no observation.
+    # The memory keeps the most specific cause: "not observed" is replaced by other causes, these by a missing return.
     is_free = np.isnan(memory["height"][found.unseen]) & ((memory["cause"][found.unseen] & LOOKED_AT) == 0)
     better = is_free & (found.unseen_cause != np.uint16(Hazard.UNSCANNED))
     memory["cause"][found.unseen[better]] = found.unseen_cause[better] & UNKNOWN_MASK
@@ -52,15 +52,15 @@ class Observation:
 
 
 def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom: Float, tilt: Float) -> Observation:
-    """Resample a scan to the cells of the map that its area covers.
+    """Resample a scan to the cells of the map in its area.
 
-    Values are those of the nearest cell of the scan. A map cell that touches a scan cell without a usable return counts
-    as empty, because part of it was observed without a return.
+    Map cells get the values of the nearest scan cell. A map cell that touches a scan cell without a usable return
+    counts as empty, because part of it was observed without a return.
 
     Args:
         cells: memory of the map, with its window around the robot.
         terrain: grid of the scan alone.
-        transform_footprint_to_odom: (4, 4).
+        transform_footprint_to_odom: (4, 4) pose of the scan.
         tilt: (2, 2) covariance of the scan's tilt about x and y of its footprint [rad^2].
     """
     grid, transform = terrain.geometry, transform_footprint_to_odom
@@ -97,9 +97,9 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     relief = layers["elevation_max"] - layers["elevation_min"]
     steepness = np.tan(np.nan_to_num(layers["slope"])) ** 2
     at_x, at_y = x[is_seen], y[is_seen]
-    # The nearest cell is up to half a cell away; within a cell the ground has relief.
+    # The nearest cell is up to half a cell away, and the ground within a cell has relief.
     moved = (steepness * resolution**2 + relief**2) / 12
-    # The height of the feet is odometry's. Grids of earlier versions lack the pose.
+    # Without the variance due to the stance pose, which odometry accounts for. Grids of earlier versions lack it.
     variance = np.maximum(layers["variance"] - pose_variance(terrain, at_x, at_y), layers["variance_local"])
     variance += tilt[0, 0] * at_y**2 + tilt[1, 1] * at_x**2 - 2 * tilt[0, 1] * at_x * at_y
     variance += LOOK_SIGMA_M**2 + moved
@@ -124,13 +124,13 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
 
 
 def _touched_flags(hazard: Flags, grid: GridGeometry, x: Float, y: Float, transform: Float) -> Flags:
-    """Combined flags of the scan cells that each map cell touches; x and y (n,) are centres on the scan's grid."""
+    """Union of the flags of the scan cells touched by each map cell; x and y (n,) are centres of map cells."""
     if not x.size:
         return np.empty(0, np.uint16)
     half = 0.5 * grid.resolution * (abs(transform[0, 0]) + abs(transform[1, 0]))
     squares = Squares.of(grid, x, y, half)
     (iy, ix), (ny, nx) = squares.first, squares.shape
-    # Padding of one cell, for map cells that reach over the edge.
+    # Padded by one cell, for map cells that extend over the border.
     return squares.joined(np.pad(hazard, 1)[iy + 1 : iy + 1 + ny, ix + 1 : ix + 1 + nx], np.bitwise_or)
 
 

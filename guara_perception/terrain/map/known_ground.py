@@ -19,21 +19,23 @@ from guara_perception.terrain.map.fuse_heights import (
 from guara_perception.terrain.map.odom_cells import SHRUNK_M, OdomCells
 from kinematics.arrays import read_only
 
-# Finding the cells inside an outline of 30,000 corners would delay a scan by a minute.
+# Largest number of corners; with 30,000 corners the search for the cells inside would delay a scan by a minute.
 MOST_CORNERS = 1000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownGround:
-    """A level patch of ground that the gait declares safe, for instance under and before its first stance.
+    """Level patch of ground that the gait declares safe, for instance under and in front of its first stance.
 
     Attributes:
-        outline: (n, 2) corners in base_footprint of the pause at which it is declared [m], at least 3, not closed.
+        outline: (n, 2) corners in base_footprint of the pause at which the patch is declared [m], at least 3; the first
+            one is not repeated.
         height: height of the patch in the same frame [m].
         sigma: standard deviation of the height [m].
 
     Raises:
-        InvalidInput: fewer than 3 or more than `MOST_CORNERS` corners, a value that is not finite, a negative sigma.
+        InvalidInput: there are fewer than 3 or more than `MOST_CORNERS` corners, a value is not finite, or sigma is
+            negative.
     """
 
     outline: Float
@@ -54,13 +56,13 @@ class KnownGround:
 
 
 def fuse_known_ground(cells: OdomCells, ground: KnownGround, now: MapPause, step: int) -> dict[str, Any]:
-    """Fill unobserved cells wholly inside a declared patch; return its entry in the record of the map."""
+    """Fill unobserved cells wholly inside a declared patch; return the patch's entry for the record of the map."""
     transform, half = now.transform_footprint_to_odom, cells.resolution / 2 - SHRUNK_M
     outline = ground.outline @ transform[:2, :2].T + transform[:2, 3]
     (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)
     cy, cx = cells.cells_between((x0, y0), (x1, y1))
     slot, memory = cells.slots(cy, cx), cells.memory
-    # Cells that an earlier patch filled cost nothing.
+    # Cells that an earlier patch filled are excluded here, which saves time.
     open_cells = (slot >= 0) & np.isnan(memory["height"][slot]) & ((memory["cause"][slot] & LOOKED_AT) == 0)
     slot = slot[open_cells]
     x, y = ((np.asarray(c, np.float64)[open_cells] + 0.5) * cells.resolution for c in (cx, cy))

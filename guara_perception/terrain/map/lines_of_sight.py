@@ -1,4 +1,4 @@
-"""Upper bounds of unknown ground by the light that passed over it."""
+"""Upper bounds of unknown ground from the light that passed over it."""
 
 from __future__ import annotations
 
@@ -17,39 +17,41 @@ from guara_perception.terrain.map.fuse_heights import MapPause
 from kinematics import RobotModel
 from kinematics.transforms import transform_points
 
-# Height above the soles above which a bound is of no use to a swing.
+# Height above the soles above which a bound is useless for a swing.
 HIGHEST_M = 0.14
-# Margin of the scanned area in which ground below light is bounded too.
+# Margin around the scanned area in which ground below light is also bounded.
 BESIDE_CELLS = 20
-# A bound of a scan must also hold in all neighbours of its cell; in the map, in one cell more than the drift.
+# A bound of a scan must also hold in all neighbours of its cell, in the map at one cell more than the drift.
 AROUND_CELLS = 1
+# Largest drift of a bound that is used.
 FARTHEST_DRIFT_CELLS = 10
-# The light may diverge from the mirror, from a line lens before it, or from farther away. These are sideways components
-# of a ray as fractions of that from the mirror; a bound must hold for all of them. Light of two successive fractions
-# over the same cell belongs to points of the ground 15 mm apart, and the neighbours of each point count too.
+# Sideways components of a ray, relative to a ray from the mirror. The light may diverge from the mirror, from a line
+# lens in front of it, or from farther away, and a bound must hold in all cases. Rays of two successive values over the
+# same cell belong to ground points 15 mm apart, and the neighbours of each point count too.
 SIDEWAYS_SHARES = tuple(number / 7 for number in range(8))
+# Value of a cell without a bound [m].
 NONE = np.float32(9.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinesOfSight:
-    """Bounds (ny, nx) by the lines of sight of one scan, in its footprint [m].
+    """Bounds (ny, nx) from the lines of sight of one scan, in its footprint [m].
 
-    Every measured point shows that the laser's light reached it and that the camera saw it: both rays were free, so the
-    ground below them is lower, and the ground at the point is no higher. A bound does not make a foothold; it lets a
-    swing pass over ground that was never observed, or that gave no return since.
+    Every measured point was reached by the laser and seen by the camera. Both rays were free, so the ground below them
+    is lower than the rays, and the ground at the point is no higher than the point. A bound does not make a foothold;
+    it lets a swing pass over ground that was never observed, or that gave no return since.
 
-    Bounds are conservative. A ray starts at the highest sample of its cell and counts at the far edge of each cell that
-    it passes. The bound of a cell is the highest of those of the cell and all its neighbours. The light may diverge
-    from any point on the mirror or before it: a bound holds for all. Objects that no scan can see are not bounded:
-    those thinner than the gap between two stripes, and new ones that return no light.
+    Bounds are conservative. A ray starts at the highest sample of its cell, and its height in a cell is that at the far
+    edge. The bound of a cell is the highest bound of the cell and all its neighbours. The light may diverge from any
+    point on the mirror or in front of it; a bound holds for all. Objects that no scan can see are not bounded: those
+    thinner than the gap between two stripes, and new ones that return no light.
 
     Attributes:
-        bounds: NONE where there is no bound.
+        bounds: upper bounds of the ground, NONE where there is no bound.
         seen: highest sample of each known cell, NaN elsewhere.
-        geometry: cells of both.
+        geometry: geometry of both arrays.
         transform_footprint_to_odom: (4, 4) pose of the scan.
-        step, pause, stamp: time of the scan as the map counts it.
+        step, pause, stamp: step, pause and time of the scan in the map.
         rise: variance of z accumulated by the walk up to the scan [m^2].
     """
 
@@ -64,7 +66,7 @@ class LinesOfSight:
 
     @staticmethod
     def of(terrain: TerrainGrid, now: MapPause, robot: RobotModel) -> LinesOfSight | None:
-        """Lines of sight of a scan that was fused into the map; None if it does not say where the camera was."""
+        """Lines of sight of a scan that was fused into the map; None if its record lacks the pose of the camera."""
         record = terrain.scan_record
         for name in ("transform_camera_to_base", "transform_base_to_footprint", "laser_origin"):
             record.check(name)
@@ -92,15 +94,15 @@ def ceiling_of(
 ) -> Float32:
     """Upper bound (ny, nx) of the ground in each unknown cell of the map [m], NaN where there is none.
 
-    Bounds of a scan are dilated by one cell and by the drift since, and raised by that drift, with the confidence of
-    the limits. A bound ends when ground of the same age would be STALE, and where a later scan measured something
-    higher. A later observation without return ends no bound, since a hole is lower.
+    Bounds of a scan are dilated by one cell plus the sideways drift since, and raised by the drift in z, both with the
+    confidence of the limits. A bound expires when ground of the same age would be STALE, or where a later scan measured
+    something higher. A later observation without return does not end a bound, because a hole is lower.
 
     Args:
-        scans: lines of sight of the walk, the oldest first.
-        unknown: (ny, nx) cells of the map without a height.
+        scans: lines of sight of the walk, oldest first.
+        unknown: (ny, nx) mask of the cells of the map without a height.
         geometry: geometry of the map.
-        now: the pause of the map.
+        now: pause of the map.
         settings: limits and validity.
     """
     confidence = settings.limits.confidence
@@ -123,7 +125,7 @@ def ceiling_of(
         if not inside.size:
             continue
         at = iy[inside], ix[inside]
-        # Heights in the footprint of the scan are converted to the present one.
+        # Heights in the footprint of the scan are converted to the footprint of this pause.
         seen = np.full(x.size, np.nan, np.float32)
         seen[inside] = scan.seen[at] - there[inside, 2]
         with np.errstate(invalid="ignore"):
@@ -139,7 +141,7 @@ def ceiling_of(
 
 
 def _bounds(terrain: TerrainGrid, geometry: GridGeometry, origins: list[Float]) -> Float32:
-    """Least bound (ny, nx) by camera or laser that also holds over all neighbours; NONE where there is none."""
+    """Least of the bounds (ny, nx) by camera, laser and points, each valid in all neighbours too; NONE for no bound."""
     high = np.asarray(terrain.elevation_max, np.float64)
     with np.errstate(invalid="ignore"):
         iy, ix = np.nonzero(np.isfinite(high) & (np.asarray(terrain.variance_local) <= CEILING_SIGMA_M**2))
@@ -155,7 +157,7 @@ def _bounds(terrain: TerrainGrid, geometry: GridGeometry, origins: list[Float]) 
 
 
 def _passed(points: Float, ray: Float, geometry: GridGeometry) -> Float32:
-    """Height (ny, nx) of the lowest ray over each cell, at its far edge [m]; rays (n, 3) begin at points (n, 3)."""
+    """Height (ny, nx) of the lowest ray over each cell, at the far edge [m], for rays (n, 3) from points (n, 3)."""
     least = np.full(geometry.size, NONE, np.float32)
     length = np.maximum(np.hypot(ray[:, 0], ray[:, 1]), 1e-6)
     rise, along = ray[:, 2] / length, ray[:, :2] / length[:, None]
@@ -166,16 +168,16 @@ def _passed(points: Float, ray: Float, geometry: GridGeometry) -> Float32:
         iy, ix = geometry.indices(points[on, 0] + distance * along[on, 0], points[on, 1] + distance * along[on, 1])
         inside = geometry.contains(iy, ix)
         on, cell = on[inside], (iy * geometry.shape[1] + ix)[inside]
-        # A ray may begin anywhere in its cell, and leave the cell that it passes anywhere on the edge.
+        # A ray may begin anywhere in its cell, and leave a cell that it passes anywhere on the edge.
         height = points[on, 2] + (distance + 1.5 * geometry.resolution) * rise[on]
         np.minimum.at(least, cell, height.astype(np.float32))
     return least.reshape(geometry.shape)
 
 
 def _worst_of_each(bounds: Float32, at: tuple[Index, Index], around: Index) -> Float32:
-    """The highest bound (n,) within each cell's own number of cells along x and y, `around` (2, n)."""
+    """Highest bound (n,) around each cell, within numbers of cells along x and y given by `around` (2, n)."""
     worst = np.empty(around.shape[1], np.float32)
-    # Cells with the same two numbers are looked up together.
+    # Cells with the same two numbers are processed together.
     kind = around[0] * (FARTHEST_DRIFT_CELLS + AROUND_CELLS + 1) + around[1]
     for cells in (np.flatnonzero(kind == value) for value in np.unique(kind)):
         along_x, along_y = around[:, cells[0]].tolist()
@@ -186,6 +188,6 @@ def _worst_of_each(bounds: Float32, at: tuple[Index, Index], around: Index) -> F
 def _worst_around(
     bounds: Float32, along_x: int = AROUND_CELLS, along_y: int = AROUND_CELLS, beyond: float = float(NONE)
 ) -> Float32:
-    """The highest bound within a number of cells along x and y; beyond the border there is none."""
+    """Highest bound within a number of cells along x and y; cells outside the border have the value `beyond`."""
     area = np.ones((2 * along_y + 1, 2 * along_x + 1), np.uint8)
     return np.asarray(cv2.dilate(bounds, area, borderType=cv2.BORDER_CONSTANT, borderValue=(beyond,)))

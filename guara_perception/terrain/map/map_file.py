@@ -1,4 +1,4 @@
-"""State of a rolling map besides its cells, and the NumPy file of a map."""
+"""State of a rolling map except its cells, and the NumPy file of a map."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ from guara_perception.terrain.map.support_feet import HeightAnchor
 from guara_perception.terrain.map.walk_correction import FILE_KEYS, SidewaysDrift, WalkCorrection
 
 FORMAT = "guara-map/3"
-# Names in files of the arrays of SeenGround.
+# Names of the arrays of SeenGround in files.
 SEEN = {"layers": "seen", "origin": "seen_origin"}
-# Names in files of the arrays of SeenTexture.
+# Names of the arrays of SeenTexture in files.
 TEXTURE = {"texture": "texture", "first": "texture_first"}
-# Largest size of all arrays together [byte]: those of a map of 4 m with cells of 1 mm take 1.6 GB.
+# Largest total size of the arrays [bytes]; a map of 4 m with cells of 1 mm takes 1.6 GB.
 LARGEST_MAP = 2 * 1024**3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapState:
-    """State of a map besides its cells.
+    """State of a map except its cells.
 
     Attributes:
-        centre: (2,) position in odom at the centre of the window [m], None before the first pause.
+        centre: (2,) centre of the window in odom [m], None before the first pause.
         pause: number of the newest pause, counted from the first scan.
         step, time: step and time [ns] of the newest scan.
         drift, sideways: drift of odometry since the start, and sideways drift by pause.
         anchor, walk: height and planar correction of odometry.
-        seen: ground as the newest scan saw it, for registered walks.
-        texture: texture of the ground in view, for walks with pictures.
+        seen: ground measured by the newest scan, for registered walks.
+        texture: texture of the ground in view, for walks with images.
         ground: declared patches of known ground, as in the map's record.
-        scans: number of scans fused.
+        scans: number of fused scans.
         reasons: faults of the map for the health of its grids.
         soft: footholds at which the ground gave way.
     """
@@ -75,8 +75,8 @@ class SavedMap:
         resolution: cell edge [m].
         side: cells along each side of the window.
         first: lowest cell (cy, cx) of the window, or None.
-        memory: every array of MEMORY.
-        state: state besides the cells.
+        memory: arrays of MEMORY by name.
+        state: state except the cells.
     """
 
     robot: str
@@ -88,7 +88,7 @@ class SavedMap:
 
 
 def write_map(stream: IO[bytes], robot: str, cells: OdomCells, state: MapState) -> None:
-    """Write a map to a stream; what stands before it there does not matter to `read_map`."""
+    """Write a map to a stream; `read_map` ignores any data before it."""
     header = {"format": FORMAT, "robot": robot, "resolution": cells.resolution, "side": cells.side}
     fields = dataclasses.asdict(state)
     named = [(SEEN, fields.pop("seen") or {}), (TEXTURE, fields.pop("texture") or {})]
@@ -104,16 +104,16 @@ def write_map(stream: IO[bytes], robot: str, cells: OdomCells, state: MapState) 
 
 
 def read_map(path: str | Path) -> SavedMap:
-    """Read a file of `write_map`; types and shapes are checked.
+    """Read a file written by `write_map`, and check types and shapes.
 
     Raises:
         MissingFile: no such file.
-        FileFormatError: not such a file, or one whose contents are inconsistent.
+        FileFormatError: the file is not a map file, or its contents are inconsistent.
     """
     path = existing_file(path)
     data = read_arrays(path, ("state", *MEMORY, *SEEN.values(), *TEXTURE.values()), "map", LARGEST_MAP)
     if "variance" in data:
-        # Files of earlier versions hold the total alone.
+        # Files of earlier versions only contain the total variance.
         data.setdefault("local", data["variance"])
     missing = [name for name in ("state", *MEMORY) if name not in data]
     if missing:
@@ -176,7 +176,7 @@ def _state(fields: Fields, seen: SeenGround | None) -> MapState:
         ground=tuple(dict(patch.data) for patch in fields.items("ground")),
         scans=fields.integer("scans", 0),
         reasons=tuple(str(reason) for reason in fields.sequence("reasons")),
-        # Files of earlier versions have none.
+        # Files of earlier versions do not contain soft footholds.
         soft=tuple(SoftFoothold(each.number("x"), each.number("y")) for each in fields.items("soft"))
         if fields.has("soft")
         else (),
@@ -190,9 +190,9 @@ def _check_memory(path: Path, data: Mapping[str, Array], count: int) -> None:
                 f"{path}: {name} is {data[name].dtype} of shape {data[name].shape}, it must be {np.dtype(dtype)} "
                 f"of shape ({count},)"
             )
-    # Unknown cells have a cause and known cells have none: otherwise unknown ground could become safe.
+    # Exactly the unknown cells must have a cause; otherwise unknown ground could become safe.
     if (np.isfinite(data["height"]) != (data["cause"] == 0)).any():
-        raise FileFormatError(f"{path}: heights and causes of unknown contradict each other, the file is damaged")
+        raise FileFormatError(f"{path}: heights and causes of unknown cells contradict each other, the file is damaged")
     extents = ("variance", "local", "other_variance", "below", "above", "steepness")
     if not all((data[name] >= 0).all() for name in extents):
         raise FileFormatError(f"{path}: a variance or an extent of a cell is negative or NaN, the file is damaged")

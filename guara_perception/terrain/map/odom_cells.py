@@ -15,45 +15,45 @@ NEVER = -1
 # Layers of the memory: type, and the value of a cell that was never seen.
 MEMORY: dict[str, tuple[Any, Any]] = {
     "height": (np.float64, np.nan),  # [m] in odom
-    "variance": (np.float64, 0.0),  # [m^2] when last seen
-    "local": (np.float64, 0.0),  # part of it that neighbours do not share [m^2]
-    "below": (np.float64, 0.0),  # how far the lowest sample lies below the height [m]
-    "above": (np.float64, 0.0),  # how far the highest sample lies above the height [m]
+    "variance": (np.float64, 0.0),  # variance of the height when last seen [m^2]
+    "local": (np.float64, 0.0),  # part of the variance that is not shared by neighbours [m^2]
+    "below": (np.float64, 0.0),  # distance of the lowest sample below the height [m]
+    "above": (np.float64, 0.0),  # distance of the highest sample above the height [m]
     "steepness": (np.float64, 0.0),  # tan^2 of the slope when last seen
-    "cause": (np.uint16, np.uint16(Hazard.UNSCANNED)),  # why it is unknown, 0 where it is known
-    "conflict": (np.bool_, False),  # the last observations disagree
-    "other": (np.float64, np.nan),  # last height while they disagree [m]
-    "other_variance": (np.float64, 0.0),  # its variance [m^2]
+    "cause": (np.uint16, np.uint16(Hazard.UNSCANNED)),  # causes of an unknown cell, 0 if known
+    "conflict": (np.bool_, False),  # True if the last observations disagree
+    "other": (np.float64, np.nan),  # last observed height in a conflict [m]
+    "other_variance": (np.float64, 0.0),  # variance of that height [m^2]
     "pause": (np.int64, NEVER),  # number of the pause when last seen
     "stamp": (np.int64, 0),  # time when last seen [ns]
-    "looks": (np.uint8, 0),  # scans that saw it
+    "looks": (np.uint8, 0),  # number of scans that saw the cell
     "rise": (np.float64, 0.0),  # drift of the odometry when last seen: variance of z [m^2]
-    "shift": (np.float64, 0.0),  # of x and y [m^2]
-    "turn": (np.float64, 0.0),  # of the heading [rad^2]
+    "shift": (np.float64, 0.0),  # variance of x and y [m^2]
+    "turn": (np.float64, 0.0),  # variance of the heading [rad^2]
 }
-# A square that only shares an edge with a cell does not touch it.
+# Shrinkage of squares, so that a square that only shares an edge with a cell does not touch it.
 SHRUNK_M = 1e-7
 
 
 class OdomCells:
     """Cells aligned with the axes of `odom`, never moved or resampled.
 
-    Cell (cy, cx) covers cx * resolution <= x < (cx + 1) * resolution. It is stored in row cy mod n and column cx mod n,
-    so that a move of the window only clears the rows and columns that enter.
+    Cell (cy, cx) covers cx * resolution <= x < (cx + 1) * resolution, and likewise along y. It is stored in row cy mod
+    n and column cx mod n, so that a move of the window only clears the rows and columns that enter.
 
     Attributes:
         resolution: cell edge [m].
-        side: rows and columns n of the window.
-        memory: every array of MEMORY, (n * n,).
-        first: lowest cell (cy, cx) of the window, None before it is placed.
+        side: number n of rows and columns of the window.
+        memory: arrays (n * n,) of MEMORY by name.
+        first: lowest cell (cy, cx) of the window, None before the window is placed.
     """
 
     def __init__(self, resolution: float, reach: float) -> None:
-        """An empty window.
+        """Create an empty window.
 
         Args:
             resolution: cell edge [m].
-            reach: distance from its centre that the window must always cover [m].
+            reach: distance from the centre that the window must always cover [m].
         """
         self.resolution = resolution
         self.side = 2 * (int(np.ceil(reach / resolution)) + 1)
@@ -61,15 +61,15 @@ class OdomCells:
         self.first: tuple[int, int] | None = None
 
     def indices(self, x: Float, y: Float) -> tuple[Index, Index]:
-        """Cells (cy, cx) under points of `odom`."""
+        """Cells (cy, cx) under points in `odom` [m]."""
         cx = np.floor(x / self.resolution + 1e-6).astype(np.int64)
         cy = np.floor(y / self.resolution + 1e-6).astype(np.int64)
         return cy, cx
 
     def cells_between(self, low: tuple[float, float], high: tuple[float, float]) -> tuple[Index, Index]:
-        """Cells (cy, cx), (n,) each, of the upright rectangle from corner `low` to corner `high`, both (x, y) [m].
+        """Cells (cy, cx), (n,) each, of the axis-aligned rectangle between corners `low` and `high`, both (x, y) [m].
 
-        However large the rectangle, only its cells in the window are given.
+        Only cells in the window are returned.
         """
         (x0, y0), (x1, y1) = ((int(np.floor(v / self.resolution)) for v in corner) for corner in (low, high))
         if self.first is not None:
@@ -91,9 +91,9 @@ class OdomCells:
         """Copy of a layer of the memory over a rectangle of cells.
 
         Args:
-            name: a name in MEMORY.
-            first: (cy, cx) of its lowest cell.
-            shape: (rows, columns).
+            name: name of the layer in MEMORY.
+            first: (cy, cx) of the rectangle's lowest cell.
+            shape: (rows, columns) of the rectangle.
             outside: value of cells outside the window.
         """
         square = self.memory[name].reshape(self.side, self.side)
@@ -107,7 +107,7 @@ class OdomCells:
         return values
 
     def _pieces(self, first: int, count: int, window: int) -> list[tuple[slice, slice]]:
-        """For rows (or columns) in the window: indices in the rectangle and in memory, in one run or two."""
+        """Ranges of rows (or columns) in the rectangle and in memory, as one or two pairs for those in the window."""
         low, high = max(first, window), min(first + count, window + self.side)
         turn = low + -low % self.side
         runs = ((low, min(turn, high)), (max(low, turn), high))
@@ -118,13 +118,13 @@ class OdomCells:
         ]
 
     def restore(self, memory: Mapping[str, Array], first: tuple[int, int] | None) -> None:
-        """Copy the memory of a window of the same size and its lowest cell."""
+        """Copy the memory and the lowest cell of another window of the same size."""
         for name, values in self.memory.items():
             np.copyto(values, memory[name])
         self.first = first
 
     def centre_on(self, x: float, y: float) -> None:
-        """Centre the window on a point of `odom`; forget the cells that leave it."""
+        """Centre the window on a point in `odom`, and forget the cells that leave it."""
         cy, cx = (int(np.floor(value / self.resolution)) - self.side // 2 for value in (y, x))
         old, self.first = self.first, (cy, cx)
         if old is None:
@@ -148,12 +148,12 @@ class HasIndices(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Squares:
-    """Squares over a grid, for reductions over the cells that each of them touches.
+    """Squares over a grid, for reductions over the cells touched by each square.
 
     Attributes:
         first: (iy, ix) of the lowest cell of the block that contains all touched cells.
         shape: number of rows and columns of the block.
-        most: most rows and columns that one square touches.
+        most: largest numbers of rows and columns touched by one square.
         entry: (n,) flat index of each square in the table of `joined`.
     """
 
@@ -164,7 +164,7 @@ class Squares:
 
     @classmethod
     def of(cls, grid: HasIndices, x: Float, y: Float, half: float) -> Squares:
-        """Axis-aligned squares of half edge `half` about points (n,), n >= 1; for a rotated one its bounding square."""
+        """Axis-aligned squares with half edge `half` around points (n,), n >= 1; bounding squares of rotated cells."""
         reach = half - SHRUNK_M
         low_y, low_x = grid.indices(x - reach, y - reach)
         high_y, high_x = grid.indices(x + reach, y + reach)
@@ -176,15 +176,15 @@ class Squares:
         return cls(first, shape, most, (rows * most[1] + columns) * (shape[0] * shape[1]) + lowest)
 
     def joined(self, layer: Array, join: np.ufunc, which: Index | None = None) -> Array:
-        """Reduce an array over the cells that each square touches.
+        """Reduce an array over the cells touched by each square.
 
         Args:
             layer: values of the block, of shape `shape`.
-            join: commutative and associative function of two values.
+            join: commutative, associative and idempotent function of two values.
             which: indices of the squares; None = all.
         """
         rows, columns = self.most
-        # table[i, j] reduces i + 1 rows and j + 1 columns from each cell on; no square extends beyond the block.
+        # table[i, j] reduces i + 1 rows and j + 1 columns, starting at each cell; no square extends beyond the block.
         table = np.empty((rows, columns, *self.shape), layer.dtype)
         table[0, 0] = layer
         for down in range(1, rows):

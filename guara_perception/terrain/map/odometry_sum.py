@@ -1,23 +1,24 @@
-"""Comparison of what scans show of a walk with the sum of odometry's own drift.
+"""Test of the corrections of a walk against the accumulated drift of odometry, to detect moving ground.
 
-A registration is compared with odometry's error of one motion. Ground that moves by less at each pause passes, pause by
-pause, and takes the map along. Over several pauses the ground's motions add up, and odometry's errors grow with the
-square root only. So for the pauses since each earlier pause j two sums are compared with odometry's drift since:
+A registration is compared with the error of odometry in one motion. Ground that moves by less at each pause passes this
+test and drags the map along. Over several pauses the motions of the ground add up, but the errors of odometry grow only
+with the square root. So, for each earlier pause j, two sums since j are compared with the drift of odometry since j:
 
-    d = T_j^-1 T                        corrections of the map, T the correction of the drift
-    d = sum of the motions from scan to scan, less those of odometry
+    d = T_j^-1 T                        corrections of the map, where T is the correction of the drift
+    d = sum of the motions from scan to scan minus those of odometry
 
-The second finds slow ground first: where few heights show the motion, a correction follows it by a small part only.
-With w the way since j, s the share of it by which odometry may err along the way, always with the same sign (feet that
-all slide back keep their distances), P_j the covariance of drift or noise at j, and N that of the heights and the noise
-now, the second alone:
+The second sum detects slow ground first: if few heights show the motion, corrections follow it only by a small part.
+Let w be the displacement since j, s the fraction of w by which odometry may err along w, always with the same sign
+(feet that all slide back keep their distances), P_j the covariance of drift or noise at j, and N the covariance of the
+heights and of the noise now, for the second sum only. Then the covariance of d is
 
     S = F P_j F' + drift of odometry since + N + s^2 w w'
 
-If d' S^-1 d exceeds a bound for any j, either the ground moved or odometry is worse than it says. It cannot be told
-which, so no correction since the earliest such j is kept. Those before it are: had the ground moved then, the sums
-since earlier pauses would exceed the bound as well. Where the second sum alone exceeds it, and texture holds the map
-nearer to odometry than to the scans' heights, the heights moved: corrections are kept, and heights are used no more.
+If d' S^-1 d exceeds a bound for any j, either the ground moved or odometry is worse than it states. It cannot be
+decided which, so all corrections since the earliest such j are discarded. Earlier corrections are kept: had the ground
+moved before, sums since earlier pauses would exceed the bound as well. If only the second sum exceeds the bound, and
+texture holds the map closer to odometry than to the heights of the scans, the heights moved: corrections are kept, and
+heights are no longer used.
 """
 
 from __future__ import annotations
@@ -31,25 +32,28 @@ from guara_perception.arrays import Float
 from guara_perception.fields import Fields
 from kinematics.arrays import FrozenArrays
 
-# Pauses that are compared: in this number of them the hind feet reach what came into view first.
+# Number of earlier pauses that are compared, after which the hind feet reach the ground that came into view first.
 EARLIER_PAUSES = 24
-# A still walk that is refused loses its corrections and keeps odometry; with 2 sigma one in six was.
+# Bound of a sum. A walk over still ground that exceeds it loses its corrections and continues with odometry; with 2
+# sigmas this happened in one of six walks.
 MOST_SIGMAS = 3.0
-# Slip along the way and aside, as shares of it, that texture over the whole view is believed to show: position servos
-# without feed-forward slide by 4 to 13 % in physics, along the way, and by less than 1 % aside. Ground that fills the
-# view and moves aside by more is not followed. The feet's distance makes a turn of it.
+# Sigma of slip along and across the displacement, relative to it, that is accepted if texture over the whole view shows
+# it: position servos without feed-forward slide by 4 to 13 % along the way in physics, and by less than 1 % across.
+# Ground that fills the view and moves sideways by more is not followed. The distance of the feet converts slip to yaw.
 SHOWN_SLIP_ALONG, SHOWN_SLIP_ASIDE, LEVER_M = 0.06, 0.02, 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contradiction:
-    """Corrections that odometry's sum contradicts.
+    """Corrections that the accumulated drift of odometry contradicts.
 
     Attributes:
-        transform: (4, 4) correction before them; None if texture confirms them and heights alone are in doubt.
-        covariance: (3, 3) covariance of the drift without them.
-        moved_by: (2, 3) x, y, yaw that they moved the robot by, and that scans contradict odometry by [m, m, rad].
-        reason: sentence that says so.
+        transform: (4, 4) correction before these corrections; None if texture confirms them and only heights are in
+            doubt.
+        covariance: (3, 3) covariance of the drift without these corrections.
+        moved_by: (2, 3) x, y, yaw by which the corrections moved the robot, and by which scans contradict odometry
+            [m, m, rad].
+        reason: text for the record of the map.
     """
 
     transform: Float | None
@@ -60,15 +64,16 @@ class Contradiction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdometrySum(FrozenArrays):
-    """Corrections and motions of scans since earlier pauses, the newest last, and odometry's drift since.
+    """Corrections, motions of scans and drift of odometry since each of k earlier pauses, newest last.
 
     Attributes:
-        transforms: (k, 4, 4) corrections of the drift.
-        positions: (k, 2) of the robot by odometry [m].
-        covariances: (k, 3, 3) of the drift at the pause and since, about the present robot.
-        seen: (k, 3) x, y, yaw by which scans show more motion since than odometry, about the present robot.
-        seen_covariances: (k, 3, 3) of their difference.
-        shown: (k,) path since that texture over the whole view showed [m].
+        transforms: (k, 4, 4) corrections of the drift at the pauses.
+        positions: (k, 2) positions of the robot by odometry at the pauses [m].
+        covariances: (k, 3, 3) covariances of the drift at the pause and since, about the current position of the robot.
+        seen: (k, 3) x, y, yaw by which the motion since, as shown by scans, exceeds that of odometry, about the current
+            position of the robot.
+        seen_covariances: (k, 3, 3) covariances of `seen`.
+        shown: (k,) length of the path since the pause that texture over the whole view showed [m].
     """
 
     transforms: Float = field(default_factory=partial(np.empty, (0, 4, 4)))
@@ -82,9 +87,9 @@ class OdometrySum(FrozenArrays):
         """Add a pause.
 
         Args:
-            transform: (4, 4) correction of the drift there.
+            transform: (4, 4) correction of the drift at the pause.
             odometry: (4, 4) transform_footprint_to_odom by odometry.
-            covariance: (3, 3) covariance of the drift there.
+            covariance: (3, 3) covariance of the drift at the pause.
             noise: (3, 3) covariance of the noise of this pause alone.
         """
         added = (transform, odometry[:2, 3], covariance, np.zeros(3), noise, np.zeros(()))
@@ -99,11 +104,11 @@ class OdometrySum(FrozenArrays):
         """Add one motion to each sum.
 
         Args:
-            transition: (3, 3) that of `transition_between`.
-            drift: (3, 3) covariance of odometry's drift in it.
-            seen: (3,) x, y, yaw by which scans show more motion than odometry.
-            seen_covariance: (3, 3) its covariance by the heights alone.
-            shown: its length, if texture over the whole view shows it [m].
+            transition: (3, 3) result of `transition_between`.
+            drift: (3, 3) covariance of the drift of odometry in this motion.
+            seen: (3,) x, y, yaw by which the motion shown by scans exceeds that of odometry.
+            seen_covariance: (3, 3) covariance of `seen` due to the heights alone.
+            shown: length of the motion if texture over the whole view shows it, otherwise 0 [m].
         """
         return OdometrySum(
             self.transforms,
@@ -117,13 +122,13 @@ class OdometrySum(FrozenArrays):
     def contradiction(
         self, transform: Float, odometry: Float, noise: Float, slip_share: float, *, textured: bool = False
     ) -> Contradiction | None:
-        """Corrections since the earliest pause since which either sum contradicts odometry's; None if there is none.
+        """Corrections since the earliest pause for which a sum contradicts odometry; None if no sum does.
 
         Args:
-            transform: (4, 4) present correction of the drift.
-            odometry: (4, 4) present transform_footprint_to_odom by odometry.
-            noise: (3, 3) covariance of the noise of the present pause alone.
-            slip_share: sigma of odometry in the direction of the way, as a share of it.
+            transform: (4, 4) current correction of the drift.
+            odometry: (4, 4) current transform_footprint_to_odom by odometry.
+            noise: (3, 3) covariance of the noise of the current pause alone.
+            slip_share: sigma of odometry along the displacement, relative to its length.
             textured: True if texture holds the walk.
         """
         if not len(self.transforms):
@@ -153,20 +158,21 @@ class OdometrySum(FrozenArrays):
     def suspicion(self, odometry: Float, noise: Float, slip_share: float) -> float:
         """Largest contradiction between the motions of scans and odometry since any pause [sigmas].
 
-        Arguments are those of `contradiction`.
+        Args:
+            odometry, noise, slip_share: as in `contradiction`.
         """
         covariances = self.seen_covariances + noise + self._slip(odometry, slip_share)
         return float(np.sqrt(_squares(self.seen, covariances).max(initial=0.0)))
 
     def _corrected(self, transform: Float, odometry: Float) -> Float:
-        """Corrections (k, 3) since each pause, about the present robot."""
+        """Corrections (k, 3) since each pause, about the current position of the robot."""
         position = odometry[:2, 3]
         since = np.linalg.inv(self.transforms) @ transform
         aside = since[:, :2, :2] @ position + since[:, :2, 3] - position
         return np.column_stack((aside, np.arctan2(since[:, 1, 0], since[:, 0, 0])))
 
     def _slip(self, odometry: Float, slip_share: float) -> Float:
-        """Covariances (k, 3, 3) of what odometry may err by since each pause: along the way, or as texture shows."""
+        """Covariances (k, 3, 3) of slip since each pause: along the displacement, and as texture may show it."""
         way = odometry[:2, 3] - self.positions
         slip = np.zeros_like(self.covariances)
         slip[:, :2, :2] = slip_share**2 * way[:, :, None] * way[:, None, :]
@@ -179,7 +185,7 @@ class OdometrySum(FrozenArrays):
         """Read the sums from a file.
 
         Raises:
-            FileFormatError: a value is missing or impossible.
+            FileFormatError: a value is missing or not allowed.
         """
         count = len(fields.sequence("positions"))
         shapes = {
@@ -190,7 +196,7 @@ class OdometrySum(FrozenArrays):
             "seen_covariances": (count, 3, 3),
             "shown": (count,),
         }
-        # Files of earlier versions lack some of them: their sums begin anew.
+        # Files of earlier versions lack some of these values; their sums begin anew.
         return (
             OdometrySum(**{name: fields.array(name, shape) for name, shape in shapes.items()})
             if count and fields.has("shown")
@@ -199,12 +205,12 @@ class OdometrySum(FrozenArrays):
 
 
 def _squares(sums: Float, covariances: Float) -> Float:
-    """Squares (k,) of sums (k, 3) in units of their covariances (k, 3, 3)."""
+    """Squared Mahalanobis norms (k,) of sums (k, 3) with covariances (k, 3, 3)."""
     return np.asarray(np.vecdot(sums, np.linalg.solve(covariances, sums[:, :, None])[:, :, 0]))
 
 
 def shown_slip(way: Float) -> Float:
-    """Covariance (3, 3) of slip that texture over the whole view is believed to show over a way (2,) [m]."""
+    """Covariance (3, 3) of slip over a displacement (2,) [m] that is accepted if texture shows it."""
     along, aside = SHOWN_SLIP_ALONG * way, SHOWN_SLIP_ASIDE * np.array([-way[1], way[0]])
     slip = np.zeros((3, 3))
     slip[:2, :2] = np.outer(along, along) + np.outer(aside, aside)
@@ -213,10 +219,10 @@ def shown_slip(way: Float) -> Float:
 
 
 def transition_between(before: Float, here: Float) -> Float:
-    """Matrix (3, 3) that takes an error (x, y, yaw) about one footprint to the same error about the next.
+    """Matrix (3, 3) that converts an error (x, y, yaw) about one footprint to the same error about the next footprint.
 
     Args:
-        before, here: (4, 4) transforms of both footprints to odom.
+        before, here: (4, 4) transforms of the two footprints to odom.
     """
     transition = np.eye(3)
     transition[:2, 2] = before[1, 3] - here[1, 3], here[0, 3] - before[0, 3]

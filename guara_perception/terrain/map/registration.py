@@ -1,25 +1,27 @@
-"""Registration of a scan to the map, or to the scan before: the error of odometry, from their common cells.
+"""Registration of a scan to the map, or to the previous scan: the error of odometry, from their common cells.
 
-Gauss-Newton on heights. With the scan's points q in odom about the footprint, and the map's height H,
+Gauss-Newton on heights. Let q = (x, y, z) be the scan's points in odom, relative to the footprint, and H the height of
+the map. The cost
 
-    r = H(R q + d) - (z + dz + rx y - ry x),    minimised: sum w r^2 / s^2 / n + m' P^-1 m
+    sum w r^2 / s^2 / n + m' P^-1 m    with    r = H(R q + d) - (z + dz + rx y - ry x)
 
-over m = (dx, dy, dz, rx, ry, turn): s^2 is the variance of both heights and of a cell's height on a slope, w Huber's
-weight, P the prior covariance of m by odometry. Errors of neighbouring cells are correlated, so the information of the
-heights is divided by n.
+is minimised over m = (dx, dy, dz, rx, ry, turn), where s^2 is the variance of both heights and of a cell's height on a
+slope, w Huber's weight, and P the prior covariance of m by odometry. Errors of neighbouring cells are correlated, so
+the information of the heights is divided by n.
 
-Both height fields are smoothed alike, and the slope is the mean of both slopes (Malis, Improving vision-based control
-using efficient second-order minimization techniques, ICRA 2004). A slope that may be noise does not observe x and y: a
-cell whose slope in the scan is below SLOPE_SIGMAS of its error counts as level, and a level cell observes height and
-tilt only. The slope of the map does not decide, since the map has seams of a millimetre or two at the ends of scans.
-On level ground x, y and yaw therefore keep their priors, as on a slope that is hardly steeper: the map's heights are
-off by a millimetre over areas as large as a ramp, which on a ramp of slope 0.05 is equivalent to a shift of 20 mm.
+Both height fields are smoothed in the same way, and the slope is the mean of both slopes (Malis, Improving vision-based
+control using efficient second-order minimization techniques, ICRA 2004). A slope that may be noise does not observe x
+and y: a cell whose slope in the scan is below SLOPE_SIGMAS of its error counts as level, and a level cell observes only
+height and tilt. The slope of the map is not used for this decision, because the map has seams of a millimetre or two at
+the ends of scans. On level ground x, y and yaw therefore keep their priors, and also on slopes that are hardly steeper:
+the map's heights are off by a millimetre over areas as large as a ramp, which on a ramp of slope 0.05 is equivalent to
+a shift of 20 mm.
 
-Across its stripes a laser scan has an edge at the first stripe beyond the true one: off by up to the spacing of the
-stripes, which grows with the distance, and with the same sign for all edges that face the robot. Registration by such
-edges would drift, so for a scan of stripes only slopes along the stripes are used.
+Across its stripes, a laser scan shows an edge at the first stripe behind the true edge. This error is up to the spacing
+of the stripes, which grows with the distance, and has the same sign for all edges that face the robot. Registration to
+such edges would drift, so for a scan of stripes only slopes along the stripes are used.
 
-The motion between two scans is found in the same way, with a prior that leaves x, y and yaw to the heights.
+The motion between two scans is estimated in the same way, with a prior that leaves x, y and yaw to the heights.
 """
 
 from __future__ import annotations
@@ -35,16 +37,17 @@ from guara_perception.terrain.map.odom_cells import OdomCells
 from kinematics.arrays import FrozenArrays
 
 ROUNDS = 8
-# Step [m, rad] below which the iteration ends.
+# Step below which the iteration ends [m, rad].
 SMALLEST_STEP = 1e-5
 HUBER_SIGMAS = 2.0
-# Least slope that is used, in sigmas of a slope: 0.06 with cells of 5 mm and heights of 0.3 mm sigma.
+# Least slope that is used, in sigmas of a slope: 0.06 with cells of 5 mm and a height sigma of 0.3 mm.
 SLOPE_SIGMAS = 6.0
-# Number n of neighbouring cells that count as one: their heights come from the same stripes and poses.
+# Number n of neighbouring cells that count as one, because their heights come from the same stripes and poses.
 CELLS_THAT_COUNT_AS_ONE = 32.0
-# The same between two scans, which share no pose: chi-square per freedom of still walks is then 0.2 to 0.7.
+# Same number for two scans, which have no pose in common; chi-square per degree of freedom of walks over still ground
+# is then 0.2 to 0.7.
 CELLS_OF_TWO_SCANS = 8.0
-# Prior sigmas of x, y [m] and yaw between two scans: the heights alone decide.
+# Prior sigma of x, y [m] and yaw [rad] between two scans, wide enough for the heights alone to decide.
 OPEN_SIGMA = 0.05
 # Additional sigma of the difference of two heights.
 FLOOR_SIGMA_M = 0.0007
@@ -52,20 +55,20 @@ FLOOR_SIGMA_M = 0.0007
 OWN_SIGMA_M = 0.0003
 # Horizontal sigma of the position of a height relative to its cell.
 ASIDE_SIGMA_M = 0.004
-# Heights that differ by more belong to another object, or to its edge.
+# Largest height difference of a cell that is used; larger ones belong to another object, or to its edge.
 LARGEST_DIFFERENCE_M = 0.05
 LEAST_CELLS = 50
 # Rows of x, y and yaw in REP-103 order.
 PLANAR = [0, 1, 5]
-# A registration is refused if more than this fraction of its cells differs by more than Huber's limit, or if its motion
-# is more than this many sigmas from the prior, in directions in which it shrinks the prior's variance by this fraction.
+# A registration is refused if more than MOST_CONTRADICTING of its cells exceed Huber's limit, or if its motion is more
+# than MOST_SIGMAS from the prior, in directions in which it reduces the prior's variance by at least LEAST_SHRUNK.
 MOST_CONTRADICTING = 0.3
 MOST_SIGMAS = 4.0
 LEAST_SHRUNK = 0.01
 # Kernels of smoothing (binomial) and slope (central differences).
 BINOMIAL = np.array([0.25, 0.5, 0.25])
 SLOPE = np.array([-0.5, 0.0, 0.5])
-# Sigma of a slope, times the cell edge, over that of independent noise in the heights.
+# Sigma of a slope times the cell edge, divided by the sigma of independent noise in the heights.
 SLOPE_NOISE = float(np.linalg.norm(np.convolve(BINOMIAL, SLOPE)) * np.linalg.norm(BINOMIAL))
 
 
@@ -74,11 +77,12 @@ class Registration:
     """Result of a registration.
 
     Attributes:
-        motion: (6,) x, y, z [m] and rotations about x, y, z [rad] from the scan to the map, in odom about the
-            footprint, REP-103 order.
+        motion: (6,) x, y, z [m] and rotations about x, y, z [rad] from the scan to the map, along the axes of odom and
+            about the footprint, in REP-103 order.
         covariance: (6, 6) covariance of the motion.
-        cells: number of cells that were compared.
-        refused: reason why it was refused, None if it was not; then the motion is zero and the covariance the prior.
+        cells: number of compared cells.
+        refused: reason why the registration was refused, with zero motion and the prior as covariance; None if it was
+            not refused.
     """
 
     motion: Float
@@ -88,13 +92,13 @@ class Registration:
 
 
 def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom: Float, prior: Float) -> Registration:
-    """Estimate the small motion from a scan's heights to the map's.
+    """Estimate the small motion that registers the heights of a scan to the map.
 
     Args:
         cells: memory of the map.
-        terrain: the scan.
+        terrain: grid of the scan.
         transform_footprint_to_odom: (4, 4) pose by odometry.
-        prior: (6, 6) covariance of its error relative to the map, REP-103 order, positive definite.
+        prior: (6, 6) positive definite covariance of the pose error relative to the map, in REP-103 order.
     """
     base = transform_footprint_to_odom[:3, 3]
     seen = _Scan.of(terrain, transform_footprint_to_odom)
@@ -113,10 +117,10 @@ def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenGround(FrozenArrays):
-    """Ground as the last scan saw it, in its footprint.
+    """Ground measured by the last scan, in its footprint.
 
     Attributes:
-        layers: (2, ny, nx) elevation [m] and its local variance [m^2], NaN where unknown; float32.
+        layers: (2, ny, nx) float32 elevation [m] and local variance [m^2], NaN where unknown.
         origin: (2,) lowest corner [m].
     """
 
@@ -132,16 +136,16 @@ class SeenGround(FrozenArrays):
 def motion_between(
     before: SeenGround, terrain: TerrainGrid, transform_to_last: Float, prior: Float
 ) -> tuple[Float, Float]:
-    """Estimate the motion that the ground shows from the scan before to this one, beyond that of odometry.
+    """Estimate the motion between the previous scan and this one, minus the motion by odometry.
 
     Args:
-        before: ground of the scan before.
-        terrain: the scan.
-        transform_to_last: (4, 4) from its footprint to that of the scan before, by odometry.
-        prior: (6, 6) covariance of height and tilts between them; its x, y and yaw are not used.
+        before: ground of the previous scan.
+        terrain: grid of this scan.
+        transform_to_last: (4, 4) transform from this footprint to that of the previous scan, by odometry.
+        prior: (6, 6) covariance of height and tilt between the scans; its x, y and yaw are not used.
 
     Returns:
-        (3,) x, y [m] and yaw about this footprint, along the axes of the last one, and their covariance (3, 3).
+        x, y [m] and yaw [rad] (3,) about this footprint, along the axes of the previous one, and covariance (3, 3).
     """
     prior = prior.copy()
     prior[PLANAR] = prior[:, PLANAR] = 0.0
@@ -158,7 +162,7 @@ def motion_between(
 
 
 def _fit(ground: _Ground, seen: _Scan, base: Float, prior: Float, count_as_one: float) -> tuple[Float, Float, Float]:
-    """Motion (6,), its covariance (6, 6) and Huber's weights of the compared cells."""
+    """Motion (6,), its covariance (6, 6), and Huber's weights of the compared cells."""
     information = np.asarray(np.linalg.inv(prior), dtype=np.float64)
     motion = np.zeros(6)
     for _ in range(ROUNDS):
@@ -176,9 +180,10 @@ def _refused(prior: Float, weights: Float, reason: str) -> Registration:
 
 
 def _surprise(motion: Float, prior: Float, covariance: Float) -> float:
-    """Motion in sigmas of its own covariance, in the worst direction.
+    """Motion in sigmas, in the worst direction.
 
-    That covariance is the reduction of the prior by the heights; directions in which they do not reduce it are omitted.
+    The covariance of the motion is the reduction of the prior's covariance by the heights. Directions in which the
+    heights hardly reduce it are omitted.
     """
     root = np.linalg.cholesky(prior)
     half = np.linalg.solve(root, covariance)
@@ -205,9 +210,13 @@ def _smooth(heights: Float, resolution: float) -> tuple[Float, Float, Float]:
 
 @dataclass(frozen=True, slots=True)
 class _Scan:
-    """The scan's points (n, 3) about the footprint along the axes of odom, slopes (n, 2) there, and variances (n,).
+    """Known points of a scan, along the axes of odom.
 
-    `projection` (2, 2) selects the component of a slope that is used.
+    Attributes:
+        about: (n, 3) points relative to the footprint [m].
+        slopes: (n, 2) slopes of the ground along x and y.
+        variance: (n,) local variances of the heights [m^2].
+        projection: (2, 2) projection to the component of a slope that is used.
     """
 
     about: Float
@@ -229,9 +238,12 @@ class _Scan:
 
 @dataclass(frozen=True, slots=True)
 class _Ground:
-    """Part of the map: layers (4, ny, nx) from cell `first` = (cy, cx) on.
+    """Part of the map.
 
-    The layers are smoothed heights, NaN where unusable, their slopes along x and y, and variances.
+    Attributes:
+        layers: (4, ny, nx) smoothed heights, NaN where unusable, slopes along x and y, and variances.
+        first: lowest cell (cy, cx).
+        resolution: cell edge [m].
     """
 
     layers: Float
@@ -250,7 +262,7 @@ class _Ground:
         return _Ground(np.stack((*_smooth(heights, cells.resolution), variance)), at, cells.resolution)
 
     def at(self, x: Float, y: Float) -> Float:
-        """The layers (4, n) at points of odom, bilinear; NaN where the height is not known."""
+        """Layers (4, n) interpolated bilinearly at points in odom; NaN where the height is unknown."""
         u, v = x / self.resolution - 0.5 - self.first[1], y / self.resolution - 0.5 - self.first[0]
         ny, nx = self.layers.shape[1:]
         j, i = np.floor(u).astype(np.intp), np.floor(v).astype(np.intp)
@@ -267,7 +279,7 @@ class _Ground:
 def _step(
     ground: _Ground, seen: _Scan, base: Float, motion: Float, information: Float, count_as_one: float
 ) -> tuple[Float, Float, Float]:
-    """One Gauss-Newton step: the change (6,), the Hessian (6, 6) and Huber's weights of the compared cells."""
+    """Compute one Gauss-Newton step: change (6,), Hessian (6, 6), and Huber's weights of the compared cells."""
     cosine, sine = np.cos(motion[5]), np.sin(motion[5])
     px, py, pz = seen.about.T
     x, y = base[0] + cosine * px - sine * py + motion[0], base[1] + sine * px + cosine * py + motion[1]

@@ -1,4 +1,4 @@
-"""Layers of the rolling map in base_footprint: values of the nearest cell, flags of all cells touched."""
+"""Layers of the rolling map in base_footprint: values of the nearest map cells, flags of all touched cells."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ def snapshot_layers(
     settings: Settings,
     soft: tuple[SoftFoothold, ...] = (),
 ) -> dict[str, Array]:
-    """All layers of the `map` extent.
+    """Compute all layers of the extent `map`.
 
-    Soles stay on the grid, but the discs of their tests also read known ground beyond its border. A cell whose square
-    touches an unknown cell of the map is unknown, with the causes of all of them; lowest and highest samples are those
-    of all cells touched, so that no narrow bump is missed between the nearest ones.
+    Soles must be on the grid, but the discs of their tests also read known ground outside it. A grid cell that touches
+    unknown cells of the map is unknown, with the causes of all of them. Its lowest and highest samples are those of all
+    touched cells, so that no narrow bump is missed.
     """
     inner, beyond = geometry, beyond_border(disc_kernel(settings.limits.disc_radius / geometry.resolution))
     geometry = inner.widened(beyond)
@@ -53,7 +53,7 @@ def snapshot_layers(
     )
     x, y = np.tile(x, y.size), np.repeat(y, x.size)
     if np.any(transform[:2, 2]):
-        # If the two verticals differ, the height of a cell moves it sideways.
+        # If the z axes of footprint and odom differ, the height of a cell shifts it horizontally.
         slot = cells.slots(*cells.indices(in_odom_x, in_odom_y))
         rise = memory["height"][slot] - (row[0] * x + row[1] * y + row[3])
         height = np.nan_to_num(np.where(slot >= 0, rise, 0.0) / row[2])
@@ -76,14 +76,14 @@ def snapshot_layers(
     high = heights + cells.patch("above", squares.first, squares.shape, 0.0)
     slot = cells.slots(*cells.indices(in_odom_x.take(known), in_odom_y.take(known)))
     pauses = np.clip(now.pause - memory["pause"].take(slot), 0, NEVER_SEEN_AGE - 1)
-    # While observations disagree, lowest and highest sample are those of both; the larger variance applies to them.
+    # While observations disagree, lowest and highest sample are those of both, with the larger variance.
     variance = np.maximum(memory["variance"].take(slot), memory["other_variance"].take(slot))
     own = np.minimum(memory["local"].take(slot), variance)
     drifted_by = drift_variance(cells, slot, now.drift, np.sqrt(x * x + y * y))
-    # Depends on the tested cell alone, so that losing other cells never makes it safe.
+    # The drift of a cell depends on this cell alone, so that the loss of other cells never makes it safe.
     aside = now.sideways.variances(memory["pause"].take(slot), in_odom_x.take(known), in_odom_y.take(known), transform)
     drifted = np.ceil(settings.limits.confidence * np.sqrt(aside) / geometry.resolution)
-    # What no margin covers is as if it had not been seen for too long.
+    # A cell whose drift exceeds the largest margin is treated like one that was seen too long ago.
     flags[known[(drifted > LARGEST_DRIFT_CELLS).any(axis=0)]] |= np.uint16(Hazard.STALE)
     drifted = np.minimum(drifted, LARGEST_DRIFT_CELLS).astype(np.intp)
 
@@ -95,7 +95,7 @@ def snapshot_layers(
     looks, kernel = memory["looks"].take(slot), disc_kernel(settings.limits.disc_radius / geometry.resolution)
     looked = _Looks(shaped(variance - own, np.nan), shaped(drifted_by, np.nan), shaped(pauses, 0), shaped(looks, 0))
     local = shaped(own, np.nan) + looked.unshared(kernel)
-    # An IMU errs anew at every pause, or always by the same: the larger of both.
+    # The error of an IMU may be new at every pause or always the same, so the larger of the two variances is used.
     at_feet = pose_variance(terrain, np.zeros(1), np.zeros(1))
     tilted = own + pose_variance(terrain, x, y) - at_feet
     total = shaped(np.maximum(variance, tilted) + at_feet + drifted_by, np.nan)
@@ -124,12 +124,12 @@ def snapshot_layers(
 
 @dataclass(frozen=True, slots=True)
 class _Looks:
-    """What cells owe to the looks of several pauses, (ny, nx) each.
+    """Observations (looks) of cells at several pauses, (ny, nx) each.
 
     Attributes:
-        variance: of heights, from errors that all cells of a look share [m^2]; NaN in unknown cells.
-        drift: of heights since the last look [m^2], NaN likewise.
-        pauses: since the last look.
+        variance: variance of heights due to errors common to all cells of a look [m^2]; NaN in unknown cells.
+        drift: variance of heights due to drift since the last look [m^2]; NaN in unknown cells.
+        pauses: number of pauses since the last look.
         looks: number of looks.
     """
 
@@ -139,11 +139,11 @@ class _Looks:
     looks: Codes
 
     def unshared(self, kernel: Kernel) -> Float:
-        """Variance of the difference of a height to those in the disc, from looks that not all of them share [m^2].
+        """Variance of the difference between a height and those in its disc, due to looks that they do not share [m^2].
 
-        Of two means of m and of n more looks, one of which has all looks of the other, the difference has the share
-        n / (m + n) of the larger variance. Where the last look is another one, each has a look that the other lacks,
-        which adds twice a look's share, and drifted since by itself. Ground that no scan saw shares nothing with any.
+        If a mean of m + n looks contains all looks of a mean of m, their difference has n / (m + n) of the larger
+        variance. If their last looks differ, each also has a look that the other lacks, which adds twice the variance
+        per look, and each drifted independently since. Ground that no scan saw shares nothing with other ground.
         """
         (fewest, most), (newest, oldest), (least, largest) = (
             self._ends(values, kernel) for values in (self.looks, self.pauses, self.drift)
@@ -162,17 +162,17 @@ class _Looks:
 
 
 def _flags(cells: OdomCells, squares: Squares, now: MapPause, settings: Settings) -> Flags:
-    """Flags of the cells of the memory: causes of unknown cells, CONFLICT, STALE; UNSCANNED outside."""
+    """Flags of the cells in memory: causes of unknown cells, CONFLICT, STALE; UNSCANNED outside the window."""
 
     def patch(name: str, outside: Any) -> Array:
         return cells.patch(name, squares.first, squares.shape, outside)
 
     flags = patch("cause", np.uint16(Hazard.UNSCANNED))
     flags[patch("conflict", False)] |= np.uint16(Hazard.CONFLICT)
-    # Older than its validity, in pauses or in seconds.
+    # Cells older than their validity, in pauses or in seconds.
     old = now.pause - patch("pause", now.pause) > settings.validity_pauses
     age = now.stamp - patch("stamp", now.stamp)
-    # Seen in the future: stamped by another clock, so the age is unknown.
+    # A stamp in the future is from another clock, so the age is unknown.
     old |= (age > settings.validity_seconds * 1e9) | (age < 0)
     flags[old & np.isfinite(patch("height", np.nan))] |= np.uint16(Hazard.STALE)
     return flags

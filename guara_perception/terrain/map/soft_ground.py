@@ -1,4 +1,4 @@
-"""Ground that gave way under a foot: soles that sank below the map or slid, and where the surface goes on alike."""
+"""Ground that gave way under a foot: soles that sank below the map or slid, and the surface around them."""
 
 from __future__ import annotations
 
@@ -11,34 +11,39 @@ import numpy as np
 from guara_perception.arrays import Float, Mask
 from guara_perception.terrain.map.support_feet import SoleError
 
-# A sole this far below the map, beyond SINK_SIGMAS of what legs and map know, sank [m]. Legs bend and maps drift by
-# less; snow, foam and loose gravel give way by more.
+# Least depth of a sole below the map at which it sank, in metres and in sigmas of legs and map. Legs bend and maps
+# drift by less; snow, foam and loose gravel give way by more.
 SINK_M, SINK_SIGMAS = 0.008, 4.0
-# A standing foot that moved this much further than the others slid [m]; soles that rock on stiff ankles creep by 20 mm.
+# Distance by which a standing foot must move farther than the others to have slid; soles that rock on stiff ankles
+# creep by 20 mm.
 SLIP_M = 0.030
-# The surface goes on alike, no further than this from the foothold, over cells that differ from the next by less [m].
+# The surface continues up to REACH_M from the foothold, over neighbouring cells that differ in height by less than
+# STEP_M.
 REACH_M, STEP_M = 0.30, 0.005
-# Footholds that are remembered; a walk of 5 m has as many. The oldest go first.
+# Largest number of footholds in memory, as many as a walk of 5 m has; the oldest are forgotten first.
 MOST_FOOTHOLDS = 128
 ALIKE = 2
-# Two footholds nearer to one another are one [m].
+# Distance below which two footholds count as one.
 APART_M = 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class SoftFoothold:
-    """Place in odom where a foot sank or slid: centre of the sole [m]."""
+    """Foothold at which a foot sank or slid, as the centre of the sole in odom [m]."""
 
     x: float
     y: float
 
 
 def sunk_feet(soles: Mapping[str, SoleError], variance: float) -> dict[str, float]:
-    """Feet that sank below the map, and how far [m]: by the walk's height before, and by the feet that did not sink.
+    """Feet that sank below the map, with their depths [m].
+
+    The depth of a sole is measured relative to the height of the walk as predicted and as measured by the other soles
+    that did not sink.
 
     Args:
-        soles: leg -> its error against the map.
-        variance: of the walk's height against the map, before these soles [m^2].
+        soles: leg -> error of its sole relative to the map.
+        variance: variance of the walk's height relative to the map, before these soles [m^2].
     """
     standing, sunk = dict(soles), dict[str, float]()
     while standing:
@@ -49,12 +54,12 @@ def sunk_feet(soles: Mapping[str, SoleError], variance: float) -> dict[str, floa
             weights += [1 / other.variance for other in others]
             height = sum(w * other.residual for w, other in zip(weights[1:], others, strict=True)) / sum(weights)
             depth, sigma = height - sole.residual, np.sqrt(sole.variance + 1 / sum(weights))
-            # Beside an edge that the map has elsewhere a sole stands lower on hard ground.
+            # Near an edge that is misplaced in the map, a sole may stand lower although the ground is hard.
             if depth > max(SINK_M, SINK_SIGMAS * sigma) + sole.relief:
                 depths[leg] = float(depth)
         if not depths:
             break
-        # The deepest first: it pulls the height of the others.
+        # The deepest sole is removed first, because it affects the height of the others.
         deepest = max(depths, key=lambda leg: depths[leg])
         sunk[deepest] = depths[deepest]
         del standing[deepest]
@@ -62,18 +67,18 @@ def sunk_feet(soles: Mapping[str, SoleError], variance: float) -> dict[str, floa
 
 
 def slid_feet(slips: Mapping[str, float], slipped: tuple[str, ...]) -> dict[str, float]:
-    """Feet that slid relative to the others, and how far [m].
+    """Feet that slid relative to the others, with the distances [m].
 
     Args:
-        slips: leg -> distance by which each foot that stood moved since the last pause [m].
-        slipped: feet that odometry found to have moved against the others.
+        slips: leg -> distance by which each standing foot moved since the last pause [m].
+        slipped: feet that, according to odometry, moved relative to the others.
     """
     common = float(np.median([distance for leg, distance in slips.items() if leg not in slipped] or [0.0]))
     return {leg: slips[leg] - common for leg in slipped if slips.get(leg, 0.0) - common > SLIP_M}
 
 
 def remembered(soft: tuple[SoftFoothold, ...], centres: list[Float]) -> tuple[SoftFoothold, ...]:
-    """Footholds with new ones at these centres in odom, the newest last."""
+    """Add footholds at centres in odom to those in memory, newest last."""
     for x, y, *_ in centres:
         if all(np.hypot(x - each.x, y - each.y) > APART_M for each in soft):
             soft = (*soft, SoftFoothold(float(x), float(y)))
@@ -83,14 +88,14 @@ def remembered(soft: tuple[SoftFoothold, ...], centres: list[Float]) -> tuple[So
 def soft_cells(
     heights: Float, first: tuple[int, int], resolution: float, soft: tuple[SoftFoothold, ...], sole: float
 ) -> Mask:
-    """Known cells (ny, nx) round the footholds and where the surface goes on alike.
+    """Mask (ny, nx) of the known cells around soft footholds, and of the surface that continues from there.
 
     Args:
-        heights: (ny, nx) of cells of odom [m], NaN where unknown.
-        first: (cy, cx) of the first of them.
-        resolution: of the cells [m].
-        soft: the footholds.
-        sole: distance from a foothold's centre within which everything is soft [m].
+        heights: (ny, nx) heights of cells in odom [m], NaN where unknown.
+        first: (cy, cx) of the lowest cell.
+        resolution: cell edge [m].
+        soft: soft footholds.
+        sole: distance from the centre of a foothold within which all known cells are soft [m].
     """
     found = np.zeros(heights.shape, dtype=bool)
     known = np.isfinite(heights)
@@ -99,7 +104,7 @@ def soft_cells(
     for each in soft:
         away = np.hypot(x - each.x, (y - each.y)[:, None])
         under, near = known & (away <= sole), known & (away <= REACH_M)
-        # OpenCV's mask: closed cells are not 0, those that it reaches become ALIKE.
+        # Mask of OpenCV, with a border: cells that are not 0 are closed, cells that the fill reaches become ALIKE.
         mask = np.pad((~near).astype(np.uint8), 1, constant_values=1)
         for row, column in np.argwhere(under).tolist():
             if not mask[row + 1, column + 1]:

@@ -1,7 +1,8 @@
-"""Supporting soles as height measurements: they correct the z of odometry and fill ground that no scan saw.
+"""Supporting soles as height measurements, which correct the z of odometry and fill ground that no scan saw.
 
-The z of leg odometry is a random walk. A sole on ground that the map knows measures its error; a scalar Kalman filter
-subtracts the error common to the soles. The map's record holds the correction, and names soles outside the gate.
+The z of leg odometry is a random walk. A sole on ground that is known in the map measures its error, and a scalar
+Kalman filter subtracts the error common to the soles. The map's record contains the correction, and names soles outside
+the gate.
 """
 
 from __future__ import annotations
@@ -20,23 +21,24 @@ from kinematics import RobotModel
 from kinematics.stance_pose import sole_covariances
 from kinematics.transforms import transform_points
 
-# A level sole rests on the highest ground under it; one cell in ten may be higher by noise.
+# Quantile of the cells under a sole that bears it: a level sole rests on the highest ground, but noise may raise one
+# cell in ten.
 BEARING_QUANTILE = 0.9
 # Sigma of the height of unscanned ground under a sole.
 UNSEEN_RELIEF_M = 0.003
-# Least fraction of scanned cells under a sole whose height is compared with the map.
+# Least fraction of the cells under a sole that must be scanned to compare its height with the map.
 COMPARED_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class FootMeasurement:
-    """A supporting sole.
+    """Supporting sole.
 
     Attributes:
         leg: name of the leg.
         centre: (3,) sole centre in odom [m].
-        variance: variance of its height [m^2].
-        slot, distance: cells of the map that lie wholly under it, and their distance from the robot [m].
+        variance: variance of the sole's height [m^2].
+        slot, distance: cells of the map wholly under the sole, and their distance from the robot [m].
     """
 
     leg: str
@@ -46,7 +48,7 @@ class FootMeasurement:
     distance: Float
 
     def raised(self, rise: float) -> FootMeasurement:
-        """The same foot, `rise` higher [m]."""
+        """Same foot, `rise` higher [m]."""
         return replace(self, centre=self.centre + (0.0, 0.0, rise))
 
 
@@ -88,7 +90,7 @@ def support_feet(
 
 
 def sole_error(cells: OdomCells, foot: FootMeasurement) -> SoleError | None:
-    """Error of a sole against the scanned ground under it; None if too little of it is known."""
+    """Error of a sole relative to the scanned ground under it; None if too little of this ground is known."""
     memory = cells.memory
     slot = foot.slot[_scanned(cells, foot)]
     if not foot.slot.size or slot.size < COMPARED_SHARE * foot.slot.size:
@@ -100,9 +102,9 @@ def sole_error(cells: OdomCells, foot: FootMeasurement) -> SoleError | None:
 
 
 def fill_under_foot(cells: OdomCells, foot: FootMeasurement, now: MapPause) -> None:
-    """Give cells under a sole its height where no scan observed the ground.
+    """Set cells under a sole to its height if no scan observed them.
 
-    Ground that scans saw keeps its height: a sole does not measure the relief under it, and the height anchor corrects
+    Scanned ground keeps its height, because a sole does not measure the relief under it, and the height anchor corrects
     the error common to all soles.
     """
     memory = cells.memory
@@ -120,13 +122,13 @@ def _scanned(cells: OdomCells, foot: FootMeasurement) -> Mask:
 
 @dataclass(frozen=True, slots=True)
 class SoleError:
-    """Sole against the map: its height above it, and how far the ground under it may be lower where an edge is near.
+    """Error of a sole relative to the map.
 
     Attributes:
         residual: height of the sole above the map [m].
-        variance: of it, without the error of odometry [m^2].
-        distance: of the sole from the robot [m].
-        relief: height of the map's ground under the sole [m].
+        variance: variance of the residual, without the error of odometry [m^2].
+        distance: distance of the sole from the robot [m].
+        relief: height range of the map under the sole, by which the sole may stand lower near an edge [m].
     """
 
     residual: float
@@ -135,7 +137,7 @@ class SoleError:
     relief: float = 0.0
 
     def leaning(self, attitude_sigma: float) -> SoleError:
-        """The same for a body whose tilt has this standard deviation [rad]."""
+        """Same error with the additional variance of a tilt with this standard deviation [rad]."""
         return replace(self, variance=self.variance + (attitude_sigma * self.distance) ** 2)
 
 
@@ -145,9 +147,9 @@ class HeightAnchor:
 
     Attributes:
         offset: correction to be added to the z of leg odometry [m].
-        variance: variance of the walk's height against the map [m^2].
-        rise: variance that unseen cells have gained since the start [m^2].
-        odometry: last variance of z by leg odometry [m^2].
+        variance: variance of the walk's height relative to the map [m^2].
+        rise: increase of the variance of unseen cells since the start [m^2].
+        odometry: last variance of z according to leg odometry [m^2].
         rejected: legs whose soles were outside the gate at this pause.
     """
 
@@ -168,8 +170,8 @@ class HeightAnchor:
         """Predict and update the filter at the next pause.
 
         Args:
-            odometry_variance: variance of z by leg odometry since the start [m^2].
-            soles: leg -> its error, this anchor's offset included.
+            odometry_variance: variance of z since the start according to leg odometry [m^2].
+            soles: leg -> error of its sole, after the offset of this anchor was added.
         """
         prior = variance = self.prior(odometry_variance)
         correction = 0.0
@@ -182,7 +184,7 @@ class HeightAnchor:
             gain = variance / innovation_variance if innovation_variance > 0 else 0.0
             correction -= gain * innovation
             variance *= 1 - gain
-        # Cells gain the fraction of the growth that the soles did not remove.
+        # The variance of cells increases by the fraction of the growth that the soles did not remove.
         kept = variance / prior if prior > 0 else 1.0
         return HeightAnchor(
             offset=self.offset + correction,

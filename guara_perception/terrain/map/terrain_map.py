@@ -33,9 +33,9 @@ from guara_perception.terrain.map.support_feet import fill_under_foot, sole_erro
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
 from kinematics import OdometryPose, PoseInOdom, RobotModel
 
-# Distance from the centre of the window at which the window moves [m]: moves are rare, the margin costs little memory.
+# Distance of the robot from the centre of the window at which the window moves, so that moves are rare.
 MARGIN_M = 0.2
-# Covariance (6, 6) of a pose of which next to nothing is known: wider than what texture can find again.
+# Covariance (6, 6) of an almost unknown pose, wider than the range in which texture can be found.
 ANYWHERE = np.diag([0.1] * 6) ** 2
 # Fields of a scan's record that also hold for the map of the same pause.
 FROM_SCAN = (*POSE[1:], "pose_covariance")
@@ -44,9 +44,9 @@ FROM_SCAN = (*POSE[1:], "pose_covariance")
 class TerrainMap:
     """Rolling elevation map of one walk.
 
-    `update` fuses the scan of a pause into cells that are fixed in `odom` and returns a grid of the `map` extent. The
-    result is deterministic to the byte. Memory is bounded: cells beyond the reach of the map plus a margin are
-    forgotten.
+    `update` fuses the scan of a pause into cells that are fixed in `odom`, and returns a grid of extent `map`. The
+    result is deterministic to the byte. Memory is bounded: cells farther away than the reach of the map plus a margin
+    are forgotten.
 
     Example:
         terrain_map = TerrainMap(robot)
@@ -60,7 +60,7 @@ class TerrainMap:
         """Create an empty map.
 
         Args:
-            robot: model, name or folder. Its robot.toml gives area, limits and validity, its kinematics the soles.
+            robot: model, name or folder; defines area, limits, validity and kinematics.
             resolution: cell edge [m]; None = the robot's default.
 
         Raises:
@@ -73,7 +73,7 @@ class TerrainMap:
         self._reach = float(np.hypot(max(map(abs, x)), max(map(abs, y)))) + MARGIN_M
         self._cells = OdomCells(self._grid.resolution, self._reach)
         self._state = MapState()
-        # Not in the state, which files hold: bounds by lines of sight begin anew with a map that is loaded.
+        # Not part of the state, which is saved in files: bounds by lines of sight begin anew in a loaded map.
         self._sight: tuple[LinesOfSight, ...] = ()
         self._kept: tuple[OdomCells, MapState, tuple[LinesOfSight, ...]] | None = None
 
@@ -109,25 +109,26 @@ class TerrainMap:
         """Fuse one scan and return the map.
 
         Args:
-            terrain: this pause's scan alone (extent "footprint").
+            terrain: scan of this pause alone (extent "footprint").
             pose: pose by leg odometry, or a `PoseInOdom` of another odometry. If it has `covariance_since_last`, the
-                scan is first registered to the map, which corrects sideways drift where the ground shows it, and
-                `own_covariance` is used; otherwise the pose is taken as it is. Give it at every pause or at none.
-            known_ground: ground that the gait declares at this pause, in its base_footprint.
-            time: time of the scan by a monotonic clock [s], for the age of cells; None = the grid's stamp. If time
+                scan is first registered to the map, which corrects sideways drift that the ground shows, and
+                `own_covariance` is used; otherwise the pose is used as given. Give `covariance_since_last` at all
+                pauses or at none.
+            known_ground: ground declared by the gait at this pause, in its base_footprint.
+            time: time of the scan on a monotonic clock [s], for the age of cells; None = the grid's stamp. If time
                 runs backwards, everything seen before becomes STALE.
-            picture: laser-off picture of the scan, or the reason why it has none, as `ScanProcessor.ground_picture`
-                gives it. If the pose has `covariance_since_last`, texture of the ground then corrects the walk too, and
-                slip along the way (`[odometry] slip_share`) counts in its sigma. None = a walk without pictures.
+            picture: laser-off image of the scan, or the reason why it has none, as in `ScanProcessor.ground_picture`.
+                If the pose has `covariance_since_last`, texture of the ground then also corrects the walk, and slip
+                along the way (`[odometry] slip_share`) is part of its sigma. None = a walk without images.
 
         Returns:
             Grid of extent "map" in base_footprint of this pause. Ground known only from foot contacts or declared by
             the gait has `looks` 0.
 
         Raises:
-            InvalidInput: a grid of another extent or cell size, in the compact encoding, or of an earlier pause; a pose
-                that is not rigid or tilts by more than 0.2 rad; a covariance that is not (6, 6), symmetric and without
-                a negative eigenvalue; covariance_since_last at some pauses and not at others.
+            InvalidInput: the grid has another extent or cell size, is in the compact encoding, or belongs to an earlier
+                pause; the pose is not rigid or tilts by more than 0.2 rad; a covariance is not (6, 6), symmetric and
+                positive semidefinite; covariance_since_last is given at some pauses only.
         """
         state, settings = self._state, self._settings
         check_scan(terrain, self._grid.resolution, state.step)
@@ -159,8 +160,8 @@ class TerrainMap:
             memory = self._cells.memory
             memory["stamp"][np.isfinite(memory["height"])] = clock - round(2e9 * settings.validity_seconds) - 1
             reasons += (
-                f"the clock of the scans went back by {(state.time - clock) * 1e-9:.3g} s at step {terrain.step}: what "
-                "was seen before counts as stale",
+                f"the clock of the scans went back by {(state.time - clock) * 1e-9:.3g} s at step {terrain.step}: "
+                "ground seen before counts as stale",
             )
         position, centre = transform[:2, 3].copy(), state.centre
         if centre is None or np.abs(position - centre).max() > MARGIN_M:
@@ -199,7 +200,7 @@ class TerrainMap:
         for foot in feet:
             if foot.leg not in gave_way:
                 fill_under_foot(self._cells, foot.raised(correction), now)
-        # The record also names earlier patches while cells that they filled may be valid.
+        # The record also contains earlier patches as long as cells that they filled may be valid.
         oldest = terrain.step - settings.validity_pauses
         ground = [patch for patch in state.ground if patch["cells"] and patch["step"] >= oldest]
         ground += [fuse_known_ground(self._cells, patch, now, terrain.step) for patch in known_ground]
@@ -238,9 +239,9 @@ class TerrainMap:
         *,
         time: float | None = None,
     ) -> TerrainGrid:
-        """The map in the base_footprint of another pause, without fusing its scan; arguments and errors as in `update`.
+        """Return the map in the base_footprint of another pause without fusing its scan.
 
-        Only stamp, step and record of `terrain` are used.
+        Arguments and errors are those of `update`; only stamp, step and record of `terrain` are used.
         """
         state = self._state
         check_scan(terrain, self._grid.resolution, state.step)
@@ -251,10 +252,10 @@ class TerrainMap:
         return self._snapshot(terrain, now, checked.covariance, 0, {})
 
     def save(self, path: str | Path) -> None:
-        """Write the whole map to an .npz file; a map from `load` continues exactly where this one ends.
+        """Write the whole map to an .npz file; the map returned by `load` continues exactly where this one ends.
 
-        Only the bounds of unknown ground (layer `ceiling`) begin anew. The map is fixed in the `odom` of its walk:
-        continue with the same odometry.
+        Only the bounds of unknown ground (layer `ceiling`) begin anew. Because the map is fixed in the `odom` of its
+        walk, continue with the same odometry.
 
         Raises:
             MissingFile: the folder does not exist.
@@ -263,11 +264,11 @@ class TerrainMap:
             self.write(stream)
 
     def write(self, stream: IO[bytes]) -> None:
-        """Write what `save` writes at the end of a stream; `load` reads a file that has more before it."""
+        """Write the map to a stream in the format of `save`; `load` ignores data before it in a file."""
         write_map(stream, self._robot.name, self._cells, self._state)
 
     def copy(self) -> TerrainMap:
-        """Independent copy; what was kept for `take_back` is left out."""
+        """Independent copy, without the state saved by `keep`."""
         copied = TerrainMap(self._robot, resolution=self._grid.resolution)
         copied._cells.restore(self._cells.memory, self._cells.first)
         copied._state, copied._sight = self._state, self._sight
@@ -276,9 +277,9 @@ class TerrainMap:
     def motion_by_texture(
         self, terrain: TerrainGrid, pose: PoseInOdom, picture: GroundPicture | str | None
     ) -> VisualMotion:
-        """How far a pause lies beside its pose by texture alone, whatever odometry believes; the map stays as it is.
+        """Estimate the error of a pause's pose from texture alone, without odometry as a prior; the map is not changed.
 
-        Arguments and errors as in `update`.
+        Arguments and errors are those of `update`.
         """
         transform = self._state.walk.transform @ checked_pose(terrain, pose).transform
         transform[2, 3] += self._state.anchor.offset
@@ -287,33 +288,33 @@ class TerrainMap:
 
     @classmethod
     def load(cls, path: str | Path, robot: RobotLike | None = None) -> TerrainMap:
-        """Read a map that `save` wrote.
+        """Read a map written by `save`.
 
         Args:
             path: path of the file.
-            robot: model, name or folder of its robot; None = the robot of that name in the package.
+            robot: model, name or folder of the map's robot; None = the robot of that name in the package.
 
         Raises:
             MissingFile: no such file.
-            FileFormatError: not such a file, damaged, or of a robot with another map.
+            FileFormatError: the file is not a map file, is damaged, or belongs to another robot or robot.toml.
             kinematics.KinematicsError: no such robot.
         """
         saved = read_map(path)
         robot = robot_model(saved.robot if robot is None else robot)
         if robot.name != saved.robot:
-            raise FileFormatError(f"{path}: a map of robot {saved.robot!r}, the model given is {robot.name!r}")
+            raise FileFormatError(f"{path}: the map is of robot {saved.robot!r}, the model given is {robot.name!r}")
         terrain_map = cls(robot, resolution=saved.resolution)
         if terrain_map._cells.side != saved.side:
             raise FileFormatError(
-                f"{path}: the map has {saved.side} cells a side, that of {robot.name} has {terrain_map._cells.side}: "
-                "it was saved with another robot.toml"
+                f"{path}: the map has {saved.side} cells per side, a map of {robot.name} has "
+                f"{terrain_map._cells.side}: it was saved with another robot.toml"
             )
         terrain_map._cells.restore(saved.memory, saved.first)
         terrain_map._state = saved.state
         return terrain_map
 
     def keep(self) -> None:
-        """Save the present state in memory for `take_back`."""
+        """Save the current state in memory for `take_back`."""
         cells = self._kept[0] if self._kept is not None else OdomCells(self._grid.resolution, self._reach)
         cells.restore(self._cells.memory, self._cells.first)
         self._kept = cells, self._state, self._sight
@@ -325,7 +326,7 @@ class TerrainMap:
             InvalidInput: `keep` was never called.
         """
         if self._kept is None:
-            raise InvalidInput("nothing was kept that could be restored; call keep() first")
+            raise InvalidInput("there is no state to restore: call keep() first")
         cells, self._state, self._sight = self._kept
         self._cells.restore(cells.memory, cells.first)
 
@@ -379,7 +380,7 @@ class TerrainMap:
             registration_refused=walk.refused,
             visual_corners=walk.corners,
             visual_refused=walk.visual_refused,
-            # Fields that the scan's record could not read, and a field that is written even if it is null.
+            # Fields that could not be read from the scan's record, and a field that is written even if it is null.
             extra={name: scan.extra[name] for name in FROM_SCAN if name in scan.extra} | {"registration_refused": None},
         )
         return TerrainGrid(

@@ -1,4 +1,4 @@
-"""Queries of planners: footholds, paths, obstacles, explanations, coarser grids.
+"""Queries of planners: footholds, paths, obstacles, regions, stairs, explanations, coarser grids.
 
-Imports `layers` and `assessment`; `TerrainGrid` offers each as a method.
+Imports `layers` and `assessment`; `TerrainGrid` offers each query as a method.
 """

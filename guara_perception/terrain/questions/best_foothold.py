@@ -19,11 +19,11 @@ from guara_perception.terrain.questions.foothold import (
 from guara_perception.terrain.questions.normal import normal_at
 from kinematics.arrays import FrozenArrays
 
-# Factor at the rim of the search: the nearer the nominal position, the more the body moves as the gait planned.
+# Factor of the value at the rim of the search, relative to the nominal position, which the gait prefers.
 VALUE_AT_RIM = 0.5
-# Factor beside an edge.
+# Factor of the value beside an edge.
 VALUE_AT_EDGE = 0.5
-# A new position must score a third more than the previous choice; otherwise the choice would alternate.
+# Least relative gain of value over the previous choice, without which the choice would alternate.
 HYSTERESIS = 1 / 3
 
 
@@ -36,7 +36,7 @@ class Foothold(FrozenArrays):
         z: height of the ground there [m].
         normal: (3,) unit normal of the ground.
         score: traversability of the position, above 0 ... 1.
-        value: objective of the choice, above 0 ... 1: score, distance from the nominal position and clearance.
+        value: objective of the choice, above 0 ... 1: product of score, nearness and clearance factors.
         leg: leg of the query, or None.
     """
 
@@ -57,7 +57,7 @@ class Foothold(FrozenArrays):
 
     @property
     def position(self) -> Float:
-        """(3,) in base_footprint [m]."""
+        """Position (3,) in base_footprint [m]."""
         return np.array([self.x, self.y, self.z])
 
 
@@ -72,20 +72,20 @@ def best_foothold(
     *,
     allow_stale: bool = False,
 ) -> Foothold | None:
-    """Find the best foothold near a nominal position; None if there is none (`best_refused` says why).
+    """Find the best foothold near a nominal position; None if there is none (`best_refused` gives the reasons).
 
-    Every candidate passes `check_foothold`. The objective is the product of score, nearness and clearance; ties go to
-    the nearer position, then to the smaller x, then to the smaller y.
+    The foothold passes `check_foothold` and has the largest product of score, nearness and clearance factors. Ties are
+    decided by the smaller distance from the nominal position, then by the smaller x, then by the smaller y.
 
     Args:
         x, y: nominal position in base_footprint [m].
         radius: radius of the search [m].
         leg, robot: as in `check_foothold`.
-        previous: the last choice, in base_footprint of this grid. It is kept while it is safe and within the radius,
+        previous: previous choice, in base_footprint of this grid. It is kept while it is safe and within the radius
             and no other position has a value a third higher.
 
     Raises:
-        InvalidInput: a value that is not finite, a radius above 1 m; as `check_foothold`.
+        InvalidInput: a value is not finite, the radius is above 1 m, or as in `check_foothold`.
     """
     terrain = asked(terrain, allow_stale)
     px, py = _candidates(terrain, x, y, radius)
@@ -117,7 +117,7 @@ def best_foothold(
 
 @dataclass(frozen=True, slots=True)
 class RefusedFoothold:
-    """Position that is no foothold, and why.
+    """Position that is not a foothold, with the reasons.
 
     Attributes:
         x, y: centre of the sole in base_footprint [m].
@@ -145,16 +145,16 @@ def best_refused(
     *,
     allow_stale: bool = False,
 ) -> RefusedFoothold | None:
-    """Find what came closest where `best_foothold` gives None; None if no candidate is refused.
+    """Find the candidate that came closest to being a foothold; None if no candidate is refused.
 
-    Ground that is safe and only out of the leg's reach comes first, by the least excess of its joints; then the largest
-    clearance; ties as in `best_foothold`. For messages: no foot belongs there.
+    Safe ground that is only out of the leg's reach comes first, by the smallest excess of the joints; then the largest
+    clearance; ties are decided as in `best_foothold`. The result is for messages: no foot may be set there.
 
     Args:
         x, y, radius, leg, robot: as in `best_foothold`.
 
     Raises:
-        InvalidInput: as `best_foothold`.
+        InvalidInput: as in `best_foothold`.
     """
     terrain = asked(terrain, allow_stale)
     px, py = _candidates(terrain, x, y, radius)
@@ -172,7 +172,7 @@ def best_refused(
 
 
 def _candidates(terrain: LayeredGrid, x: float, y: float, radius: float) -> tuple[Float, Float]:
-    """The nominal position and the cell centres within the radius."""
+    """Cell centres within the radius, followed by the nominal position."""
     if not all(isinstance(value, int | float | np.number) for value in (x, y, radius)):
         raise InvalidInput(f"x, y and radius are {x!r}, {y!r}, {radius!r}; three numbers are needed [m]")
     x, y, radius = float(x), float(y), float(radius)
@@ -190,7 +190,7 @@ def _candidates(terrain: LayeredGrid, x: float, y: float, radius: float) -> tupl
 def _values(terrain: LayeredGrid, verdicts: FootholdVerdicts, distance: Float, radius: float) -> Float:
     enough = enough_clearance(terrain, terrain.record.required_limits)
     clearance = np.asarray(look_up(terrain, "clearance", verdicts.x, verdicts.y, np.float32(0)), dtype=np.float64)
-    # The value rises up to twice the clearance that is always enough.
+    # The value increases up to twice the clearance that is always sufficient.
     openness = np.clip(clearance / (2 * enough), 0.0, 1.0)
     nearness = 1 - (1 - VALUE_AT_RIM) * (distance / radius) ** 2 if radius > 0 else np.ones(distance.shape)
     return np.asarray(verdicts.score * nearness * (VALUE_AT_EDGE + (1 - VALUE_AT_EDGE) * openness))

@@ -1,4 +1,4 @@
-"""Cells that are connected to one cell, without OpenCV, which guara-client lacks."""
+"""Connected component of a cell, without OpenCV, which guara-client lacks."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from guara_perception.arrays import Mask
 
 
 def connected_to(cells: Mask, iy: int, ix: int) -> Mask:
-    """Cells of a mask that are connected to one of them by their sides.
+    """Cells of a mask that are connected to a cell of the mask across cell sides.
 
-    Cells are taken in runs along x, of which there are few: those that overlap in neighbouring rows are connected.
+    Works on runs of cells along x, of which there are few: runs that overlap in neighbouring rows are connected.
 
     Args:
         cells: (ny, nx) mask that contains cell (iy, ix).
-        iy, ix: the cell.
+        iy, ix: indices of the cell.
     """
     ny, nx = cells.shape
-    # An empty column and an empty cell at the end: no run goes on in the next row.
+    # With an empty column and an empty cell at the end, so that no run continues in the next row.
     width = nx + 1
     flat = np.zeros(ny * width + 1, np.int8)
     flat[:-1].reshape(ny, width)[:, :nx] = cells

@@ -2,8 +2,8 @@
 
 Half-planes and an ellipse are computed in turn, as in IRIS (Deits and Tedrake, Computing large convex regions of
 obstacle-free space through semidefinite programming, WAFR 2014): each half-plane excludes the square that is nearest in
-the metric of the ellipse, and the next ellipse is fitted to the polygon of the half-planes. The ellipse here is that of
-the polygon's second moments, not the largest inscribed one.
+the metric of the ellipse, and the next ellipse is computed from the polygon of the half-planes. Here it is the ellipse
+of the polygon's second moments, not the largest inscribed one.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ import numpy as np
 from guara_perception.arrays import Float, Index
 
 MOST_ROUNDS = 4
-# A round that gains less is the last one.
+# Least relative gain of area of a round that is followed by another one.
 LEAST_GAIN = 0.01
 # Distance of the half-planes from the squares, for rounding and because cells contain their lower edges.
 OFF_M = 2e-6
-# Shorter than any side that matters.
+# Length below which a side is removed.
 LEAST_SIDE_M = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class ConvexPolygon:
-    """A convex polygon in the plane.
+    """Convex polygon in the plane.
 
     Attributes:
         halfspaces: (n, 3) a, b, c of a x + b y <= c, (a, b) of length 1; none is redundant.
-        vertices: (n, 2) counter-clockwise.
-        area: [m^2].
+        vertices: (n, 2) corners, counter-clockwise [m].
+        area: area [m^2].
     """
 
     halfspaces: Float
@@ -40,13 +40,13 @@ class ConvexPolygon:
 
 
 def grow_polygon(seed: Float, bounds: Float, squares: Float, half: float) -> ConvexPolygon:
-    """Grow a large convex polygon around a seed that enters no square.
+    """Grow a large convex polygon that contains a seed and intersects no square.
 
     Args:
-        seed: (2,) inside `bounds` and outside all squares.
-        bounds: (k, 3) half-planes that bound the polygon.
-        squares: (n, 2) centres of squares along the axes.
-        half: half the edge of each.
+        seed: (2,) point inside `bounds` and outside all squares.
+        bounds: (k, 3) half-planes that bound the polygon, within 2 m of the seed.
+        squares: (n, 2) centres of axis-aligned squares.
+        half: half the edge of a square.
     """
     best = _polygon(np.vstack((bounds, _cuts(seed, seed, np.eye(2), squares, half))), seed)
     for _ in range(MOST_ROUNDS - 1):
@@ -59,7 +59,7 @@ def grow_polygon(seed: Float, bounds: Float, squares: Float, half: float) -> Con
 
 
 def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float) -> Float:
-    """Half-planes (n, 3) that exclude every square, the nearest in the metric first, and contain the seed."""
+    """Half-planes (n, 3) that contain the seed and exclude every square, the nearest square in the metric first."""
     cuts: list[tuple[float, float, float]] = []
     reach = half + OFF_M
     x, y = np.ascontiguousarray(squares.T)
@@ -72,7 +72,7 @@ def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float
         at_x, at_y, dx, dy = (float(values[0]) for values in (x, y, offset_x, offset_y))
         a, b, edge = _side(xx * dx + xy * dy, xy * dx + yy * dy, at_x, at_y, reach)
         if not a * seed_x + b * seed_y < edge:
-            # This half-plane would exclude the seed: use the normal from the seed to the nearest point of the square.
+            # This half-plane would exclude the seed, so its normal is replaced: from the seed to the nearest point.
             dx, dy = _nearest(np.array([at_x - seed_x, at_y - seed_y]), reach).tolist()
             a, b, edge = _side(dx, dy, at_x, at_y, reach)
         cuts.append((a, b, edge))
@@ -83,12 +83,12 @@ def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float
 
 
 def _nearest(offset: Float, reach: float) -> Float:
-    """Coordinates of the nearest point of each square, given offsets to their centres; both from one origin."""
+    """Coordinate of the nearest point of each square along one axis, from that of its centre, relative to an origin."""
     return np.asarray(offset - np.minimum(np.maximum(offset, -reach), reach))
 
 
 def _side(normal_x: float, normal_y: float, x: float, y: float, reach: float) -> tuple[float, float, float]:
-    """The half-plane (a, b, c) against a normal that touches a square from outside; c is -inf without a normal."""
+    """Half-plane (a, b, c) with an outward normal that touches the square at (x, y); c is -inf for a zero normal."""
     length = math.hypot(normal_x, normal_y)
     if length == 0:
         return 0.0, 0.0, -math.inf
@@ -97,21 +97,22 @@ def _side(normal_x: float, normal_y: float, x: float, y: float, reach: float) ->
 
 
 def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
-    """Polygon of half-planes with a point inside all of them; they must bound it.
+    """Bounded polygon of half-planes that all contain a point.
 
-    Relative to that point, a line at distance c with normal n has the dual point n / c: the points on the convex hull
-    of all dual points are the sides, in order. They are rounded to float32, so that lines that hardly differ are one: a
-    line that is redundant then cuts off less than 1e-6 of its own distance, which is less than OFF_M.
+    Relative to that point, a line at distance c with normal n has the dual point n / c. The lines of the dual points on
+    the convex hull of all dual points are the sides, in order. Dual points are rounded to float32 to merge lines that
+    hardly differ. This moves the border by less than 1e-6 of its distance from the point, which is below OFF_M for
+    polygons within 2 m of it.
     """
     normals, offsets = halfspaces[:, :2], halfspaces[:, 2] - halfspaces[:, :2] @ inside
     on = _hull((normals / offsets[:, None]).astype(np.float32).astype(np.float64))
     after = np.append(on[1:], on[0])
     (a, b), c = normals[on].T, offsets[on]
     (next_a, next_b), next_c = normals[after].T, offsets[after]
-    # Sine of the counter-clockwise turn from one side to the next, not 0: no two neighbouring sides are parallel.
+    # Sine of the counter-clockwise turn from one side to the next; not 0, because neighbouring sides are not parallel.
     turn = a * next_b - b * next_a
     vertices = np.column_stack((c * next_b - b * next_c, a * next_c - c * next_a)) / turn[:, None]
-    # Corner i lies between sides i and i + 1. A side too short to matter is removed with the corner at its end.
+    # Corner i lies between sides i and i + 1. A side that is too short is removed with the corner at its end.
     before = np.concatenate((vertices[-1:], vertices[:-1]))
     apart = np.abs(vertices - before).max(axis=1) > LEAST_SIDE_M
     if not apart.all():
@@ -144,14 +145,14 @@ def _hull(points: Float) -> Index:
 def _ellipse(vertices: Float) -> tuple[Float, Float]:
     """Centre of a polygon, and the metric in which the ellipse of its second moments is a circle."""
     mean = vertices.mean(axis=0)
-    # In millimetres about the mean, so that the square added below is a small one.
+    # In millimetres relative to the mean, so that 1e-3 mm^2, added to the variances below, is negligible.
     x, y = 1e3 * (vertices - mean).T
     next_x, next_y = np.append(x[1:], x[0]), np.append(y[1:], y[0])
     cross = x * next_y - next_x * y
     area = cross.sum() / 2
     if not area > 0:
         return mean, np.eye(2)
-    # Sums of numpy, whose last bit depends on no processor as that of a product of BLAS does.
+    # numpy sums instead of BLAS products, whose last bit depends on the processor.
     share = cross / area
     cx, cy = (share * (x + next_x)).sum() / 6, (share * (y + next_y)).sum() / 6
     xx = (share * (x * x + x * next_x + next_x * next_x)).sum() / 12 - cx * cx

@@ -1,4 +1,4 @@
-"""Distances of the cells of a shrinking area from all others, without OpenCV, which guara-client lacks."""
+"""Distance transform of a shrinking area, without OpenCV, which guara-client lacks."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from guara_perception.arrays import Index32, Mask
 
 
 class Depth:
-    """Squared distance of each cell of an area from the nearest cell that is not in it, of which some leave.
+    """Squared distance of each cell of an area from the nearest cell outside; cells can be removed from the area.
 
     Attributes:
-        squares: (ny, nx) squared distances between the centres of the cells [cells^2], whole numbers; 0 outside of the
-            area, and the cells beyond the grid's border are outside.
+        squares: (ny, nx) squared distances between cell centres [cells^2], integers; 0 outside the area. Cells beyond
+            the border of the grid are outside.
     """
 
     squares: Index32
@@ -24,13 +24,13 @@ class Depth:
         self.squares = _squares(~padded, math.isqrt(padded.size))[1:-1, 1:-1]
 
     def deepest(self) -> tuple[int, int, float]:
-        """The cell (iy, ix) that is deepest in the area, and its depth [cells]."""
+        """Cell (iy, ix) that is deepest in the area, and its depth [cells]."""
         iy, ix = divmod(int(self.squares.argmax()), self.squares.shape[1])
         return iy, ix, math.sqrt(self.squares[iy, ix])
 
     def remove(self, rows: slice, columns: slice, cells: Mask) -> None:
-        """Take cells out of the area: those of a mask of some rows and columns."""
-        # No cell is deeper than this, so none farther away is affected.
+        """Remove the cells of a mask, given for some rows and columns, from the area."""
+        # No cell is deeper than this, so no cell farther away is affected.
         reach = math.isqrt(int(self.squares.max()))
         top, left = max(rows.start - reach, 0), max(columns.start - reach, 0)
         part = self.squares[top : rows.start + cells.shape[0] + reach, left : columns.start + cells.shape[1] + reach]
@@ -40,15 +40,15 @@ class Depth:
 
 
 def _squares(cells: Mask, reach: int) -> Index32:
-    """Squared distances (ny, nx) int32 from the nearest of some cells; those beyond `reach` may be larger."""
+    """Squared distances (ny, nx) int32 from the nearest cell of a mask; beyond `reach` they may be too large."""
     ny, nx = cells.shape
     row = np.arange(ny, dtype=np.int32)[:, None]
-    # Along y to the last such cell before, and to the first one after.
+    # Distance along y to the last such cell before, and to the first one after.
     before = row - np.maximum.accumulate(np.where(cells, row, -reach - ny), axis=0)
     after = np.minimum.accumulate(np.where(cells, row, reach + 2 * ny)[::-1], axis=0)[::-1] - row
     along = np.minimum(np.minimum(before, after), reach + 1).astype(np.int32) ** 2
     result = along.copy()
-    # The distance along y bounds all others.
+    # The distance along y is an upper bound of the distance.
     for offset in range(1, min(math.isqrt(int(along.max())), reach, nx - 1) + 1):
         square = np.int32(offset * offset)
         np.minimum(result[:, offset:], along[:, :-offset] + square, out=result[:, offset:])

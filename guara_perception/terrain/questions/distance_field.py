@@ -1,4 +1,4 @@
-"""Signed distance field above the ground, for planners that keep a leg or the body off it."""
+"""Signed distance field of the ground, for planners that keep a leg or the body clear of it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from kinematics.arrays import FrozenArrays
 
-# Ten million voxels take about a second and 200 MB.
+# Largest number of voxels, which take about a second and 200 MB.
 MOST_VOXELS = 10_000_000
 
 
@@ -22,8 +22,8 @@ class DistanceField(FrozenArrays):
     """Signed distance from the ground in voxels over a grid; unknown ground is solid at every height.
 
     Attributes:
-        values: (nz, ny, nx) lower bounds of the distance of each voxel's centre from the nearest solid surface,
-            negative inside [m].
+        values: (nz, ny, nx) lower bounds of the signed distance of each voxel's centre from the nearest solid surface
+            [m], negative inside solids.
         origin: lowest corner (x, y, z) in base_footprint [m].
         resolution: edge of a voxel [m].
     """
@@ -35,10 +35,10 @@ class DistanceField(FrozenArrays):
     def at(self, points: npt.ArrayLike) -> Float:
         """Lower bounds (n,) of the distances of points (n, 3) [m]; -inf beside or below the field, NaN above it.
 
-        Between voxel centres: the distance of the nearest centre minus the distance to that centre.
+        Between voxel centres, the bound is that of the nearest centre minus the distance to this centre.
 
         Raises:
-            InvalidInput: points of another shape, or not finite.
+            InvalidInput: the points have another shape or are not finite.
         """
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
@@ -55,16 +55,16 @@ class DistanceField(FrozenArrays):
 
 
 def distance_field(terrain: LayeredGrid, low: float, high: float, *, allow_stale: bool = False) -> DistanceField:
-    """Signed distance from the ground in voxels as large as the cells, from height `low` to `high` over the grid [m].
+    """Compute the signed distance field between heights `low` and `high` [m], in voxels as large as the cells.
 
-    The ground is at its highest samples plus confidence; unknown and STALE cells and everything beside the grid are
-    solid at every height. Distances are lower bounds. Each call computes the field anew.
+    The ground is assumed at its highest samples plus confidence; unknown and STALE cells and everything outside the
+    grid are solid at every height. Distances are lower bounds. Each call computes the field anew.
 
     Raises:
-        InvalidInput: heights that are not finite or in the wrong order, over ten million voxels.
+        InvalidInput: the heights are not finite or in the wrong order, or there are more than MOST_VOXELS voxels.
     """
     terrain = asked(terrain, allow_stale)
-    # Imported here: few programs need it, and it takes as long to load as everything else that a grid needs.
+    # Imported here, because few programs need it and it takes as long to load as everything else that a grid needs.
     distance_transform_edt = optional_library("scipy.ndimage", None, "distance_field").distance_transform_edt
     if not (np.isfinite([low, high]).all() and low < high):
         raise InvalidInput(f"heights {low} ... {high} m: both must be finite and the second the larger one")
@@ -77,11 +77,11 @@ def distance_field(terrain: LayeredGrid, low: float, high: float, *, allow_stale
     unreliable = (terrain.hazard & (UNKNOWN_MASK | np.uint16(Hazard.STALE))) != 0
     margin = terrain.record.required_limits.confidence * np.sqrt(terrain.variance.astype(np.float64))
     top = np.where(unreliable, np.inf, terrain.elevation_max.astype(np.float64) + margin)
-    # A voxel that contains any ground is solid, as is everything beside and below the grid.
+    # A voxel that contains any ground is solid, like everything beside and below the grid.
     bottoms = low + spacing * np.arange(layers)
     solid = np.ones((layers + 1, terrain.shape[0] + 2, terrain.shape[1] + 2), dtype=bool)
     solid[1:, 1:-1, 1:-1] = bottoms[:, None, None] < top
     outside, inside = (distance_transform_edt(mask) if mask.any() else np.zeros(mask.shape) for mask in (~solid, solid))
-    # From centre to centre the nearest surface is up to half a diagonal nearer than the other centre.
+    # The surface of a solid voxel is up to half a diagonal nearer than its centre.
     values = np.where(solid, -np.maximum(inside - 0.5, 0.0), np.maximum(outside - 0.5 * np.sqrt(3.0), 0.0)) * spacing
     return DistanceField(values[1:, 1:-1, 1:-1].astype(np.float32), (*terrain.origin, float(low)), spacing)

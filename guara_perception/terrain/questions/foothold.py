@@ -19,9 +19,9 @@ from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
 from guara_perception.terrain.questions.reason import Reason, Verdict
 from kinematics.arrays import FrozenArrays
 
-# Positions per block; bounds the memory for whole grids of positions.
+# Number of positions per block, which bounds the memory for whole grids of positions.
 CHUNK = 4096
-# A sole that only shares an edge with a cell does not cover it.
+# Tolerance by which a sole that only shares an edge with a cell does not cover it.
 TOLERANCE_CELLS = 1e-6
 
 
@@ -50,10 +50,11 @@ class FootholdVerdicts(FrozenArrays):
     Attributes:
         terrain: grid that was queried.
         x, y: (n,) positions in base_footprint [m].
-        ok: (n,) bool.
-        score: (n,) float64, 0 where not ok.
+        ok: (n,) mask of the positions where a sole may be set.
+        score: (n,) float64 traversability, 0 where not ok.
         leg: leg of the query, or None.
-        beyond: (n,) excess of the leg's joints over their limits [rad], NaN out of reach; zeros without a leg.
+        beyond: (n,) excess of the leg's joints over their limits [rad], NaN if no joint positions reach; zeros without
+            a leg.
     """
 
     terrain: LayeredGrid
@@ -71,7 +72,7 @@ class FootholdVerdicts(FrozenArrays):
         return int(self.x.size)
 
     def __getitem__(self, i: int) -> FootholdVerdict:
-        """The verdict of position i of the flattened arrays."""
+        """Verdict of position i of the flattened arrays."""
         ok = bool(self.ok.ravel()[i])
         if ok:
             return FootholdVerdict(True, float(self.score.ravel()[i]), ())
@@ -119,16 +120,15 @@ def check_foothold(
 
     Args:
         x, y: centres of the sole in base_footprint [m].
-        leg: also require that this leg reaches the position with the body where it stood at the scan.
+        leg: also require that this leg reaches the position, with the body at its pose in the scan.
         robot: model for `leg`; None = the robot of the grid.
 
     Returns:
-        A FootholdVerdict for numbers; for arrays FootholdVerdicts with arrays `ok` and `score` and the verdict of each
-        position by index.
+        A FootholdVerdict if x and y are numbers; FootholdVerdicts if they are arrays.
 
     Raises:
-        InvalidInput: x and y of different shapes; metadata of the grid without limits, or without stance if a leg is
-            given.
+        InvalidInput: x and y have different shapes, or the metadata of the grid lacks limits, or the stance if a leg
+            is given.
         kinematics.KinematicsError: no such leg or robot.
     """
     terrain = asked(terrain, allow_stale)
@@ -151,7 +151,7 @@ def check_foothold(
 
 
 def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: float) -> Iterator[Reason]:
-    """Failed tests of one position."""
+    """Yield the failed tests of one position."""
     if not (np.isfinite(x) and np.isfinite(y)):
         yield Reason("unknown", 1.0, 0.0, "share", "the position is not finite")
         return
@@ -167,7 +167,7 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
     record = terrain.record
     record.check("validity_pauses", "validity_seconds", "limit_flags")
     validity = 255.0 if record.validity_pauses is None else float(record.validity_pauses)
-    # Age has limits in pauses and in seconds; the layer holds pauses.
+    # Age has limits in pauses and in seconds; the layer only contains pauses.
     seconds = record.validity_seconds
     too_old = "" if seconds is None else f"or last seen more than {seconds:g} s ago"
     sigma = f"plus {limits.confidence:g} sigma"
@@ -197,7 +197,7 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
         yield Reason("conflict", disputed, 0.0, "cells", "observations disagree")
     if terrain.hazard_at(x, y) & Hazard.EDGE and not count:
         clearance = float(look_up(terrain, "clearance", x, y, np.float32(np.nan))[()])
-        detail = "too close to something unknown, hazardous or off the grid; this much clearance is always enough"
+        detail = "too close to something unknown, hazardous or off the grid; the clearance allowed is always enough"
         yield Reason("edge", clearance, enough_clearance(terrain, limits), "m", detail)
     if leg is not None and beyond != 0:
         yield Reason("reach", beyond, 0.0, "rad", f"of {leg} beyond its joints' limits")
@@ -210,16 +210,15 @@ def enough_clearance(terrain: LayeredGrid, limits: TraversabilityLimits) -> floa
 
 
 def sole_flags(hazard: Flags, geometry: GridGeometry, x: Float, y: Float, limits: TraversabilityLimits) -> Flags:
-    """Union of the flags of all cells that the sole rectangle, aligned with x, touches.
+    """Union (n,) of the flags of all cells touched by each sole rectangle, aligned with x.
+
+    A sole that extends beyond the grid has UNSCANNED among its flags.
 
     Args:
-        hazard: (ny, nx).
+        hazard: (ny, nx) flags.
         geometry: geometry of the grid.
-        x, y: (n,) sole centres, finite.
-        limits: limits of the robot, with the sole's size.
-
-    Returns:
-        (n,) uint16; a sole that reaches off the grid has UNSCANNED among its flags.
+        x, y: (n,) finite sole centres.
+        limits: limits of the robot, including the size of its sole.
     """
     result = np.empty(x.size, dtype=np.uint16)
     for start in range(0, x.size, CHUNK):
@@ -238,7 +237,7 @@ def sole_flags(hazard: Flags, geometry: GridGeometry, x: Float, y: Float, limits
 def sole_window(
     geometry: GridGeometry, x: float, y: float, limits: TraversabilityLimits
 ) -> tuple[slice, slice, int, int]:
-    """Rows and columns of the grid under a sole, number of cells under it, and number of those off the grid."""
+    """Rows and columns of the grid under a sole, number of cells under the sole, and number of those off the grid."""
     columns = np.unique(_covered(np.array([x]), geometry.origin[0], limits.sole_length, geometry.resolution))
     rows = np.unique(_covered(np.array([y]), geometry.origin[1], limits.sole_width, geometry.resolution))
     ny, nx = geometry.shape
@@ -250,10 +249,10 @@ def sole_window(
 
 
 def _covered(centre: Float, origin: float, length: float, resolution: float) -> Index:
-    """Cell indices (n, w) along one axis; a sole that covers fewer than w repeats the last one."""
+    """Indices (n, w) of covered cells along one axis; a sole that covers fewer than w cells repeats the last one."""
     at = (centre - origin) / resolution
     half = length / 2 / resolution
-    # Clipped against overflow: such positions are off the grid anyway.
+    # Clipped to avoid overflow; such positions are off the grid anyway.
     ends = np.floor(at - half + TOLERANCE_CELLS), np.ceil(at + half - TOLERANCE_CELLS) - 1
     first, last = (np.clip(end, -(2**31), 2**31).astype(np.int64) for end in ends)
     last = np.maximum(last, first)

@@ -11,12 +11,12 @@ from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, coo
 
 
 def normal_at(terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Float:
-    """Unit normals (..., 3) of the plane fitted around the cell under each point; NaN where no slope is known."""
+    """Unit normals (..., 3) of the planes fitted around the cell under each point; NaN where the slope is unknown."""
     terrain = asked(terrain, allow_stale)
     px, py = coordinates(x, y)
     x, y = px.ravel(), py.ravel()
     geometry = terrain.geometry
-    # Disc and least known fraction are those of the slope layer.
+    # Same disc and same least known fraction as for the slope layer.
     kernel = disc_kernel(terrain.record.required_limits.disc_radius / terrain.resolution)
     dy, dx = (a - kernel.shape[0] // 2 for a in np.nonzero(kernel))
     iy, ix = geometry.indices(x, y)

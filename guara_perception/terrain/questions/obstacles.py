@@ -12,48 +12,49 @@ from guara_perception.exceptions import optional_library
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from kinematics.arrays import FrozenArrays
 
-# Least height of an object: lower things are relief of the floor. The paper's lowest object is 10 mm high.
+# Least height of an object; lower things are relief of the floor. The paper's lowest object is 10 mm high.
 LEAST_HEIGHT_M = 0.006
 # Least height of an object in standard deviations of cell and floor.
 LEAST_SIGMAS = 4.0
-# Least area of an object, 2 x 2 cells on the default grid: smaller things are noise.
+# Least area of an object, 2 x 2 cells on the default grid; smaller things are noise.
 LEAST_AREA_M2 = 1e-4
-# The height of an object is this quantile of its cells: one cell in ten may be higher by noise.
+# Quantile of the cells' heights from which the depth of the top is measured: noise may raise one cell in ten.
 TOP_QUANTILE = 0.9
-# Cells within this depth of the top surface, plus three sigmas, form the top plane.
+# Depth of the top below that quantile, in addition to three sigmas; cells above it form the top plane.
 TOP_DEPTH_M = 0.004
-# Number of random triples of cells. With 45 % of the cells on the floor, at least one of 100 triples lies on it with
-# probability 1 - (1 - 0.45^3)^100.
+# Number of random triples of cells. If 45 % of the cells are on the floor, at least one of 100 triples is on the floor
+# with probability 1 - (1 - 0.45^3)^100.
 TRIALS = 100
-# Quantile of the distances from the floor that is minimised: boxes may cover more than half of the view.
+# Quantile of the distances from the floor that is minimised; small, because boxes may cover more than half of the view.
 FLOOR_SHARE = 0.35
-# One over the FLOOR_SHARE quantile of |noise| in standard deviations. Boxes make the resulting sigma too large, so it
-# is refined.
+# Reciprocal of the FLOOR_SHARE quantile of |noise| in standard deviations. Boxes make the resulting sigma too large, so
+# it is refined.
 QUANTILE_TO_SIGMA = 1 / 0.4538
 # Largest number of cells, evenly distributed, to which a floor is fitted: its error is a thirtieth of their noise.
 CELLS = 2000
-# About this many of them score the trials.
+# Approximate number of these cells that score the trials.
 JUDGES = 250
-# Heights within three robust standard deviations of the floor, and at least within this, belong to it.
+# Least tolerance within which heights belong to the floor; otherwise it is three robust standard deviations.
 LEAST_TOLERANCE_M = 0.002
 REFINEMENTS = 10
 SEED = 2024
-# Points nearer than this to one line [m] give no plane.
+# Least extent of points across a line that determines a plane.
 LEAST_WIDTH_M = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Obstacle(FrozenArrays):
-    """An object on the floor, or a hole in it, in base_footprint.
+    """Object on the floor, or a hole in it, in base_footprint.
 
     Attributes:
-        outline: (n, 2) corners of its outline on the cells' edges [m], counter-clockwise seen from above, not closed.
-        height: height of its top over the floor [m]; negative for a hole: its bottom.
-        top_plane: (a, b, c) of its top (or bottom) z = a x + b y + c [-, -, m].
-        position: (3,) centre of its top (or bottom) [m].
+        outline: (n, 2) corners of the outline along cell edges [m], counter-clockwise seen from above; the first one is
+            not repeated.
+        height: height of the top above the floor, or of the bottom of a hole, which is negative [m].
+        top_plane: (a, b, c) of the top (or bottom) z = a x + b y + c [-, -, m].
+        position: (3,) centre of the top (or bottom) [m].
         sigma: standard deviation of the height [m].
-        hazard: union of the flags of its cells.
-        area: area that it covers [m^2].
+        hazard: union of the flags of the object's cells.
+        area: area covered by the object [m^2].
     """
 
     outline: Float
@@ -66,10 +67,10 @@ class Obstacle(FrozenArrays):
 
 
 def obstacles(terrain: LayeredGrid, *, allow_stale: bool = False) -> list[Obstacle]:
-    """Connected objects 6 mm or more above the floor, or as far below it, sorted by x, then y.
+    """Find connected objects at least 6 mm above or below the floor, sorted by x, then y.
 
-    The floor is the plane closest to 35 % of the known heights. Unknown ground is no obstacle, and never
-    traversable.
+    The floor is the plane closest to 35 % of the known heights. Unknown ground is not an obstacle, but it is never
+    traversable either.
     """
     terrain = asked(terrain, allow_stale)
     known = np.flatnonzero(np.isfinite(terrain.elevation))
@@ -94,7 +95,7 @@ def obstacles(terrain: LayeredGrid, *, allow_stale: bool = False) -> list[Obstac
 
 @dataclass(frozen=True, slots=True)
 class _Cells:
-    """Cells of a grid, arrays (n,): indices, centres, heights, variances, heights above the floor, flags."""
+    """Cells of a grid as arrays (n,): indices, centres, heights, variances, heights above the floor, flags."""
 
     iy: Index
     ix: Index
@@ -106,12 +107,12 @@ class _Cells:
     hazard: Flags
 
     def some(self, which: Mask | Index) -> _Cells:
-        """The cells of a mask, or of indices into the arrays."""
+        """Cells selected by a mask, or by indices into the arrays."""
         return _Cells(*(getattr(self, name)[which] for name in self.__slots__))
 
 
 def _connected(iy: Index, ix: Index) -> list[Index]:
-    """Indices of the cells of each connected component of (iy, ix) (n,); cells may touch at a corner only."""
+    """Positions of the cells (n,) of each connected component; cells that touch at a corner are connected."""
     if not iy.size:
         return []
     rows, columns = iy - iy.min(), ix - ix.min()
@@ -124,7 +125,7 @@ def _connected(iy: Index, ix: Index) -> list[Index]:
 
 
 def _obstacle(cells: _Cells, terrain: LayeredGrid, floor: FloorPlane) -> Obstacle:
-    """The obstacle of some connected cells, all above the floor or all below."""
+    """Obstacle of some connected cells, which are all above or all below the floor."""
     sign = 1.0 if cells.rise[0] > 0 else -1.0
     height = sign * cells.rise
     noise = math.sqrt(float(cells.variance.sum()) / height.size)
@@ -134,7 +135,7 @@ def _obstacle(cells: _Cells, terrain: LayeredGrid, floor: FloorPlane) -> Obstacl
     x, y = float(top_x.sum()) / top.size, float(top_y.sum()) / top.size
     z = a * x + b * y + c
     residual = top_z - (a * top_x + b * top_y + c)
-    # Neighbouring cells share noise: nine of them count as one independent measurement of the top.
+    # Neighbouring cells share noise, so nine of them count as one independent measurement of the top.
     independent = max(top.size / 9, 1.0)
     mean_square = (float(cells.variance.take(top).sum()) + float(residual @ residual)) / top.size
     variance = mean_square / independent + floor.sigma**2 / 9
@@ -150,7 +151,7 @@ def _obstacle(cells: _Cells, terrain: LayeredGrid, floor: FloorPlane) -> Obstacl
 
 
 def _outline(cells: _Cells, terrain: LayeredGrid) -> Float:
-    """Outer contour through the corners of the cells, straight runs as single edges."""
+    """Outer contour along the edges of the cells, with straight runs as single edges."""
     first = np.array([cells.ix.min(), cells.iy.min()])
     columns, rows = cells.ix - first[0], cells.iy - first[1]
     corners = np.zeros((rows.max() + 2, columns.max() + 2), dtype=np.uint8)
@@ -166,12 +167,12 @@ def _outline(cells: _Cells, terrain: LayeredGrid) -> Float:
 
 @dataclass(frozen=True, slots=True)
 class FloorPlane:
-    """A plane z = a x + b y + c in base_footprint.
+    """Plane z = a x + b y + c of the floor in base_footprint.
 
     Attributes:
         a, b: slopes along x and y.
         c: height at the origin [m].
-        sigma: standard deviation of the floor's heights about it [m].
+        sigma: standard deviation of the floor's heights about the plane [m].
     """
 
     a: float
@@ -187,7 +188,8 @@ class FloorPlane:
 def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
     """Fit the floor to points (n,) by least quantile of squares, then by least squares over the inliers.
 
-    Deterministic: the trials are always the same. None for fewer than three points, or collinear ones.
+    The result is deterministic, because the trials are always the same. None if the points are fewer than three or
+    collinear.
     """
     if z.size > CELLS:
         some = np.arange(CELLS) * z.size // CELLS
@@ -217,7 +219,7 @@ def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
 
 
 def _best_trial(terms: Float, z: Float) -> tuple[Float, float]:
-    """Coefficients (3,) of `terms` (3, n) with the least FLOOR_SHARE quantile of residuals, and a first sigma."""
+    """Coefficients (3,) of `terms` (3, n) with the least FLOOR_SHARE quantile of residuals, and an initial sigma."""
     triples = np.random.default_rng(SEED).integers(0, z.size, (TRIALS, 3))
     matrices = terms.T[triples]
     usable = np.abs(np.linalg.det(matrices)) > 1e-9
@@ -232,7 +234,7 @@ def _best_trial(terms: Float, z: Float) -> tuple[Float, float]:
 
 
 def fit_plane(x: Float, y: Float, z: Float) -> tuple[float, float, float] | None:
-    """Least squares plane (a, b, c) through points (n,); None if they are fewer than three or collinear."""
+    """Least-squares plane (a, b, c) through points (n,); None if the points are fewer than three or collinear."""
     if z.size < 3:
         return None
     mean_x, mean_y = float(x.sum()) / z.size, float(y.sum()) / z.size
@@ -246,14 +248,14 @@ def fit_plane(x: Float, y: Float, z: Float) -> tuple[float, float, float] | None
 
 
 def solve_plane(terms: Float, z: Float) -> Float | None:
-    """Least squares coefficients (3,) of `terms` (3, n) for z (n,), by the normal equations.
+    """Least-squares coefficients (3,) of `terms` (3, n) for z (n,), from the normal equations.
 
-    The terms are x and y about (almost) their mean, which conditions the equations well, and ones. None for fewer than
-    three points, or collinear ones.
+    The terms are x and y relative to (almost) their means, so that the equations are well conditioned, and ones. None
+    if the points are fewer than three or collinear.
     """
     if len(z) < 3:
         return None
-    # Products of rows: for few of them matrix products take five times as long.
+    # By products of rows, because matrix products of so few rows take five times as long.
     normal = _products(terms, terms)
     (xx, xy), (_, yy) = normal[:2, :2]
     smallest = 0.5 * (xx + yy - np.hypot(xx - yy, 2 * xy))
@@ -263,7 +265,7 @@ def solve_plane(terms: Float, z: Float) -> Float | None:
 
 
 def _products(rows: Float, others: Float) -> Float:
-    """Scalar products of (m, n) rows and (k, n) others; numpy 1.26, that of ROS 2 Jazzy's Python, has no vecdot."""
+    """Scalar products of rows (m, n) and others (k, n); numpy 1.26, the version of ROS 2 Jazzy, has no vecdot."""
     if hasattr(np, "vecdot"):
         return np.asarray(np.vecdot(rows[:, None], others))
     return np.array([[np.dot(row, other) for other in others] for row in rows])

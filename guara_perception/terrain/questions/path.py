@@ -1,4 +1,4 @@
-"""Path and area checks: swing of a foot, clearance of the body, an area to set something down."""
+"""Checks of paths and areas: swing of a foot, path of a part of the body, area to set something down."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from guara_perception.terrain.questions.leg_reach import StandingSole, standing_
 from guara_perception.terrain.questions.reason import Reason, Verdict
 from kinematics import KinematicsError
 
-# A path whose start is this near to the centre of a standing sole begins at that sole.
+# Largest distance between the start of a path and the centre of the standing sole at which it begins.
 SAME_PLACE_M = 0.010
-# At its ends, where it touches the ground, a swing may be this much lower than the map.
+# Depth by which a swing may be lower than the map at its ends, where it touches the ground.
 TOUCH_M = 0.005
-# Flags of known cells whose heights do not bound the ground from above. With CONFLICT they do: `elevation_max` holds
-# the highest sample of all observations, and `variance` the larger variance.
+# Flags of known cells whose heights are not an upper bound of the ground. CONFLICT is not among them, because
+# `elevation_max` is then the highest sample of all observations, and `variance` the larger variance.
 UNRELIABLE = np.uint16(Hazard.STALE)
 LONGEST_PATH_M = 20.0
 ROUNDING_M = 1e-9
-# More than any index of a cell within the longest path.
+# Number larger than any cell index within the longest path.
 FARTHEST = 2**32
 
 
@@ -37,9 +37,9 @@ class PathVerdict(Verdict):
     """Result of a path or area check.
 
     Attributes:
-        ok: True if it is accepted.
-        clearance: least distance from the ground over the part of the path that must keep the whole clearance [m]; NaN
-            if there is no such part, the path has no height, or it lies over unknown ground.
+        ok: True if the path or area is accepted.
+        clearance: least distance from the ground over the part of the path that must keep the full clearance [m]; NaN
+            if there is no such part, the path has no z, or it passes over unknown or stale ground.
         reasons: each failed test with value and limit; empty if ok.
     """
 
@@ -58,22 +58,24 @@ def check_path(
     *,
     allow_stale: bool = False,
 ) -> PathVerdict:
-    """Check a path of a foot or a part of the body over this terrain.
+    """Check the path of a foot or a part of the body over this terrain.
 
-    Every cell within `clearance` of the path, seen from above, must be known and not STALE, or have a ceiling below the
-    path: light passed over it. A path with z must stay
-    `clearance` away from the ground (highest samples plus confidence; where observations disagree, the highest of all).
-    Near its ends, where a foot stands, less is required: at a distance d from the nearer end at most d - 5 mm -
-    confidence, the clearance of a vertical lift. A path that starts at a sole that carried the body when the grid was
-    made may start on unknown ground: cells wholly under that sole are no higher than it. A path without z is a track on
-    the ground, where no cell may be hazardous.
+    A path with z must stay `clearance` away from the ground (highest samples plus confidence; where observations
+    disagree, the highest of all). Every cell within `clearance` of the path, seen from above, must be known and not
+    STALE, or have a ceiling, which then bounds the ground. Near its ends, where a foot stands, less is required: at a
+    distance d from the nearer end at most d - 5 mm - confidence, which is the clearance of a vertical lift. If the path
+    starts at a sole that carried the body when the grid was made, cells wholly under that sole may be unknown, because
+    they are no higher than the sole.
+
+    A path without z is a track on the ground: every cell within `clearance` must be known and free of hazards.
 
     Args:
         points: (n, 3) or (n, 2) corners of the path in base_footprint [m].
         clearance: required distance from the ground [m].
 
     Raises:
-        InvalidInput: points of another shape, not finite or over more than 20 m; a clearance outside 0 ... 1 m.
+        InvalidInput: the points have another shape, are not finite or extend over more than 20 m, or the clearance is
+            not 0 ... 1 m.
     """
     terrain = asked(terrain, allow_stale)
     path = checked_points(points, (2, 3), 1, "points of a path")
@@ -97,8 +99,8 @@ def check_over(ground: SwingGround, path: Float, clearance: float) -> PathVerdic
         distance = np.where(over >= 0, np.hypot(cells.aside, over), np.where(cells.aside > 0, cells.aside, over))
         distance = np.where(cells.used, distance, np.inf)
         from_ends = np.minimum(*(np.linalg.norm(samples - end, axis=1) for end in (path[0], path[-1])))
-        # The clearance of a vertical lift is smaller over less certain ground: a variance that was rounded up counts as
-        # the least that it may have been.
+        # The clearance of a vertical lift is smaller over less certain ground, so a variance that was rounded up counts
+        # with the least value that it may have had.
         least_confidence = confidence / np.sqrt(1 + ground.rounding)
         wanted = np.minimum(clearance, from_ends[:, None] - TOUCH_M - least_confidence)
         lack = np.where(cells.used, wanted - distance, -np.inf)
@@ -110,20 +112,20 @@ def check_over(ground: SwingGround, path: Float, clearance: float) -> PathVerdic
 
 
 def check_clearance(clearance: float) -> None:
-    """Refuse a clearance outside 0 ... 1 m.
+    """Reject a clearance outside 0 ... 1 m.
 
     Raises:
-        InvalidInput: such a clearance.
+        InvalidInput: the clearance is outside 0 ... 1 m.
     """
     if not (np.isfinite(clearance) and 0 <= clearance <= 1):
         raise InvalidInput(f"clearance is {clearance}, it must be 0 ... 1 m")
 
 
 def check_polygon(terrain: LayeredGrid, corners: npt.ArrayLike, *, allow_stale: bool = False) -> PathVerdict:
-    """Check that all cells that a polygon (n, 2) [m] touches are known and free of hazards other than EDGE.
+    """Check that all cells touched by a polygon (n, 2) [m] are known and free of hazards other than EDGE.
 
     Raises:
-        InvalidInput: fewer than three corners, values that are not finite, or an area beyond 20 m.
+        InvalidInput: there are fewer than three corners, a value is not finite, or the polygon extends beyond 20 m.
     """
     terrain = asked(terrain, allow_stale)
     outline = checked_points(corners, (2,), 3, "corners of a polygon")
@@ -131,7 +133,7 @@ def check_polygon(terrain: LayeredGrid, corners: npt.ArrayLike, *, allow_stale: 
 
 
 def _too_near(samples: Float, distance: Float, wanted: Float, lack: Float) -> Iterator[Reason]:
-    """Reasons against a path too near to the ground: depth at its ends, clearance elsewhere."""
+    """Yield the reasons against a path that is too close to the ground: depth at its ends, clearance elsewhere."""
     for test, detail, of_this_kind in (
         ("depth", "into the ground", wanted < 0),
         ("clearance", "too close", wanted >= 0),
@@ -146,7 +148,7 @@ def _too_near(samples: Float, distance: Float, wanted: Float, lack: Float) -> It
 
 
 def _flagged(terrain: LayeredGrid | SwingGround, iy: Index, ix: Index, test: str, mask: np.uint16) -> list[Reason]:
-    """Reason against cells that carry a flag of a mask; cells off the grid are unknown."""
+    """Reason against cells with a flag of a mask, or no reason; cells off the grid count as unknown."""
     inside = terrain.geometry.contains(iy, ix)
     flags = terrain.hazard[iy[inside], ix[inside]] & mask
     off = int((~inside).sum()) if test == "unknown" else 0
@@ -167,7 +169,7 @@ def checked_points(points: npt.ArrayLike, columns: tuple[int, ...], least: int, 
     """Convert points to an array (n, columns), finite and within LONGEST_PATH_M.
 
     Raises:
-        InvalidInput: points of another shape, not finite or too far apart.
+        InvalidInput: the points have another shape, are not finite or too far apart.
     """
     wanted = " or ".join(f"(n, {c})" for c in columns)
     array = numbers(points, name)
@@ -181,7 +183,13 @@ def checked_points(points: npt.ArrayLike, columns: tuple[int, ...], least: int, 
 
 @dataclass(frozen=True, slots=True)
 class Corridor:
-    """Cells within the clearance of each sample, (samples, cells of the window); those of the mask `used` count."""
+    """Cells around each sample of a path, in arrays (samples, cells of a window).
+
+    Attributes:
+        iy, ix: indices of the cells, on the grid or off it.
+        aside: horizontal distance of the sample from the cell, 0 inside [m].
+        used: mask of the cells within the clearance.
+    """
 
     iy: Index
     ix: Index
@@ -189,8 +197,8 @@ class Corridor:
     used: Mask
 
     def unique(self) -> tuple[Index, Index]:
-        """Every cell of the corridor once."""
-        # One number per cell: sorting pairs is ten times slower.
+        """Indices of all cells of the corridor without duplicates."""
+        # Encoded as one number per cell, because sorting pairs is ten times slower.
         both = np.unique(self.iy[self.used] * FARTHEST + self.ix[self.used] + FARTHEST // 2)
         iy = both // FARTHEST
         return iy, both - iy * FARTHEST - FARTHEST // 2
@@ -200,7 +208,7 @@ def corridor_of(geometry: GridGeometry, samples: Float, clearance: float) -> Cor
     """Cells within `clearance` of samples (n, 3) or (n, 2) of a path, seen from above, on the grid or off it."""
     resolution = geometry.resolution
     iy, ix = geometry.indices(samples[:, 0], samples[:, 1])
-    # Indices of far points are clipped, so distances are computed from positions.
+    # Distances are computed from positions, because the indices of far points are clipped.
     reach = int(np.ceil(clearance / resolution)) + 1
     dy, dx = (a.ravel() for a in np.mgrid[-reach : reach + 1, -reach : reach + 1])
     jy, jx = iy[:, None] + dy, ix[:, None] + dx
@@ -212,7 +220,7 @@ def corridor_of(geometry: GridGeometry, samples: Float, clearance: float) -> Cor
     )
     own = (dy == 0) & (dx == 0)
     aside[:, own] = 0.0
-    # Half the spacing of the samples is added to cover the cells between two of them.
+    # Half the spacing of the samples is added, to cover the cells between two samples.
     return Corridor(jy, jx, aside, (aside <= clearance + resolution / 4) | own)
 
 
@@ -224,7 +232,7 @@ def top_heights(ground: SwingGround, cells: Corridor) -> tuple[Float, Float]:
 
 
 def sampled(path: Float, spacing: float) -> Float:
-    """Points on the path at most `spacing` apart, including its corners."""
+    """Points along a path at most `spacing` apart, including its corners."""
     parts = [path[:1]]
     for start, stop in zip(path[:-1], path[1:], strict=True):
         count = max(int(np.ceil(np.linalg.norm(stop - start) / spacing)), 1)
@@ -234,7 +242,7 @@ def sampled(path: Float, spacing: float) -> Float:
 
 @dataclass(frozen=True, slots=True)
 class SwingGround:
-    """The layers of a grid that a swing needs.
+    """Layers of a grid that are needed to check a swing.
 
     Attributes:
         geometry: geometry of the grid.
@@ -242,7 +250,7 @@ class SwingGround:
         top: (ny, nx) highest sample of each cell [m].
         variance: (ny, nx) variance of the heights [m^2].
         confidence: number of sigmas that are added to `top`.
-        rounding: largest fraction of itself by which rounding on the wire may have raised `variance`.
+        rounding: largest relative error of `variance` due to rounding: before, it was at least variance / (1 + this).
     """
 
     geometry: GridGeometry
@@ -256,21 +264,21 @@ class SwingGround:
 def swing_ground(terrain: LayeredGrid, start: Float) -> SwingGround:
     """Ground under a path that begins at `start` (3,).
 
-    Unknown cells with a ceiling are as high as the ceiling, unless they lie under a standing sole.
+    Unknown cells with a ceiling count as being as high as the ceiling.
 
-    A sole that stands at `start` rests on the ground, so nothing below it is higher than the sole. Unknown cells that
-    lie wholly under that sole, reduced by its error, therefore count as being as high as the sole. This does not make
-    them footholds, and does not extend to cells beside the sole.
+    A sole that stands at `start` rests on the ground, so nothing below it is higher than the sole. Unknown cells wholly
+    under that sole, reduced by its error, therefore count as being as high as the sole. This does not make them
+    footholds, and does not extend to cells beside the sole.
     """
     hazard, top, variance = terrain.hazard.copy(), terrain.elevation_max.copy(), terrain.variance.copy()
     limits = terrain.record.required_limits
     rounding = terrain.record.checked_rounding.variance
     unknown = (hazard & UNKNOWN_MASK) != 0
     bounded = unknown & np.isfinite(terrain.ceiling)
-    # The variance of a ceiling was not rounded: it is raised by the fraction that users of `variance` subtract again.
+    # The variance of a ceiling was not rounded, so it is raised by the fraction that users of `variance` remove again.
     hazard[bounded], top[bounded], variance[bounded] = 0, terrain.ceiling[bounded], CEILING_SIGMA_M**2 * (1 + rounding)
     half = np.array([limits.sole_length, limits.sole_width]) / 2 - terrain.resolution / 2 + 1e-9
-    # Loading the robot's model takes time, so it is loaded only if there are unknown cells at the start.
+    # The model of the robot takes time to load, so it is loaded only if there are unknown cells at the start.
     sole = _sole_at(terrain, start) if (unknown & _within(terrain, start, half + SAME_PLACE_M)).any() else None
     if sole is not None:
         covered = half - limits.confidence * np.sqrt(np.diag(sole.covariance)[:2])
@@ -280,13 +288,13 @@ def swing_ground(terrain: LayeredGrid, start: Float) -> SwingGround:
 
 
 def _within(terrain: LayeredGrid, centre: Float, half: Float) -> Mask:
-    """Cells whose centres lie in a rectangle about a centre; `half` is half its length along x and y [m]."""
+    """Mask of the cells whose centres are in a rectangle around a centre; `half` is half its size along x and y [m]."""
     x, y = terrain.geometry.centres()
     return np.asarray((np.abs(y - centre[1]) <= half[1])[:, None] & (np.abs(x - centre[0]) <= half[0]))
 
 
 def _sole_at(terrain: LayeredGrid, start: Float) -> StandingSole | None:
-    """The standing sole at the start of a path; None if there is none, or the grid holds no stance."""
+    """Standing sole at the start of a path; None if there is none, or the grid has no stance."""
     try:
         soles = standing_soles(terrain)
     except (InvalidInput, KinematicsError):

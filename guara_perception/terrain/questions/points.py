@@ -1,4 +1,4 @@
-"""Other forms of a grid: points, an xarray data set, heights under given points, larger cells."""
+"""Other forms of a grid: points, an xarray data set, heights under given points, coarser cells."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from kinematics.arrays import FrozenArrays
 from kinematics.transforms import transform_points
 
 FRAMES = ("base_footprint", "base_link")
-# Layers of which a coarse cell takes the largest and the least value of its fine cells.
+# Layers in which a coarse cell has the largest, or the least, value of its fine cells.
 LARGEST = ("variance", "variance_local", "elevation_max", "slope", "step_height", "roughness", "age")
 LEAST = ("elevation_min", "clearance", "traversability", "looks")
 Grid = TypeVar("Grid", bound=LayeredGrid)
@@ -41,7 +41,7 @@ def points(terrain: LayeredGrid) -> Float:
 
 
 def to_xarray(terrain: LayeredGrid) -> Any:
-    """The layers as an `xarray.Dataset` with coordinates x and y [m].
+    """Layers as an `xarray.Dataset` with coordinates x and y [m].
 
     Raises:
         MissingExtra: xarray is not installed.
@@ -57,7 +57,7 @@ def to_xarray(terrain: LayeredGrid) -> Any:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeightScan(FrozenArrays):
-    """Heights of the ground under points, with a mask of the known ones.
+    """Heights of the ground under points, with a mask of the known heights.
 
     Attributes:
         heights: (n,) heights of the ground in base_footprint [m]; NaN where unknown.
@@ -76,23 +76,24 @@ class HeightScan(FrozenArrays):
 
     @property
     def below(self) -> Float:
-        """(n,) height of each point above the ground [m]; NaN where unknown."""
+        """Height (n,) of each point above the ground [m]; NaN where unknown."""
         return np.asarray(self.points[:, 2] - self.heights)
 
 
 def height_scan(
     terrain: LayeredGrid, points: npt.ArrayLike, frame: str = "base_footprint", *, allow_stale: bool = False
 ) -> HeightScan:
-    """Sample heights of the ground under points, the input of locomotion policies.
+    """Sample heights of the ground under points, as input of locomotion policies.
 
-    Unknown heights are NaN and never filled in: the policy decides what to use instead.
+    Unknown heights are NaN and never filled in; the policy decides what to use instead.
 
     Args:
-        points: (n, 2) or (n, 3) in `frame` [m]; points without z lie in its plane z = 0.
-        frame: "base_footprint", or "base_link" by the pose of the pause.
+        points: (n, 2) or (n, 3) in `frame` [m]; points without z are in the plane z = 0 of the frame.
+        frame: "base_footprint", or "base_link" at its pose in the pause.
 
     Raises:
-        InvalidInput: points of another shape, an unknown frame, or base_link without the pose in the metadata.
+        InvalidInput: the points have another shape, the frame is unknown, or it is base_link and the metadata lacks
+            its pose.
     """
     terrain = asked(terrain, allow_stale)
     if frame not in FRAMES:
@@ -115,13 +116,13 @@ def height_scan(
 
 
 def coarser(terrain: Grid, factor: int) -> Grid:
-    """Grid with cells `factor` times as long, each with the worst value of its fine cells.
+    """Grid with cells `factor` times as long, each with the worst values of its fine cells.
 
-    One unknown fine cell makes a coarse one unknown; flags are combined; slope, step, roughness, variance and age are
-    the largest, score, clearance and looks the smallest.
+    One unknown fine cell makes the coarse cell unknown; flags are combined; a coarse cell has the largest slope, step,
+    roughness, variance and age, and the smallest score, clearance and number of looks.
 
     Raises:
-        InvalidInput: a factor that does not divide the grid; the message lists those that do.
+        InvalidInput: the factor does not divide the grid; the message lists the factors that do.
     """
     ny, nx = terrain.shape
     is_whole = isinstance(factor, int | np.integer) and not isinstance(factor, bool)
@@ -132,15 +133,15 @@ def coarser(terrain: Grid, factor: int) -> Grid:
         )
     hazard = pool_flags(terrain.hazard, factor)
     unknown = (hazard & UNKNOWN_MASK) != 0
-    # A safe coarse cell keeps a ring of known cells around it, as fine ones do.
+    # A safe coarse cell must be surrounded by known cells, like a safe fine cell.
     hazard[with_neighbours(unknown) & ~unknown] |= np.uint16(Hazard.EDGE)
     fine = {name: blocks(layer, factor) for name, layer in terrain.layers.items()}
-    # NaN propagates: a slope, step or roughness that a fine cell lacks is not known to be small.
+    # NaN propagates, because a slope, step or roughness that is unknown in a fine cell may be large.
     layers = {name: fine[name].max(axis=-1) for name in LARGEST} | {name: fine[name].min(axis=-1) for name in LEAST}
     layers |= {"elevation": fine["elevation"].astype(np.float64).mean(axis=-1).astype(np.float32), "hazard": hazard}
     for name in (*LARGEST[:-1], "elevation", "elevation_min"):
         layers[name] = np.where(unknown, np.float32(np.nan), layers[name])
-    # Where all fine cells are unknown and have one.
+    # NaN unless all fine cells have a ceiling.
     layers["ceiling"] = fine["ceiling"].max(axis=-1)
     layers["traversability"] = np.where(hazard == 0, layers["traversability"], np.float32(0))
     geometry = GridGeometry(terrain.origin, terrain.resolution * factor, (ny // factor, nx // factor))

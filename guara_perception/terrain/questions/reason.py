@@ -1,4 +1,4 @@
-"""Failed tests as reasons, and the base of answers that have them."""
+"""Failed tests as reasons, and the base class of answers with reasons."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Reason:
-    """A failed test.
+    """Failed test.
 
     Attributes:
         test: name of the test, for instance "slope".
@@ -25,7 +25,7 @@ class Reason:
     detail: str = ""
 
     def __str__(self) -> str:
-        """Text in millimetres, degrees and per cent."""
+        """Text with values in millimetres, degrees and per cent."""
         units = {"m": (1e3, "mm"), "rad": (math.degrees(1), "deg"), "share": (1e2, "%")}
         scale, unit = units.get(self.unit, (1.0, self.unit))
         found = f"{self.value * scale:.3g} {unit}, allowed {self.limit * scale:.3g} {unit}"
@@ -34,7 +34,7 @@ class Reason:
 
 
 class Verdict:
-    """Base of answers that are yes, or no with reasons.
+    """Base class of answers that are either yes, or no with reasons.
 
     Attributes:
         ok: True for yes.
@@ -53,7 +53,7 @@ class Verdict:
         return f"{type(self).__name__}({self})"
 
     def __str__(self) -> str:
-        """Text in millimetres and degrees."""
+        """Text with values in millimetres and degrees."""
         return self._ok_text() if self.ok else f"refused: {'; '.join(map(str, self.reasons))}"
 
     def _ok_text(self) -> str:

@@ -1,4 +1,4 @@
-"""Saves terrain as one NumPy file."""
+"""Writer of the NumPy file of a grid."""
 
 from __future__ import annotations
 

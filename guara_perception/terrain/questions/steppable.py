@@ -19,15 +19,15 @@ from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
 from guara_perception.terrain.questions.obstacles import fit_plane
 from kinematics.arrays import FrozenArrays
 
-# Largest distance of the ground of a region from its plane.
+# Largest distance of the ground of a region from the region's plane.
 PLANE_TOLERANCE_M = 0.006
-# Radius around the seed of the ground that gives the first plane.
+# Radius of the ground around the seed to which the initial plane is fitted.
 SEED_RADIUS_M = 0.03
-# A new region must be a third larger than the one around the previous choice; otherwise the choice would alternate.
+# Least relative gain of area over the region around the previous choice, without which the choice would alternate.
 HYSTERESIS = 1 / 3
-# A leg reaches a cell if it reaches its corners, taken this far outside.
+# Distance by which the corners that a leg must reach are outside the cell.
 CORNER_OUTSIDE_M = 1e-4
-# Over the whole map: reach of a region, and least area.
+# Largest distance of a region from its seed, and least area, in a search over the whole map.
 REGION_REACH_M = 0.4
 LEAST_AREA_M2 = 4e-4
 
@@ -38,11 +38,11 @@ class SteppableRegion(FrozenArrays):
 
     Attributes:
         halfspaces: (n, 3) a, b, c of a x + b y <= c, with (a, b) of length 1, in base_footprint [m].
-        vertices: (m, 3) counter-clockwise, on the plane [m].
-        plane: (3,) p of z = p[0] x + p[1] y + p[2].
-        sigma: standard deviation of the ground about the plane, measurement errors included [m].
+        vertices: (m, 3) corners on the plane, counter-clockwise [m].
+        plane: (3,) coefficients p of z = p[0] x + p[1] y + p[2].
+        sigma: standard deviation of the ground relative to the plane, including measurement errors [m].
         area: area seen from above [m^2].
-        leg: leg that reaches all of it with the body where it stood, or None.
+        leg: leg that reaches the whole region with the body at its pose in the scan, or None.
     """
 
     halfspaces: Float
@@ -53,7 +53,7 @@ class SteppableRegion(FrozenArrays):
     leg: str | None
 
     def __repr__(self) -> str:
-        """Position, size and slope, rounded."""
+        """Short text with rounded numbers."""
         x, y = self.centre
         slope = math.degrees(math.atan(math.hypot(self.plane[0], self.plane[1])))
         return (
@@ -63,11 +63,11 @@ class SteppableRegion(FrozenArrays):
 
     @property
     def centre(self) -> Float:
-        """(2,) mean of the vertices, which lies inside [m]."""
+        """Mean (2,) of the vertices, which is inside the region [m]."""
         return np.asarray(self.vertices[:, :2].mean(axis=0))
 
     def contains(self, x: float, y: float) -> bool:
-        """Test if a point lies inside or on the border."""
+        """Test if a point is inside the region or on its border."""
         return bool((self.halfspaces[:, :2] @ (x, y) <= self.halfspaces[:, 2] + 1e-12).all())
 
 
@@ -82,20 +82,20 @@ def steppable_region(
     *,
     allow_stale: bool = False,
 ) -> SteppableRegion | None:
-    """Convex region of safe footholds around a nominal position; None if there is none.
+    """Find a convex region of safe footholds near a nominal position; None if there is none.
 
-    The region grows from the safe cell nearest to the nominal position, over ground that lies on one plane to 6 mm.
-    Every point inside passes `check_foothold`.
+    The region grows from the safe cell nearest to the nominal position, over ground within 6 mm of one plane. Every
+    point inside passes `check_foothold`.
 
     Args:
         x, y: nominal position in base_footprint [m].
-        radius: largest distance of the region from the nominal position along x and y each [m].
+        radius: largest distance of the region from the nominal position along x and along y [m].
         leg, robot: as in `check_foothold`; the leg reaches every point.
-        previous: the last choice, in base_footprint of this grid. The region around its centre is kept while that is
-            safe and within the radius, and no other region is a third larger.
+        previous: previous choice, in base_footprint of this grid. The region around its centre is kept while the centre
+            is safe and within the radius, and the new region is not a third larger.
 
     Raises:
-        InvalidInput: a value that is not finite, a radius above 1 m; as `check_foothold`.
+        InvalidInput: a value is not finite, the radius is above 1 m, or as in `check_foothold`.
     """
     terrain = asked(terrain, allow_stale)
     if not np.isfinite([x, y]).all():
@@ -125,12 +125,13 @@ def steppable_region(
 def steppable_regions(
     terrain: LayeredGrid, leg: str | None = None, robot: RobotLike | None = None, *, allow_stale: bool = False
 ) -> list[SteppableRegion]:
-    """Convex regions of safe footholds over the whole grid, the largest first; they may overlap.
+    """Find convex regions of safe footholds over the whole grid, largest first; they may overlap.
 
-    Each is a region of `steppable_region` of 4 cm^2 or more; smaller pieces of safe ground are omitted.
+    Each region is like one of `steppable_region`, with an area of 4 cm^2 or more; smaller pieces of safe ground are
+    omitted.
 
     Raises:
-        InvalidInput: as `check_foothold`, where a leg is given.
+        InvalidInput: as in `check_foothold`, if a leg is given.
     """
     terrain = asked(terrain, allow_stale)
     (x0, y0), (ny, nx) = terrain.origin, terrain.shape
@@ -155,10 +156,15 @@ def steppable_regions(
 
 @dataclass(frozen=True, slots=True)
 class _Window:
-    """Part of a grid: centres of its cells, mask of those on which a sole may be set anywhere, heights and variances.
+    """Part of a grid.
 
-    `bounds` are the half-planes of the part's rectangle, `tolerance` is the largest distance of the ground from its
-    plane.
+    Attributes:
+        x, y: (nx,) and (ny,) coordinates of the cell centres [m].
+        free: (ny, nx) mask of the cells in which a sole may be centred anywhere.
+        height, variance: (ny, nx) heights [m] and their local variances [m^2].
+        bounds: (n, 3) half-planes of the part's rectangle.
+        resolution: cell edge [m].
+        tolerance: largest distance of the ground of a region from its plane [m].
     """
 
     x: Float
@@ -188,7 +194,7 @@ class _Window:
         return _Window(cx[columns], cy[rows], free, height, variance, bounds, terrain.resolution, tolerance)
 
     def around_points(self, points: Float) -> tuple[slice, slice]:
-        """Rows and columns of the cells with centres between the least and largest x and y of points (n, 2 or 3)."""
+        """Rows and columns of the cells whose centres are in the bounding rectangle of points (n, 2) or (n, 3)."""
         low, high = points[:, :2].min(axis=0) - 1e-6, points[:, :2].max(axis=0) + 1e-6
         columns, rows = (
             slice(*np.searchsorted(axis, ends).tolist())
@@ -197,12 +203,12 @@ class _Window:
         return rows, columns
 
     def around(self, iy: int, ix: int, reach: float) -> tuple[slice, slice]:
-        """Rows and columns within a distance of a cell."""
+        """Rows and columns within a distance of a cell [m]."""
         n = int(reach / self.resolution)
         return slice(max(iy - n, 0), iy + n + 1), slice(max(ix - n, 0), ix + n + 1)
 
     def cut(self, rows: slice, columns: slice) -> _Window:
-        """Rows and columns of this part, without bounds."""
+        """Some rows and columns of this part, without bounds."""
         layers = {name: getattr(self, name)[rows, columns] for name in ("free", "height", "variance")}
         return replace(self, x=self.x[columns], y=self.y[rows], bounds=np.empty((0, 3)), **layers)
 
@@ -210,7 +216,7 @@ class _Window:
 def _reached(
     terrain: LayeredGrid, cx: Float, cy: Float, free: Mask, height: Float, leg: str, robot: RobotLike | None
 ) -> Mask:
-    """Free cells whose corners a leg reaches."""
+    """Mask of the free cells whose corners are reached by a leg."""
     iy, ix = np.nonzero(free)
     half = terrain.resolution / 2 + CORNER_OUTSIDE_M
     centres = np.column_stack((cx[ix], cy[iy], height[iy, ix]))
@@ -224,7 +230,7 @@ def _reached(
 def _grow(window: _Window, iy: int, ix: int, leg: str | None) -> SteppableRegion:
     """Grow the region around a free cell of a window."""
     plane, ground = _plane_of(window, iy, ix)
-    # Only the cells next to the ground and the rim of the window bound the region: all others lie behind them.
+    # Only the rim of the window and the cells next to the ground bound the region; all other cells are behind them.
     padded = np.pad(ground, 1)
     by, bx = np.nonzero(with_neighbours(padded) & ~padded)
     resolution = window.resolution
@@ -236,7 +242,7 @@ def _grow(window: _Window, iy: int, ix: int, leg: str | None) -> SteppableRegion
 
 
 def _plane_of(window: _Window, iy: int, ix: int) -> tuple[Float, Mask]:
-    """Plane of the ground around a free cell, and the free cells on this plane that are connected to it."""
+    """Plane of the ground around a free cell, and mask of the free cells near the plane and connected to the cell."""
     radius = max(SEED_RADIUS_M, 2 * window.resolution)
     rows, columns = window.around(iy, ix, radius + window.resolution)
     aside = np.hypot(window.x[columns] - window.x[ix], window.y[rows, None] - window.y[iy])
@@ -256,7 +262,7 @@ def _plane_of(window: _Window, iy: int, ix: int) -> tuple[Float, Mask]:
 
 
 def _fitted(window: _Window, cells: Mask) -> Float:
-    """Least squares plane (3,) through the heights of cells; level if they are too few or in a line."""
+    """Least-squares plane (3,) through the heights of cells; level if the cells are too few or collinear."""
     iy, ix = np.nonzero(cells)
     height = window.height[cells]
     return np.array(fit_plane(window.x[ix], window.y[iy], height) or (0.0, 0.0, height.mean()))
@@ -268,7 +274,7 @@ def _region(window: _Window, polygon: ConvexPolygon, plane: Float, ground: Mask,
     inside = ground[rows, columns].copy()
     for a, b, c in polygon.halfspaces.tolist():
         inside &= a * x + b * y <= c
-    # A polygon that contains the centre of no cell lies between centres of the ground: then all of the ground counts.
+    # A polygon that contains no cell centre is between centres of the ground; then all of the ground is used.
     part, cells = ((rows, columns), inside) if inside.any() else ((slice(None), slice(None)), ground)
     iy, ix = np.nonzero(cells)
     height, variance = window.height[part][cells], window.variance[part][cells]

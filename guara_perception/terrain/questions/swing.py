@@ -29,9 +29,9 @@ from kinematics.arrays import FrozenArrays
 # Corners of detours around a blocked straight path: fractions of its length, and distances beside it [m].
 CORNER_SHARES = (0.25, 0.5, 0.75)
 ASIDE_M = (0.03, -0.03, 0.06, -0.06, 0.09, -0.09, 0.12, -0.12)
-# Rises over the least height; the first covers what samples half a cell apart may miss.
+# Rises above the least height, in the order of trial; the first one covers what samples half a cell apart may miss.
 RISES_M = (0.001, 0.005, 0.010, 0.020)
-# Samples for the reach of a leg.
+# Spacing of the samples at which the reach of a leg is tested.
 REACH_SPACING_M = 0.010
 
 
@@ -41,7 +41,7 @@ class Swing(Verdict, FrozenArrays):
 
     Attributes:
         ok: True if a path was found.
-        points: (n, 3) corners of the path of the sole's centre, from start to end, in base_footprint [m]; (0, 3) if not
+        points: (n, 3) corners of the path of the sole's centre in base_footprint [m], from start to end; (0, 3) if not
             ok.
         clearance: least distance from the ground between the ends [m], NaN if not ok.
         reasons: each failed test of the first attempt with value and limit; empty if ok.
@@ -68,19 +68,19 @@ def swing(
 ) -> Swing:
     """Plan a path for a foot from one foothold to another that `check_path` accepts.
 
-    The path goes straight up, over the upper hull of the ground between start and end (highest samples plus confidence
-    plus clearance), and straight down; if that is refused, horizontally over the highest point of that hull, or some
-    millimetres higher. If the straight path is blocked, for instance by unknown ground, it goes around a corner beside
-    it, up to 0.12 m aside.
+    The path goes straight up, along the upper hull of the ground between start and end (highest samples plus
+    confidence plus clearance), and straight down. If this is refused, a horizontal path at the height of the hull's
+    highest point is tried, and then both some millimetres higher. If the straight track is blocked, for instance by
+    unknown ground, tracks around a corner up to 0.12 m beside it are tried.
 
     Args:
         start, end: (3,) positions of the sole's centre on the ground, in base_footprint [m].
         clearance: required distance from the ground between the ends [m].
-        leg: also require that this leg reaches all of the path with the body where it stood at the scan.
+        leg: also require that this leg can follow the whole path, with the body at its pose in the scan.
         robot: model for `leg`; None = the robot of the grid.
 
     Raises:
-        InvalidInput: as `check_path` and, where a leg is given, as `check_foothold`.
+        InvalidInput: as `check_path`, and as `check_foothold` if a leg is given.
         kinematics.KinematicsError: no such leg or robot.
     """
     terrain = asked(terrain, allow_stale)
@@ -101,7 +101,7 @@ def _none(reasons: tuple[Reason, ...]) -> Swing:
 
 
 def _tracks(ends: Float) -> Iterator[Float]:
-    """Tracks (n, 3) at z = 0 from start to end: straight, then around one corner beside it, the shortest first."""
+    """Yield tracks (n, 3) at z = 0 from start to end: straight, then around one corner, shortest first."""
     start, end = ends * (1, 1, 0)
     yield np.array([start, end])
     along = end - start
@@ -125,13 +125,13 @@ def _over(
 ) -> Swing:
     """Plan the swing over a track on the ground."""
     line = sampled(track, terrain.resolution / 2)
-    # Unknown or stale cells block a path at any height: one check far above the ground finds them.
+    # Unknown or stale cells block a path at any height, so one check far above the ground finds them.
     blocked = check_over(ground, line + (0.0, 0.0, LONGEST_PATH_M), clearance).reasons
     blocked = tuple(reason for reason in blocked if reason.test in ("unknown", "hazard"))
     if blocked:
         return _none(blocked)
     cells = corridor_of(ground.geometry, line, clearance)
-    # Least heights of the path over the samples of the track.
+    # Least heights of the path above the samples of the track.
     heights = np.where(cells.used, top_heights(ground, cells)[0], -np.inf).max(axis=1) + clearance
     refused: tuple[Reason, ...] = ()
     for rise in RISES_M:
@@ -146,7 +146,7 @@ def _over(
 
 
 def _hull(line: Float, heights: Float) -> Float:
-    """Heights (n,) of the upper hull over the length of the path."""
+    """Heights (n,) of the upper convex hull along the path."""
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
     kept: list[int] = []
     for i in range(len(along)):
@@ -157,12 +157,12 @@ def _hull(line: Float, heights: Float) -> Float:
 
 
 def _is_below(along: Float, heights: Float, a: int, b: int, c: int) -> bool:
-    """Test that point b lies on or below the line from a to c."""
+    """Test that point b is on or below the line from a to c."""
     return bool((along[b] - along[a]) * (heights[c] - heights[a]) >= (heights[b] - heights[a]) * (along[c] - along[a]))
 
 
 def _bends(path: Float) -> Float:
-    """Ends of a path, and the points at which it changes its direction."""
+    """Ends of a path, and the points at which it changes direction."""
     directions = np.diff(path, axis=0)
     directions = directions / np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-12)
     turns = np.linalg.norm(np.diff(directions, axis=0), axis=1) > 1e-6
@@ -170,7 +170,7 @@ def _bends(path: Float) -> Float:
 
 
 def _out_of_reach(terrain: LayeredGrid, path: Float, leg: str | None, robot: RobotLike | None) -> tuple[Reason, ...]:
-    """Reason why the leg cannot follow this path with the body where it stood; empty if it can or is None."""
+    """Reason why the leg cannot follow a path with the body at its pose in the scan; empty if there is none."""
     if leg is None:
         return ()
     samples = sampled(path, REACH_SPACING_M)

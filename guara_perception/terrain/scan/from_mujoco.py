@@ -1,4 +1,4 @@
-"""`terrain_from_mujoco`: the ground of a MuJoCo scene as a grid, for the same queries as on the robot."""
+"""Ground of a MuJoCo scene as a terrain grid, for the same queries as on the robot."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from kinematics.stance_pose import support_soles
 from kinematics.transforms import inverse, transform_points
 
 Area = tuple[tuple[float, float], tuple[float, float]]
-# Rays per cell along each axis. With cells of 5 mm they may miss relief that is narrower than 2.5 mm.
+# Number of rays per cell along each axis. With cells of 5 mm they may miss relief narrower than 2.5 mm.
 RAYS = 2
-# Height of the origins of the rays above the highest ground of a grid [m]: a ray that starts inside a geom would meet
-# its bottom. A ceiling over the robot is met first and leaves the ground below it unknown.
+# Height of the origins of the rays above the height limit, because a ray that starts inside a geom meets its bottom. A
+# ceiling over the robot is met first, so the ground below it is unknown.
 ABOVE_M = 20.0
 
 
@@ -40,35 +40,37 @@ def terrain_from_mujoco(
     resolution: float | None = None,
     step: int = 0,
 ) -> TerrainGrid:
-    """Ground of a MuJoCo scene around a robot in it, as a grid of extent "footprint" in base_footprint.
+    """Make a grid of extent "footprint" from the ground around a robot in a MuJoCo scene.
 
-    Vertical rays sample the ground: every geom of the scene that can collide and is not part of the robot. Heights are
-    exact and nothing is hidden; ground that a rangefinder would not see is known here. A cell whose rays meet nothing,
-    or something outside the height limits of the robot, is OUT_OF_RANGE.
+    Vertical rays sample the ground: all geoms of the scene that can collide and are not part of the robot. Heights are
+    exact and nothing is hidden, so ground that a rangefinder would not see is known. A cell with a ray that meets
+    nothing, or something outside the height limits of the robot, is OUT_OF_RANGE.
 
     Args:
         model: `mujoco.MjModel` of the scene, with the joint names of the robot's URDF.
-        data: its `mujoco.MjData`, with positions up to date (`mujoco.mj_forward`).
-        robot: model, name or folder; gives the soles, the limits and the area; None = the Guará.
+        data: `mujoco.MjData` of the model, with up-to-date positions (`mujoco.mj_forward`).
+        robot: model, name or folder; defines the soles, the limits and the area; None = the Guará.
         body: name of the robot's base in the scene; None = the robot's base frame.
-        support_feet: legs whose soles stand; None = all. They set z = 0, as at a stance pause.
-        area: ((x_min, x_max), (y_min, y_max)) in base_footprint [m]; None = that of a scan.
+        support_feet: legs that stand; None = all. Their soles define z = 0, as at a stance pause.
+        area: ((x_min, x_max), (y_min, y_max)) in base_footprint [m]; None = the area of a scan.
         resolution: cell edge [m]; None = the robot's default. It must divide the area.
         step: number of the stance pause.
 
     Raises:
-        InvalidInput: no such body or joint, a scene without ground, a state that is not finite, a robot that does not
-            stand, an invalid area.
+        InvalidInput: there is no such body or joint, the scene has no ground, its state is not finite, the robot does
+            not stand, or the area is invalid.
         MissingExtra: MuJoCo is not installed (extra `sim`).
     """
     mujoco = optional_library("mujoco", "sim", "a grid of a MuJoCo scene")
     robot = robot_model("guara" if robot is None else robot)
     settings = Settings.of(robot)
     base = _body(model, body or robot.config.base_frame)
-    # A geom that nothing collides with, such as a visual mesh, bears no foot.
+    # A geom that cannot collide, such as a visual mesh, does not support a foot.
     ground = ~_is_own(model, base)[model.geom_bodyid] & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
     if not ground.any():
-        raise InvalidInput("no geom of the scene is ground; allowed: one or more that collide and are not the robot's")
+        raise InvalidInput(
+            "no geom of the scene is ground; allowed: one or more that can collide and are not part of the robot"
+        )
     stance, transform_base_to_world = _stance(model, data, robot, base, support_feet)
     try:
         pose = robot.stance_pose(stance)
@@ -107,7 +109,7 @@ def _body(model: Any, name: str) -> int:
 
 
 def _is_own(model: Any, base: int) -> Mask:
-    """Mask of the bodies that are the robot's: its base and all below it."""
+    """Mask of the robot's bodies: its base and all descendants of the base."""
     own = np.zeros(model.nbody, dtype=bool)
     own[base] = True
     # A body comes after its parent.
@@ -119,7 +121,7 @@ def _is_own(model: Any, base: int) -> Mask:
 def _stance(
     model: Any, data: Any, robot: RobotModel, base: int, support_feet: tuple[str, ...] | None
 ) -> tuple[Stance, Float]:
-    """Stance of the robot in the scene, and (4, 4) transform_base_to_world."""
+    """Stance of the robot in the scene, and transform_base_to_world (4, 4)."""
     if not (np.isfinite(data.qpos).all() and np.isfinite(data.xpos).all() and np.isfinite(data.xmat).all()):
         raise InvalidInput("the state of the scene is not finite; allowed: finite positions (has it diverged?)")
     named = {model.joint(index).name: index for index in range(model.njnt)}
@@ -143,8 +145,8 @@ def _stance(
 def _ground(
     mujoco: Any, model: Any, data: Any, ground: Mask, geometry: GridGeometry, transform: Float, settings: Settings
 ) -> Float:
-    """(n, 3) highest ground at points of each cell, in base_footprint [m]; -inf where a ray meets nothing."""
-    # Rays pass through invisible geoms: in this copy only the ground is visible.
+    """Highest ground (n, 3) at several points of each cell, in base_footprint [m]; z is -inf if a ray meets nothing."""
+    # Only the ground is visible in this copy, because rays pass through invisible geoms.
     model = copy.copy(model)
     model.geom_matid[:], model.geom_rgba[:, 3] = -1, ground
     ny, nx = geometry.shape

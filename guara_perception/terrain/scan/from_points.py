@@ -1,4 +1,4 @@
-"""Terrain grids from the points of other sensors, for instance a depth camera."""
+"""Terrain grids from the points of other sensors, such as a depth camera."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ def terrain_from_points(
 ) -> TerrainGrid:
     """Assess measured points like a scan; return a grid of extent "footprint" that `TerrainMap` accepts.
 
-    A cell is known if a point falls into it. Nothing is interpolated, so cells must not be smaller than the distance
-    between points. Cells hidden from the sensor by something higher are OCCLUDED; cells with points outside the robot's
-    height limits are OUT_OF_RANGE; cells observed without a return are DROPOUT; all other unknown cells are UNSCANNED.
+    A cell is known if it contains a point. Nothing is interpolated, so cells must not be smaller than the spacing of
+    the points. Cells hidden from the sensor by something higher are OCCLUDED, cells with points outside the height
+    limits of the robot OUT_OF_RANGE, cells observed without a return DROPOUT, all other unknown cells UNSCANNED.
 
     Args:
-        points: (n, 3) in base_footprint [m]; rows with NaN are skipped. Remove points of the robot's own body first.
+        points: (n, 3) in base_footprint [m]; rows with NaN are ignored. Remove points of the robot itself beforehand.
         sigma: standard deviation of the heights, a scalar or (n,) [m].
         sensor_origin: (3,) position of the sensor in base_footprint [m].
         robot: model, name or folder; defines area, height limits and traversability limits; None = the Guará.
         no_returns: (m, 3) directions in base_footprint of rays without a return, for instance of depth pixels without a
-            value. A map forgets the cells that these rays meet. None = not known: a map keeps such cells and they age.
+            value. A map forgets the cells that these rays meet. None = unknown: a map keeps such cells, and they age.
         resolution: cell edge [m]; None = the robot's default.
         stamp: time of the measurement [ns since the epoch].
         step: number of the stance pause.
@@ -95,7 +95,7 @@ def judged_grid(
     stamp: int,
     step: int,
 ) -> TerrainGrid:
-    """Assess rasterised heights like a scan; `hazard` holds the causes of the unknown cells."""
+    """Assess rasterised heights like a scan; `hazard` contains the causes of the unknown cells."""
     settings = Settings.of(robot)
     layers = assess_layers(raster, hazard, geometry.resolution, settings.limits)
     seen = np.isfinite(layers["elevation"])
@@ -115,13 +115,13 @@ def judged_grid(
 
 
 def _causes(raster: Raster, geometry: GridGeometry, origin: Float, beyond: Mask, rays: Float) -> Flags:
-    """Causes of the unknown cells, and of known ones with points outside the height limits; 0 elsewhere."""
+    """Causes of unknown cells, and of cells with points outside the height limits; 0 elsewhere."""
     unknown = np.isnan(raster.elevation)
     flags = np.zeros(geometry.shape, np.uint16)
     known = ~unknown
     flags[unknown] = np.uint16(Hazard.UNSCANNED)
     if known.any():
-        # Unknown ground is assumed as low as the lowest known ground: the lower it is, the more of it is hidden.
+        # Unknown ground is assumed to be as low as the lowest known ground, because lower ground is hidden more often.
         lowest = float(np.min(raster.low[known]))
         x, y = geometry.centres()
         iy, ix = np.nonzero(unknown)
@@ -130,7 +130,8 @@ def _causes(raster: Raster, geometry: GridGeometry, origin: Float, beyond: Mask,
         flags[iy[is_hidden], ix[is_hidden]] = np.uint16(Hazard.OCCLUDED)
         empty = rays[np.isfinite(rays).all(axis=1)]
         empty = empty[empty[:, 2] < 0]
-        # The rays meet the ground at an unknown height: intersect them with its lowest, median and highest one.
+        # The height at which the rays meet the ground is unknown, so they are intersected with its lowest, median and
+        # highest height.
         for height in np.unique((lowest, float(np.median(raster.elevation[known])), float(np.max(raster.high[known])))):
             distance = (height - origin[2]) / empty[:, 2]
             hit = np.column_stack((origin[:2] + distance[:, None] * empty[:, :2], np.full(len(empty), height)))

@@ -1,4 +1,4 @@
-"""`terrain_from_range_image`: an orthorectified range image as a grid like that of a scan."""
+"""Terrain grid from an orthorectified range image."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from guara_perception.terrain.layers.layered_grid import numbers
 from guara_perception.terrain.scan.assess_terrain import HIGHEST_M
 from guara_perception.terrain.scan.from_points import judged_grid
 
-# Pixels of the paper are 0.879 mm long and 0.844 mm wide; a picture turned by 90 degrees has a ratio of 1.5.
+# Largest ratio of the sides of a pixel: 1.04 in the paper (0.879 mm x 0.844 mm), 1.5 in an image turned by 90 degrees.
 LARGEST_PIXEL_RATIO = 1.25
 
 
@@ -33,24 +33,25 @@ def terrain_from_range_image(
 ) -> TerrainGrid:
     """Assess an orthorectified range image like a scan; return a grid of extent "footprint".
 
-    A cell is known if it contains the centre of a known pixel; nothing is interpolated. An image that was mirrored or
-    shrunk beforehand is not detected.
+    A cell is known if it contains the centre of a known pixel and no pixel outside the height limits; nothing is
+    interpolated. An image that was mirrored or scaled beforehand is not detected.
 
     Args:
-        ortho_image_mm: (rows, columns) heights [mm above z = 0], row r along x, column c along y, NaN = unknown, as
-            `terrain.pictures["ortho_image_mm"]` holds them.
+        ortho_image_mm: (rows, columns) heights [mm above z = 0], row r along x, column c along y, NaN = unknown, as in
+            `terrain.pictures["ortho_image_mm"]`.
         causes: (rows, columns) uint8 `Hazard` flags of the causes of unknown pixels, 0 where known; None = UNSCANNED.
-        sigma_mm: standard deviation of the heights, one number or (rows, columns) [mm]. None = exact heights: then no
-            cell is UNCERTAIN, and the tests have no margin for the error of the heights.
-        area: ((x_min, x_max), (y_min, y_max)) that the picture covers in base_footprint [m].
-        robot: model, name or folder; gives the limits of heights and traversability; None = the Guará.
+        sigma_mm: standard deviation of the heights, one number or (rows, columns) [mm]. None = exact heights: no cell
+            is UNCERTAIN, and the tests have no margin for errors of the heights.
+        area: ((x_min, x_max), (y_min, y_max)) covered by the image, in base_footprint [m].
+        robot: model, name or folder; defines the limits of heights and traversability; None = the Guará.
         resolution: cell edge [m]; None = the robot's default. It must divide the area.
         stamp: time of the measurement [ns since the epoch].
         step: number of the stance pause.
 
     Raises:
-        InvalidInput: a shape that does not fit the area (pixels must be about square), infinite heights, causes or
-            sigma of another shape, causes that contradict the heights, a resolution that does not divide the area.
+        InvalidInput: the shape does not fit the area (pixels must be nearly square); heights are infinite; causes or
+            sigma have another shape or values that are not allowed; causes contradict the heights; the area is invalid
+            or not divisible by the resolution.
     """
     robot = robot_model("guara" if robot is None else robot)
     settings = Settings.of(robot)
@@ -79,10 +80,10 @@ def terrain_from_range_image(
 
 
 def checked_area(area: npt.ArrayLike) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Convert the ranges of x and y of an area to numbers.
+    """Check an area, and return its ranges of x and y as floats.
 
     Raises:
-        InvalidInput: not two ranges, not finite or not ascending.
+        InvalidInput: the area does not consist of two finite and ascending ranges.
     """
     ranges = numbers(area, "area")
     if ranges.shape != (2, 2) or not np.isfinite(ranges).all() or not (ranges[:, 0] < ranges[:, 1]).all():
@@ -92,35 +93,42 @@ def checked_area(area: npt.ArrayLike) -> tuple[tuple[float, float], tuple[float,
 
 
 def _picture(image_mm: npt.ArrayLike, size: tuple[float, float]) -> Float:
-    """Heights (rows, columns) [m] of a picture that covers an area of this size (along x, along y) [m]."""
+    """Heights (rows, columns) [m] from an image that covers an area of this size (along x, along y) [m]."""
     heights = numbers(image_mm, "ortho_image_mm") * 1e-3
     if heights.ndim != 2 or not heights.size:
         raise InvalidInput(f"ortho_image_mm has shape {heights.shape}, allowed: (rows along x, columns along y)")
     length, width = (edge / count for edge, count in zip(size, heights.shape, strict=True))
     if max(length, width) > LARGEST_PIXEL_RATIO * min(length, width):
         raise InvalidInput(
-            f"ortho_image_mm has shape {heights.shape}: pixels of {length * 1e3:.3g} x {width * 1e3:.3g} mm, allowed: "
-            "about square ones; rows run along x and columns along y: transpose the picture, or give the area it covers"
+            f"ortho_image_mm has shape {heights.shape}: pixels are {length * 1e3:.3g} x {width * 1e3:.3g} mm, allowed: "
+            f"nearly square ones (side ratio up to {LARGEST_PIXEL_RATIO}); rows run along x and columns along y: "
+            "transpose the picture, or give the area it covers"
         )
     if np.isinf(heights).any() or (np.abs(heights) > HIGHEST_M).any():
-        raise InvalidInput("ortho_image_mm holds infinite or absurd heights, allowed: heights in mm, NaN for unknown")
+        raise InvalidInput(
+            f"ortho_image_mm contains heights that are infinite or beyond {HIGHEST_M * 1e3:.0f} mm, allowed: heights "
+            "in mm, NaN for unknown"
+        )
     return heights
 
 
 def _causes(causes: npt.ArrayLike | None, known: Mask) -> Flags:
-    """Flags (rows, columns) of the unknown pixels."""
+    """Flags (rows, columns) of the causes of unknown pixels; 0 in known pixels."""
     if causes is None:
         return np.where(known, 0, np.uint16(Hazard.UNSCANNED)).astype(np.uint16)
     given = numbers(causes, "causes")
     if given.shape != known.shape:
         raise InvalidInput(f"causes have shape {given.shape}, the heights {known.shape}: they must be alike")
-    if not np.isin(given, np.arange(int(UNKNOWN_MASK) + 1)).all() or (given.astype(np.uint16) & ~UNKNOWN_MASK).any():
-        raise InvalidInput(f"causes hold other flags than those of unknown ground ({UNKNOWN_MASK!r})")
+    if not np.isin(given, np.arange(int(UNKNOWN_MASK) + 1)).all():
+        raise InvalidInput(
+            "causes contain flags other than those of unknown cells, allowed: combinations of the bits "
+            f"{int(UNKNOWN_MASK):#x}"
+        )
     flags = given.astype(np.uint16)
     if (flags[known] != 0).any():
         raise InvalidInput(
-            f"causes contradict the heights: {np.count_nonzero(flags[known])} pixels have a height and a cause why "
-            "they are unknown, allowed: 0 where a height is"
+            f"causes contradict the heights: {np.count_nonzero(flags[known])} pixels have both a height and a cause "
+            "for being unknown, allowed: 0 where the height is known"
         )
     flags[~known & (flags == 0)] = np.uint16(Hazard.UNSCANNED)
     return flags

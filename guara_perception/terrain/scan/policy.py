@@ -1,4 +1,4 @@
-"""Scan policy: coarse scans until an obstacle is found, then the stripes between, and one grid of both scans."""
+"""Scan policy: coarse scans until an obstacle is found, then the stripes in between, and one grid of both scans."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from guara_perception.terrain.map.fuse_scan import scan_flags
 
 # Consecutive clear pauses before coarse scans resume: one cycle, in which every foot swings once.
 CLEAR_PAUSES = 4
-# Margin of the corridor beside the tracks of the soles: the feet sway, and may hit boxes from the side.
+# Margin of the corridor beside the tracks of the soles, because the feet sway and may hit boxes from the side.
 CORRIDOR_MARGIN_M = 0.03
 
 
@@ -28,9 +28,10 @@ class ScanDecision:
 
     Attributes:
         mode: "coarse" (the scan is done) or "standard" (fire `stripes` too).
-        stripes: indices still to be fired, ascending; with little time the most important ones. Empty for coarse.
+        stripes: indices still to be fired, ascending; if time is short, only the most important ones. Empty for
+            "coarse".
         is_whole: True if `stripes` complete the standard pattern.
-        reasons: obstacles found; empty if the path is clear.
+        reasons: obstacles found, or lack of time; empty if the path is clear.
     """
 
     mode: str
@@ -40,7 +41,7 @@ class ScanDecision:
 
 
 class ScanPolicy:
-    """Choice of the stripes of each pause, by the obstacles of the present and recent pauses.
+    """Choice of the stripes of each pause, from the obstacles of this pause and the recent ones.
 
     Example:
         processor = ScanProcessor(calibration, robot, stance, mode="coarse")
@@ -57,12 +58,12 @@ class ScanPolicy:
         """Start with a clear path.
 
         Args:
-            robot: model, name or folder; its soles span the corridor, robot.toml gives patterns and limits.
+            robot: model, name or folder; its soles define the corridor, its robot.toml patterns and limits.
             height_limit: distance from the support plane above which a cell is an obstacle [m]; None = half of the
                 drop limit.
 
         Raises:
-            InvalidInput: a height limit not above 0.
+            InvalidInput: the height limit is not above 0.
         """
         robot = robot_model(robot)
         self._settings = Settings.of(robot)
@@ -93,7 +94,7 @@ class ScanPolicy:
         time_left: float | None = None,
         stripe_time: float = 1 / 30,
     ) -> ScanDecision:
-        """Evaluate the coarse scan of a pause; call once per pause.
+        """Decide from the coarse scan of a pause; call once per pause.
 
         Args:
             coarse: grid of the coarse stripes.
@@ -102,33 +103,35 @@ class ScanPolicy:
             stripe_time: time for one stripe [s].
 
         Raises:
-            InvalidInput: a grid that is no scan, or pairs of another shape; a time that is not finite and positive.
+            InvalidInput: the grid is not a scan, the pairs have another shape, or a time is not allowed.
         """
         if coarse.extent != "footprint" or pairs.shape != coarse.shape:
             raise InvalidInput(
-                f"a grid of extent {coarse.extent!r} and shape {coarse.shape} with pairs of shape {pairs.shape}: "
-                "a scan's own grid and its pairs are needed"
+                f"given: a grid of extent {coarse.extent!r} and shape {coarse.shape}, pairs of shape {pairs.shape}; "
+                "allowed: the grid of a scan (extent 'footprint') and its pairs"
             )
         if not stripe_time > 0 or (time_left is not None and not np.isfinite(time_left)):
-            raise InvalidInput(f"time_left is {time_left}, stripe_time {stripe_time}: seconds above 0 are needed")
+            raise InvalidInput(
+                f"time_left is {time_left}, stripe_time is {stripe_time}, allowed: finite, stripe_time above 0 [s]"
+            )
         found, reasons = self._obstacles(coarse)
         self._clear = 0 if reasons else min(self._clear + 1, CLEAR_PAUSES)
         if self.mode == "coarse":
             return ScanDecision("coarse", (), False, ())
         between = self._between(pairs, found)
         most = len(between) if time_left is None else max(int(time_left / stripe_time), 0)
-        # The most important ones, in the order in which the mirror passes them.
+        # The most important stripes, in the order in which the mirror passes them.
         chosen = tuple(sorted(between[:most]))
         if not chosen:
-            return ScanDecision("coarse", (), False, (*reasons, "no time is left for the stripes between"))
+            return ScanDecision("coarse", (), False, (*reasons, "no time is left for the stripes in between"))
         return ScanDecision("standard", chosen, len(chosen) == len(between), tuple(reasons))
 
     def _obstacles(self, coarse: TerrainGrid) -> tuple[Mask, list[str]]:
-        """Mask of the obstacle cells of the corridor, and their description."""
+        """Mask of the obstacle cells in the corridor, and their description."""
         _, y = coarse.geometry.centres()
         corridor = np.repeat((np.abs(y) <= self._half_width)[:, None], coarse.shape[1], axis=1)
         flags = scan_flags(coarse) & ALL_BUT_EDGE
-        # Cells beyond the ends of the rows, which no stripe of this mode scans, do not count; lost frames do.
+        # Unscanned cells beyond the ends of the rows, which no stripe of this mode reaches, do not count.
         known = np.isfinite(coarse.elevation)
         inside = np.logical_or.accumulate(known, axis=1) & np.logical_or.accumulate(known[:, ::-1], axis=1)[:, ::-1]
         hazardous = corridor & (flags != 0) & (inside | (flags != np.uint16(Hazard.UNSCANNED)))
@@ -143,7 +146,7 @@ class ScanPolicy:
         return hazardous | high, reasons
 
     def _between(self, pairs: Index, found: Mask) -> tuple[int, ...]:
-        """Stripes that a coarse scan lacks, by the number of obstacle cells below them, then from near to far."""
+        """Stripes missing in a coarse scan, by the number of obstacle cells below them, then from near to far."""
         lacking = sorted(set(self._settings.pattern("standard")) - set(self._settings.pattern("coarse")))
         every = self._settings.coarse_every
         passed = {index: int(((pairs == index - index % every) & found).sum()) for index in lacking}
@@ -153,18 +156,18 @@ class ScanPolicy:
 def refined(coarse: TerrainGrid, standard: TerrainGrid) -> TerrainGrid:
     """Combine a coarse scan with a standard scan of which only some stripes were fired.
 
-    Cells that the standard scan observed are taken from it, unknown ones included; cells of stripes that were never
-    fired are taken from the coarse scan. A stripe that was fired and lost leaves its cells unknown.
+    Cells that the standard scan observed, known or not, are taken from it; cells of stripes that were not fired are
+    taken from the coarse scan. A stripe that was fired and lost leaves its cells unknown.
 
     Args:
         coarse: grid of the coarse stripes.
-        standard: grid of `ScanProcessor.extended()` after the stripes between were added.
+        standard: grid of `ScanProcessor.extended()` after stripes in between were added.
 
     Raises:
-        InvalidInput: the grids are not of one scan.
+        InvalidInput: the grids do not belong to one scan.
     """
     if coarse.geometry != standard.geometry or coarse.step != standard.step:
-        raise InvalidInput("the coarse and the standard grid are not of one scan: geometry or step differ")
+        raise InvalidInput("the coarse and the standard grid do not belong to one scan: geometry or step differ")
     flags = scan_flags(standard) & UNKNOWN_MASK
     takes_coarse = flags == np.uint16(Hazard.UNSCANNED)
     if not takes_coarse.any():

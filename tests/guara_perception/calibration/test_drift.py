@@ -64,7 +64,7 @@ def test_stripes_that_disagree() -> None:
     single[17][:, 2] += 0.0014
     drift = check_drift(single)
     assert drift.worst_stripe == 17
-    assert drift.reasons[0].startswith("stripe index 17 lies +1.3")
+    assert drift.reasons[0].startswith("stripe index 17 is +1.3")
 
 
 def test_missed_step() -> None:

@@ -117,7 +117,7 @@ BAD = {
     "no camera": (lambda c: c.pop("camera"), "camera is missing"),
     "camera a list": (lambda c: c.update(camera=[]), "camera is a list, it must be an object"),
     "size of one": (lambda c: c["camera"].update(size=[640]), "camera.size has shape 1, it must be 2"),
-    "half a pixel": (lambda c: c["camera"].update(size=[640.5, 512]), "it must be (width, height), whole"),
+    "half a pixel": (lambda c: c["camera"].update(size=[640.5, 512]), "it must be (width, height), integers"),
     "matrix 3x2": (lambda c: c["camera"].update(matrix=[[1, 0], [0, 1], [0, 0]]), "camera.matrix has shape 3x2"),
     "matrix NaN": (lambda c: nan(c, "camera", "matrix", 0, 0), "camera.matrix[0][0] is nan, it must be finite"),
     "matrix of texts": (lambda c: c["camera"].update(matrix=[["1"] * 3] * 3), "camera.matrix is not an array of 3x3"),

@@ -175,7 +175,7 @@ def test_session_of_another_robot(session: CalibrationSession, robot: RobotModel
         dataclasses.replace(plate, scan=dataclasses.replace(plate.scan, robot="baru")) for plate in session.plates
     )
     other = dataclasses.replace(session, robot="baru", plates=plates)
-    with pytest.raises(CalibrationMismatch, match="session of robot 'baru', the robot is 'guara'"):
+    with pytest.raises(CalibrationMismatch, match="session of robot 'baru', given is robot 'guara'"):
         calibrate_session(other, robot)
     with pytest.raises(InvalidInput, match="plate plate_00 was scanned by robot 'baru', the session is of 'guara'"):
         dataclasses.replace(session, plates=plates)

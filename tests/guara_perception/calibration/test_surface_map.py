@@ -40,11 +40,11 @@ def test_residual_shows_a_wrong_mark() -> None:
     [
         (PIXELS[:3], POINTS[:3], r"four or more marks, pixels \(3, 2\)"),
         (PIXELS[:4], POINTS[:3], r"pixels \(4, 2\) and points \(3, 2\)"),
-        (PIXELS[:4] * [1, 0], POINTS * [1, 0], "on one line"),
+        (PIXELS[:4] * [1, 0], POINTS * [1, 0], "collinear"),
     ],
 )
 def test_marks_that_fix_no_map(pixels: np.ndarray, points: np.ndarray, reason: str) -> None:
-    """Too few marks, unequal numbers, and marks on one line are refused."""
+    """Too few marks, unequal numbers, and marks collinear are refused."""
     with pytest.raises(InvalidInput, match=reason):
         surface_map(pixels, points)
 
@@ -78,6 +78,6 @@ def test_constants_are_exact(floor_x: float, slope: float, heights_mm: list[int]
 def test_singular_stripes(x: list[float], heights: list[float]) -> None:
     """One height, one position or equal heights make eq. 17 singular and are refused."""
     with pytest.raises(
-        InvalidInput, match="stripe index 3: two or more heights at which it is seen at different positions"
+        InvalidInput, match="stripe index 3: two or more heights with different positions of the stripe"
     ):
         stripe_constants(3, 0.5, x, heights)

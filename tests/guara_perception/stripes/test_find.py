@@ -8,7 +8,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.stripes import precise
-from guara_perception.stripes.band import Band, clipped_from
+from guara_perception.stripes.band import Band, is_clipped
 from guara_perception.stripes.kernel.library import memory
 from tests.guara_perception.stripes.plain_light import (
     noise_gain,
@@ -53,7 +53,7 @@ def plain_light(on: np.ndarray, off: np.ndarray, is_fused: bool) -> np.ndarray:
     columns = np.arange(0, on.shape[1], 16)
     smooth = cv2.GaussianBlur(np.ascontiguousarray(light[:, columns, 2]), (1, 5), 0)
     columns, top = (a[smooth.max(axis=0) > 5 * noise[2]] for a in (columns, smooth.argmax(axis=0)))
-    headroom = np.maximum(1 - (on[top, columns] >= clipped_from(on.dtype)).mean(axis=0), 0.3)
+    headroom = np.maximum(1 - is_clipped(on[top, columns]).mean(axis=0), 0.3)
     gain = np.maximum(np.sort(light[top, columns], axis=0)[top.size // 2] - offset - noise, 0)
     weight = headroom**2 * gain / noise**2
     share = weight * gain.max() / (weight @ gain)

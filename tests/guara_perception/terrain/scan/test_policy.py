@@ -90,7 +90,7 @@ def test_with_little_time_only_the_needed_stripes_are_fired(
     assert set(decision.stripes) <= {int(first) + 1 for first in np.unique(pairs[found])}
     none = gp.ScanPolicy(robot).decide(scan, pairs, time_left=0.05, stripe_time=0.1)
     assert (none.mode, none.stripes) == ("coarse", ())
-    assert none.reasons[-1] == "no time is left for the stripes between"
+    assert none.reasons[-1] == "no time is left for the stripes in between"
 
 
 def test_back_to_coarse_only_after_some_clear_pauses(
@@ -155,7 +155,7 @@ def test_bad_arguments_are_refused(robot: RobotModel, make_scan: MakeScan, pairs
     with pytest.raises(gp.InvalidInput, match="height_limit is 0, it must be above 0"):
         gp.ScanPolicy(robot, height_limit=0)
     policy = gp.ScanPolicy(robot)
-    with pytest.raises(gp.InvalidInput, match="a scan's own grid and its pairs"):
+    with pytest.raises(gp.InvalidInput, match="allowed: the grid of a scan"):
         policy.decide(make_scan(0.0), pairs[1:])
     with pytest.raises(gp.InvalidInput, match="stripe_time 0"):
         policy.decide(make_scan(0.0), pairs, stripe_time=0)
