@@ -16,7 +16,7 @@ from kinematics.arrays import read_only
 
 # Monomials of the height field, in the offset from its origin.
 FIELD_TERMS = ("1", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
-# Least change of a point's distance from the plane along its ray; below it the camera sees the plane edge-on.
+# Least distance of the camera from a laser plane; a closer camera sees the plane edge-on, and its heights are unusable.
 MIN_BASELINE_M = 1e-3
 
 

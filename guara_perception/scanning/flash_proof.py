@@ -112,7 +112,7 @@ def _second_line(pair: FramePair, profile: StripeProfile) -> float:
     difference = (below - above)[:, seen] / level[seen]
     share = float(np.median(np.abs(difference), axis=1).max())
     if is_clipped(pair.on[tops[seen], columns[seen]]).mean() > MOST_CLIPPED:
-        # The ragged edges of clipped tops make the unsigned difference large in every stripe, so it is bounded.
+        # The ragged edges of clipped tops make the unsigned difference large in every stripe, so it is limited.
         return max(float(np.abs(np.median(difference, axis=1)).max()), min(share, LEAST_SHARE))
     distance = np.arange(-reach, reach + 1)[:, None] - (profile.position_px[columns] - tops)
     section = _section(distance[:, seen], light[:, seen] / level[seen])
@@ -336,7 +336,7 @@ def lit_pixels(dark: Image, reference: Image, *, within: int = 0) -> Mask:
     noise = _noise(mean)
     if within:
         near = cv2.dilate(reduced[1], np.ones((2 * within + 1, 2 * within + 1), np.uint8))
-        # Clipped at 0: negative differences beside bright pixels of the reference must not offset light in the mean.
+        # Clipped at 0, because pixels between negative differences would otherwise stand out like light.
         mean = _mean(np.maximum(reduced[0] - np.float32(gain) * near, 0) * np.float32(scale))
     wide = cv2.morphologyEx(mean, cv2.MORPH_OPEN, np.ones((LARGEST_PX, LARGEST_PX), np.uint8))
     narrow = mean - np.asarray(wide, np.float32)

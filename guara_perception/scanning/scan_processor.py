@@ -405,9 +405,9 @@ class ScanProcessor:
 
     @property
     def pairs(self) -> Index:
-        """(ny, nx) index of the first stripe of the pair that encloses each cell on flat ground, -1 where none does.
+        """Index (ny, nx) of the first stripe of the pair that encloses each cell on flat ground, -1 where none does.
 
-        With a track: as these stripes would fall from where the body is now.
+        With a track, the stripes are projected from the current pose of the body.
         """
         now = None if self._places is None or self._places.left else self._places.now()
         if now is None:

@@ -81,7 +81,7 @@ class StripePlaces:
         return len(self.places) + len(self._lost)
 
     def now(self) -> StripePlace | None:
-        """Latest place that the samples tell; None without one."""
+        """Latest place that follows from the samples; None if there is none."""
         return self._at(self._track.latest - HALF_WINDOW)
 
     def _at(self, instant: float, sigma: float = 0.0) -> StripePlace | None:

@@ -1,4 +1,4 @@
-"""Robot that sways over its feet: where its body is, and what a stream of its joints says of it."""
+"""Simulated sway of a robot over its feet, and the stream of joint readings that it produces."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from kinematics import RobotModel, Stance
 
-# Noise of a joint: white of one reading, and constant bias, per reading and per pause [rad].
+# Sigma of the white noise of one joint reading, and of the bias of a joint that is constant in a pause [rad].
 WHITE_RAD, BIAS_RAD = np.radians(0.05), np.radians(0.2)
 
 
 @dataclass(frozen=True)
 class Sway:
-    """Motion of the body about the middle of its feet; at time 0 it is where it stands.
+    """Motion of the body over its feet, which begins at the stance at time 0.
 
     Attributes:
-        turn: amplitude of pitch, and of half as much roll [rad].
-        shift: amplitude along x, y and z together [m].
-        frequency: of the turn [1/s]; the shift is slower, so that the two do not come back together.
-        speed: of a body that moves on along x over its feet [m/s].
+        turn: amplitude of the rotation, of which roll is half as large as pitch [rad].
+        shift: amplitude of the shift along x, y and z together [m].
+        frequency: frequency of the pitch [1/s]; roll and shift are slower, so that the motion does not soon repeat.
+        speed: constant additional speed along x [m/s].
     """
 
     turn: float
@@ -32,7 +32,7 @@ class Sway:
     speed: float = 0.0
 
     def at(self, time: float) -> Float:
-        """`base_link` at a time in `base_link` at time 0, (4, 4)."""
+        """Pose (4, 4) of `base_link` at a time [s], in `base_link` at time 0."""
         one, other = (np.sin(2.0 * np.pi * self.frequency * rate * time) for rate in (1.0, 0.8))
         transform = np.eye(4)
         pitch_roll = self.turn * np.array([0.5 * other, one, 0.0]) / np.hypot(1.0, 0.5)
@@ -43,18 +43,18 @@ class Sway:
 
 
 def joints_of(robot: RobotModel, transform_base_to_begin: Float) -> Float:
-    """True joints (j,) [rad] of a body that moved while its soles stay as in scan posture."""
+    """True joint positions (j,) [rad] after a motion of the body from scan posture over fixed soles."""
     state = robot.state(robot.posture(robot.config.scan_posture))
     joints = np.array(state.positions)
     soles = state.soles_in_base(robot.legs)
     moved = (soles - transform_base_to_begin[:3, 3]) @ transform_base_to_begin[:3, :3]
-    # A flat sole stays level on the ground; its pitch in base_link is the body's with the other sign.
+    # A flat sole stays level on the ground, so its pitch in base_link is minus the pitch of the body.
     pitch = np.arcsin(transform_base_to_begin[2, 0])
     for leg, sole in zip(robot.legs, moved, strict=True):
         reach = robot.reach(leg, sole, pitch)
         if not np.all(reach.is_reachable):
             shift = np.round(transform_base_to_begin[:3, 3], 4).tolist()
-            raise InvalidInput(f"the body sways by {shift} m, leg {leg!r} does not reach so far; allowed: less sway")
+            raise InvalidInput(f"the body sways by {shift} m, out of reach of leg {leg!r}; allowed: less sway")
         for name, angle in zip(robot.tree.leg(leg).joints, np.ravel(reach.joint_positions).tolist(), strict=True):
             joints[robot.tree.joint_index(name)] = angle
     return joints
@@ -70,7 +70,17 @@ def stream_of(
     white: float = WHITE_RAD,
     bias: float = BIAS_RAD,
 ) -> tuple[Float, Stance]:
-    """Readings (n, j) at times (n,) [s], with noise fresh in each, and the stance of BEGIN."""
+    """Joint readings (n, j) at times (n,) [s] with independent noise, and the stance read at time `begin` [s].
+
+    Args:
+        robot: the robot, in scan posture at time 0.
+        sway: motion of the body.
+        times: (n,) times of the readings [s].
+        rng: source of the noise.
+        begin: time of the stance [s].
+        white: sigma of the white noise of one reading [rad].
+        bias: sigma of the bias of a joint, the same in all readings [rad].
+    """
     true = np.array([joints_of(robot, sway.at(time)) for time in times.tolist()])
     off = rng.normal(0.0, bias, true.shape[1])
     first = joints_of(robot, sway.at(begin)) + off + rng.normal(0.0, white, true.shape[1])

@@ -14,7 +14,7 @@ from guara_perception.terrain.layers.layers import LAYERS
 
 
 class Hazard(IntFlag):
-    """Flags of a cell: causes of unknown cells up to 32, hazards of known cells above; MEANING explains each."""
+    """Flags of a cell: causes of unknown cells up to 32, hazards of known cells above (see docs/safety.md)."""
 
     NONE = 0
     DROPOUT = 1

@@ -11,7 +11,8 @@ from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
 
-# Gate of the innovation: one correct observation in 370 is rejected, and the next two that agree replace the height.
+# Gate of the innovation: one correct observation in 370 is rejected; the next one that agrees with it replaces the
+# height.
 GATE_SIGMAS = 3.0
 # Causes of cells that were observed without a usable height.
 LOOKED_AT = np.uint16(Hazard.DROPOUT | Hazard.AMBIGUOUS | Hazard.OUT_OF_RANGE)

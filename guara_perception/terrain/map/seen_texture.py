@@ -1,22 +1,22 @@
-"""Texture of the ground as laser-off pictures showed it, and the motion of a pause by it: x, y and yaw.
+"""Texture of the ground from laser-off images, and the planar motion (x, y, yaw) of a pause estimated from it.
 
-Heights of the scan turn its laser-off picture into a view from straight above, in pixels fixed in `odom`. Corners of
-that view are found again in the texture of earlier pauses by optical flow, forward and backward. As picture and heights
-come from one place of the camera, an error of its pose moves all corners alike:
+With the heights of the scan, its laser-off image is projected to a view from straight above, in pixels fixed in `odom`.
+Corners of that view are found in the texture of earlier pauses by optical flow, forward and backward. Because image and
+heights belong to one pose of the camera, an error of this pose moves all corners in the same way:
 
     d = (x, y) + yaw * (-py, px),        minimised: sum |r|^2 / s^2 / n + m' P^-1 m
 
-with p the corner about the footprint, s the spread of the corners that agree, P the prior covariance by odometry.
-Errors of neighbouring corners are correlated, so their information is divided by n.
+where p is the corner relative to the footprint, s the spread of the corners that agree, and P the prior covariance by
+odometry. Errors of neighbouring corners are correlated, so their information is divided by n.
 
-A pixel keeps the texture with which it was first seen, at the pose that the walk had there: errors add up when texture
-leaves the view, not at each pause. With f the share of the ground in view that is new at each pause, texture is
-(1/f + 1)/2 pauses old in the mean, and half of the noise C of a motion is in the texture, where each part of it has 1/f
-times that of the whole. So the walk gains
+A pixel keeps the texture with which it was first seen, at the pose of the walk at that time, so errors accumulate when
+texture leaves the view, not at each pause. Let f be the fraction of the ground in view that is new at each pause. The
+mean age of the texture is then (1/f + 1)/2 pauses. Half of the noise C of a motion is in the texture, where each part
+has 1/f times the noise of the whole. So the variance of the walk grows by
 
     (1/2 + 1/(2f)) C / ((1/f + 1)/2)^2 = 2 f / (1 + f) C
 
-at each pause, besides C at either end.
+at each pause, in addition to C at both ends.
 """
 
 from __future__ import annotations
@@ -34,33 +34,35 @@ from guara_perception.terrain.grid import TerrainGrid
 from kinematics.arrays import FrozenArrays
 
 PIXEL_M = 0.003
-# Texture is kept this far around the ground in view, for a robot that turns or sways [px].
+# Width of a margin around the ground in view in which texture is kept, for a robot that turns or sways.
 MARGIN_PX = 33
-# Contrast to the mean of the neighbourhood, as grey levels about GREY; soil and concrete vary by 5 to 15 %.
+# Size of the neighbourhood with whose mean a pixel is compared, grey level of zero contrast, and grey levels per unit
+# of contrast; soil and concrete vary by 5 to 15 %.
 NEIGHBOURHOOD_PX, GREY, LEVELS_OF_CONTRAST = 27, 128, 400.0
-# At this median level of 255 and below it, noise of the sensor is as strong as texture.
+# Median grey level of 255 up to which sensor noise is as strong as texture.
 DARK_LEVEL = 10.0
-# Ground that rises by more from a cell to its neighbours is seen differently from each side.
+# Largest height difference between a cell and its neighbours; steeper ground looks different from each side.
 MOST_RISE_M = 0.008
 MOST_CORNERS, CORNER_QUALITY, CORNER_DISTANCE_PX = 120, 0.02, 6
 WINDOW_PX, PYRAMID = 11, 2
-# A corner counts if the way back ends this near to where it began [px].
+# Largest distance between a corner and its position after tracking forward and backward.
 MOST_RETURN_PX = 0.3
-# A pause is refused with fewer corners that agree, if they are a smaller share of all that were found again, or if
-# their motion is more sigmas from odometry.
+# Least number of agreeing corners, least fraction of the corners found that agree, and largest contradiction of their
+# motion to odometry [sigmas]; otherwise the pause is refused.
 LEAST_CORNERS, LEAST_AGREEING, MOST_SIGMAS = 25, 0.5, 3.0
-# From this share of agreeing corners on, and this standard deviation of their places in every direction [m] (that of a
-# whole view is 0.13 or more), it is not a part of the view that moves by itself.
+# Fraction of agreeing corners above which, and standard deviation of their positions in every direction above which
+# (that of a whole view is at least 0.13 m), they are not a part of the view that moves by itself.
 WHOLE, LEAST_EXTENT_M = 0.8, 0.08
-# A corner agrees within this number of sigmas of all. These are at least the first value [m]; beyond the second, half a
-# pixel of a picture, the corners are noise that happens to agree.
+# Largest deviation of an agreeing corner, in units of the spread, and bounds of the spread: above half a pixel of an
+# image, the agreement would be accidental.
 AGREEING_SIGMAS, LEAST_SPREAD_M, MOST_SPREAD_M = 3.0, 0.0003, 0.0006
-# Least sigma of a corner per axis, a thirtieth of a pixel [m]. Motions by every other corner differ by 1.2 times as
-# much as those of independent corners would; more than this, errors of neighbours are alike.
+# Least sigma of a corner per axis, a thirtieth of a pixel, and number of corners that count as one. Motions from every
+# other corner differ by 1.2 times as much as with independent corners; beyond that, errors of neighbours are
+# correlated.
 LEAST_SIGMA_M, CORNERS_THAT_COUNT_AS_ONE = 0.0001, 2.0
-# Errors of a view as a whole, by heights and lens [m, m, rad].
+# Sigmas of a view as a whole, due to heights and lens [m, m, rad].
 VIEW_SIGMA = np.array([5e-5, 5e-5, 5e-5])
-# Share of the ground in view below which texture begins anew after pauses that it could not hold.
+# Fraction of the ground in view with old texture below which texture begins anew, after pauses that it could not hold.
 LEAST_LEFT = 0.3
 ROUNDS = 5
 SIDEWAYS = [0, 1, 5]
@@ -68,16 +70,16 @@ SIDEWAYS = [0, 1, 5]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisualMotion:
-    """Motion of a pause by texture.
+    """Motion of a pause estimated from texture.
 
     Attributes:
         motion: (3,) x, y [m] and yaw [rad] from odometry to the texture, about the footprint; zero if refused.
         covariance: (6, 6) covariance of the pose, the prior if refused.
         corners: number of corners that agree.
-        is_whole: nearly all corners of the view agree: it is the robot that moved, or all of the ground in view.
-        inherited: share of the covariance that later pauses inherit.
-        refused: reason why it is not used, None if it is.
-        denied: (3,) motion that most corners show and odometry contradicts, zero otherwise.
+        is_whole: True if nearly all corners of the view agree, so that either the robot moved, or all ground in view.
+        inherited: fraction of the covariance that later pauses inherit.
+        refused: reason why the motion is not used, None if it is used.
+        denied: (3,) motion shown by most corners but contradicted by odometry, zero if there is none.
     """
 
     motion: Float
@@ -94,15 +96,15 @@ class SeenTexture(FrozenArrays):
     """Texture of the ground in `odom`.
 
     Attributes:
-        texture: (ny, nx) contrast of each pixel about GREY, 0 where none was seen.
-        first: (2,) number of the lowest pixel (y, x); pixel 0 begins at the origin.
+        texture: (ny, nx) contrast of each pixel as a grey level relative to GREY, 0 where unknown.
+        first: (2,) index of the lowest pixel (y, x); pixel 0 begins at the origin.
     """
 
     texture: Grey
     first: Index
 
     def at(self, first: Index, shape: tuple[int, int]) -> Grey:
-        """Copy of the pixels (ny, nx) from `first` on."""
+        """Copy of the pixels (ny, nx) starting at `first`."""
         result = np.zeros(shape, np.uint8)
         low = np.maximum(first, self.first)
         high = np.minimum(first + shape, self.first + self.texture.shape)
@@ -114,15 +116,15 @@ class SeenTexture(FrozenArrays):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundView:
-    """A scan's picture, to be seen from above.
+    """Image of a scan, to be projected to a view from above.
 
     Attributes:
-        picture: the laser-off picture.
-        terrain: the scan.
-        places: (ny, nx, 2) position of each cell in the picture [px], outside of it where that is not known.
-        known: (ny, nx) 255 where a cell and its neighbours are known and level, else 0.
+        picture: laser-off image.
+        terrain: grid of the scan.
+        places: (ny, nx, 2) position of each cell in the image [px]; a position outside where unknown.
+        known: (ny, nx) 255 where a cell and its neighbours are known and level, otherwise 0.
         level: median height [m].
-        median: median grey level of the ground in the picture.
+        median: median grey level of the ground in the image.
     """
 
     picture: GroundPicture
@@ -134,7 +136,7 @@ class GroundView:
 
     @staticmethod
     def of(picture: GroundPicture, terrain: TerrainGrid) -> GroundView:
-        """View of a scan, whose grid may be wider than its footprint."""
+        """View of a scan, whose grid may be wider than the extent "footprint"."""
         elevation = np.asarray(terrain.elevation, np.float32)
         is_known = np.isfinite(elevation)
         level = float(np.median(elevation[is_known])) if is_known.any() else 0.0
@@ -154,7 +156,7 @@ class GroundView:
         return GroundView(picture, terrain, placed, np.asarray(255 * known, np.uint8), level, median)
 
     def pixels(self, transform: Float) -> tuple[Index, tuple[int, int]]:
-        """Lowest pixel (y, x) in odom, and numbers of pixels (y, x), of the ground in view from a pose (4, 4)."""
+        """Lowest pixel (y, x) in odom and number of pixels (y, x) of the ground in view from a pose (4, 4)."""
         ny, nx = self.terrain.geometry.shape
         origin = np.array(self.terrain.geometry.origin)
         size = np.array((nx, ny)) * self.terrain.resolution
@@ -165,8 +167,8 @@ class GroundView:
         return first, (int(end[0] - first[0]), int(end[1] - first[1]))
 
     def from_above(self, transform: Float, first: Index, shape: tuple[int, int]) -> Grey:
-        """Texture of the pixels (ny, nx) from `first` on, seen from a pose (4, 4); 0 where it is not known."""
-        # Pixel to cell: odom, then the footprint, then cells.
+        """Texture of the pixels (ny, nx) starting at `first`, seen from a pose (4, 4); 0 where unknown."""
+        # Transform from pixels to cells, by way of odom and the footprint.
         back = np.linalg.inv(transform[:2, :2])
         scale = PIXEL_M / self.terrain.resolution
         base = (first[::-1] + 0.5) * PIXEL_M - transform[:2, 3] - transform[:2, 2] * self.level
@@ -176,7 +178,7 @@ class GroundView:
         outside = (-1e4, -1e4)
         places = np.asarray(cv2.warpAffine(self.places, to_cell, size, flags=how, borderValue=outside), np.float32)
         known = cv2.warpAffine(self.known, to_cell, size, flags=how) == 255
-        # A pixel covers about three of the picture.
+        # A pixel covers about three pixels of the image.
         smooth = cv2.blur(self.picture.grey, (3, 3))
         seen = np.asarray(cv2.remap(smooth, places[..., 0], places[..., 1], cv2.INTER_LINEAR), np.float32)
         weight = known.astype(np.float32)
@@ -187,22 +189,22 @@ class GroundView:
 
 
 def view_of(picture: GroundPicture | str, terrain: TerrainGrid) -> GroundView | str:
-    """View of a scan, or the reason why it has no picture."""
+    """View of a scan, or the reason why it has no image."""
     return picture if isinstance(picture, str) else GroundView.of(picture, terrain)
 
 
 def visual_motion(
     view: GroundView | str, seen: SeenTexture | None, transform: Float, prior: Float, since: Float, slip: Float
 ) -> VisualMotion:
-    """Estimate by texture how far a pose by odometry is off.
+    """Estimate the error of a pose by odometry from texture.
 
     Args:
-        view: picture and scan of the pause, or the reason why there is no picture.
+        view: image and scan of the pause, or the reason why there is no image.
         seen: texture of earlier pauses, None if there is none.
         transform: (4, 4) transform_footprint_to_odom by odometry.
-        prior: (6, 6) covariance of its error relative to the texture, REP-103 order.
-        since: (3, 3) covariance of odometry's error since texture held the walk or began.
-        slip: (3, 3) covariance of slip that is believed where the whole view shows it.
+        prior: (6, 6) covariance of the pose error relative to the texture, in REP-103 order.
+        since: (3, 3) covariance of the error of odometry since texture last held the walk or began.
+        slip: (3, 3) covariance of slip that is accepted if the whole view shows it.
     """
 
     def refused(reason: str, corners: int = 0) -> VisualMotion:
@@ -249,17 +251,17 @@ def visual_motion(
 def seen_after(
     view: GroundView | str, seen: SeenTexture | None, transform: Float, *, held: bool
 ) -> tuple[SeenTexture | None, bool]:
-    """Texture of the ground in view after a pause: what was seen of it before, and around it what its picture shows.
-
-    Returns:
-        texture, None if no picture has shown any; and True if it began anew at this pause.
+    """Texture of the ground in view after a pause: the old texture, extended by that of the pause's image.
 
     Args:
         view: as in `visual_motion`.
         seen: texture of earlier pauses, None if there is none.
         transform: (4, 4) corrected transform_footprint_to_odom.
-        held: True if texture corrected it. Otherwise nothing is added to what was seen, and texture begins anew when
-            little of that is left in view.
+        held: True if texture corrected this transform. Otherwise the old texture is not extended, and texture begins
+            anew when little of the old texture is in view.
+
+    Returns:
+        Texture, None if no image has shown any; and True if texture began anew at this pause.
     """
     if isinstance(view, str) or view.median <= DARK_LEVEL:
         return seen, False
@@ -277,7 +279,7 @@ def seen_after(
 
 
 def _found_again(now: Grey, before: Grey) -> tuple[Float, Float]:
-    """Corners (n, 2) of a view from above and their shifts (n, 2) to the texture of before, x and y [px]."""
+    """Corners (n, 2) of a view from above, and their shifts (n, 2) to the earlier texture, x and y [px]."""
     window = np.ones((WINDOW_PX, WINDOW_PX), np.uint8)
     common = cv2.erode(
         ((now > 0) & (before > 0)).astype(np.uint8), window, borderType=cv2.BORDER_CONSTANT, borderValue=0
@@ -296,8 +298,8 @@ def _found_again(now: Grey, before: Grey) -> tuple[Float, Float]:
 
 
 def _agreed(about: Float, shifts: Float) -> tuple[Float, float, Mask]:
-    """Motion (3,) on which most corners agree, the sigma of a corner per axis [m], and the mask (n,) of those."""
-    # From shifts alone, a turn of 20 mrad would leave only the corners near one another.
+    """Motion (3,) on which most corners agree, sigma of a corner per axis [m], and mask (n,) of these corners."""
+    # A start from a common shift without rotation would, at 20 mrad, only keep corners close to each other.
     limit = AGREEING_SIGMAS * MOST_SPREAD_M
     start, _ = cv2.estimateAffinePartial2D(about, about + shifts, method=cv2.RANSAC, ransacReprojThreshold=limit)
     motion = np.zeros(3) if start is None else np.append(start[:, 2], np.arctan2(start[1, 0], start[0, 0]))
@@ -318,7 +320,7 @@ def _agreed(about: Float, shifts: Float) -> tuple[Float, float, Mask]:
 
 
 def _jacobian(about: Float) -> Float:
-    """Derivatives (2 n, 3) of the shifts of corners by x, y and yaw."""
+    """Derivatives (2 n, 3) of the shifts of corners with respect to x, y and yaw."""
     result = np.zeros((len(about), 2, 3))
     result[:, 0, 0] = result[:, 1, 1] = 1.0
     result[:, 0, 2], result[:, 1, 2] = -about[:, 1], about[:, 0]

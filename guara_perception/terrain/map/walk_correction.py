@@ -1,17 +1,17 @@
 """Planar drift correction: a Kalman filter on (x, y, yaw) of the walk, fed by scan-to-map registration.
 
-The pose of odometry at a pause has two errors: drift, which persists, and noise of that pause alone. With P the
-covariance of the drift and W that of the noise, registration observes their sum: it moves the pause by m and reduces
-P + W to C. The drift is then corrected and updated by
+The pose by odometry at a pause has two errors: drift, which persists, and noise of that pause alone. Let P be the
+covariance of the drift and W that of the noise. Registration observes their sum: it moves the pause by m and reduces
+P + W to C. The drift is then corrected by K m, and its covariance is updated to
 
-    K m,  P - K (P + W - C) K',        K = P (P + W)^-1.
+    P - K (P + W - C) K',        K = P (P + W)^-1.
 
-Without W all of m would count as drift: the noise of one pause, larger than the drift of one motion, would move all
-later pauses. The map's record holds correction and sigmas.
+Without W all of m would count as drift: the noise of one pause, which is larger than the drift of one motion, would
+move all later pauses. The map's record contains correction and sigmas.
 
-Ground that moves drags a registered walk along, a little at each pause, so the sum of the corrections is compared with
-that of odometry's drift (`OdometrySum`). Where they contradict each other, the corrections of these pauses are taken
-back, those of the pauses that follow are not used, and all sigmas grow by what was taken back.
+Moving ground drags a registered walk along, a little at each pause. The sum of the corrections is therefore compared
+with the accumulated drift of odometry (`OdometrySum`). If they contradict each other, the corrections since are undone,
+those of the following pauses are not used, and all sigmas grow by the correction that was undone.
 """
 
 from __future__ import annotations
@@ -32,26 +32,27 @@ from guara_perception.terrain.map.seen_texture import GroundView, SeenTexture, v
 from kinematics.arrays import FrozenArrays
 
 SIDEWAYS = [0, 1, 5]
-# Prior sigmas of height and tilt, which registration estimates as nuisance parameters: the soles correct the height.
+# Prior sigmas of height and tilt, which are nuisance parameters of the registration; the soles correct the height.
 HEIGHT_SIGMA_M = 0.003
 TILT_SIGMA = 0.001
 # Lower bounds of the sigmas of a motion; they keep the covariances positive definite.
 LEAST_SIGMA_M, LEAST_SIGMA_RAD = 1e-4, 3e-5
-# Where few things show the motion, they may be what moves: ribs over the whole way show it to 0.8 to 1.2 mm, a board or
-# a door mostly to 2 mm or worse. Then a correction is not used while the motions from scan to scan contradict odometry.
+# Sigma of the registered motion above which few objects show it, and these may be the ones that move: ribs all along
+# the way show it to 0.8 to 1.2 mm, a board or a door mostly to 2 mm or worse. Then a correction is not used while the
+# motions from scan to scan contradict odometry by more than SUSPICIOUS_SIGMAS.
 FEW_THINGS_SIGMA_M = 0.0015
 SUSPICIOUS_SIGMAS = 1.0
-# Distance to the middle of the scanned area, the lever arm of yaw.
+# Distance to the centre of the scanned area, the lever arm of yaw.
 LEVER_M = 0.6
-# Pauses in memory. A cell seen before the first of them counts as seen then; it has long been stale.
+# Number of pauses in memory. A cell seen before the first of them counts as seen at that pause; it is stale anyway.
 MOST_PAUSES = 256
 TEXTURE_IN_DOUBT = "texture that was seen has moved"
-# What texture shows of slip weighs as much as robot.toml after the first of these ways, and no more than after the
-# second [m].
+# Path length after which the slip shown by texture has the same weight as the value of robot.toml, and length after
+# which its weight no longer grows.
 LEARNING_M, LEARNED_M = 0.3, 1.0
-# Attributes in x and y that earlier files lack.
+# Attributes (2,) in x and y that earlier files lack.
 WAYS = ("unheld", "off_way", "slip", "begun", "learned")
-# Names in files of the attributes whose names differ there.
+# Names in files of the attributes that have another name there.
 FILE_KEYS = {"pause_transform": "here", "pause_covariance": "left", "noise": "own", "own": "pause_own"}
 
 
@@ -63,27 +64,28 @@ class WalkCorrection:
         transform: (4, 4) correction of the drift, a rotation about z and a translation in x and y; it multiplies
             transforms of odometry from the left.
         covariance: (3, 3) covariance of the drift after this correction.
-        pause_transform: (4, 4) as `transform`, for the last pause alone, including its noise.
+        pause_transform: (4, 4) correction of the last pause only, including its noise.
         pause_covariance: (3, 3) covariance of the last pause relative to the map.
         noise: (3, 3) pose noise of the last pause, not carried to the next.
         last: transform_footprint_to_odom of the last pause by odometry, None before the first.
         growth: (3, 3) covariance of the last motion after registration.
-        own: (3, 3) covariance of what texture errs by at the last pause alone, zero where it does not hold the walk.
+        own: (3, 3) covariance of the error of texture at the last pause alone, zero if texture does not hold the walk.
         shift, turn: variances of all motions since the start [m^2, rad^2].
-        refused: reason why the last registration was not used, None if it was.
-        sum: corrections of earlier pauses beside odometry's drift since.
-        distrusted: number of pauses that are yet to come whose registration is not used.
-        unheld: (2,) way since texture held the walk last [m].
-        off_texture: (3, 3) covariance of the pose relative to the texture, of motions since it held the walk or began.
-        off_way: (2,) way since then [m].
-        unseen: number of pauses that are yet to come whose texture is not used, as corrections were taken back.
-        slip: (2,) sigma of what slip, always along the way and with the same sign, has moved the walk by since the
-            start, less what texture took back [m].
-        begun: (2,) `slip` where the texture in view began.
-        learned: (2,) slip along the way that texture showed, and that way [m].
-        is_denied: odometry contradicts the texture at the last pause, so texture begins anew.
-        corners: number of corners of the texture that moved alike at the last pause, None without pictures.
-        visual_refused: reason why the last picture was not used, None if it was or none was given.
+        refused: reason why the last registration was not used, None if it was used.
+        sum: corrections since earlier pauses, and the drift of odometry since.
+        distrusted: number of future pauses whose registration is not used.
+        unheld: (2,) displacement since texture last held the walk [m].
+        off_texture: (3, 3) covariance of the pose relative to the texture, due to motions since texture last held the
+            walk or began.
+        off_way: (2,) displacement since then [m].
+        unseen: number of future pauses whose texture is not used, because corrections were undone.
+        slip: (2,) sigma of the displacement since the start by slip, always along the way and with the same sign, minus
+            the part that texture corrected [m].
+        begun: (2,) `slip` at the pause at which the texture in view began.
+        learned: (2,) slip along the way shown by texture, and length of that way [m].
+        is_denied: True if odometry contradicted the texture at the last pause, so that texture begins anew.
+        corners: number of corners of the texture that agree on a motion at the last pause, None without images.
+        visual_refused: reason why the last image was not used, None if it was used or not given.
     """
 
     transform: Float = field(default_factory=partial(np.eye, 4))
@@ -111,16 +113,16 @@ class WalkCorrection:
     visual_refused: str | None = None
 
     def check_kind(self, scans: int, *, is_registered: bool, step: int) -> None:
-        """Refuse a pause of another kind than the `scans` before it: the drift of the motion between is unknown.
+        """Refuse a pause of another kind than the `scans` before it, because the drift in between is unknown.
 
         Raises:
-            InvalidInput: the covariance of the motion is given now and was not before, or the other way round.
+            InvalidInput: covariance_since_last is given now but was not given before, or vice versa.
         """
         if not scans or is_registered == (self.last is not None):
             return
         now, before = ("given", "not given") if is_registered else ("not given", "given")
         raise InvalidInput(
-            f"covariance_since_last is {now} at step {step} and was {before} at the pauses before: give it at every "
+            f"covariance_since_last is {now} at step {step} and was {before} at earlier pauses: give it at every "
             "pause of a walk or at none"
         )
 
@@ -164,23 +166,23 @@ class WalkCorrection:
         view: GroundView | str | None = None,
         texture: SeenTexture | None = None,
     ) -> WalkCorrection:
-        """Predict the drift at the next pause, and update it by its picture and by registration of its scan.
+        """Predict the drift at the next pause, and update it from the pause's image and by registration of its scan.
 
         Args:
             cells: memory of the map.
-            terrain: the scan of the pause.
+            terrain: scan of the pause.
             odometry: (4, 4) transform_footprint_to_odom by odometry.
-            rise: correction of its z [m].
+            rise: correction of the z of odometry [m].
             since_last: (6, 6) covariance of the motion since the last pause, in the last footprint.
             noise: (6, 6) pose noise of the pause, along the axes of odom.
             tilt: (2, 2) covariance of the scan's tilt.
-            before_this: ground as the scan before saw it, None if it is not known.
-            slip_share: sigma of what odometry errs by in the direction of the way, as a share of it.
-            view: the scan's picture, the reason why it has none, or None for a walk without pictures.
-            texture: texture that earlier pictures showed.
+            before_this: ground measured by the previous scan, None if unknown.
+            slip_share: sigma of slip along the way, relative to its length.
+            view: view of the scan's image, the reason why it has none, or None for a walk without images.
+            texture: texture from earlier images.
         """
         if self.last is None:
-            # The map begins at the pose of the first pause: the motion to it adds no drift.
+            # The map begins at the pose of the first pause, so the motion before adds no drift.
             sums = self.sum.started(self.transform, odometry, self.covariance, self.noise)
             return replace(self, last=odometry.copy(), sum=sums)
         here, before = self.transform @ odometry, self.transform @ self.last
@@ -214,7 +216,7 @@ class WalkCorrection:
             view = TEXTURE_IN_DOUBT if self.unseen else view
             visual = visual_motion(view, texture, here, prior, off_texture + noise, shown_slip(off_way))
             here, prior, visual_refused = moved(visual.motion, here) @ here, visual.covariance, visual.refused
-            # Nobody knows whether feet slid or ground: the pose stays in doubt by as much.
+            # Either the feet slid or the ground, so this contradiction adds to the uncertainty of the pose.
             doubt = np.outer(visual.denied, visual.denied)
             growth, drift, predicted = growth + doubt, drift + doubt, predicted + doubt
             prior[np.ix_(SIDEWAYS, SIDEWAYS)] += doubt
@@ -236,7 +238,7 @@ class WalkCorrection:
         if visual is not None and visual_refused is None:
             kept, own, slip = visual.inherited * posterior, posterior, self.begun
         elif visual is not None:
-            # Heights may show a part of it.
+            # The part of the slip that heights did not correct.
             along = np.append(way, 0.0)
             left = np.sqrt((along @ posterior @ along) / max(along @ predicted @ along, 1e-30))
             slip = slip + share * left * way
@@ -255,11 +257,12 @@ class WalkCorrection:
         if contradiction is not None:
             distrusted, refused = EARLIER_PAUSES, contradiction.reason
             if visual_refused and not unseen:
-                # Texture that is lost while relief moves may begin anew on what moves; what it held until now stays.
+                # Texture that is lost while relief moves could begin anew on the moving ground. Its earlier corrections
+                # are kept.
                 unseen = EARLIER_PAUSES
                 earlier = OdometrySum() if contradiction.transform is None else earlier
         if contradiction is not None and contradiction.transform is not None:
-            # What was seen in these pauses lies aside by what is taken back, and by what odometry erred in them.
+            # Ground seen in these pauses is displaced by the corrections undone, and by the errors of odometry.
             transform = pause_transform = contradiction.transform
             covariance, unseen = contradiction.covariance, EARLIER_PAUSES
             posterior = covariance + noise
@@ -293,11 +296,11 @@ class WalkCorrection:
 
 
 def _slip_growth(before: Float, now: Float, slip_share: float) -> Float:
-    """Covariance (3, 3) that slip in the direction of the way, always with the same sign, gains in one motion.
+    """Increase (3, 3) of the covariance in one motion due to slip along the way, always with the same sign.
 
     Args:
-        before, now: (2,) ways since texture held the walk last [m].
-        slip_share: sigma of slip as a share of the way.
+        before, now: (2,) displacements since texture last held the walk, before and after the motion [m].
+        slip_share: sigma of slip relative to the displacement.
     """
     gained, directions = np.linalg.eigh(np.outer(now, now) - np.outer(before, before))
     result = np.zeros((3, 3))
@@ -306,7 +309,7 @@ def _slip_growth(before: Float, now: Float, slip_share: float) -> Float:
 
 
 def _shown_sigma(prior: Float, posterior: Float) -> float:
-    """Sigma of a place LEVER_M ahead as the heights alone show it, along the axis that they show best [m]."""
+    """Sigma of a position LEVER_M ahead according to the heights alone, along the axis that they show best [m]."""
     scale = np.diag([1.0, 1.0, 1.0 / LEVER_M])
     before, after = (np.linalg.inv(each[np.ix_(SIDEWAYS, SIDEWAYS)]) for each in (prior, posterior))
     return float(1.0 / np.sqrt(max(float(np.linalg.eigvalsh(scale @ (after - before) @ scale)[-1]), 1e-6)))
@@ -325,14 +328,15 @@ def _without(growth: Float, noise: Float) -> Float:
 class SidewaysDrift(FrozenArrays):
     """Covariances of the motions of a walk, accumulated pause by pause.
 
-    Each is that of (x, y, yaw) about the origin of `odom`, so that a motion rotates a cell about the position of the
-    robot at that time. The difference of two sums is the covariance of all motions between them.
+    Each covariance is of (x, y, yaw) about the origin of `odom`, so that a motion rotates a cell about the position of
+    the robot at that time. The difference of two sums is the covariance of all motions between them.
 
     Attributes:
-        pauses: (k,) ascending.
+        pauses: (k,) numbers of the pauses, ascending.
         total: (k, 3, 3) sums from the start to each pause [m, rad].
-        own: (k, 3, 3) covariance of each pause's own error, which adds to that of all motions from or to it.
-        slip: (k, 2) sigma of slip from the start to each pause, along x and y of odom, with the sign of all others [m].
+        own: (k, 3, 3) covariance of each pause's own error, which is added to that of all motions from or to the pause.
+        slip: (k, 2) sigma of slip from the start to each pause, along x and y of odom; slip has one sign in all pauses
+            [m].
     """
 
     pauses: Index = field(default_factory=lambda: np.empty(0, np.int64))
@@ -347,7 +351,7 @@ class SidewaysDrift(FrozenArrays):
             pause: number of the pause.
             growth: (3, 3) covariance of the motion, about the robot and along the axes of odom.
             position: (2,) position of the robot in odom [m].
-            own: (3, 3) covariance of the pause's own error, likewise.
+            own: (3, 3) covariance of the pause's own error, about the robot and along the axes of odom.
             slip: (2,) sigma of slip since the start, along the axes of odom [m].
         """
         about_origin = np.array([[1.0, 0.0, position[1]], [0.0, 1.0, -position[0]], [0.0, 0.0, 1.0]])
@@ -363,15 +367,16 @@ class SidewaysDrift(FrozenArrays):
         """Variances (2, n) of the positions of cells along x and y of the footprint [m^2].
 
         Args:
-            seen: (n,) pauses at which they were last seen.
+            seen: (n,) pauses at which the cells were last seen.
             x, y: (n,) positions of the cells in odom [m].
-            transform_footprint_to_odom: (4, 4).
+            transform_footprint_to_odom: (4, 4) pose of the footprint.
         """
         if not len(self.pauses):
             return np.zeros((2, len(seen)))
         entry = np.clip(np.searchsorted(self.pauses, seen, side="right") - 1, 0, None)
         axes = transform_footprint_to_odom[:2, :2]
-        # With J = [[1, 0, -y], [0, 1, x]]; the terms of each pause first, so that a cell takes three products per axis.
+        # J C J' with J = [[1, 0, -y], [0, 1, x]]; terms of each pause are computed first, so that a cell takes only
+        # three products per axis.
         since = self.total[-1] - self.total
         since[:-1] += self.own[:-1] + self.own[-1]
         slipped = self.slip[-1] - self.slip
@@ -394,10 +399,10 @@ class SidewaysDrift(FrozenArrays):
         count = len(fields.sequence("pauses"))
         pauses = fields.array("pauses", (count,)) if count else np.empty(0)
         total = fields.array("total", (count, 3, 3)) if count else np.empty((0, 3, 3))
-        # Files of earlier versions have none.
+        # Files of earlier versions lack these values.
         own = fields.array("own", (count, 3, 3)) if count and fields.has("own") else np.zeros((count, 3, 3))
         slip = fields.array("slip", (count, 2)) if count and fields.has("slip") else np.zeros((count, 2))
-        # Drift that shrinks would remove the map's safety margins.
+        # A drift that shrinks would remove safety margins of the map.
         if (np.diff(pauses) <= 0).any() or (np.diff(total, axis=0).diagonal(axis1=1, axis2=2) < 0).any():
             raise FileFormatError(
                 f"{fields.path_to('total')} or pauses shrink from one pause to the next, the file is damaged"
@@ -408,7 +413,7 @@ class SidewaysDrift(FrozenArrays):
 def kept_growth(growth: Float, prior: Float, posterior: Float) -> Float:
     """Covariance of a motion after an update of the filter from `prior` to `posterior`; (3, 3) each.
 
-    It shrinks along each direction as the prior does: for one unknown to `growth * posterior / prior`.
+    It shrinks along each direction like the prior; for a single unknown it is `growth * posterior / prior`.
     """
     root = np.linalg.cholesky(prior)
     inverse = np.linalg.inv(root)

@@ -1,4 +1,4 @@
-"""Room between a leg and the ground, with its sole on a foothold."""
+"""Clearance of a leg over the ground, with its sole on a foothold."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ def leg_clearance(
     *,
     allow_stale: bool = False,
 ) -> float:
-    """Least height of a leg over the ground, with its sole on a foothold and the body where it stood at the scan [m].
+    """Least height of a leg above the ground [m], with its sole on a foothold and the body at its pose in the scan.
 
-    The ground counts as high as it may be: highest samples plus confidence, and for unknown ground its ceiling plus
-    confidence. Parts of the leg within a sole's length of the sole's centre do not count. Negative where the leg would
-    be in the ground; NaN, which passes no comparison, where ground below the leg is unknown without a ceiling, STALE or
-    off the grid, and where the leg does not reach the position.
+    The height of the ground is an upper bound: highest samples, or the ceiling of unknown ground, plus confidence.
+    Parts of the leg within a sole's length of the sole's centre are not tested. The result is negative if the leg would
+    be in the ground. It is NaN if ground below the leg is unknown without a ceiling, STALE or off the grid, or if the
+    leg cannot reach the position.
 
     Args:
         x, y: centre of the sole in base_footprint [m].
         leg, robot: as in `check_foothold`.
 
     Raises:
-        InvalidInput: as `check_foothold`.
+        InvalidInput: as in `check_foothold`.
         kinematics.KinematicsError: no such leg or robot.
     """
     terrain = asked(terrain, allow_stale)
     pose = pose_of(terrain, robot)
-    # A height that was rounded counts as the least that it may have been.
+    # A height that was rounded counts with the least value that it may have had.
     sole = np.array([x, y, float(terrain.height_at(x, y)) - terrain.record.checked_rounding.elevation])
     ground = swing_ground(terrain, np.nan_to_num(sole))
     sigma = np.sqrt(ground.variance.astype(np.float64))

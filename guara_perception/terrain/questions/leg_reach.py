@@ -1,4 +1,4 @@
-"""Reach of a leg on a grid, with the body where it stood when the grid was made."""
+"""Reach of a leg on a grid, with the body at its pose when the grid was made."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from kinematics.transforms import transform_points
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StandingSole:
-    """A sole that carried the body when the grid was made: centre (3,) [m] and covariance (3, 3), in its frame."""
+    """Sole that carried the body when the grid was made: centre (3,) [m] and covariance (3, 3), in the grid's frame."""
 
     centre: Float
     covariance: Float
 
 
-# Loads a robot that is given by its name or folder once per process.
+# Robots that are given by name or folder are loaded once per process.
 _loaded = lru_cache(maxsize=4)(robot_model)
-# Most by which a joint, at a height between two tested ones, exceeds its positions at both [rad].
+# Largest excess of a joint position, at a height between two tested heights, over those at both [rad].
 BETWEEN_HEIGHTS = 1e-6
 
 
 def beyond_reach_of_ground(
     terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robot: RobotLike | None = None
 ) -> Float:
-    """`beyond_reach` of positions whose z is from the grid: the worst case over the rounding of its heights."""
+    """Worst case of `beyond_reach` over the rounding of heights, for positions whose z is from the grid."""
     off = terrain.record.checked_rounding.elevation
     if off == 0:
         return beyond_reach(terrain, leg, soles_in_footprint, robot)
@@ -59,7 +59,7 @@ def beyond_reach(
         terrain: grid with the stance in its record.
         leg: name of the leg.
         soles_in_footprint: (n, 3) sole centres on the ground [m].
-        robot: model, name or folder of the robot; None = the description in the grid, or the robot of that name.
+        robot: model, name or folder of the robot; None = use the description in the grid, or the robot of that name.
         margin: angle to keep from the limits [rad].
 
     Raises:
@@ -77,7 +77,7 @@ def beyond_reach(
 
 
 def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotLike | None = None) -> Float:
-    """Sole centre of a leg when the grid was made, (3,) in its base_footprint [m].
+    """Sole centre (3,) of a leg when the grid was made, in base_footprint of the grid [m].
 
     Raises:
         InvalidInput: the grid's record lacks robot, stance or transform.
@@ -87,7 +87,7 @@ def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotLike | None = None
 
 
 def standing_soles(terrain: LayeredGrid) -> tuple[StandingSole, ...]:
-    """The soles that carried the body when the grid was made.
+    """Soles that carried the body when the grid was made.
 
     Raises:
         InvalidInput: the grid's record lacks robot, stance or transform.
@@ -109,7 +109,7 @@ def _soles(pose: StancePose, legs: Sequence[str]) -> Float:
 
 
 def pose_of(terrain: LayeredGrid, robot: RobotLike | None) -> StancePose:
-    """Pose of the body when the grid was made, and joint positions.
+    """Pose of the body and joint positions when the grid was made.
 
     Raises:
         InvalidInput: the grid's record lacks robot, stance or transform.
@@ -138,7 +138,7 @@ def _model_of(terrain: LayeredGrid, robot: RobotLike | None) -> RobotModel:
 
 @lru_cache(maxsize=4)
 def _robot(name: str, description: str | None) -> RobotModel:
-    """The robot of a description, loaded once per process; without a description, the robot of that name."""
+    """Robot of a description, or of a name if there is no description, loaded once per process."""
     if description is not None:
         return robot_from_description(description)
     try:

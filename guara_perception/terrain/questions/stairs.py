@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -17,45 +18,48 @@ from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.obstacles import fit_plane
 from kinematics.arrays import FrozenArrays
 
-# A tread is no steeper and no smaller than this, plus what the grid's noise adds in so many sigmas. Level regions are
-# parts of one tread if their mean heights differ by less than this many of their own sigmas, or than this part of the
-# rise.
+# Largest slope and smallest area of a tread.
 STEEPEST_TREAD_RAD = 0.12
 LEAST_TREAD_M2, LEAST_TREAD_CELLS = 0.0015, 20
+# Level regions belong to one tread if their mean heights differ by less than SAME_OF_RISE of the rise; a first rise
+# must exceed SAME_SIGMAS of both regions.
 SAME_SIGMAS, SAME_OF_RISE = 3.0, 0.2
+# Noise of the grid adds SLOPE_SIGMAS to the largest slope of a tread, and raises the largest step within it to
+# STEP_SIGMAS of the height.
 SLOPE_SIGMAS, STEP_SIGMAS = 1.0, 4.0
 # Least and largest rise from one tread to the next.
 LEAST_RISE_M, MOST_RISE_M = 0.012, 0.30
 # Largest relative difference between the rises of one flight, and largest range of the directions of its edges.
 RISES_ALIKE = 0.35
 EDGES_ALIKE_RAD = 0.15
-# A tread deeper than this many of the others is a landing between two flights.
+# Ratio of the depth of a tread to the median depth above which it is a landing, which ends a flight.
 LANDING = 2.0
-# An edge has one point per strip across it, at least as wide as a cell. A cell belongs to a tread within this fraction
-# of the rise from it.
+# Each strip along the climb, at least one cell wide, gives one point of an edge. A cell belongs to a tread if their
+# heights differ by less than OF_TREAD of the rise.
 STRIP_M = 0.010
 LEAST_STRIPS = 8
 OF_TREAD = 0.35
-# With a wider gap between the known cells of two treads, the edge is that of the upper one; at least 2.2 cells.
+# Widest gap between the known cells of two treads whose middle is the edge, at least 2.2 cells; across a wider gap, the
+# edge is the border of the upper tread.
 WIDEST_GAP_M = 0.030
-# An edge is straight to this, or to a cell.
+# Largest rms deviation of an edge from a straight line, at least one cell.
 EDGE_STRAIGHT_M = 0.010
 LEAST_RISERS = 2
-# Flights whose edges are looked at: the longest, then the largest.
+# Largest number of flights whose edges are tested: the longest, and among equals those with the largest treads.
 MOST_FLIGHTS = 20
 
-# Cells and mean height [m] of each tread, the lowest first.
+# Cells and mean height [m] of each tread, lowest first.
 Flight: TypeAlias = list[tuple[Mask, float]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tread(FrozenArrays):
-    """A level part of stairs; the lowest and highest treads are the ground before and behind the stairs.
+    """Level part of stairs; the lowest and highest treads are the ground in front of and behind the stairs.
 
     Attributes:
-        plane: (3,) p of z = p[0] x + p[1] y + p[2] in base_footprint.
-        centre: (3,) mean of its cells [m].
-        sigma: standard deviation of its cells about the plane [m].
+        plane: (3,) coefficients p of z = p[0] x + p[1] y + p[2] in base_footprint.
+        centre: (3,) mean position of the tread's cells [m].
+        sigma: standard deviation of these cells relative to the plane [m].
         area: visible area [m^2].
     """
 
@@ -67,10 +71,10 @@ class Tread(FrozenArrays):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Riser(FrozenArrays):
-    """The rise from one tread to the next.
+    """Rise from one tread to the next.
 
     Attributes:
-        start, end: (3,) ends of the visible part of its upper edge [m]; `start` is the left one for a climbing robot.
+        start, end: (3,) ends of the visible part of the upper edge [m]; `start` is the left end for a climbing robot.
         height: height of the rise [m].
     """
 
@@ -84,11 +88,11 @@ class Stairs(FrozenArrays):
     """Treads from the lowest to the highest, and the risers between them.
 
     Attributes:
-        treads: the treads, one more than `risers`: the ground before and behind is included.
-        risers: the rises from each tread to the next.
-        direction: (2,) unit vector up the stairs.
+        treads: treads including the ground in front of and behind the stairs, one more than `risers`.
+        risers: rises from each tread to the next.
+        direction: (2,) horizontal unit vector up the stairs.
         rise: mean height of the risers [m].
-        run: mean distance of neighbouring edges [m].
+        run: mean distance between neighbouring edges [m].
     """
 
     treads: tuple[Tread, ...]
@@ -99,12 +103,12 @@ class Stairs(FrozenArrays):
 
 
 def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:
-    """Detect stairs of two risers or more; None if there are none.
+    """Detect stairs with two or more risers; None if there are none.
 
-    Treads are level regions of known ground whose heights rise evenly, by up to 0.3 m each. Between neighbours there
-    must be a straight edge, and all edges must be parallel. An edge is in the middle of the gap between the known cells
-    of both treads, or at the upper tread if the gap is wider than 30 mm (2.2 cells, if that is more). `check_foothold`
-    decides if a foot may be set on a tread.
+    Treads are level regions of known ground at even rises of up to 0.3 m. There must be a straight edge between
+    neighbouring treads, and all edges must be parallel. An edge is in the middle of the gap between the known cells of
+    both treads, or at the border of the upper tread if the gap is wider than 30 mm (or 2.2 cells, if that is more).
+    `check_foothold` decides if a foot may be set on a tread.
     """
     terrain = asked(terrain, allow_stale)
     height = np.asarray(terrain.elevation, np.float64)
@@ -115,7 +119,7 @@ def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:
 
 @dataclass(frozen=True)
 class _Region:
-    """Level part of the ground: its cells, mean height and standard deviation of heights [m]."""
+    """Level region of the ground: cells, mean height and standard deviation of the heights [m]."""
 
     mask: Mask
     mean: float
@@ -127,16 +131,17 @@ class _Region:
 
 
 def _as_stairs(x: Float, y: Float, height: Float, cell: float, flight: Flight) -> Stairs | None:
-    """Stairs with these treads, None if their edges are not straight, parallel and one behind the other."""
-    direction = _climb(x, y, flight)
+    """Stairs with the treads of a flight; None if their edges are not straight, parallel and one behind the other."""
+    direction, heights = _climb(x, y, flight), list(pairwise(mean for _, mean in flight))
     for _ in range(2):
-        edges = [
-            _edge(x, y, height, cell, lower, upper, direction)
-            for (_, lower), (_, upper) in zip(flight, flight[1:], strict=False)
-        ]
-        found = [edge for edge in edges if edge is not None]
+        found = []
+        for lower, upper in heights:
+            edge = _edge(x, y, height, cell, lower, upper, direction)
+            if edge is None:
+                return None
+            found.append(edge)
         turns = [np.arctan(edge.slope) for edge in found]
-        if len(found) < len(edges) or np.ptp(turns) > EDGES_ALIKE_RAD:
+        if np.ptp(turns) > EDGES_ALIKE_RAD:
             return None
         turn = float(np.mean(turns))
         cosine, sine = np.cos(-turn), np.sin(-turn)
@@ -146,7 +151,7 @@ def _as_stairs(x: Float, y: Float, height: Float, cell: float, flight: Flight) -
         return None
     across = np.array([-direction[1], direction[0]])
     risers = []
-    for edge, (_, lower), (_, upper) in zip(found, flight, flight[1:], strict=False):
+    for edge, (lower, upper) in zip(found, heights, strict=True):
         ends = [np.append(edge.at * direction + v * across, upper) for v in (edge.last, edge.first)]
         risers.append(Riser(ends[0], ends[1], upper - lower))
     rises = [riser.height for riser in risers]
@@ -155,10 +160,10 @@ def _as_stairs(x: Float, y: Float, height: Float, cell: float, flight: Flight) -
 
 
 def _flights(regions: list[_Region]) -> list[Flight]:
-    """Rows of treads that rise evenly, the longest first, the one with the largest treads first among equals.
+    """Sequences of treads with even rises, sorted by their number, then by their area, largest first.
 
-    Each pair of regions gives a first rise; the tread above is the largest region at such a height, with all others at
-    about its own. So parts of a tread that differ, and smears beside the stairs, do not end a flight.
+    Each pair of regions gives a first rise. The next tread is the largest region one rise higher, merged with all
+    regions at about its height, so that fragments of a tread and artefacts beside the stairs do not end a flight.
     """
     found: dict[tuple[tuple[int, ...], ...], int] = {}
     for first, low in enumerate(regions):
@@ -189,7 +194,7 @@ def _flights(regions: list[_Region]) -> list[Flight]:
 
 
 def _alike(regions: list[_Region], height: float, rise: float) -> list[int]:
-    """Indices of the regions that are one tread at this height."""
+    """Indices of the regions that form one tread at this height."""
     return [index for index, each in enumerate(regions) if abs(each.mean - height) <= SAME_OF_RISE * rise]
 
 
@@ -199,7 +204,7 @@ def _mean(regions: list[_Region], members: Sequence[int]) -> float:
 
 
 def _level_regions(terrain: LayeredGrid, height: Float) -> list[_Region]:
-    """Level regions of known ground, the lowest first."""
+    """Level regions of known ground, lowest first."""
     radius = max(terrain.record.required_limits.disc_radius, terrain.resolution)
     cells = np.count_nonzero(disc_kernel(radius / terrain.resolution))
     sigma = np.sqrt(terrain.variance_local)
@@ -223,7 +228,7 @@ def _tread(x: Float, y: Float, height: Float, mask: Mask, resolution: float) -> 
 
 
 def _climb(x: Float, y: Float, flight: Flight) -> Float:
-    """Unit vector (2,) along which the heights of the treads rise."""
+    """Horizontal unit vector (2,) along which the treads rise."""
     centres = np.array([[x[mask].mean(), y[mask].mean()] for mask, _ in flight])
     rises = np.array([mean for _, mean in flight])
     direction = (rises - rises.mean()) @ (centres - centres.mean(axis=0))
@@ -233,7 +238,13 @@ def _climb(x: Float, y: Float, flight: Flight) -> Float:
 
 @dataclass(frozen=True, slots=True)
 class _Edge:
-    """Line at `at` along the climb, with a slope of `slope` across, from `first` to `last` across [m]."""
+    """Edge as a straight line.
+
+    Attributes:
+        at: position along the climb [m].
+        slope: change of that position per distance across the climb.
+        first, last: range across the climb [m].
+    """
 
     at: float
     slope: float
@@ -242,13 +253,13 @@ class _Edge:
 
 
 def _edge(x: Float, y: Float, height: Float, cell: float, lower: float, upper: float, direction: Float) -> _Edge | None:
-    """Edge between two heights, None if there is no straight one."""
-    # Turned rows of cells are up to 1.4 cells apart.
+    """Edge between treads at two heights; None if there is no straight edge."""
+    # Seen diagonally, neighbouring rows of cells are up to 1.4 cells apart.
     width, straight, widest = max(STRIP_M, cell), max(EDGE_STRAIGHT_M, cell), max(WIDEST_GAP_M, 2.2 * cell)
     along = direction[0] * x + direction[1] * y
     strip = np.floor((direction[0] * y - direction[1] * x) / width).astype(int)
     near = OF_TREAD * (upper - lower)
-    # Unknown heights are NaN, which is near to none.
+    # Unknown heights are NaN, for which the comparison is False.
     of_lower, of_upper = (np.abs(height - tread) < near for tread in (lower, upper))
     points = []
     for number in np.intersect1d(strip[of_lower], strip[of_upper]).tolist():
@@ -263,8 +274,9 @@ def _edge(x: Float, y: Float, height: Float, cell: float, lower: float, upper: f
     at, across, is_narrow = np.array(points).T
     if np.count_nonzero(is_narrow) >= LEAST_STRIPS:
         at, across = at[is_narrow > 0], across[is_narrow > 0]
-    # At its sides a flight may be hidden, or smeared by the sensor: the line of most points counts.
-    slope, offset = _line_of_most(across, at)
+    # The sides of a flight may be hidden or smeared by the sensor, so a robust line is fitted, then a line to its
+    # inliers.
+    slope, offset = _robust_line(across, at)
     kept = np.abs(at - slope * across - offset) < 1.5 * straight
     at, across = at[kept], across[kept]
     if at.size < max(LEAST_STRIPS, 0.5 * kept.size):
@@ -276,8 +288,8 @@ def _edge(x: Float, y: Float, height: Float, cell: float, lower: float, upper: f
     return _Edge(float(offset + slope * mean), float(slope), float(across.min()), float(across.max()))
 
 
-def _line_of_most(x: Float, y: Float) -> tuple[float, float]:
-    """Slope and offset of the line of Theil and Sen: the median of the slopes between all points of different x."""
+def _robust_line(x: Float, y: Float) -> tuple[float, float]:
+    """Slope and offset of the Theil-Sen line, whose slope is the median of the slopes between all pairs of points."""
     one, other = np.nonzero(x[:, None] > x)
     slope = float(np.median((y[one] - y[other]) / (x[one] - x[other])))
     return slope, float(np.median(y) - slope * np.median(x))

@@ -1,4 +1,4 @@
-"""`assess_terrain`: a TerrainGrid from any elevation array."""
+"""Terrain grid from any elevation array."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from guara_perception.terrain.layers.layered_grid import numbers
 from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import load_robot
 
-# Heights beyond this lose the roughness to rounding: 10 km leave 0.1 mm.
+# Largest height; with larger ones the roughness is lost to rounding, which is 0.1 mm at 10 km.
 HIGHEST_M = 1e4
 
 
@@ -41,12 +41,12 @@ def assess_terrain(
         origin: corner of cell (0, 0) [m].
         variance: (ny, nx) variances of the heights [m^2]; None = exact.
         limits: traversability limits; None = those of the Guara's robot.toml.
-        lowest, highest: (ny, nx) lowest and highest height measured in each cell [m]; None = `elevation`. In cells so
-            coarse that an edge may lie within one, only they show it.
+        lowest, highest: (ny, nx) lowest and highest height measured in each cell [m]; None = `elevation`. They show
+            edges within coarse cells.
 
     Raises:
-        InvalidInput: wrong shapes, resolution not positive, infinite heights, NaN or negative variance, lowest or
-            highest height missing or on the wrong side of `elevation`.
+        InvalidInput: an array has the wrong shape, the resolution is not positive, a height is infinite, a variance is
+            NaN or negative, or a lowest or highest height is missing or on the wrong side of `elevation`.
     """
     heights, variances = check_heights(elevation, variance)
     low, high = _bound(lowest, "lowest", heights, -1), _bound(highest, "highest", heights, 1)
@@ -63,7 +63,7 @@ def assess_terrain(
 
 
 def _bound(bound: npt.ArrayLike | None, name: str, heights: Float, side: int) -> Float:
-    """Lowest (side -1) or highest (side 1) heights of the cells, checked."""
+    """Check the lowest (side -1) or highest (side 1) heights of the cells, and return them as a float64 grid."""
     if bound is None:
         return heights
     bounds = numbers(bound, name)
@@ -71,15 +71,15 @@ def _bound(bound: npt.ArrayLike | None, name: str, heights: Float, side: int) ->
     if bounds.shape != heights.shape or not (side * (bounds[known] - heights[known]) >= 0).all():
         beyond = "at or below" if side < 0 else "at or above"
         raise InvalidInput(
-            f"{name} has shape {bounds.shape}; allowed: that of elevation, {heights.shape}, and wherever elevation is "
-            f"known a height {beyond} it [m]"
+            f"{name} has shape {bounds.shape}; allowed: the shape of elevation, {heights.shape}, and in known cells "
+            f"heights {beyond} elevation [m]"
         )
     return np.where(known, bounds, np.nan)
 
 
 @cache
 def default_limits() -> TraversabilityLimits:
-    """Limits of the Guara, cached: reading them takes longer than assessing a grid."""
+    """Limits of the Guara, cached because reading them takes longer than assessing a grid."""
     from guara_perception.settings import Settings
 
     return Settings.of(load_robot("guara")).limits
@@ -89,19 +89,19 @@ def check_heights(elevation: npt.ArrayLike, variance: npt.ArrayLike | None) -> t
     """Convert elevation and variance to float64 grids and check them.
 
     Raises:
-        InvalidInput: no numbers, wrong shape, infinite or absurd heights, negative or missing variance at a known
-            height.
+        InvalidInput: the values are not numbers or have the wrong shape, a height is infinite or beyond HIGHEST_M, or
+            the variance of a known height is missing or negative.
     """
     heights = numbers(elevation, "elevation")
     if heights.ndim != 2 or heights.size == 0:
         raise InvalidInput(f"elevation has shape {heights.shape}, it must be (ny, nx) with one cell or more")
     if np.isinf(heights).any():
-        raise InvalidInput("elevation holds infinite heights, use NaN for unknown cells")
+        raise InvalidInput("elevation contains infinite heights, use NaN for unknown cells")
     known = np.isfinite(heights)
     if known.any() and np.abs(heights[known]).max() > HIGHEST_M:
         raise InvalidInput(
             f"elevation reaches {np.abs(heights[known]).max():.4g} m, at most {HIGHEST_M:.0f} m is allowed: "
-            "heights are in metres, subtract a common height first"
+            "give metres, and subtract a common height first"
         )
     variances = np.where(known, 0.0, np.nan) if variance is None else numbers(variance, "variance")
     if variances.shape != heights.shape:

@@ -101,7 +101,7 @@ def test_a_walk_is_laid_onto_the_map_at_every_pause_or_at_none(
     terrain_map.update(make_scan(0.0), PoseInOdom(np.eye(4), since, **kinds[0]))
     expected_text = "is not given at step 1 and was given" if is_first_given else "is given at step 1 and was not given"
     with pytest.raises(
-        gp.InvalidInput, match=f"covariance_since_last {expected_text} at the pauses before: give it at every"
+        gp.InvalidInput, match=f"covariance_since_last {expected_text} at earlier pauses: give it at every"
     ):
         terrain_map.update(make_scan(0.0, step=1), PoseInOdom(np.eye(4), 2 * since, **kinds[1]))
     assert terrain_map.pause == 1

@@ -55,7 +55,7 @@ def test_its_input_is_not_kept() -> None:
         ({"lowest": np.zeros((2, 3))}, r"lowest has shape \(2, 3\); allowed: that of elevation, \(2, 2\)"),
         ({"lowest": np.full((2, 2), 0.01)}, "lowest .* a height at or below it"),
         ({"highest": np.full((2, 2), -0.01)}, "highest .* a height at or above it"),
-        ({"highest": np.full((2, 2), np.nan)}, "highest .* wherever elevation is known"),
+        ({"highest": np.full((2, 2), np.nan)}, "highest .* in known cells heights at or above elevation"),
     ],
 )
 def test_bad_input_is_refused(arguments: dict[str, object], message: str) -> None:
