@@ -232,7 +232,7 @@ def test_ambient_light_that_changed_is_recognised() -> None:
 
 
 def test_a_laser_off_picture_of_less_use_is_told() -> None:
-    """Exposed half as long it is used by its gain, of another scene not: the picture itself then shows the stripe."""
+    """Exposed half as long it is used by its gain, another scene not: the picture itself then shows the stripe."""
     on, off = picture(np.full(COLUMNS, 40.0), peak=90.0)
     rng = np.random.default_rng(3)
     # Contrast as a scene has it, so that there is an exposure to compare.
@@ -242,7 +242,7 @@ def test_a_laser_off_picture_of_less_use_is_told() -> None:
     alone = gp.extract_stripe(bright)
     for dark, expected_text, most_px in (
         (0.5 * (off + scene), r"laser-off picture is 0\.5\d times as bright as the laser-on one", 0.03),
-        (off + other, "of another scene", 0.0),
+        (off + other, "another scene", 0.0),
     ):
         profile = gp.extract_stripe(bright, dark.clip(0, 255).astype(np.uint8))
         assert re.search(expected_text, profile.remark), profile.remark

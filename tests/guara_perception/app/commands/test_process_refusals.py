@@ -60,7 +60,7 @@ BAD_SCANS: dict[str, tuple[Change, str]] = {
     "wrong image size": (resize_all, "frame on_000.jpg: the frame is 320x256 px, the calibrated camera gives 640x512"),
     "stripe not calibrated": (
         scan_json(lambda c: (c.update(mode="standard"), c["stripes"][1].update(index=1))),
-        "stripe index 1 is not in the calibration, which holds 0, 2 ... 68: one of the two is of another rangefinder",
+        "stripe index 1 is not in the calibration, which holds 0, 2 ... 68: scan and calibration differ in rangefinder",
     ),
     "stripe out of pattern": (
         scan_json(lambda c: c["stripes"][1].update(index=3)),

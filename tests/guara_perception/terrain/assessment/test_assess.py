@@ -241,5 +241,5 @@ def test_values_need_most_of_the_disc_on_all_sides() -> None:
 
 def test_too_fine_a_grid_for_the_disc_is_refused() -> None:
     """A disc of more cells than can be summed exactly is refused with what to do."""
-    with pytest.raises(gp.InvalidInput, match="150 cells, at most 24 are allowed: take a larger resolution"):
+    with pytest.raises(gp.InvalidInput, match="150 cells, allowed: at most 24; use larger cells"):
         gp.assess_terrain(np.zeros((10, 10)), 0.0001)

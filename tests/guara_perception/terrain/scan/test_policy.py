@@ -146,7 +146,7 @@ def test_a_partly_extended_scan_keeps_the_coarse_ground(make_scan: MakeScan, sca
     assert joined.hazard_at(0.8025, 0.0025) & Hazard.DROPOUT
     whole = make_scan(0.0)
     assert gp.refined(coarse, whole) is whole
-    with pytest.raises(gp.InvalidInput, match="not of one scan"):
+    with pytest.raises(gp.InvalidInput, match="do not belong to one scan"):
         gp.refined(make_scan(0.0, step=1), whole)
 
 
