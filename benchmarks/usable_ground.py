@@ -53,7 +53,7 @@ def main() -> None:
         mode=("coarse", "scan mode", {"choices": ("coarse", "standard", ADAPTIVE)}),
         cycles=(10, "cycles of each walk"),
         recall=(False, "by kinds of ground"),
-        kinds=([*KINDS, MOVING], "kinds of --recall"),
+        kinds=([*KINDS, MOVING], "kinds of --recall", {"choices": (*KINDS, MOVING)}),
         kept=(Path, "folder that keeps the scans from run to run"),
         maps=(Path, "folder of PCD files by other robots: judge these instead"),
         rendered=(Path, "data folders with scans/NAME: judge these instead", {"nargs": "+"}),
