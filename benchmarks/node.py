@@ -1,7 +1,12 @@
-"""The live node: duration of a scan, delay of its grid, and processor time."""
+"""The live node: duration of a scan, delay of its grid, processor time; whether it keeps up with a fast camera.
+
+`python -m benchmarks.node DATA [--scans N] [--rates FPS ...] [--lights NAME ...] [--size W H]`: scans of a recorded
+scene at 30 frames per second; then for each rate and light two of the simulated scene, of which the second counts.
+"""
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -9,21 +14,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.command import options
+from benchmarks.command import Table, options
 from benchmarks.peers import free_endpoint, peers
 from benchmarks.yardstick import Yardstick, beside
-from drivers import CameraSettings, Image, LaserBoard
+from drivers import CameraSettings, Image, LaserBoard, StripeCapture, timing
 from drivers.emulator import ExposureView
+from drivers.sweep.acquisition import StripeStream
 from guara_perception.app.messages import message_to_terrain, stance_to_message, terrain_to_message
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.rangefinder import Rangefinder
+from guara_perception.simulation import real_light
 from guara_perception.simulation.walk import fresh_reading
-from kinematics import RobotModel, load_robot
+from kinematics import RobotModel, Stance, load_robot
+from testbed import scenes
 from testbed.bench_board import BenchBoard, BenchCamera, bench_backend
+from testbed.emulated_sweeps import view_of
 from testbed.recorded_view import RecordedView
 from testbed.truth import truth_calibration
 from transport import (
@@ -47,9 +57,10 @@ RNG = np.random.default_rng(0)
 
 @dataclass
 class Bench:
-    """A running node over a recorded scan."""
+    """A running node over a scan."""
 
-    scan: gp.Scan
+    stance: Stance
+    stripes: int
     node: PerceptionNode
     status: NodeStatus
     endpoint: str
@@ -66,14 +77,16 @@ class Bench:
         return float(values["duration_s"]), float(values["latency_ms"]), spent
 
     def _say(self, step: int, phase: PausePhase) -> None:
-        message = stance_to_message(fresh_reading(self.scan.stance, RNG))
+        message = stance_to_message(fresh_reading(self.stance, RNG))
         self.node.on_pause(StancePause(robot="guara", step=step, phase=phase, stamp=time.time_ns(), stance=message))
 
 
-def showing(render: Callable[[ExposureView, CameraSettings], Image], *, exposure: float, latency: float) -> Rangefinder:
+def showing(
+    render: Callable[[ExposureView, CameraSettings], Image], *, exposure: float, latency: float, fps: float = FPS
+) -> Rangefinder:
     """Emulated board and camera in real time, which sees what `render` gives; times in seconds."""
     board = BenchBoard()
-    camera = BenchCamera(board, render, fps=FPS, exposure=exposure, latency=latency)
+    camera = BenchCamera(board, render, fps=fps, exposure=exposure, latency=latency)
     return Rangefinder(LaserBoard(backend=bench_backend(board)), camera)
 
 
@@ -101,7 +114,7 @@ def running(data: Path, scan: Path) -> Iterator[Bench]:
     ):
         # Tells the clock of the stamps.
         StancePublisher(session)
-        yield Bench(recorded, node, status, endpoint)
+        yield Bench(recorded.stance, len(recorded.stripes), node, status, endpoint)
 
 
 def print_way_to_planner(bench: Bench, first: int, scans: int) -> None:
@@ -138,24 +151,93 @@ def print_way_to_planner(bench: Bench, first: int, scans: int) -> None:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """Work on a group of stripes: when all frames of each had arrived, and when the work ended [s]."""
+
+    arrived: tuple[float, ...]
+    ended: float
+
+
+@contextmanager
+def noting_turns() -> Iterator[list[Turn]]:
+    """Turns of the work on stripes, while the block lasts."""
+    turns: list[Turn] = []
+    groups = StripeStream.groups
+
+    def noted(stream: StripeStream) -> Iterator[tuple[StripeCapture, ...]]:
+        for group in groups(stream):
+            yield group
+            stamps = [(c.on_stamp, c.off_stamp, c.dark_stamp) for c in group]
+            turns.append(Turn(tuple(float(np.nanmax(each)) for each in stamps), timing.monotonic()))
+
+    setattr(StripeStream, "groups", noted)  # noqa: B010
+    try:
+        yield turns
+    finally:
+        setattr(StripeStream, "groups", groups)  # noqa: B010
+
+
+def most_waiting(turns: list[Turn]) -> int:
+    """Largest number of stripes of which all frames had come while others were worked on."""
+    arrived = np.array([stamp for turn in turns for stamp in turn.arrived])
+    done = np.cumsum([len(turn.arrived) for turn in turns])
+    return max(int(np.count_nonzero(arrived[n:] <= turn.ended)) for n, turn in zip(done, turns, strict=True))
+
+
+def print_rates(rates: list[float], lights: list[str], size: tuple[int, int]) -> None:
+    """Whether the node keeps up with fast cameras, in clean and in hard light at strength 1."""
+    table = Table(
+        "light:<9 | frames/s:8.0f | stripes:7d | sweep s:7.3f | frame periods a stripe:22.2f | most waiting:12d | "
+        "share of a core:15.2f | last frame to grid ms:21.1f"
+    )
+    for light, fps in itertools.product(lights, rates):
+        scan = scenes.simulated(size, 70, real_light({} if light == "clean" else {light: 1.0}))
+        rangefinder = showing(view_of(scan), exposure=0.4 / fps, latency=0.4 / fps, fps=fps)
+        endpoint = free_endpoint()
+        with (
+            noting_turns() as turns,
+            listening(scan.robot, scan.calibration, rangefinder, scan.mode, endpoint) as (node, status),
+            open_client(endpoint, timeout=TIMEOUT_S) as session,
+        ):
+            StancePublisher(session)
+            bench = Bench(scan.stance, len(scan.frames), node, status, endpoint)
+            bench.pause(0)
+            turns.clear()
+            sweep, tail, spent = bench.pause(1)
+        periods = sweep * fps / bench.stripes
+        table.row(light, fps, bench.stripes, sweep, periods, most_waiting(turns), spent / sweep, tail)
+
+
 def main() -> None:
     """Command line."""
     asked = options(
         __doc__,
         DATA=(Path, "data folder with calibration/truth.json and scans/paper"),
-        scans=(7, "timed scans at 30 frames per second"),
+        scans=(7, "timed scans at 30 frames per second; 0: none"),
+        rates=([120.0], "frames per second of the cameras that the node has to keep up with"),
+        lights=(["clean", "clipping", "ambient"], "clean, or effects of real light at strength 1"),
+        size=([640, 512], "width and height of the pictures of the simulated scene [px]"),
     )
-    folder = asked.data / "scans" / "paper"
-    with running(asked.data, folder) as bench:
+    cv2.setNumThreads(1)
+    if asked.scans:
+        print_scans(asked.data, asked.scans)
+    print_rates(asked.rates, asked.lights, (asked.size[0], asked.size[1]))
+
+
+def print_scans(data: Path, scans: int) -> None:
+    """Scans of the recorded scene at FPS: sweep, delay of the grid, processor time, and the way to a planner."""
+    folder = data / "scans" / "paper"
+    with running(data, folder) as bench:
         yardstick = Yardstick(folder)
         # Not timed: both make things at their first use.
         bench.pause(0), yardstick.seconds()
         pauses, references = [], [yardstick.seconds()]
-        for step in range(1, asked.scans + 1):
+        for step in range(1, scans + 1):
             pauses.append(bench.pause(step))
             references.append(yardstick.seconds())
         rows = np.array(pauses)
-        frames = len(bench.scan.stripes) + 1
+        frames = bench.stripes + 1
         needed = frames / FPS
         print(f"{frames - 1} stripes and one off frame at {FPS:.0f} frames per second; {len(rows)} scans")
         print(f"sweep        {np.median(rows[:, 0]):7.3f} s   frames need {needed:.3f} s: {_over(rows[:, 0], needed)}")
@@ -167,7 +249,7 @@ def main() -> None:
             "(driver, emulated devices, grid, map, messages)"
         )
         print(*beside(rows[:, 2].tolist(), references, yardstick.stripes), sep="\n")
-        print_way_to_planner(bench, asked.scans + 1, asked.scans)
+        print_way_to_planner(bench, scans + 1, scans)
 
 
 def _over(seconds: np.ndarray, needed: float) -> str:

@@ -68,8 +68,8 @@ class AcquireOptions:
             queue is full, the scan waits with the laser off.
         together: number of stripes per group that is handed to the caller. Groups shrink towards the end, to at most
             twice the number of remaining stripes, and the last stripe is alone, so that it need not wait for a caller
-            that takes at most half a frame's time per stripe. Processing in groups takes over a third less time on a
-            machine that is idle between frames, because of its caches, but each stripe takes the memory of a frame.
+            that takes at most half a frame's time per stripe. Processing in groups takes less time, but each stripe
+            takes the memory of a frame.
         limits: thresholds for differences between frames.
         dark_after: indices of the stripes that are followed by a frame with the laser off, see `draw_code`. A stripe
             whose dark frame is lost counts as lost.

@@ -16,10 +16,9 @@ import numpy as np
 
 from guara_perception.arrays import Array, Float, Index, Mask
 from guara_perception.ranging.stripe_points import StripePoints
+from guara_perception.stripes.kernel.library import addresses, kernel
 from guara_perception.terrain.assessment.raster import SurfaceSamples
 
-# Half-width of the window over which the relief is averaged, in units of half the stripe spacing.
-AVERAGED = 4
 # Key of a swath: (index, index) for one stripe, (index, next index) for the surface between two neighbours.
 Key = tuple[int, int]
 # Ratio of two strengths below which the weaker return may be cut by an edge or a shadow.
@@ -38,37 +37,15 @@ OPEN_END_M = 0.0005
 def pair_relief(points: Array, variance: Array) -> Float:
     """Variance (w,) of the ground halfway between two stripes relative to the straight line between them [m^2].
 
-    The ground is assumed to be as rough across the stripes as along them. Along a stripe, each height is compared with
-    the mean of the two heights half a stripe spacing to its left and right.
-
     Args:
         points: (3, 2, w) points of both stripes, NaN where there is none.
         variance: (2, w) variances of their heights [m^2], whose contribution is subtracted.
     """
-    x, y, heights = points.astype(np.float64)
-    relief = np.zeros(heights.shape[1])
-    with np.errstate(invalid="ignore"):
-        known = np.isfinite(heights)
-        if not known.all(axis=0).any() or not (beside := known[:, 1:] & known[:, :-1]).any():
-            return relief
-        apart = float(np.median(np.hypot(*(c[1] - c[0] for c in (x, y)))[known.all(axis=0)]))
-        column = float(np.median(np.abs(y[:, 1:] - y[:, :-1])[beside]))
-    lag = max(round(0.5 * apart / max(column, 1e-6)), 1)
-    inner = relief.size - 2 * lag
-    if inner <= 0:
-        return relief
-    left, middle, right = (slice(start, start + inner) for start in (0, lag, 2 * lag))
-    # No gap between the three: the number of unknown columns up to the first and up to the last is equal.
-    gaps = np.cumsum(~known, axis=1)
-    whole = known[:, left] & known[:, middle] & (gaps[:, left] == gaps[:, right])
-    square = (heights[:, middle] - 0.5 * (heights[:, left] + heights[:, right])) ** 2
-    square -= variance[:, middle] + 0.25 * (variance[:, left] + variance[:, right])
-    total = np.zeros((2, relief.size))
-    total[:, middle] = np.where(whole, square, 0.0).sum(axis=0), whole.sum(axis=0)
-    half = AVERAGED * lag
-    sums = np.cumsum(np.pad(total, ((0, 0), (half + 1, half))), axis=1)
-    square_sum, count = sums[:, 2 * half + 1 :] - sums[:, : -2 * half - 1]
-    return np.maximum(square_sum / np.maximum(np.rint(count), 1), 0.0)
+    points, variance = (np.ascontiguousarray(values, np.float32) for values in (points, variance))
+    n = variance.shape[1]
+    relief, work = np.empty(n), np.empty(3 * (n + 1))
+    kernel().pair_relief(*addresses(points, variance), n, *addresses(work, relief))
+    return relief
 
 
 def surface_of(

@@ -15,6 +15,8 @@ import numpy as np
 from guara_perception.arrays import Float, Image, Mask
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.optical_flow import follow
+from guara_perception.stripes.band import pictures_of
+from guara_perception.stripes.kernel.library import addresses, kernel
 from kinematics.transforms import inverse, transform_points
 
 CAMERA_MOVED = "camera moved"
@@ -50,18 +52,14 @@ def grey(picture: Image, gain: float) -> Image:
         picture: (h, w) or (h, w, 3).
         gain: factor of brightness; see `gain_of`.
     """
-    one = picture
-    if picture.ndim == 3:
-        # Green, the channel with the least noise.
-        one = cv2.extractChannel(picture, picture.shape[2] // 2)
-    factor = max(round(picture.shape[1] / FOLLOWED_PX), 1)
-    gain /= 256 if one.dtype == np.uint16 else 1
-    # As floats: the mean of several pixels of a dim image is finer than one grey level.
-    bright = one if gain == 1.0 else one.astype(np.float32) * np.float32(gain)
-    if factor > 1:
-        size = picture.shape[1] // factor, picture.shape[0] // factor
-        bright = cv2.resize(bright[: size[1] * factor, : size[0] * factor], size, interpolation=cv2.INTER_AREA)
-    return np.asarray(bright if bright.dtype == np.uint8 else np.clip(bright, 0, 255), np.uint8)
+    given, factor = pictures_of(picture, None)[0], max(round(picture.shape[1] / FOLLOWED_PX), 1)
+    # Neither red nor blue: of three channels the one with the least noise.
+    channel = given.channels // 2
+    out = np.empty((given.rows // factor, given.columns // factor), np.uint8)
+    line, sums = np.empty(given.columns, np.uint16), np.empty((2, given.columns), np.uint32)
+    gain /= 256 if given.size == 2 else 1
+    kernel().shrink(given, channel, factor, gain, *addresses(line, sums, out))
+    return out
 
 
 def corners(picture: Image) -> Float:
@@ -206,22 +204,15 @@ class BackgroundWitness:
         count = int(np.count_nonzero(found))
         if count < max(LEAST_CORNERS, LEAST_SHARE * np.count_nonzero(used)):
             return None
-        rows, wanted = self._flow[used][found].reshape(-1, 6), flow[found].ravel()
-        noise, weights = 0.0, np.ones(count)
-        for _ in range(STEPS):
-            weighted = (np.repeat(weights, 2)[:, None] * rows).T
-            normal = weighted @ rows
-            if np.linalg.cond(normal) > MOST_CONDITION:
-                return None
-            inverse_normal = np.linalg.inv(normal)
-            motion = inverse_normal @ (weighted @ wanted)
-            left = np.hypot(*(wanted - rows @ motion).reshape(-1, 2).T)
-            noise = max(float(np.median(left)), LEAST_NOISE_PX * self._pixel)
-            # Tukey's weights: corners of moving objects get weight zero.
-            weights = np.clip(1.0 - (left / (6.0 * noise)) ** 2, 0.0, None) ** 2
-        if np.count_nonzero(weights) < max(LEAST_CORNERS, LEAST_SHARE * count):
+        rows, wanted = self._flow[used][found], flow[found]
+        fit, work = np.empty(6 + 36 + 2), np.empty((2, count), np.float32)
+        limits = STEPS, LEAST_NOISE_PX * self._pixel, MOST_CONDITION
+        if not kernel().fit_motion(*addresses(rows, wanted), count, *limits, *addresses(work, fit)):
             return None
-        sigma = noise * np.sqrt(np.einsum("ij,jk,ik->i", self._rise, inverse_normal, self._rise))
+        motion, inverse_normal, (noise, agree) = fit[:6], fit[6:42].reshape(6, 6), fit[42:]
+        if agree < max(LEAST_CORNERS, LEAST_SHARE * count):
+            return None
+        sigma = noise * np.sqrt(((self._rise @ inverse_normal) * self._rise).sum(axis=1))
         return _Seen(self._rise @ motion, sigma)
 
     def moved(self, places: Mapping[int, Float] | None) -> dict[int, float]:

@@ -9,40 +9,18 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Float32, Image, Index, Mask
+from guara_perception.arrays import Float32, Image, Mask
 from guara_perception.scanning.background import aligned
-from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus, is_clipped
+from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus, pictures_of
+from guara_perception.stripes.kernel.library import address, kernel, memory
 from guara_perception.stripes.peaks import upper_median
 
 SECOND_LINE = "two lines in one picture"
-# Number of columns in which the surroundings of a stripe are examined, and the least number that must show the stripe.
-COLUMNS, LEAST_COLUMNS = 96, 12
-# Largest distance of a second line, as a fraction of the image height: 16 px of 512, about three stripes.
-REACH_OF_HEIGHT = 1 / 32
 # Brightness of a second line relative to the stripe, above which it shifts the measured row.
 LEAST_SHARE = 0.45
 # A fainter second line, above LEAST_ODD_SHARE, counts if it exceeds ODD times the median of the scan's stripes. What
 # all stripes show is a reflection, which does not shift the row.
 LEAST_ODD_SHARE, ODD = 0.2, 2.5
-# Two merged lines have a flat top. The ratio of the widths at 1/4 and 3/4 of the height is 2.2 for a Gaussian, at least
-# 1.7 for single lines of simulated and rendered scenes, and 1.25 to 1.6 for two lines half a stripe width apart with a
-# brightness ratio of 0.8 to 1.3. Closer lines shift the row by less than 5 mm of height.
-LEAST_WIDTHS = 1.62
-# A line narrower than this at 1/4 of its height is a single one whose top is flat because of the pixel size. In images
-# of 320 x 256 px, single lines are 1.7 to 2.5 px wide there, pairs that shift the row by 5 mm of height 2.2 px or more.
-LEAST_WIDE_PX = 2.0
-# Fractions of the height at which widths are measured.
-LEVELS = 0.25, 0.5, 0.75
-# Two separate lines whose outer flanks are both above half the height: the ratio of the widths at 1/2 and 3/4 is 3; it
-# is 1.55 for a Gaussian and 1.3 to 1.6 for single lines of simulated and rendered scenes.
-MOST_WIDTHS = 2.2
-# Least distance from the top at which the two sides are compared [bins]: closer bins belong to the line itself.
-LEAST_BINS = 4
-BIN_PX = 0.5
-# Largest fraction of clipped tops at which a flat top still indicates a second line.
-MOST_CLIPPED = 0.1
-# Least height of a top above its surroundings [grey levels of 255].
-LEAST_TOP = 12.0
 # The whole scan is refused if at least this fraction of its stripes, and at least this number, show a second line.
 REFUSED_SHARE, REFUSED_STRIPES = 0.2, 4
 FOREIGN_LIGHT = "foreign laser light"
@@ -90,40 +68,11 @@ def second_line(
 
 
 def _second_line(pair: FramePair, profile: StripeProfile) -> float:
-    columns = np.flatnonzero(np.isfinite(profile.position_px))
-    if pair.off is None or columns.size < LEAST_COLUMNS:
+    if pair.off is None:
         return 0.0
-    columns = columns[:: max(columns.size // COLUMNS, 1)]
-    reach = max(round(REACH_OF_HEIGHT * pair.on.shape[0]), 4)
-    tops = np.rint(profile.position_px[columns]).astype(np.intp)
-    inside = (tops >= reach) & (tops < pair.on.shape[0] - reach)
-    tops, columns = tops[inside], columns[inside]
-    if columns.size < LEAST_COLUMNS:
-        return 0.0
-    light = _around(pair.on, tops, columns, reach) - _around(pair.off, tops, columns, reach)
-    scale = 255.0 / float(np.iinfo(pair.on.dtype).max)
-    # The highest pixel, which may be one beside the rounded row.
-    level = light[reach - 1 : reach + 2].max(axis=0)
-    seen = level * scale > LEAST_TOP
-    if np.count_nonzero(seen) < LEAST_COLUMNS:
-        return 0.0
-    below, above = light[reach + 2 :], light[: reach - 1][::-1]
-    # Unsigned, because the profile may follow one line in some columns and the other line elsewhere.
-    difference = (below - above)[:, seen] / level[seen]
-    share = float(np.median(np.abs(difference), axis=1).max())
-    if is_clipped(pair.on[tops[seen], columns[seen]]).mean() > MOST_CLIPPED:
-        # The ragged edges of clipped tops make the unsigned difference large in every stripe, so it is limited.
-        return max(float(np.abs(np.median(difference, axis=1)).max()), min(share, LEAST_SHARE))
-    distance = np.arange(-reach, reach + 1)[:, None] - (profile.position_px[columns] - tops)
-    section = _section(distance[:, seen], light[:, seen] / level[seen])
-    wide, middle, narrow = (_width(section, level) for level in LEVELS)
-    if LEAST_WIDE_PX / BIN_PX < wide < LEAST_WIDTHS * narrow or MOST_WIDTHS * narrow < middle < np.inf:
-        return 1.0
-    # The measured row may lie between the two lines, so the sides of the highest bin are compared.
-    top = int(section.argmax())
-    sides = min(top, section.size - 1 - top)
-    apart = np.arange(LEAST_BINS, sides + 1)
-    return max(share, float(np.abs(section[top + apart] - section[top - apart]).max(initial=0.0)))
+    on, off = pictures_of(pair.on, pair.off)
+    work = memory(kernel().second_line_size(on.rows))
+    return float(kernel().second_line(on, off, address(profile.position_px), LEAST_SHARE, address(work)))
 
 
 def doubled_stripes(shares: Mapping[int, float]) -> frozenset[int]:
@@ -135,39 +84,6 @@ def doubled_stripes(shares: Mapping[int, float]) -> frozenset[int]:
     usual = float(np.median(list(shares.values()))) if shares else 0.0
     least = min(LEAST_SHARE, max(LEAST_ODD_SHARE, ODD * usual))
     return frozenset(index for index, share in shares.items() if share > least)
-
-
-def _section(distance: Float, light: Float32) -> Float:
-    """Mean cross-section of a stripe in bins of BIN_PX, relative to its highest bin.
-
-    Args:
-        distance: (rows, n) distance from the centre of the stripe [px].
-        light: (rows, n) brightness relative to the top of each column.
-    """
-    half = int(np.abs(distance).min(axis=1).max() / BIN_PX) - 1
-    bins = np.floor(distance / BIN_PX + half + 0.5).astype(np.intp).ravel()
-    inside = (bins >= 0) & (bins <= 2 * half)
-    total = np.bincount(bins[inside], light.ravel()[inside], 2 * half + 1)
-    section = total / np.maximum(np.bincount(bins[inside], minlength=2 * half + 1), 1)
-    return np.asarray(section / max(float(section.max()), 1e-6))
-
-
-def _width(section: Float, level: float) -> float:
-    """Distance between the outermost crossings of a level [bins]; infinite if one of them is beyond the ends."""
-    above = np.flatnonzero(section >= level)
-    first, last = int(above[0]), int(above[-1])
-    if first == 0 or last == section.size - 1:
-        return np.inf
-    before = (section[first] - level) / max(float(section[first] - section[first - 1]), 1e-6)
-    after = (section[last] - level) / max(float(section[last] - section[last + 1]), 1e-6)
-    return float(last - first + before + after)
-
-
-def _around(picture: Image, tops: Index, columns: Index, reach: int) -> Float32:
-    """Brightest channel (2 reach + 1, n) of the pixels up to `reach` rows above and below the tops."""
-    rows = tops + np.arange(-reach, reach + 1)[:, None]
-    pixels = picture[rows, columns].astype(np.float32)
-    return np.asarray(pixels.max(axis=2) if pixels.ndim == 3 else pixels)
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,6 +52,7 @@ int64_t find_size(int64_t rows, int64_t columns);
 int64_t find_stripe(const Picture *on, const Picture *off, const Judgement *seen, int64_t is_fused, char *memory,
     void *smooth, int64_t *top, float *height, uint8_t *is_peak, uint8_t *is_clipped, uint8_t *is_unsure, double *mix,
     double *found);
+double second_line(const Picture *on, const Picture *off, const float *position, double at_most, char *memory);
 int64_t window_size(int64_t columns);
 void measure_window(const Picture *on, const Picture *off, const double *mix, const double *gain, uint8_t *is_path,
     uint8_t *is_stripe, const uint8_t *is_core, int64_t factor, double ridge, float *work, int64_t *row, float *height,

@@ -39,19 +39,21 @@ class Picture(ctypes.Structure):
 P, D, F, PICTURE = ctypes.c_void_p, ctypes.c_double, ctypes.c_float, ctypes.POINTER(Picture)
 # Types of the arguments and the result of each function. The global interpreter lock is released while one runs.
 FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
-    "centres": ([P, N, P, P], None),
-    "clipped_columns": ([PICTURE, P, D, N, N, P, P], None),
     "any_light_size": ([N] * 5, N),
+    "cells_of_samples": ([P, N, D, P, N, N, P, P], None),
     "clean_size": ([N] * 3, N),
     "extract_clean": ([PICTURE, PICTURE, N, D, P, P, P], N),
     "extract_any_light": ([PICTURE, PICTURE] + [N] * 3 + [P] * 6, N),
-    "follow_candidates": ([P, P, N, N, P, P, P], None),
     "judge": ([PICTURE, PICTURE, P, P], None),
     "judge_size": ([N] * 3, N),
-    "responses": ([P, N, N, N, P, P, N, P], None),
+    "fit_motion": ([P, P, N, N, D, D, P, P], N),
+    "pair_relief": ([P, P, N, P, P], None),
+    "run_ends": ([P, P, N, P, P], None),
+    "second_line": ([PICTURE, PICTURE, P, D, P], D),
+    "second_line_size": ([N], N),
     "select_value": ([P, N, N], F),
-    "stripe_sigma": ([P, N, N, N, P, P, P, N, D, P], D),
-    "smooth_line": ([P, P, N, P, P], None),
+    "shrink": ([PICTURE, N, N, D, P, P, P], None),
+    "sum_cells": ([P, P, P, P, N, N, N, N, P, P, P], None),
 }
 
 

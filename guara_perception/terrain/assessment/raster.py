@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -126,67 +125,45 @@ def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry
     """
     if not samples.runs:
         return [NO_SAMPLES] * count
-    (ix, iy), height, variance = _cells(samples.points, geometry), samples.points[2], samples.variance
-    ny = geometry.shape[0]
-    # Each swath has an entry for every cell in the range of columns of all swaths, one swath after the other.
-    lowest = int(ix.min())
-    span = (int(ix.max()) + 1 - lowest) * (ny + 2)
-    ix -= lowest
-    ix *= ny + 2
-    ix += iy
-    entry = np.repeat([swath * span for swath, _ in samples.runs], [length for _, length in samples.runs])
-    entry += ix
-    size = count * span
-    high, low = np.full(size, -np.inf), np.full(size, np.inf)
-    with np.errstate(invalid="ignore"):
-        np.maximum.at(high, entry, height)
-        np.minimum.at(low, entry, height)
-    used = np.flatnonzero(high >= low)
-    cell = (used % span + lowest * (ny + 2)).astype(np.int32)
-    lows, highs = low.take(used), high.take(used)
-    if not (lows > highs - TOP_LAYER_M).all():
-        is_top = np.flatnonzero(height > high.take(entry) - TOP_LAYER_M)
-        entry, height, variance = entry.take(is_top), height.take(is_top), variance.take(is_top)
-    total = _sum(entry, height, size).take(used)
-    numbers = np.bincount(entry, minlength=size).take(used)
-    singles = [layer.astype(np.float32) for layer in (numbers, _sum(entry, variance, size).take(used), lows, highs)]
-    bounds = used.searchsorted(span * np.arange(1, count + 1)).tolist()
+    from guara_perception.stripes.kernel.library import addresses, kernel  # The client holds this file without it.
+
+    points, variance = (np.ascontiguousarray(values, np.float64) for values in (samples.points, samples.variance))
+    cell, columns = _cells(points, geometry)
+    # Each swath has an entry for every cell in the columns that any swath touches, one swath after the other.
+    first, end = (int(column) * (geometry.shape[0] + 2) for column in (columns[0], columns[1] + 1))
+    span = end - first
+    sums, cells, bounds = np.empty((5, count * span)), np.empty(count * span, np.int32), np.empty(count, np.int64)
+    runs = np.ascontiguousarray(np.array(samples.runs, np.int64).T)
+    given = *addresses(cell, points[2], variance, runs), runs.shape[1], count, first, span
+    kernel().sum_cells(*given, *addresses(sums, cells, bounds))
+    used = int(bounds[-1])
+    total, cells = sums[0, :used].copy(), cells[:used].copy()
+    singles = [layer[:used].astype(np.float32) for layer in sums[1:]]
     return [
-        CellSamples(cell[first:last], total[first:last], *(layer[first:last] for layer in singles))
-        for first, last in itertools.pairwise([0, *bounds])
+        CellSamples(cells[begin:end], total[begin:end], *(layer[begin:end] for layer in singles))
+        for begin, end in itertools.pairwise([0, *bounds.tolist()])
     ]
 
 
-def _cells(points: Float, geometry: GridGeometry) -> npt.NDArray[np.int32]:
-    """Column and row (2, n) of the cells of points (3, n): those of `GridGeometry.indices`, but counted from 1.
+def _cells(points: Float, geometry: GridGeometry) -> tuple[npt.NDArray[np.int32], Index]:
+    """Cells (n,) of points (3, n), as in `CellSamples`, those of `GridGeometry.indices`; first and last column of them.
 
     Points that are unknown or outside the grid are assigned to the ring of cells around it.
     """
-    offset, last = _offset_and_last(geometry)
-    position = points[:2] * (1 / geometry.resolution)
-    position += offset
-    with np.errstate(invalid="ignore"):
-        # Positive numbers are truncated. NaN and positions before the grid give 0 or less, which is the ring.
-        cell = position.astype(np.int32)
-    cell.clip(np.int32(0), last, out=cell)
-    unknown = np.isnan(points[2])
-    if unknown.any():
-        cell[1, unknown] = 0
-    return cell
+    from guara_perception.stripes.kernel.library import address, addresses, kernel
 
-
-@functools.lru_cache(maxsize=8)
-def _offset_and_last(geometry: GridGeometry) -> tuple[Float, npt.NDArray[np.int32]]:
-    """Origin (2, 1) of base_footprint as column and row counted from 1, and last column and row (2, 1) of the ring."""
-    offset = [[1 + ROUNDING - origin / geometry.resolution] for origin in geometry.origin]
-    ny, nx = geometry.shape
-    return np.array(offset), np.array([[nx + 1], [ny + 1]], dtype=np.int32)
+    n, (ny, nx) = points.shape[1], geometry.shape
+    offset = np.array([1 + ROUNDING - origin / geometry.resolution for origin in geometry.origin])
+    cell, columns = np.empty(n, np.int32), np.empty(2, np.int64)
+    place = 1 / geometry.resolution, address(offset), nx, ny
+    kernel().cells_of_samples(address(points), n, *place, *addresses(cell, columns))
+    return cell, columns
 
 
 def cells_of(points: Float, geometry: GridGeometry) -> tuple[Index, Mask]:
-    """Flat indices (m,), iy * nx + ix, of the cells of points (n, 3), and mask (n,) of the points on the grid."""
-    ix, iy = _cells(np.asarray(points.T, dtype=np.float64), geometry)
+    """Flat cells iy * nx + ix (m,) of the known points (n, 3) on the grid, and the mask of these points."""
     ny, nx = geometry.shape
+    ix, iy = np.divmod(_cells(np.ascontiguousarray(points.T, np.float64), geometry)[0], ny + 2)
     inside = np.asarray((ix > 0) & (ix <= nx) & (iy > 0) & (iy <= ny))
     return (iy[inside] - 1).astype(np.int64) * nx + (ix[inside] - 1), inside
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from guara_perception.ranging.surface import pair_relief
+from tests.guara_perception.ranging import plain_run_ends as plain
 
 COLUMN_M, APART_M, WIDTH = 0.0009, 0.0162, 640
 NOISE_M = 1e-4
@@ -57,3 +58,13 @@ def test_gaps_and_short_runs_say_nothing() -> None:
     assert not pair_relief(stripes([short, short]), np.zeros((2, WIDTH))).any()
     nothing = np.full(WIDTH, np.nan)
     assert not pair_relief(stripes([nothing, high]), np.zeros((2, WIDTH))).any()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_relief_is_that_of_the_slow_reference(seed: int) -> None:
+    """Rough stripes with gaps and jumps."""
+    rng = np.random.default_rng(seed)
+    steps = rng.choice([0.0, 0.003, 0.02, np.nan], (2, WIDTH // 40)).repeat(40, axis=1)
+    points = stripes(list(steps + rng.normal(0, NOISE_M, steps.shape))).astype(np.float32)
+    variance = rng.uniform(0, NOISE_M**2, steps.shape).astype(np.float32)
+    np.testing.assert_allclose(pair_relief(points, variance), plain.pair_relief(points, variance), rtol=0, atol=1e-15)

@@ -7,17 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.ranging.stripe_points import (
+from guara_perception.ranging.stripe_points import StripePoints, run_ends, stripe_points
+from guara_perception.stripes.band import StripeProfile, StripeStatus
+from tests.guara_perception.ranging import plain_run_ends
+from tests.guara_perception.ranging.plain_run_ends import (
     END_COLUMNS,
     FADED_OF_LEVEL,
     LEVEL_COLUMNS,
     SHORT_RUN_COLUMNS,
-    StripePoints,
     run_breaks,
-    run_ends,
-    stripe_points,
 )
-from guara_perception.stripes.band import StripeProfile, StripeStatus
 from tests.thorough import examples
 
 
@@ -219,5 +218,7 @@ def test_runs_of_one_stripe_do_not_touch_the_next(seed: int) -> None:
     height = np.repeat(random.choice([0.0, 0.003, 0.02, np.nan], (5, 12)), 7, axis=1)
     strength = random.choice([10.0, 40.0, 100.0], (5, 12)).repeat(7, axis=1) * random.uniform(0.5, 1, height.shape)
     height[2], height[3] = 0.0, np.nan
-    for ends, *each in zip(run_ends(height, strength), height, strength, strict=True):
+    together = run_ends(height, strength)
+    np.testing.assert_array_equal(together, plain_run_ends.run_ends(height, strength))
+    for ends, *each in zip(together, height, strength, strict=True):
         np.testing.assert_array_equal(ends, ends_of(*each))

@@ -13,7 +13,7 @@ import guara_perception as gp
 from drivers import StripeVerdict
 from drivers.sweep.proof import StripeProof
 from guara_perception.app.node.simulated import DEMO_WORLD
-from guara_perception.scanning.background import CAMERA_MOVED, BackgroundWitness, aligned, motion_text
+from guara_perception.scanning.background import CAMERA_MOVED, BackgroundWitness, aligned, grey, motion_text
 from guara_perception.scanning.flash_proof import FlashProof
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.specimen import specimen
@@ -216,3 +216,15 @@ def test_parted_stripes_are_named() -> None:
     text = motion_text({3: 0.004, 5: 0.0071}, 4, 35, has_track=False)
     assert text.startswith("camera moved: 2 of 35 stripes are not used, off by up to 7 mm")
     assert "4 pairs of neighbouring stripes are not joined" in text
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+@pytest.mark.parametrize("width", [320, 640, 963, 1280])
+def test_reduced_pictures_are_means_of_their_pixels(kind: type, width: int) -> None:
+    """As by OpenCV, to a level; of any size, bits and strides."""
+    picture = np.random.default_rng(width).integers(0, np.iinfo(kind).max, (101, 2 * width, 3)).astype(kind)[:, ::-2]
+    factor = round(width / 320)
+    size = width // factor, 101 // factor
+    whole = picture[: size[1] * factor, : size[0] * factor, 1].astype(np.float32) / (257 if kind is np.uint16 else 1)
+    expected = cv2.resize(np.ascontiguousarray(whole), size, interpolation=cv2.INTER_AREA)
+    assert np.abs(grey(picture, 1.0) - expected).max() < 1.6

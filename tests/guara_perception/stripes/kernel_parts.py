@@ -3,12 +3,30 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from guara_perception.stripes.kernel.library import address, addresses, kernel
+from guara_perception.stripes.kernel.library import PICTURE, address, addresses, kernel
 
 N, P, D, F = ctypes.c_int64, ctypes.c_void_p, ctypes.c_double, ctypes.c_float
+# Function -> types of its arguments and of its result.
+PARTS: dict[str, tuple[list[Any], Any]] = {
+    "centres": ([P, N, P, P], None),
+    "clipped_columns": ([PICTURE, P, D, N, N, P, P], None),
+    "follow_candidates": ([P, P, N, N, P, P, P], None),
+    "responses": ([P, N, N, N, P, P, N, P], None),
+    "smooth_line": ([P, P, N, P, P], None),
+    "stripe_sigma": ([P, N, N, N, P, P, P, N, D, P], D),
+}
+
+
+def part(name: str) -> Callable[..., Any]:
+    """A function of PARTS."""
+    function = getattr(kernel(), name)
+    function.argtypes, function.restype = PARTS[name]
+    return function
 
 
 class Path(ctypes.Structure):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from guara_perception.stripes.kernel.library import address, addresses, kernel
+from guara_perception.stripes.kernel.library import address, addresses
+from tests.guara_perception.stripes.kernel_parts import part
 
 # Rows and columns from one sample of a band's statistics to the next.
 SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 24
@@ -60,7 +61,7 @@ def stripe_sigma(
     top, columns, height = (np.ascontiguousarray(a, t) for a, t in zip((top, columns, height), "qqf", strict=True))
     work = np.empty(top.size, np.float32)
     pointers = addresses(top, height, columns)
-    return float(kernel().stripe_sigma(*light_of(smooth), *pointers, top.size, smoothed_by**2, address(work)))
+    return float(part("stripe_sigma")(*light_of(smooth), *pointers, top.size, smoothed_by**2, address(work)))
 
 
 def sigma_of_filter(sigma: float) -> float:
@@ -85,7 +86,7 @@ def responses(light: np.ndarray, top: np.ndarray, sigma: float) -> np.ndarray:
     """
     filters, top = derivative_filters(sigma), np.ascontiguousarray(top, np.int64)
     out = np.empty((SHIFTS, light.shape[1]), np.float32)
-    kernel().responses(*light_of(light), *addresses(top, filters), filters.shape[1], address(out))
+    part("responses")(*light_of(light), *addresses(top, filters), filters.shape[1], address(out))
     return out
 
 

@@ -34,6 +34,8 @@ import numpy as np
 from guara_perception.stripes.kernel import library
 library.FOLDER = Path(sys.argv[1])
 import guara_perception as gp
+from guara_perception.scanning.background import grey
+from guara_perception.scanning.flash_proof import second_line
 
 cv2.setNumThreads(1)
 random = np.random.default_rng(0)
@@ -45,7 +47,11 @@ for number in range(60):
     on[shape[0] // 2 :][: number % 5] = most
     off = (None, on // 2, random.integers(0, most, shape).astype(kind))[number // 3 % 3]
     flipped = np.s_[:: random.choice([1, -1]), :: random.choice([1, -1])]
-    gp.extract_stripe(on[flipped], None if off is None else off[flipped], ("columns", "rows")[number // 2 % 2])
+    pair = on[flipped], None if off is None else off[flipped]
+    profile = gp.extract_stripe(*pair, ("columns", "rows")[number // 2 % 2])
+    grey(pair[0], 1.0)
+    if number // 2 % 2 == 0:
+        second_line(gp.FramePair(0, *pair), profile)
 # Pairs so wide that paths are looked for in fewer columns: noise, white pixels, and lines with a ghost.
 for number in range(12):
     rows, columns = int(random.integers(32, 70)), int(random.choice([480, 481, 635, 999, 1000, 1003]))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from guara_perception.stripes.band import judge
-from guara_perception.stripes.kernel.library import Picture, addresses, kernel
+from guara_perception.stripes.kernel.library import Picture, addresses
+from tests.guara_perception.stripes.kernel_parts import part
 
 
 @pytest.mark.parametrize("channel", [0, 1, 2])
@@ -45,7 +46,7 @@ def test_clipped_cores_and_those_that_are_lost() -> None:
 
     def clipped_and_lost(*, is_fused: bool) -> np.ndarray:
         masks = np.empty((2, 40), np.bool_)
-        kernel().clipped_columns(Picture(on), *addresses(top), sigma, 2, is_fused, *addresses(*masks))
+        part("clipped_columns")(Picture(on), *addresses(top), sigma, 2, is_fused, *addresses(*masks))
         return masks
 
     clipped, lost = clipped_and_lost(is_fused=True)

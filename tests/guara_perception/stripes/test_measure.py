@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.stripes.kernel.library import address, kernel
+from guara_perception.stripes.kernel.library import address
+from tests.guara_perception.stripes.kernel_parts import part
 from tests.thorough import examples
 
 
@@ -15,7 +16,7 @@ def smooth_line(position: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, n
     """The smoothed positions (n,) of a stripe, and the factors by which independent noise shrinks."""
     position, weight = (np.ascontiguousarray(array, np.float32) for array in (position, weight))
     smooth, shrink = np.empty((2, position.size), np.float32)
-    kernel().smooth_line(*map(address, (position, weight)), position.size, *map(address, (smooth, shrink)))
+    part("smooth_line")(*map(address, (position, weight)), position.size, *map(address, (smooth, shrink)))
     return smooth, shrink
 
 

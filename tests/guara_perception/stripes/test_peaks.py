@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.stripes.kernel.library import address, kernel
+from guara_perception.stripes.kernel.library import address
+from tests.guara_perception.stripes.kernel_parts import part
 from tests.guara_perception.stripes.plain_light import (
     SCALE,
     noise_gain,
@@ -41,7 +42,7 @@ def centred(light: np.ndarray, top: np.ndarray, sigma: float) -> tuple[np.ndarra
     """Rows of the centres about these tops, and their standard deviation for noise of one grey level."""
     response = responses(light, top, sigma)
     from_top, slope = np.empty((2, top.size), np.float32)
-    kernel().centres(address(response), top.size, address(from_top), address(slope))
+    part("centres")(address(response), top.size, address(from_top), address(slope))
     return top + from_top, noise_gain(sigma) / slope
 
 

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.stripes.kernel.library import addresses, kernel
+from guara_perception.stripes.kernel.library import addresses
 from testbed.synthetic_stripes import CASES, figures
+from tests.guara_perception.stripes.kernel_parts import part
 from tests.thorough import examples
 
 ROWS, COLUMNS = 96, 200
@@ -266,7 +267,7 @@ def follow_candidates(rows: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray
     count, n = rows.shape
     rows, heights = np.ascontiguousarray(rows.T, np.int64), np.ascontiguousarray(heights.T, np.float32)
     choice, margin, costs = np.empty(n, np.int64), np.empty(n), np.empty((n, 15))
-    kernel().follow_candidates(*addresses(rows, heights), n, count, *addresses(costs, choice, margin))
+    part("follow_candidates")(*addresses(rows, heights), n, count, *addresses(costs, choice, margin))
     return choice, margin
 
 

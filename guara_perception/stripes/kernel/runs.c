@@ -1,0 +1,151 @@
+// Runs of returns along a stripe: where they end, and the returns there that cannot be used; relief between two stripes.
+#include "kernel.h"
+
+// Height difference between neighbouring columns above which they belong to different surfaces [m].
+#define JUMP_M 0.004
+// Number of unusable columns on each side of a jump or a gap: they mix light from both sides, or contain light spread by
+// the lens and by the mean over columns.
+enum { END_COLUMNS = 2 };
+// A run of fewer than SHORT_RUN_COLUMNS columns, all weaker than this fraction of the stripe's median strength, is the
+// remnant of a stripe cut by an edge.
+enum { SHORT_RUN_COLUMNS = 12 };
+#define WEAK_OF_STRIPE 0.5
+// A run that fades towards its end is cut by the edge of a shadow, and the rest of the stripe there is displaced. A
+// column is faded if it is weaker than this fraction of the mean of the next LEVEL_COLUMNS columns. Two consecutive bright
+// columns end a fade; speckle makes single columns bright within a shadow.
+#define FADED_OF_LEVEL 0.6
+enum { LEVEL_COLUMNS = 12 };
+// The edge of a shadow along a stripe cuts it lengthwise: several columns are displaced by more than DISPLACED_M [m], and
+// the first DIM_COLUMNS are weaker than DIM_OF_LEVEL of the strength further in.
+#define DISPLACED_M 0.00075
+enum { DIM_COLUMNS = 3 };
+#define DIM_OF_LEVEL 0.85
+// Half-width of the window over which the relief is averaged, in units of half the stripe spacing.
+enum { AVERAGED = 4 };
+
+// A row seen from either end: column i from there is i, or n - 1 - i.
+typedef struct { const double *height, *strength; const uint8_t *is_trusted; int64_t n, is_reversed; } Row;
+static int64_t at(const Row *row, int64_t i) { return row->is_reversed ? row->n - 1 - i : i; }
+
+static int is_sound(const Row *row, const double *total, int64_t i, int64_t last) {
+    const int64_t here = MIN(i, last), after = MIN(here + LEVEL_COLUMNS, last), own = at(row, here);
+    const double level = (total[after + 1] - total[here + 1]) / (double)MAX(after - here, 1);
+    return row->strength[own] >= FADED_OF_LEVEL * level;
+}
+
+// First columns of a run before two in a row reach FADED_OF_LEVEL of those that follow. total: (n + 1) sums from that end.
+static int64_t fade_length(const Row *row, const double *total, int64_t first, int64_t last) {
+    for (int64_t i = first; i <= last; i++) if (is_sound(row, total, i, last) && is_sound(row, total, i + 1, last)) return i - first;
+    return last - first + 1;
+}
+
+static double median_of_level(const Row *row, int64_t first) {
+    double sorted[LEVEL_COLUMNS];
+    for (int64_t i = 0; i < LEVEL_COLUMNS; i++) {
+        const double own = row->height[at(row, first + i)];
+        int64_t k = i;
+        for (; k > 0 && sorted[k - 1] > own; k--) sorted[k] = sorted[k - 1];
+        sorted[k] = own;
+    }
+    return (sorted[LEVEL_COLUMNS / 2 - 1] + sorted[LEVEL_COLUMNS / 2]) / 2;
+}
+
+// First columns of runs of trusted returns that are dim, and higher or lower than the run is further in. A run all of
+// whose first columns differ from those further in is a slope, and stays.
+static void displaced(const Row *row, uint8_t *is_end) {
+    for (int64_t c = 1; c + 2 * LEVEL_COLUMNS <= row->n; c++) {
+        if (row->is_trusted[at(row, c - 1)]) continue;
+        int64_t length = 0, taken = 0;
+        while (length < 2 * LEVEL_COLUMNS && row->is_trusted[at(row, c + length)]) length++;
+        if (length < 2 * LEVEL_COLUMNS) continue;
+        double light = 0, level = 0;
+        for (int64_t i = 0; i < DIM_COLUMNS; i++) light += row->strength[at(row, c + i)];
+        for (int64_t i = LEVEL_COLUMNS; i < 2 * LEVEL_COLUMNS; i++) level += row->strength[at(row, c + i)];
+        if (!(light / DIM_COLUMNS < DIM_OF_LEVEL * (level / LEVEL_COLUMNS))) continue;
+        const double usual = median_of_level(row, c + LEVEL_COLUMNS);
+        while (taken < LEVEL_COLUMNS && fabs(row->height[at(row, c + taken)] - usual) > DISPLACED_M) taken++;
+        if (taken == LEVEL_COLUMNS) continue;
+        for (int64_t i = 0; i < taken; i++) is_end[at(row, c + i)] = 1;
+    }
+}
+
+// Returns (n,) of a stripe that cannot be used because a run of returns ends there: near a gap or a jump, in the faded end of
+// a run, in a run that is short and weak, in an end that is dim and displaced. The borders of the picture end no run.
+// height: [m], NaN where there is no return. strength: [grey levels]. work: 4 (n + 1) numbers of 8 bytes.
+void run_ends(const double *height, const double *strength, int64_t n, double *work, uint8_t *is_end) {
+    double *light = work, *from_left = light + n + 1, *from_right = from_left + n + 1;
+    uint8_t *is_break = (uint8_t *)(from_right + n + 1), *is_trusted = is_break + n, is_any = 0;
+    float *some = (float *)from_left, usual = NAN;
+    int64_t returns = 0;
+    memset(is_end, 0, (size_t)n);
+    for (int64_t c = 0; c + 1 < n; c++) is_any |= is_break[c] = !(fabs(height[c + 1] - height[c]) <= JUMP_M);
+    if (!is_any) return;
+    is_break[n - 1] = 1;
+    for (int64_t c = 0; c < n; c++) {
+        light[c] = isfinite(height[c]) ? strength[c] : 0;
+        if (isfinite(height[c])) some[returns++] = (float)strength[c];
+    }
+    if (returns) usual = (float)median(some, returns);
+    from_left[0] = from_right[0] = 0;
+    for (int64_t c = 0; c < n; c++) from_left[c + 1] = from_left[c] + light[c], from_right[c + 1] = from_right[c] + light[n - 1 - c];
+    const Row forward = {height, light, is_trusted, n, 0}, back = {height, light, is_trusted, n, 1};
+    for (int64_t first = 0, last; first < n; first = last + 1) {
+        double strongest = light[first];
+        for (last = first; !is_break[last]; last++) strongest = MAX(strongest, light[last + 1]);
+        if (!isfinite(height[first])) continue;
+        const int begins = first > 0, ends = last < n - 1;
+        if (begins && ends && last - first < SHORT_RUN_COLUMNS - 1 && strongest < WEAK_OF_STRIPE * (double)usual) {
+            memset(is_end + first, 1, (size_t)(last - first + 1));
+            continue;
+        }
+        if (begins) memset(is_end + first, 1, (size_t)fade_length(&forward, from_left, first, last));
+        if (!ends) continue;
+        const int64_t faded = fade_length(&back, from_right, n - 1 - last, n - 1 - first);
+        memset(is_end + last + 1 - faded, 1, (size_t)faded);
+    }
+    for (int64_t c = 0; c + 1 < n; c++)
+        for (int64_t i = MAX(c + 1 - END_COLUMNS, 0); is_break[c] && i <= MIN(c + END_COLUMNS, n - 1); i++) is_end[i] = 1;
+    for (int64_t c = 0; c < n; c++) is_end[c] &= isfinite(height[c]) != 0, is_trusted[c] = isfinite(height[c]) && !is_end[c];
+    const Row left = {height, strength, is_trusted, n, 0}, right = {height, strength, is_trusted, n, 1};
+    displaced(&left, is_end), displaced(&right, is_end);
+}
+
+// Variance (n,) of the ground halfway between two stripes about the straight line between them [m^2]. The ground is taken
+// to be as rough across the stripes as along them: there, its heights are compared with the mean of those half the distance
+// of the stripes to either side. points: (3, 2, n) of both, NaN where there is none. variance: (2, n) of the heights
+// [m^2], whose share is subtracted. work: 3 (n + 1) numbers of 8 bytes.
+void pair_relief(const float *points, const float *variance, int64_t n, double *work, double *relief) {
+    const float *x = points, *y = x + 2 * n, *z = y + 2 * n;
+    double *square = work, *number = square + n + 1;
+    float *some = (float *)(number + n + 1);
+    int64_t both = 0, neighbours = 0;
+    for (int64_t c = 0; c < n; c++) relief[c] = 0;
+    for (int64_t c = 0; c < n; c++)
+        if (isfinite(z[c]) && isfinite(z[n + c])) some[both++] = (float)hypot((double)x[n + c] - (double)x[c], (double)y[n + c] - (double)y[c]);
+    if (!both) return;
+    const double apart = median(some, both);
+    for (int64_t k = 0; k < 2; k++)
+        for (int64_t c = k * n; c + 1 < (k + 1) * n; c++)
+            if (isfinite(z[c]) && isfinite(z[c + 1])) some[neighbours++] = fabsf(y[c + 1] - y[c]);
+    if (!neighbours) return;
+    const int64_t lag = MAX((int64_t)rint(0.5 * apart / MAX(median(some, neighbours), 1e-6)), 1), half = AVERAGED * lag;
+    if (n <= 2 * lag) return;
+    // Sums of all columns before each one.
+    for (int64_t c = 0; c <= n; c++) square[c] = number[c] = 0;
+    for (int64_t k = 0; k < 2; k++) {
+        int64_t gap = -1; // The last column without a point: no gap and no jump lies between the three.
+        for (int64_t c = 0; c < n; c++) {
+            const float *height = z + k * n, *own = variance + k * n;
+            if (!isfinite(height[c])) gap = c;
+            const int64_t middle = c - lag, first = middle - lag;
+            if (first < 0 || gap >= first) continue;
+            const double off = (double)height[middle] - 0.5 * ((double)height[first] + (double)height[c]);
+            square[middle + 1] += off * off - (double)(own[middle] + 0.25f * (own[first] + own[c])), number[middle + 1]++;
+        }
+    }
+    for (int64_t c = 0; c < n; c++) square[c + 1] += square[c], number[c + 1] += number[c];
+    for (int64_t c = 0; c < n; c++) {
+        const int64_t first = MAX(c - half, 0), end = MIN(c + half + 1, n);
+        relief[c] = MAX((square[end] - square[first]) / MAX(number[end] - number[first], 1), 0);
+    }
+}
