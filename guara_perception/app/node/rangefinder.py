@@ -37,7 +37,7 @@ FiringOrder = Sequence[tuple[int, float]]
 # milliseconds, and transfer times vary by about as much.
 LAG_SIGMA = 0.002
 
-# Number of stripes that are processed together: a fifth less processor time than one by one, and no more than these wait.
+# Number of stripes that are processed together: that takes a fifth less processor time than one by one.
 STRIPES_TOGETHER = 2
 
 
