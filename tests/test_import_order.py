@@ -107,20 +107,29 @@ TERRAIN = {
     "terrain",
     *(f"terrain.{subpackage}" for subpackage in ("layers", "assessment", "questions", "map", "scan", "drawing")),
 }
-CORE = {"stripes", "calibration", "ranging", *TERRAIN}
+CORE = {"stripes", "stripes.kernel", "calibration", "ranging", *TERRAIN}
 # Subpackage of guara_perception -> the other subpackages that it may import; the files beside the subpackages are free.
 MAY_IMPORT = {
-    "stripes": set(),
+    "stripes.kernel": set(),
+    "stripes": {"stripes.kernel"},
     "calibration": {"stripes"},
-    "ranging": {"stripes", "calibration", "terrain.layers", "terrain.assessment"},
+    "ranging": {"stripes", "stripes.kernel", "calibration", "terrain.layers", "terrain.assessment"},
     "terrain.layers": set(),
-    "terrain.assessment": {"terrain.layers"},
+    "terrain.assessment": {"terrain.layers", "stripes.kernel"},
     "terrain.drawing": {"terrain.layers"},
     "terrain.questions": {"terrain.layers", "terrain.assessment"},
     "terrain": {"terrain.layers", "terrain.questions", "terrain.drawing"},
     "terrain.map": {"terrain", "terrain.layers", "terrain.assessment"},
     "terrain.scan": {"terrain", "terrain.layers", "terrain.assessment", "terrain.map"},
-    "scanning": {"stripes", "calibration", "ranging", "terrain", "terrain.layers", "terrain.assessment"},
+    "scanning": {
+        "stripes",
+        "stripes.kernel",
+        "calibration",
+        "ranging",
+        "terrain",
+        "terrain.layers",
+        "terrain.assessment",
+    },
     "view": TERRAIN,
     "simulation": CORE,
     "app": {*CORE, "scanning", "view", "simulation"},
