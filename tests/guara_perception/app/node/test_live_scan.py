@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from drivers import CameraSettings, DriverError, Frame, StripeCapture, StripeStream
+from drivers import AcquireOptions, CameraSettings, DriverError, Frame, StripeCapture, StripeStream
 from drivers.board.protocol import Request
 from drivers.errors import CameraEnded
 from guara_perception.app.node.live_scan import LiveScan, live_scan
@@ -101,6 +101,7 @@ def test_frames_are_given_back_before_the_next_group_is_awaited(rig: Rig, monkey
     held: list[int] = []
     rig.camera.grab = grab  # type: ignore[method-assign]
     monkeypatch.setattr(StripeStream, "groups", groups)
+    monkeypatch.setattr(rig.rangefinder, "options", AcquireOptions(together=16))
     scan = live_scan(rig.rangefinder, rig.processor(), rig.firing_order, should_stop=lambda: False)
     assert not scan.failed and max(sizes) >= 8
     assert len(held) == len(sizes) and max(held) <= 1
