@@ -1,8 +1,8 @@
-"""Feet as witnesses: alarms on hard ground, and what is found of ground that gives way.
+"""Feet as witnesses: alarms on hard ground, and what is found of ground that gives way or slides.
 
 `python -m benchmarks walks soft [--walks 5]`. Guará walks over boxes, ramps and rough ground, with an IMU and without;
-joints and IMU err as robot.toml says, by the same in no two pauses. A patch of 0.4 m across its way gives way by the
-depth of the row.
+joints and IMU err as robot.toml says, by the same in no two pauses. On a patch of 0.4 m across its way feet sink, or
+the left ones slide outwards once a cycle, by as much as the row says.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ import guara_perception as gp
 from benchmarks.command import Table, options
 from guara_perception.arrays import Float
 from kinematics import LegOdometry, RobotModel, load_robot
-from testbed.analytic_walk import CompliantGround, Ground, free_soft_cells, scan, walk
+from testbed.analytic_walk import CompliantGround, Ground, Pause, free_soft_cells, scan, walk
 
 PATCH = (1.0, 1.4)
-DEPTHS_M = (0.0, 0.008, 0.012, 0.020, 0.030)
+# How feet sink, and how they slide [m].
+CASES_M = ((0.0, 0.0), *((depth, 0.0) for depth in (0.008, 0.012, 0.020, 0.030)), (0.0, 0.033), (0.0, 0.050))
 CYCLES = 10
 
 
@@ -27,8 +28,9 @@ class Alarms:
     """Counts of walks.
 
     Attributes:
-        pauses, alarmed: pauses, and those at which a foot was said to have sunk on hard ground.
-        landings, found: soles on the patch at a pause that could be compared with the map, and those said to have sunk.
+        pauses, alarmed: pauses, and those at which a foot was said to have sunk or slid on hard ground.
+        landings, found: soles on the patch at a pause that could be compared with the map, or that slid, and those
+            said to have.
         free: cells of the patch that the maps called free within reach of a foot that was said to have sunk there.
         heights: of landing feet on hard ground against the map [m].
     """
@@ -43,26 +45,33 @@ class Alarms:
     def add(self, ground: Ground, robot: RobotModel, seed: int, cycles: int, *, has_imu: bool) -> None:
         """Walk once."""
         terrain_map, odometry, sank = gp.TerrainMap(robot), LegOdometry(robot), list[Float]()
+        last: Pause | None = None
         for pause in walk(robot, ground, cycles, seed, has_gravity=has_imu):
-            terrain, pose = scan(robot, ground, pause, seed), odometry.update(pause.stance)
+            terrain = scan(robot, ground, pause, seed, odometry.carried_gravity(pause.stance))
+            pose = odometry.update(pause.stance)
             fused = terrain_map.update(terrain, pose)
             record = fused.record
             assert isinstance(record, gp.MapRecord) and record.support_residuals is not None
-            sunk, false = set(record.sunk_feet or {}), False
+            told = {*(record.sunk_feet or {}), *(record.slid_feet or {})}
+            slid = () if last is None else _slid(ground, last, pause.step)
+            bad = {leg: leg in slid or ground.sink(*pause.soles_in_world[leg][:2].tolist()) > 0 for leg in robot.legs}
             for leg, height in record.support_residuals.items():
-                if height is None:
-                    continue
-                is_soft = ground.sink(*pause.soles_in_world[leg][:2].tolist()) > 0
-                self.landings += is_soft
-                self.found += is_soft and leg in sunk
-                false |= not is_soft and leg in sunk
-                if is_soft and leg in sunk:
-                    sank.append(pause.soles_in_world[leg])
-                if not is_soft and leg not in pose.stayed_feet:
+                if bad[leg] and (height is not None or leg in slid):
+                    self.landings += 1
+                    self.found += leg in told
+                if height is not None and not bad[leg] and leg not in pose.stayed_feet:
                     self.heights.append(height)
+            sank += [pause.soles_in_world[leg] for leg in told if bad[leg]]
+            false, last = any(not bad[leg] for leg in told), pause
             self.pauses += 1
             self.alarmed += false
             self.free += free_soft_cells(ground, pause.transform_base_to_world, fused, sank)
+
+
+def _slid(ground: Ground, last: Pause, step: int) -> tuple[str, ...]:
+    """Feet that stood at the last pause, and slid since."""
+    feet = {leg: sole for leg, sole in last.soles_in_world.items() if leg != last.next_leg}
+    return tuple(leg for leg, sole in feet.items() if ground.carried(step, sole) is not sole)
 
 
 def soft() -> None:
@@ -70,21 +79,22 @@ def soft() -> None:
     asked = options(__doc__, walks=(5, "walks of a row"))
     robot = load_robot("guara")
     table = Table(
-        "IMU:<3 | sinks by [mm]:.0f | pauses:d | false alarms:d | feet on it:d | found:.0% | free cells of it:d | "
-        "bias [mm]:.2f | sigma [mm]:.2f"
+        "IMU:<3 | sinks by [mm]:.0f | slides by [mm]:.0f | pauses:d | false alarms:d | feet on it:d | found:.0% | "
+        "free cells of it:d | bias [mm]:.2f | sigma [mm]:.2f"
     )
     for has_imu in (True, False):
-        for depth in DEPTHS_M:
+        for depth, slide in CASES_M:
             alarms = Alarms()
             for seed in range(asked.walks):
                 base = Ground.random(seed)
-                ground = CompliantGround(base.boxes, base.dark, base.phases, soft=PATCH, depth=depth)
-                alarms.add(ground if depth else base, robot, seed, CYCLES, has_imu=has_imu)
+                ground = CompliantGround(base.boxes, base.dark, base.phases, soft=PATCH, depth=depth, slide=slide)
+                alarms.add(ground if depth or slide else base, robot, seed, CYCLES, has_imu=has_imu)
             heights = 1e3 * np.array(alarms.heights)
             found = alarms.found / max(alarms.landings, 1)
             table.row(
                 "yes" if has_imu else "no",
                 1e3 * depth,
+                1e3 * slide,
                 alarms.pauses,
                 alarms.alarmed,
                 alarms.landings,

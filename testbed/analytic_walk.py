@@ -18,7 +18,7 @@ from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.record import ScanRecord, limits_to_dict
 from guara_perception.terrain.map.soft_ground import REACH_M
-from kinematics import RobotModel, Stance
+from kinematics import GravityEstimate, RobotModel, Stance
 
 LIFT_ORDER = ("rh", "rf", "lh", "lf")
 CYCLE_M = 0.140
@@ -118,17 +118,19 @@ class LevelGround(Ground):
 
 @dataclass(frozen=True)
 class CompliantGround(Ground):
-    """Ground with a patch across the way that gives way under a foot, as foam or snow does.
+    """Ground with a patch across the way that gives way under a foot, as foam or snow does, or slides away, as ice.
 
     Attributes:
         soft: first and last x of the patch [m].
         depth: by which it gives way [m].
         thickness: by which it stands higher than the ground around it [m].
+        slide: by which left feet that stand slide outwards, once a cycle [m].
     """
 
     soft: tuple[float, float] = (1.0, 1.5)
     depth: float = 0.020
     thickness: float = 0.0
+    slide: float = 0.0
 
     def is_soft(self, x: Float, y: Float) -> Mask:
         """Whether the ground gives way."""
@@ -141,6 +143,13 @@ class CompliantGround(Ground):
     def sink(self, x: float, y: float) -> float:
         """Depth by which the ground gives way under a foot [m]."""
         return self.depth if self.soft[0] <= x <= self.soft[1] else 0.0
+
+    def carried(self, step: int, foot: Float) -> Float:
+        """Place of a foot that stood on the ground since the pause before: further out once a cycle."""
+        if step % len(LIFT_ORDER) != 1 or not (self.slide and foot[1] > 0 and self.is_soft(*foot[:2])):
+            return foot
+        y = foot[1] + self.slide
+        return np.array([foot[0], y, float(self.height_at(foot[0], y)) - self.sink(foot[0], y)])
 
 
 @dataclass(frozen=True)
@@ -199,11 +208,16 @@ def walk(
             feet[next_leg] = upcoming[next_leg]
 
 
-def scan(robot: RobotModel, ground: Ground, pause: Pause, seed: int) -> gp.TerrainGrid:
-    """The wide grid that a scan of this pause would give: true heights with noise, hidden and dark cells unknown."""
+def scan(
+    robot: RobotModel, ground: Ground, pause: Pause, seed: int, gravity: GravityEstimate | None = None
+) -> gp.TerrainGrid:
+    """The wide grid that a scan of this pause would give: true heights with noise, hidden and dark cells unknown.
+
+    Without an IMU `gravity` is what the walk carried there.
+    """
     settings, ground = Settings.of(robot), ground.at(pause.step)
     grid = GridGeometry.over(settings.footprint_x, settings.map_y, settings.resolution)
-    pose = robot.stance_pose(pause.stance)
+    pose = robot.stance_pose(pause.stance, odometry=gravity)
     rng = np.random.default_rng(5000 + 100 * seed + pause.step)
     x, y = (a.ravel() for a in np.meshgrid(*grid.centres()))
     to_world = pause.transform_base_to_world @ np.linalg.inv(pose.transform_base_to_footprint)
@@ -246,6 +260,7 @@ def scan(robot: RobotModel, ground: Ground, pause: Pause, seed: int) -> gp.Terra
     metadata = {
         "robot": robot.name,
         "stance": pause.stance.to_dict(),
+        "attitude_source": pose.attitude_source,
         "attitude_sigma": pose.attitude_sigma,
         "support_feet_used": list(pose.support_feet_used),
         "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),

@@ -108,3 +108,17 @@ def tilt_between_looks(robot: RobotModel, terrain: TerrainGrid) -> Float:
             # Fewer than three feet.
             pass
     return np.zeros((2, 2)) if record.pose_covariance is None else record.pose_covariance[3:5, 3:5]
+
+
+def tilt_since(terrain: TerrainGrid, between_looks: Float, pauses: int) -> Float:
+    """Covariance (2, 2) of the tilt of soles against what was seen so many pauses before [rad^2].
+
+    Args:
+        terrain: the scan of their pause.
+        between_looks: of `tilt_between_looks`.
+        pauses: number of pauses.
+    """
+    if terrain.record.attitude_source == "odometry":
+        # The walk carries its vertical on from pause to pause by two readings of the feet.
+        return 2.0 * pauses * between_looks
+    return np.eye(2) * (terrain.record.attitude_sigma or 0.0) ** 2

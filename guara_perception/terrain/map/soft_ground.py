@@ -14,9 +14,9 @@ from guara_perception.terrain.map.support_feet import SoleError
 # Least depth of a sole below the map at which it sank, in metres and in sigmas of legs and map. Legs bend and maps
 # drift by less; snow, foam and loose gravel give way by more.
 SINK_M, SINK_SIGMAS = 0.008, 4.0
-# Distance by which a standing foot must move farther than the others to have slid; soles that rock on stiff ankles
-# creep by 20 mm.
-SLIP_M = 0.030
+# Distance [m] by which a standing foot must move farther than the others to have slid, plus SLIP_SIGMAS of two readings
+# of its position; soles that rock on stiff ankles creep by as much in MuJoCo.
+CREEP_M, SLIP_SIGMAS = 0.020, 4.0
 # The surface continues up to REACH_M from the foothold, over neighbouring cells that differ in height by less than
 # STEP_M.
 REACH_M, STEP_M = 0.30, 0.005
@@ -35,46 +35,51 @@ class SoftFoothold:
     y: float
 
 
-def sunk_feet(soles: Mapping[str, SoleError], variance: float) -> dict[str, float]:
+def sunk_feet(soles: Mapping[str, SoleError], variance: float, tilt: Float) -> dict[str, float]:
     """Feet that sank below the map, with their depths [m].
 
-    The depth of a sole is measured relative to the height of the walk as predicted and as measured by the other soles
-    that did not sink.
+    The depth of a sole is measured relative to the height that the walk and the other soles that did not sink predict;
+    errors of height and tilt are common to all soles.
 
     Args:
         soles: leg -> error of its sole relative to the map.
         variance: variance of the walk's height relative to the map, before these soles [m^2].
+        tilt: covariance (2, 2) of the tilt of the soles relative to the map [rad^2].
     """
     standing, sunk = dict(soles), dict[str, float]()
     while standing:
-        depths = {}
-        for leg, sole in standing.items():
-            weights = [1 / variance] if variance > 0 else [1e12]
-            others = [other for name, other in standing.items() if name != leg]
-            weights += [1 / other.variance for other in others]
-            height = sum(w * other.residual for w, other in zip(weights[1:], others, strict=True)) / sum(weights)
-            depth, sigma = height - sole.residual, np.sqrt(sole.variance + 1 / sum(weights))
-            # Near an edge that is misplaced in the map, a sole may stand lower although the ground is hard.
-            if depth > max(SINK_M, SINK_SIGMAS * sigma) + sole.relief:
-                depths[leg] = float(depth)
-        if not depths:
+        arms = np.array([sole.arm for sole in standing.values()])
+        own = np.diag([sole.variance for sole in standing.values()])
+        weights = np.linalg.inv(own + arms @ tilt @ arms.T + variance)
+        told = np.diag(weights)
+        depths = -(weights @ [sole.residual for sole in standing.values()]) / told
+        # Near an edge that is misplaced in the map, a sole may stand lower although the ground is hard.
+        reliefs = np.array([sole.relief for sole in standing.values()])
+        deep = depths > np.maximum(SINK_M, SINK_SIGMAS / np.sqrt(told)) + reliefs
+        if not deep.any():
             break
-        # The deepest sole is removed first, because it affects the height of the others.
-        deepest = max(depths, key=lambda leg: depths[leg])
-        sunk[deepest] = depths[deepest]
-        del standing[deepest]
+        # The deepest sole is removed first, because it affects the others; if the tilt is uncertain, the diagonally
+        # opposite one appears as deep and is removed too.
+        deepest = int(np.where(deep, depths, -np.inf).argmax())
+        alike = deep & (depths > depths[deepest] - 1.0 / np.sqrt(told[deepest]))
+        for row, leg in enumerate(list(standing)):
+            if alike[row]:
+                sunk[leg] = float(depths[row])
+                del standing[leg]
     return sunk
 
 
-def slid_feet(slips: Mapping[str, float], slipped: tuple[str, ...]) -> dict[str, float]:
+def slid_feet(slips: Mapping[str, float], slipped: tuple[str, ...], variances: Mapping[str, float]) -> dict[str, float]:
     """Feet that slid relative to the others, with the distances [m].
 
     Args:
         slips: leg -> distance by which each standing foot moved since the last pause [m].
         slipped: feet that, according to odometry, moved relative to the others.
+        variances: leg -> variance of its horizontal position in one pause [m^2]; other feet did not carry the body.
     """
     common = float(np.median([distance for leg, distance in slips.items() if leg not in slipped] or [0.0]))
-    return {leg: slips[leg] - common for leg in slipped if slips.get(leg, 0.0) - common > SLIP_M}
+    ways = {leg: slips[leg] - common for leg in slipped if leg in slips and leg in variances}
+    return {leg: way for leg, way in ways.items() if way > CREEP_M + SLIP_SIGMAS * np.sqrt(2.0 * variances[leg])}
 
 
 def remembered(soft: tuple[SoftFoothold, ...], centres: list[Float]) -> tuple[SoftFoothold, ...]:

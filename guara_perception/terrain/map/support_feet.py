@@ -37,13 +37,16 @@ class FootMeasurement:
     Attributes:
         leg: name of the leg.
         centre: (3,) sole centre in odom [m].
-        variance: variance of the sole's height [m^2].
+        arm: (2,) changes of the sole's height with roll and pitch of the footprint [m].
+        variance, aside: variances of the sole's height, and of its horizontal position in the worst direction [m^2].
         slot, distance: cells of the map wholly under the sole, and their distance from the robot [m].
     """
 
     leg: str
     centre: Float
+    arm: tuple[float, float]
     variance: float
+    aside: float
     slot: Index
     distance: Float
 
@@ -68,14 +71,14 @@ def support_feet(
     legs = list(stance.support_feet if record.support_feet_used is None else record.support_feet_used)
     state = robot.state(stance.joint_positions)
     soles = transform_points(transform_base_to_footprint, state.soles_in_base(legs))
-    up = transform_base_to_footprint[2, :3]
-    variances = [float(up @ c @ up) for c in sole_covariances(state, legs, robot.noise)]
+    rotation = transform_base_to_footprint[:3, :3]
+    covariances = [rotation @ c @ rotation.T for c in sole_covariances(state, legs, robot.noise)]
     transform = transform_footprint_to_odom
     in_odom = transform_points(transform, soles)
     half = np.array([limits.sole_length, limits.sole_width]) / 2
     resolution = cells.resolution
     feet = []
-    for leg, sole, centre, variance in zip(legs, soles, in_odom, variances, strict=True):
+    for leg, sole, centre, covariance in zip(legs, soles, in_odom, covariances, strict=True):
         (x, y), reach = centre[:2], float(np.hypot(*half))
         cy, cx = cells.cells_between((x - reach, y - reach), (x + reach, y + reach))
         offset = np.column_stack(((cx + 0.5) * resolution - x, (cy + 0.5) * resolution - y))
@@ -85,7 +88,8 @@ def support_feet(
         slot = cells.slots(cy[under], cx[under])
         inside = slot >= 0
         distance = np.full(int(inside.sum()), float(np.hypot(sole[0], sole[1])))
-        feet.append(FootMeasurement(leg, centre, variance, slot[inside], distance))
+        arm, aside = (float(sole[1]), -float(sole[0])), float(np.linalg.eigvalsh(covariance[:2, :2])[-1])
+        feet.append(FootMeasurement(leg, centre, arm, float(covariance[2, 2]), aside, slot[inside], distance))
     return feet
 
 
@@ -98,7 +102,7 @@ def sole_error(cells: OdomCells, foot: FootMeasurement) -> SoleError | None:
     bearing = float(np.quantile(memory["height"][slot], BEARING_QUANTILE))
     variance = foot.variance + float(memory["variance"][slot].mean())
     relief = bearing - float(np.quantile(memory["height"][slot], 1 - BEARING_QUANTILE))
-    return SoleError(float(foot.centre[2]) - bearing, variance, float(foot.distance.mean()), relief)
+    return SoleError(float(foot.centre[2]) - bearing, variance, foot.arm, relief, int(memory["pause"][slot].min()))
 
 
 def fill_under_foot(cells: OdomCells, foot: FootMeasurement, now: MapPause) -> None:
@@ -126,19 +130,17 @@ class SoleError:
 
     Attributes:
         residual: height of the sole above the map [m].
-        variance: variance of the residual, without the error of odometry [m^2].
-        distance: distance of the sole from the robot [m].
+        variance: variance of the residual, without the errors of odometry and attitude [m^2].
+        arm: as in `FootMeasurement`.
         relief: height range of the map under the sole, by which the sole may stand lower near an edge [m].
+        pause: number of the last pause that saw the ground under the sole.
     """
 
     residual: float
     variance: float
-    distance: float = 0.0
+    arm: tuple[float, float] = (0.0, 0.0)
     relief: float = 0.0
-
-    def leaning(self, attitude_sigma: float) -> SoleError:
-        """Same error with the additional variance of a tilt with this standard deviation [rad]."""
-        return replace(self, variance=self.variance + (attitude_sigma * self.distance) ** 2)
+    pause: int = 0
 
 
 @dataclass(frozen=True, slots=True)

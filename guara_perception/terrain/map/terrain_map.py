@@ -18,7 +18,7 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, cells_by_flag
 from guara_perception.terrain.layers.record import POSE, Health, MapRecord
-from guara_perception.terrain.map.checked_input import check_scan, checked_pose, tilt_between_looks
+from guara_perception.terrain.map.checked_input import check_scan, checked_pose, tilt_between_looks, tilt_since
 from guara_perception.terrain.map.fuse_heights import MapPause, OdometryDrift
 from guara_perception.terrain.map.fuse_scan import fuse_scan
 from guara_perception.terrain.map.known_ground import KnownGround, fuse_known_ground
@@ -172,11 +172,13 @@ class TerrainMap:
         errors = {foot.leg: sole_error(self._cells, foot) for foot in feet}
         measured = {leg: error for leg, error in errors.items() if error is not None}
         odometry_variance = float(checked.covariance[2, 2])
-        attitude = terrain.record.attitude_sigma or 0.0
-        leaning = {leg: sole.leaning(attitude) for leg, sole in measured.items()}
-        gave_way = sunk_feet(leaning, state.anchor.prior(odometry_variance))
+        prior = state.anchor.prior(odometry_variance)
+        seen = min((sole.pause for sole in measured.values()), default=0)
+        gave_way = sunk_feet(measured, prior, tilt_since(terrain, tilt, max(self._pause_of(terrain) - seen, 1)))
         anchor = state.anchor.after(odometry_variance, {leg: measured[leg] for leg in measured if leg not in gave_way})
-        slid = slid_feet(pose.foot_slips, pose.slipped_feet) if isinstance(pose, OdometryPose) else {}
+        slid = dict[str, float]()
+        if isinstance(pose, OdometryPose):
+            slid = slid_feet(pose.foot_slips, pose.slipped_feet, {foot.leg: foot.aside for foot in feet})
         soft = remembered(state.soft, [foot.centre for foot in feet if foot.leg in {*gave_way, *slid}])
         correction = anchor.offset - state.anchor.offset
         transform[2, 3] += correction

@@ -15,47 +15,61 @@ from kinematics import LegOdometry, RobotModel
 from testbed.analytic_walk import CompliantGround, Ground, Pause, free_soft_cells, scan, walk
 
 LEGS = ("lf", "rf", "lh", "rh")
+LEVEL = np.zeros((2, 2))
 
 
 def soles(*residuals: float, sigma: float = 0.001) -> dict[str, SoleError]:
     """Errors of soles [m]."""
-    return {leg: SoleError(residual, sigma**2, 0.35) for leg, residual in zip(LEGS, residuals, strict=True)}
+    arms = ((0.2, -0.3), (-0.2, -0.3), (0.2, 0.3), (-0.2, 0.3))
+    return {leg: SoleError(r, sigma**2, arm) for leg, r, arm in zip(LEGS, residuals, arms, strict=True)}
 
 
 @pytest.mark.parametrize("common", [0.0, 0.020, -0.020])
 def test_a_foot_is_deeper_than_the_others(common: float) -> None:
     """Whatever error the odometry gave all of them."""
-    found = sunk_feet(soles(common, common - 0.015, common, common + 0.001), 0.05**2)
+    found = sunk_feet(soles(common, common - 0.015, common, common + 0.001), 0.05**2, LEVEL)
     assert found == {"rf": pytest.approx(0.0153, abs=0.0002)}
-    assert sunk_feet(soles(common, common + 0.015, common, common), 0.05**2) == {}
+    assert sunk_feet(soles(common, common + 0.015, common, common), 0.05**2, LEVEL) == {}
 
 
 def test_feet_that_sank_one_after_the_other_are_all_found() -> None:
     """The height of the walk so far tells of all four; without it nothing would stand out."""
-    assert set(sunk_feet(soles(-0.015, -0.016, -0.020, -0.012), 0.0002**2)) == set(LEGS)
-    assert sunk_feet(soles(-0.015, -0.016, -0.020, -0.016), 0.05**2) == {}
-    assert sunk_feet({}, 0.0) == {}
+    assert set(sunk_feet(soles(-0.015, -0.016, -0.020, -0.012), 0.0002**2, LEVEL)) == set(LEGS)
+    assert sunk_feet(soles(-0.015, -0.016, -0.020, -0.016), 0.05**2, LEVEL) == {}
+    assert sunk_feet({}, 0.0, LEVEL) == {}
 
 
 def test_a_sole_beside_an_edge_did_not_sink() -> None:
     """The map may have the edge elsewhere: a sole as low as the lower ground stands on it."""
     standing = soles(0.0, -0.020, 0.0, 0.0)
-    assert sunk_feet(standing, 1e-6).keys() == {"rf"}
-    assert sunk_feet({**standing, "rf": replace(standing["rf"], relief=0.018)}, 1e-6) == {}
+    assert sunk_feet(standing, 1e-6, LEVEL).keys() == {"rf"}
+    assert sunk_feet({**standing, "rf": replace(standing["rf"], relief=0.018)}, 1e-6, LEVEL) == {}
 
 
-def test_a_body_whose_tilt_is_not_known_tells_of_no_foot() -> None:
-    """Three degrees without an IMU lift a foot by as much as it sank."""
-    sunk = soles(0.0, -0.015, 0.0, 0.0)
-    assert sunk_feet({leg: sole.leaning(np.radians(0.1)) for leg, sole in sunk.items()}, 1e-6).keys() == {"rf"}
-    assert sunk_feet({leg: sole.leaning(np.radians(3.0)) for leg, sole in sunk.items()}, 1e-6) == {}
+def test_a_foot_that_sank_stands_out_from_any_tilt() -> None:
+    """Without an IMU three degrees are open: they lift feet as a plane, and out of that plane a foot sank.
+
+    The foot across may have sunk as well; of three feet at no known height one that sank looks like a tilt.
+    """
+    open_tilt = np.radians(3.0) ** 2 * np.eye(2)
+    tilted = (0.016, 0.010, -0.006, -0.012)
+    assert sunk_feet(soles(*tilted), 1e-6, open_tilt) == {}
+    sunk = soles(tilted[0], tilted[1] - 0.020, *tilted[2:])
+    found = sunk_feet(sunk, 1e-6, open_tilt)
+    assert found == {"rf": pytest.approx(0.020, abs=0.002), "lh": pytest.approx(0.020, abs=0.003)}
+    assert sunk_feet({leg: sunk[leg] for leg in ("lf", "rf", "lh")}, 0.05**2, open_tilt) == {}
+    assert sunk_feet(soles(0.0, -0.010, 0.0, 0.0), 1e-6, np.radians(0.1) ** 2 * np.eye(2)).keys() == {"rf"}
+    assert sunk_feet(soles(0.0, -0.010, 0.0, 0.0, sigma=0.002), 1e-6, open_tilt) == {}
 
 
 def test_a_foot_slid_further_than_the_others() -> None:
-    """What all feet slide alike is drift; three centimetres more are slippery ground."""
-    assert slid_feet({"lf": 0.002, "rf": 0.048, "lh": 0.003}, ("rf",)) == {"rf": pytest.approx(0.0455)}
-    assert slid_feet({"lf": 0.022, "rf": 0.048, "lh": 0.022}, ("rf",)) == {}
-    assert slid_feet({"lf": 0.002, "rf": 0.048}, ()) == {}
+    """What all feet slide alike is drift; creep, and four sigma of two readings more, are slippery ground."""
+    aside = dict.fromkeys(LEGS, 0.002**2)
+    assert slid_feet({"lf": 0.002, "rf": 0.048, "lh": 0.003}, ("rf",), aside) == {"rf": pytest.approx(0.0455)}
+    assert slid_feet({"lf": 0.022, "rf": 0.048, "lh": 0.022}, ("rf",), aside) == {}
+    assert slid_feet({"lf": 0.002, "rf": 0.048}, (), aside) == {}
+    assert slid_feet({"lf": 0.002, "rf": 0.032}, ("rf",), dict.fromkeys(LEGS, 0.001**2)).keys() == {"rf"}
+    assert slid_feet({"lf": 0.002, "rf": 0.032}, ("rf",), aside) == {}
 
 
 def test_the_surface_goes_on_alike_until_it_steps_or_ends() -> None:
