@@ -1,8 +1,8 @@
 """Feet as witnesses: alarms on hard ground, and what is found of ground that gives way or slides.
 
-`python -m benchmarks walks soft [--walks 5]`. Guará walks over boxes, ramps and rough ground, with an IMU and without;
-joints and IMU err as robot.toml says, by the same in no two pauses. On a patch of 0.4 m across its way feet sink, or
-the left ones slide outwards once a cycle, by as much as the row says.
+`python -m benchmarks walks soft [--walks 5 --imu no]`. Guará walks over boxes, ramps and rough ground, with an IMU and
+without; joints and IMU err as robot.toml says, by the same in no two pauses. On a patch of 0.4 m across its way feet
+sink, or the left ones slide outwards once a cycle, by as much as the row says.
 """
 
 from __future__ import annotations
@@ -76,23 +76,23 @@ def _slid(ground: Ground, last: Pause, step: int) -> tuple[str, ...]:
 
 def soft() -> None:
     """Print the table."""
-    asked = options(__doc__, walks=(5, "walks of a row"))
+    asked = options(__doc__, walks=(5, "walks of a row"), imu=(["yes", "no"], "with an IMU, without"))
     robot = load_robot("guara")
     table = Table(
         "IMU:<3 | sinks by [mm]:.0f | slides by [mm]:.0f | pauses:d | false alarms:d | feet on it:d | found:.0% | "
         "free cells of it:d | bias [mm]:.2f | sigma [mm]:.2f"
     )
-    for has_imu in (True, False):
+    for imu in asked.imu:
         for depth, slide in CASES_M:
             alarms = Alarms()
             for seed in range(asked.walks):
                 base = Ground.random(seed)
                 ground = CompliantGround(base.boxes, base.dark, base.phases, soft=PATCH, depth=depth, slide=slide)
-                alarms.add(ground if depth or slide else base, robot, seed, CYCLES, has_imu=has_imu)
+                alarms.add(ground if depth or slide else base, robot, seed, CYCLES, has_imu=imu == "yes")
             heights = 1e3 * np.array(alarms.heights)
             found = alarms.found / max(alarms.landings, 1)
             table.row(
-                "yes" if has_imu else "no",
+                imu,
                 1e3 * depth,
                 1e3 * slide,
                 alarms.pauses,
