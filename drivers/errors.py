@@ -12,7 +12,7 @@ class DriverError(Exception):
 
 
 class BoardError(DriverError):
-    """Failure between the host and the laser board."""
+    """Failure of the laser board or of its connection."""
 
 
 class NoUsbBackend(BoardError, ImportError):
@@ -44,7 +44,7 @@ class BoardTimeout(BoardError, TimeoutError):
 
 
 class BoardStalled(BoardError, ConnectionError):
-    """The board stalled a transfer, even after repeated attempts: it does not know the request."""
+    """The board stalled a transfer, even after repeated attempts."""
 
 
 class BoardTransferFailed(BoardError, ConnectionError):
@@ -52,7 +52,7 @@ class BoardTransferFailed(BoardError, ConnectionError):
 
 
 class BadReply(BoardError, ValueError):
-    """The board's reply was too short, damaged, or belongs to another request."""
+    """The board's reply has a wrong length, is damaged, or belongs to another request."""
 
 
 class ProtocolMismatch(BoardError, RuntimeError):
@@ -116,7 +116,7 @@ class CameraTimeout(CameraError, TimeoutError):
 
 
 class CameraEnded(CameraError, EOFError):
-    """The camera is gone, or the video file, image sequence or replay has no further frame."""
+    """The camera was disconnected, or the video file, image sequence or replay has no further frame."""
 
 
 class CameraSettingRefused(CameraError, ValueError):

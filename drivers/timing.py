@@ -57,7 +57,7 @@ class EmulatedClock:
             return self._now
 
     def catch_up(self) -> None:
-        """Advance the clock to the machine's, so that its times can be compared with what others stamp from now on."""
+        """Advance the clock to the machine's monotonic clock, so that it is comparable with stamps of that clock."""
         with self._lock:
             self._now = max(self._now, time.monotonic())
 

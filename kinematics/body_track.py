@@ -1,9 +1,9 @@
-"""Pose of the body at every instant of a pause, by a stream of its joints over the feet that stand.
+"""Pose of the body at every instant of a pause, from streamed joint positions and the feet that stand.
 
-The feet do not move on the ground, so where the body is follows from where the soles are in `base_link`, now and at
-BEGIN. The joints are smoothed about the instant (a parabola in time, weighted by distance), and a rigid motion is
-fitted to the soles by generalised least squares, each sole weighed by its own leg as in `stillness`. The bias of a
-joint is the same at both ends and cancels.
+The feet do not move on the ground, so the motion of the body since BEGIN follows from the positions of the soles in
+`base_link`. The joints are smoothed around the instant (a parabola in time, weighted by distance), and a rigid motion
+is fitted to the soles by generalised least squares, each sole weighted by the noise of its leg as in `stillness`. The
+bias of a joint is the same at both times and cancels.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from kinematics.exceptions import ArgumentError, StanceError
 from kinematics.model import RobotModel
 from kinematics.stance import Stance
 from kinematics.stillness import MOST_NOISE, StandingFeet, most_apart
-from kinematics.transforms import checked_transform, transform_points
+from kinematics.transforms import transform_points
 from kinematics.tree import RobotState
 
-# [s] Samples up to so far before and after an instant are smoothed. At a sway of 2 Hz a parabola is off by 0.4 % of it.
+# Half width of the smoothing window [s]. For a sway of 2 Hz the error of the parabola is 0.4 % of the amplitude.
 HALF_WINDOW = 0.08
-# [s] Two samples further apart than this, at the instant, tell nothing of it: three of 50 Hz are lost.
+# Longest gap between the samples before and after an instant [s]: three lost samples at 50 Hz.
 LONGEST_GAP = 0.08
-# [s] Standard deviation of an instant from which it tells no place: the body may turn round meanwhile, and the
-# covariance takes its speed at the instant for constant.
+# Largest standard deviation of an instant [s]. Within a longer one the body may reverse its motion, but the covariance
+# assumes a constant speed.
 MOST_TIME_SIGMA = 0.015
-# A parabola and one sample that can contradict it.
+# Least number of samples for a parabola: three to fit it and one to contradict it.
 LEAST_SAMPLES = 4
-# Samples that are kept: a minute at 1 kHz; the oldest go first.
+# Number of samples kept when the buffer is full, the newest: a minute at 1 kHz.
 MOST_SAMPLES = 60_000
 # Steps of the fit: at a turn of 0.1 rad the third is below a micrometre.
 STEPS = 3
@@ -45,8 +45,8 @@ class BodyPlace:
     Attributes:
         transform_base_to_begin: (4, 4) from `base_link` now to `base_link` at BEGIN.
         covariance: (6, 6) of this motion, in REP-103 order in `base_link`: translation of the optical centre [m],
-            rotation [rad]. What all instants of a pause share, such as the noise of BEGIN's joints, is not in it.
-        state: state of the robot, of the smoothed joints.
+            rotation [rad]. Excludes errors that all instants of a pause share, such as the noise of BEGIN's joints.
+        state: state of the robot with the smoothed joint positions.
     """
 
     transform_base_to_begin: Float
@@ -68,17 +68,14 @@ class BodyTrack:
             transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
 
         Raises:
-            StanceError: fewer than three feet carry the body, or they stand on a line.
-            UnknownName, JointPositionError: the stance is not one of this robot.
+            StanceError: fewer than three feet carry the body, or they are on a line.
+            UnknownName, JointPositionError: the stance does not fit this robot.
         """
-        camera = robot.transform_camera_to_base
-        if transform_camera_to_base is not None:
-            camera = checked_transform(transform_camera_to_base, "transform_camera_to_base")
-        self._robot, self._stance, self._camera = robot, stance, np.asarray(camera)[:3, 3]
+        self._robot, self._stance, self._camera = robot, stance, robot.optical_centre(transform_camera_to_base)
         self._feet: dict[tuple[str, ...], StandingFeet] = {}
         self._feet_of(stance.support_feet)
         self._begin = robot.state(stance.joint_positions)
-        # Rows of time, joints and supports; `_end` of them are filled, and the rest has room for more.
+        # Rows of time, joints and supports; the first `_end` are filled.
         self._rows: Float = np.zeros((0, 1 + len(self._begin.positions) + len(robot.legs)))
         self._end = 0
         self._lock = threading.Lock()
@@ -87,9 +84,9 @@ class BodyTrack:
         """Add n samples.
 
         Args:
-            times: (n,) ascending, later than those before [s]; any clock.
+            times: (n,) ascending, later than those of earlier samples [s], by any clock.
             joint_positions: (n, j) in the order of the robot's joints [rad].
-            supports: (n, l) whether each of the robot's legs carries weight, in their order.
+            supports: (n, l) true where a leg carries weight, in the order of the robot's legs.
 
         Raises:
             ArgumentError: wrong shape, values that are not finite, or times that do not ascend.
@@ -108,7 +105,7 @@ class BodyTrack:
             if end > len(self._rows):
                 kept = self._rows[: self._end][-MOST_SAMPLES:]
                 end = len(kept) + len(times)
-                # Twice the room, so that each sample is copied once on average.
+                # Doubling the buffer copies each sample once on average.
                 self._rows = np.concatenate((kept, np.empty((end + len(times), self._rows.shape[1]))))
             self._rows[end - len(times) : end] = np.column_stack((times, joints, carry))
             self._end = end
@@ -120,11 +117,11 @@ class BodyTrack:
             return float(self._rows[self._end - 1, 0]) if self._end else -math.inf
 
     def covers(self, time: float) -> bool:
-        """True once no later sample changes the place at a time [s]."""
+        """Test that later samples can no longer change the place at a time [s]."""
         return self.latest >= time + HALF_WINDOW
 
     def longest_gap(self, start: float, end: float) -> float:
-        """Longest time without a sample between two times, with what their places need before and after [s].
+        """Longest time without a sample between two times, including the smoothing windows around them [s].
 
         Infinite if the samples begin too late or end too early.
         """
@@ -141,12 +138,12 @@ class BodyTrack:
 
         Args:
             time: instant, by the clock of the samples [s].
-            time_sigma: standard deviation of it [s].
+            time_sigma: standard deviation of `time` [s].
 
         Returns:
-            The place; None where samples are missing about it, where fewer than three feet of BEGIN stand, where they
-            moved against each other, where the joints move faster than the samples tell, and where the time is not
-            known (`MOST_TIME_SIGMA`).
+            The place; None if samples around the time are missing, if fewer than three of BEGIN's feet stand or they
+            are on a line, if these feet moved relative to each other, if the joints deviate too much from a parabola,
+            or if the time is too uncertain (`MOST_TIME_SIGMA`).
         """
         samples = self._window(time)
         if samples is None or not time_sigma <= MOST_TIME_SIGMA:
@@ -181,7 +178,7 @@ class BodyTrack:
         return BodyPlace(read_only(transform), read_only(covariance), state)
 
     def _window(self, time: float) -> Float | None:
-        """Samples about a time, a row each; None where they are missing."""
+        """Samples around a time, one per row; None if too many are missing."""
         with self._lock:
             rows = self._rows[: self._end]
         first, after, end = np.searchsorted(rows[:, 0], (time - HALF_WINDOW, time, time + HALF_WINDOW)).tolist()
@@ -195,7 +192,7 @@ class BodyTrack:
         return self._feet[names]
 
     def _fit(self, feet: StandingFeet, state: RobotState) -> tuple[Float, float]:
-        """Motion (4, 4) that takes the soles to where they were at BEGIN, and chi^2 of what remains, for sigma = 1."""
+        """Motion (4, 4) that returns the soles to their places at BEGIN, and chi^2 of the residual, for sigma = 1."""
         import pinocchio
 
         begin, now = self._begin.soles_in_base(feet.names), state.soles_in_base(feet.names)

@@ -2,8 +2,9 @@
 
 Three or more soles that stayed in place give the rotation of the body since the last pause, which carries the vertical
 of that pause over to this one. Its error grows from pause to pause and is bounded by the support plane: where the
-plane's normal agrees with the carried vertical within noise, the plane is taken as level. Elsewhere it says nothing:
-on a long slope all planes slope alike, and each would draw the vertical a little farther towards their normal.
+plane's normal agrees with the carried vertical within noise, the plane is taken as level. Otherwise the plane is
+ignored: on a long slope all planes tilt the same way, and each would pull the vertical a little further towards its
+normal.
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ from kinematics.footprint import fit_support_plane
 from kinematics.stance_pose import GravityEstimate, StanceNoise
 from kinematics.transforms import unit_vector
 
-# A support plane within this many sigmas of the carried vertical is taken as level; 96 % of flat planes are (two axes).
+# A support plane is taken as level if its rms deviation from the carried vertical, over both axes, is within this many
+# sigmas: noise exceeds it for 0.2 % of level planes.
 FLAT_SIGMAS = 2.5
 
-# The carried vertical tells flat ground from a slope only if its sigma is below this fraction of the terrain's sigma.
+# The carried vertical distinguishes level ground from a slope only if its sigma is below this fraction of
+# `terrain_slope_sigma`.
 SURE_SHARE = 0.5
 
 
@@ -33,9 +36,9 @@ def carry_gravity(
     """Gravity at this pause, in `base_link`; (0, 0, -1) on a level body.
 
     Args:
-        before: gravity at the pause before, in its `base_link`.
+        before: gravity at the previous pause, in its `base_link`.
         soles_now: (n, 3) soles that stayed, in `base_link` of this pause [m], n >= 3.
-        soles_before: (n, 3) the same soles in `base_link` of the pause before [m].
+        soles_before: (n, 3) the same soles in `base_link` of the previous pause [m].
         support_now: (m, 3) all supporting soles in `base_link` of this pause [m], m >= 3.
         covariances_now: (m, 3, 3) covariances of `support_now` [m^2].
         noise: standard deviations.
@@ -43,7 +46,7 @@ def carry_gravity(
     rotation = turn_between(soles_now, soles_before)
     up = -rotation.T @ unit_vector(before.gravity_in_base)
     plane = fit_support_plane(support_now)
-    # Of the support plane, mean of both axes, from the heights of its soles [rad^2].
+    # Variance of the support plane's tilt, mean of both axes, from the heights of its soles [rad^2].
     tilt_variance = float(np.mean(plane.gain[:2] ** 2 @ covariances_now[:, 2, 2]))
     variance = before.sigma**2 + 2.0 * tilt_variance
     missed = plane.normal - up
@@ -57,7 +60,7 @@ def carry_gravity(
 
 
 def turn_between(points_now: Float, points_before: Float) -> Float:
-    """Rotation (3, 3) from the frame of now to that of before: least squares over points (n, 3), n >= 3 (Kabsch)."""
+    """Rotation (3, 3) from the present frame to the previous one: least squares over points (n, 3), n >= 3 (Kabsch)."""
     covariance = (points_now - points_now.mean(axis=0)).T @ (points_before - points_before.mean(axis=0))
     left, _, right = np.linalg.svd(covariance)
     sign = np.sign(np.linalg.det(right.T @ left.T))

@@ -23,7 +23,7 @@ import numpy as np
 
 from kinematics.arrays import Float, read_only
 
-# Huber's limit [sigmas]: larger residuals get no more influence; costs 5 % of precision where nothing slips.
+# Huber's limit [sigmas]: beyond it the influence of a residual is constant; costs 5 % of precision if nothing slips.
 HUBER_LIMIT = 1.5
 
 # Chi-square per degree of freedom exceeds 1 + this / sqrt(freedom) by chance at most once in 100.
@@ -123,7 +123,7 @@ class Footholds:
             covariance=read_only(self.covariance - cross_covariance @ residual_weight @ cross_covariance.T),
         )
         cross = pose_covariance @ by_pose.T @ inverse @ cross_covariance.T
-        # Feet that do not fit have slipped, all of them perhaps: they stand where they are now.
+        # A poor fit means that feet slipped, perhaps all of them: their footholds are then where they stand now.
         standing = stayed if misfit == 1.0 else ()
         return fit, posterior._with(fit, cross, standing, legs, readings, covariances)
 

@@ -23,8 +23,8 @@ import numpy as np
 from kinematics.arrays import Float, read_only
 from kinematics.exceptions import StanceError
 
-# Frames of every robot; axes follow REP-103 (x forward, y left, z up), except for the optical frame, which is OpenCV's.
-# Vertically below the body's origin, z = 0 at the mean of the supporting soles; not in the URDF.
+# Two frames that no URDF has; their axes follow REP-103 (x forward, y left, z up).
+# Vertically below the body's origin, z = 0 at the mean of the supporting soles.
 BASE_FOOTPRINT = "base_footprint"
 # Equal to `base_footprint` of the first pause; tracked by leg odometry.
 ODOM = "odom"
@@ -49,7 +49,9 @@ def turn_by_vertical(transform: Float) -> Float:
 
 
 def footprint_jacobians(soles_in_base: Float, transform: Float, up_by_soles: Float) -> tuple[Float, Float]:
-    """Derivatives of the transform by soles and vertical, rows in REP-103 order (x y z, rotations about fixed axes).
+    """Derivatives of the transform with respect to soles and vertical.
+
+    Rows are in REP-103 order (x y z, rotations about fixed axes).
 
     Args:
         soles_in_base: (n, 3) supporting soles [m].
@@ -70,7 +72,7 @@ def footprint_jacobians(soles_in_base: Float, transform: Float, up_by_soles: Flo
 
 
 def skew(vector: Float) -> Float:
-    """Cross-product matrix (3, 3) of a vector a: times b it gives a x b."""
+    """Cross-product matrix (3, 3) of a vector a: its product with a vector b is a x b."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 

@@ -7,8 +7,9 @@ errors of the joints, every reading of a standing leg satisfies
 
 where p is the same in all pauses in which the foot stays. A flat sole also has the slope of its foothold (the z
 component of its x axis), and an IMU gives the vertical of R_k. Poses, footholds and slopes are unknown and eliminated
-by least squares; the residual is compared with the one that an error of each joint would cause. With A the Jacobian by
-the unknowns, B that by one joint, r the residual, all whitened, and P the projection onto the complement of A's range,
+by least squares; the residual is compared with the one that an error of each joint would cause. With A the Jacobian
+with respect to the unknowns, B that with respect to one joint, r the residual, all whitened, and P the projection onto
+the complement of A's range,
 
     b = -(P B) . r / |P B|^2,   sigma_b = 1 / |P B|.
 
@@ -42,17 +43,17 @@ SLIP_SIGMA = 0.0015
 SINK_SIGMA = 0.0005
 # Errors below either limit are not reported: [rad], and in standard deviations.
 LEAST_ERROR, LEAST_SIGMAS = 0.045, 4.5
-# A wrong zero is reported from this on too, in standard deviations at the noise that robot.toml states: exceeded by
-# noise once in 10,000 tests. The noise that one cycle shows is known to a sixth, so that limit must be wider.
+# A wrong zero is also reported above this many standard deviations at the noise stated in robot.toml; noise exceeds it
+# once in 10,000 tests. LEAST_SIGMAS must be larger, because the noise estimated over one cycle is uncertain by a sixth.
 STATED_SIGMAS = 3.9
-# Largest jump that is sought [rad], and largest uncertain zero that is named: a foot swung along its leg's arc looks
-# like a larger jump.
+# Largest jump that is sought [rad], and largest uncertain zero that is named: a foot that swings along its leg's arc
+# looks like a larger jump.
 LARGEST_JUMP = 0.35
 # A foot that moved by more than this many `swing_least` was lifted, if the other feet are consistent without it.
 MOST_SWING = 1.25
-# Joints whose chi^2 exceeds that of the best explanation by more than this are not named.
+# Joints whose chi^2 exceeds the least one by more than this are not named.
 AS_LIKELY = 9.0
-# The noise variance of a walk, as a fraction of the one robot.toml states, is learned over LEARNED pauses and is at
+# The noise variance of a walk, as a fraction of that stated in robot.toml, is learned over LEARNED pauses and is at
 # least LEAST_SCALE.
 LEAST_SCALE, LEARNED = 0.2, 36
 # A wrong zero is reported only if its standard deviation is below this [rad].
@@ -187,7 +188,7 @@ class _Chains:
                 design[:, 6 * k + 3 : 6 * k + 6] = -skew(down)[:2]
                 blocks.append((design / noise.imu_sigma, np.zeros((2, joints)), down[:2] / noise.imu_sigma))
             last += [k == len(pauses) - 1] * sum(len(values) for *_, values in blocks[before:])
-        # The first pose is free but for its tilt; slopes have the terrain's prior.
+        # The first pose is free except for its tilt, which has the terrain's prior, as all slopes have.
         priors = np.zeros(width)
         priors[:6] = 1 / UNKNOWN
         priors[3:5] = priors[6 * len(pauses) + 3 :: 4] = 1 / noise.terrain_slope_sigma
@@ -197,8 +198,7 @@ class _Chains:
         self._basis = basis[: len(last)]
         self._by_joints = np.vstack([by_joint for _, by_joint, _ in blocks])
         self._is_last = np.array(last)[:, None]
-        values = np.concatenate([value for *_, value in blocks])
-        self._values = values
+        self._values = values = np.concatenate([value for *_, value in blocks])
         left = self._basis.T @ values
         self.chi2 = float(values @ values - left @ left)
         self.degrees = max(len(values) + len(prior) - width, 1)
@@ -213,7 +213,7 @@ class _Chains:
         design = self._by_joints * self._is_last if since_last else self._by_joints
         along = self._basis.T @ design
         information = np.sum(design**2, axis=0) - np.sum(along**2, axis=0)
-        # What rounding leaves after the projection is no information.
+        # Rounding error of the projection is not information.
         told = information > 1e-9 * np.sum(self._by_joints**2, axis=0) + 1e-9
         information = np.where(told, information, 1.0)
         error = -(self._values @ design - (self._basis.T @ self._values) @ along) / information
@@ -248,7 +248,7 @@ class JointCheck:
 
     @property
     def bars(self) -> dict[str, float]:
-        """Least zero error of each joint that is told at the noise of the pauses so far [rad]; inf if none is."""
+        """Least zero error of each joint that is reported at the noise of the pauses so far [rad]; inf if none is."""
         if len(self._pauses) < SHORTEST:
             return dict.fromkeys(self._robot.joint_names, math.inf)
         return {name: bar for name, (*_, bar) in self._zeros(_Chains(self._robot, self._pauses)).items()}
@@ -287,7 +287,7 @@ class JointCheck:
         return JointReport(residual, tuple(faults))
 
     def _begin(self, reading: _Reading) -> tuple[_Placed, ...]:
-        """Start with a first pause; empty if its feet are too few or on a line."""
+        """Place the first pause; empty if its feet are too few or on a line."""
         try:
             plane = fit_support_plane(reading.soles)
         except StanceError:
@@ -311,7 +311,7 @@ class JointCheck:
         return [] if fault is None else [fault]
 
     def _zeros(self, chains: _Chains) -> dict[str, tuple[float, float, float, float]]:
-        """By joint chi^2 without its zero error, that error, its sigma at the noise that remains, and the bar."""
+        """For each joint: chi^2 without its zero error, that error, its sigma at the remaining noise, its `bars`."""
         found = {}
         errors, sigmas = chains.errors(since_last=False)
         for name, error, sigma in zip(self._robot.joint_names, errors.tolist(), sigmas.tolist(), strict=True):
@@ -346,7 +346,7 @@ class JointCheck:
         return (), math.nan, self._jumped(tried)
 
     def _scale(self) -> float:
-        """Upper bound (two sigmas) of this walk's noise variance, as a fraction of the one of robot.toml."""
+        """Upper bound (two sigmas) of this walk's noise variance, as a fraction of that stated in robot.toml."""
         chi2, degrees = (sum(of) for of in zip(*self._noise, strict=True)) if self._noise else (0.0, 0)
         return min(max(chi2 / degrees * (1.0 + 2.0 * math.sqrt(2.0 / degrees)), LEAST_SCALE), 1.0) if degrees else 1.0
 

@@ -21,6 +21,7 @@ at a time, starting from the solution before: a grid takes seconds, not millisec
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -105,7 +106,7 @@ class LegGeometry:
 
 
 def _turned(vector: Float, angle: Float) -> Float:
-    """Rotate the vector (x, z) about y by each of the angles (...); (..., 2)."""
+    """Vector (x, z) rotated about y by each of the angles (...), (..., 2)."""
     sine, cosine = np.sin(angle), np.cos(angle)
     return np.stack([vector[0] * cosine + vector[1] * sine, vector[1] * cosine - vector[0] * sine], axis=-1)
 
@@ -189,7 +190,7 @@ class NumericLeg:
         self._hip = np.array(data.oMi[1].translation)
         joints = [np.array(data.oMi[index].translation) for index in range(1, self._model.njoints)]
         points = [*joints, np.array(data.oMf[self._sole].translation)]
-        self._longest = float(sum(np.linalg.norm(b - a) for a, b in zip(points, points[1:], strict=False)))
+        self._longest = float(sum(np.linalg.norm(b - a) for a, b in pairwise(points)))
 
     def _configuration(self, positions: Float) -> Float:
         configuration = np.empty(len(positions))
@@ -227,7 +228,7 @@ class NumericLeg:
         return None
 
     def _error(self, data: Any, positions: Float, sole: Float, pitch: float) -> tuple[Float, Float]:
-        """Weighted error (3 or 4,) [m] and Jacobian of the pose by the joints, columns in the leg's order."""
+        """Weighted error (3 or 4,) [m] and Jacobian of the pose, with columns in the leg's order."""
         import pinocchio
 
         configuration = self._configuration(positions)

@@ -1,6 +1,6 @@
 """Loading of a robot from its folder or from a one-line description, with all errors reported at once.
 
-The description travels with every grid, so that receivers can compute the reach of the robot's legs. It is the
+The description is sent with every grid, so that receivers can compute the reach of the robot's legs. It is the
 compressed text of robot.toml, the SRDF and the parts of the URDF that are used. It may come from anywhere: its size is
 limited, its files pass the same checks as those of a folder, and no other file is opened for it.
 """
@@ -37,7 +37,7 @@ from kinematics.urdf_checks import check_urdf
 
 # Stock robots, found by name: beside this package, both in a checkout and in an installed wheel.
 ROBOTS_FOLDER = Path(__file__).resolve().parent.parent / "robots"
-# [byte] The description of a stock robot has some 5 kB, and 100 kB unpacked.
+# Largest description, as text [characters] and unpacked [bytes]. That of a stock robot has some 5 kB, 100 kB unpacked.
 LARGEST_TEXT = 1_000_000
 LARGEST_UNPACKED = 8_000_000
 SOURCE = "robot description"
@@ -63,9 +63,9 @@ def load_robot(name_or_path: str | Path) -> RobotModel:
 
 
 def _check_pinocchio() -> None:
-    """Refuse before any file is read, where there is no library for it."""
+    """Check that Pinocchio is installed, before any file is read."""
     if find_spec("pinocchio") is None:
-        raise LibraryMissing("the legs of a robot need Pinocchio: pip install guara-perception (guara-client lacks it)")
+        raise LibraryMissing("a robot needs Pinocchio: pip install guara-perception (guara-client does not include it)")
 
 
 def _load(folder: Path, texts: Mapping[str, str]) -> RobotModel:

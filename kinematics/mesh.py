@@ -18,7 +18,7 @@ import numpy as np
 from kinematics.arrays import Float
 from kinematics.exceptions import RobotFileError
 
-# [byte] Larger mesh files are not opened.
+# Largest mesh file that is read [bytes].
 LARGEST_MESH = 256 * 1024 * 1024
 
 # Number of the hull's largest faces that are tried as a side of the box.
@@ -39,7 +39,7 @@ def find_mesh(filename: str, urdf: Path) -> Path:
         if path.is_file():
             return path
     looked = ", ".join(dict.fromkeys(str(path) for path in paths[:4]))
-    raise RobotFileError(f"the mesh {filename!r} is not there (looked for {looked})")
+    raise RobotFileError(f"no mesh {filename!r} was found (looked for {looked})")
 
 
 def _paths(filename: str, urdf: Path) -> Iterator[Path]:
@@ -105,7 +105,7 @@ def bounding_shape(vertices: Float) -> tuple[str, tuple[float, ...], Float]:
     try:
         hull = ConvexHull(vertices)
     except (QhullError, ValueError) as error:
-        raise RobotFileError("the points of the mesh lie in one plane: no shape of a body") from error
+        raise RobotFileError("the points of the mesh lie in one plane; a mesh must enclose a volume") from error
     points = vertices[hull.vertices]
     best: tuple[float, str, tuple[float, ...], Float] | None = None
     for rotation in _rotations(points, hull):

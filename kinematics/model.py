@@ -16,11 +16,12 @@ from kinematics.scan_pattern import pattern_misses
 from kinematics.srdf import Posture
 from kinematics.stance import Stance
 from kinematics.stance_pose import GravityEstimate, StanceNoise, StancePose, stance_pose
+from kinematics.transforms import checked_transform
 from kinematics.tree import KinematicTree, RobotState
 
 
 class RobotModel:
-    """Loaded and checked robot folder; made by `load_robot`. Immutable.
+    """Loaded and checked robot folder; made by `load_robot`. Do not modify it.
 
     Attributes:
         folder: the folder it was read from.
@@ -31,7 +32,7 @@ class RobotModel:
         joint_names: names of all joints: leg by leg from hip to sole, then any others.
         sole: length (x) and width (y) of the sole [m].
         noise: standard deviations of a stance (table [stance]).
-        odometry_limits: limits for feet that stayed (table [odometry]).
+        odometry_limits: limits of leg odometry: slip, swing and turn between two pauses (table [odometry]).
         pause_limits: limits of a stance pause (table [pause]).
         self_filter_settings: margin around the robot's own shapes (table [self_filter]).
         notes: content of the files that is not used or could not be checked.
@@ -49,7 +50,7 @@ class RobotModel:
         texts: tuple[str, str],
         notes: tuple[str, ...] = (),
     ) -> None:
-        """Assemble what `load_robot` read and checked; `texts` are those of robot.toml and the SRDF."""
+        """Assemble the content that `load_robot` read and checked; `texts`: texts of robot.toml and of the SRDF."""
         self.notes = notes
         self.folder = folder
         self.toml_text, self.srdf_text = texts
@@ -92,6 +93,16 @@ class RobotModel:
             UnknownName: no such posture; the message lists them.
         """
         return dict(named("posture", name, self._postures).joint_positions)
+
+    def optical_centre(self, transform_camera_to_base: npt.ArrayLike | None = None) -> Float:
+        """Optical centre (3,) in `base_link` [m] for a calibrated placement (4, 4) of the camera; default the URDF's.
+
+        Raises:
+            ArgumentError: not a transform.
+        """
+        if transform_camera_to_base is None:
+            return self.transform_camera_to_base[:3, 3]
+        return checked_transform(transform_camera_to_base, "transform_camera_to_base")[:3, 3]
 
     def state(self, joint_positions: Mapping[str, float] | npt.ArrayLike) -> RobotState:
         """State of the robot at joint positions, given by name or as (n,) in the order of `joint_names` [rad].

@@ -16,11 +16,11 @@ from kinematics.urdf import Joint, Shape, Urdf
 # Heights in robot.toml are given to the millimetre [m].
 HEIGHT_TOLERANCE = 0.0005
 
-# Left and right legs match to half a millimetre [m]; a larger difference is a mistake in the file.
+# Left and right legs match to this [m]; a larger difference is a mistake in the file.
 PAIR_TOLERANCE = 0.0005
 
-# Largest height of a sole frame off the lowest point of its foot [m]; it shifts every foothold by as much. The frame of
-# a round foot of 20 mm that is aligned with a tilted shank is 4 mm off.
+# Largest difference in height between a sole frame and the lowest point of its foot [m]; it shifts every foothold by as
+# much. The frame of a round foot of 20 mm that is aligned with a tilted shank is 4 mm off.
 SOLE_TOLERANCE = 0.005
 
 
@@ -40,21 +40,21 @@ def check_names(config: RobotToml, urdf: Urdf, findings: Findings) -> None:
     for key, frame in frames.items():
         if frame and frame not in links:
             findings.wrong(
-                f"{key} is {frame!r}, no link of {urdf.path.name}; its links are: {', '.join(links)}",
+                f"{key} is {frame!r}, which is not a link of {urdf.path.name}; its links are: {', '.join(links)}",
                 config.root.line(key),
             )
     for leg in config.legs:
         for joint in leg.joints:
             if joint not in moving:
                 findings.wrong(
-                    f"[legs.{leg.name}] joints names {joint!r}, no moving joint of {urdf.path.name}; "
+                    f"[legs.{leg.name}] joints names {joint!r}, which is not a moving joint of {urdf.path.name}; "
                     f"its moving joints are: {', '.join(moving)}",
                     config.root.line(f"legs.{leg.name}.joints"),
                 )
 
 
 def check_legs(tree: KinematicTree, findings: Findings) -> None:
-    """Check chains, soles and left-right pairs; what could not be checked becomes a note."""
+    """Check chains, soles and left-right pairs; a sole that cannot be checked becomes a note."""
     before = len(findings.texts)
     for leg in tree.legs.values():
         _check_chain(tree, leg, findings)
@@ -83,13 +83,13 @@ def _check_chain(tree: KinematicTree, leg: LegConfig, findings: Findings) -> Non
     if moving != leg.joints:
         findings.wrong(
             f"[legs.{leg.name}] joints are {', '.join(leg.joints)}; "
-            f"the URDF leads to {leg.sole!r} by {', '.join(moving)}: name those, in this order",
+            f"the chain to {leg.sole!r} in the URDF is {', '.join(moving)}: list these, in this order",
             tree.config.root.line(f"legs.{leg.name}.joints"),
         )
     links = [joint.child for joint in path]
     if leg.hip not in links:
         findings.wrong(
-            f"[legs.{leg.name}] hip {leg.hip!r} is not on the way to {leg.sole!r}; on it are: {', '.join(links)}",
+            f"[legs.{leg.name}] hip {leg.hip!r} is not in the chain to {leg.sole!r}; allowed: {', '.join(links)}",
             tree.config.root.line(f"legs.{leg.name}.hip"),
         )
 
@@ -145,7 +145,7 @@ def _check_sole_size(tree: KinematicTree, leg: LegConfig, findings: Findings) ->
         if size > found + HEIGHT_TOLERANCE:
             findings.wrong(
                 f"sole {name} is {size:g} m, but the collision shapes of the foot of leg {leg.name!r} "
-                f"reach only {found:.4g} m about {leg.sole!r}: state what the foot has, or correct its shape",
+                f"cover only {found:.4g} m around {leg.sole!r}: correct the stated size or the shapes",
                 tree.config.root.line("sole"),
             )
 
@@ -161,8 +161,8 @@ def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
         twins = [other for other, hip in hips.items() if other != name and np.allclose(hip, image, atol=PAIR_TOLERANCE)]
         if len(twins) != 1:
             findings.wrong(
-                f"[legs.{name}]: its hip is at {_text(hips[name])}; no leg has its hip at the mirror image "
-                f"{_text(image)}: correct the joint that carries it",
+                f"[legs.{name}]: its hip is at {_text(hips[name])}; {len(twins) or 'no'} legs have their hip at the "
+                f"mirror image {_text(image)}, allowed: one. Correct the joint that carries it",
                 tree.config.root.line(f"legs.{name}"),
             )
             continue
@@ -171,7 +171,7 @@ def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
         lengths, twin_lengths = _lengths(tree, leg), _lengths(tree, tree.legs[twins[0]])
         if len(lengths) != len(twin_lengths) or not np.allclose(lengths, twin_lengths, atol=PAIR_TOLERANCE):
             findings.wrong(
-                f"legs {name!r} and {twins[0]!r} are no mirror images: from joint to joint they measure "
+                f"legs {name!r} and {twins[0]!r} are not mirror images: from joint to joint they measure "
                 f"{_text(lengths)} and {_text(twin_lengths)} m: correct the joints' origins",
                 tree.config.root.line(f"legs.{name}"),
             )
@@ -190,7 +190,7 @@ def _check_limits(tree: KinematicTree, leg: LegConfig, twin: LegConfig, findings
         limits = (a.lower, a.upper) if sense > 0.0 else (-a.upper, -a.lower)
         if a.kind == b.kind and abs(sense) > 0.999 and not np.allclose(limits, (b.lower, b.upper), atol=1e-3):
             findings.wrong(
-                f"joints {joint!r} and {twin_joint!r} are no mirror images: axis {_text(a.axis)} with limits "
+                f"joints {joint!r} and {twin_joint!r} are not mirror images: axis {_text(a.axis)} with limits "
                 f"{a.lower:g} ... {a.upper:g}, axis {_text(b.axis)} with {b.lower:g} ... {b.upper:g}: "
                 "correct limits or axis",
                 tree.config.root.line(f"legs.{leg.name}.joints"),
@@ -273,8 +273,8 @@ def _compare(
 ) -> None:
     if abs(found - stated) > HEIGHT_TOLERANCE:
         findings.wrong(
-            f"[postures.{config.name}]: {what} comes out at {found:.4f} m, but {stated:.4f} m is stated: "
-            "state what is true, or correct the posture",
+            f"[postures.{config.name}]: {what} is {found:.4f} m in the posture, but {stated:.4f} m is stated: "
+            "correct the stated value or the posture",
             tree.config.root.line(f"postures.{config.name}" + (f".{key}" if key else "")),
         )
 

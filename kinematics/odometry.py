@@ -65,8 +65,8 @@ class OdometryPose(PoseInOdom):
         swung_feet: feet that carried the body at both pauses and were set down elsewhere.
         slipped_feet: feet that carried the body at both pauses and moved by less than a swing.
         residual: rms horizontal distance of the feet that stayed from their footholds [m].
-        foot_slips: leg -> distance by which each foot that stood moved since the last pause [m]. Legs do not see what
-            all feet slide alike: that is in it only in poses of a map whose pictures showed it.
+        foot_slips: leg -> distance that each standing foot moved since the last pause [m]. Leg odometry cannot observe
+            a slide common to all feet; only a map that measured it in its images includes it.
     """
 
     step: int
@@ -88,13 +88,13 @@ class OdometryPose(PoseInOdom):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdometryState:
-    """State of a leg odometry after a pause, from which another one goes on; arrays are read-only.
+    """State of a leg odometry after a pause, from which another one can continue; arrays are read-only.
 
     Attributes:
         step: number of the pause since the start, from 0.
         transform_footprint_to_odom: (4, 4) of the pause.
         footholds: positions of the standing feet.
-        first_tilt: (6, 6) covariance of the first footprint's position by the error of its vertical.
+        first_tilt: (6, 6) covariance of the first footprint's position caused by the error of its vertical.
     """
 
     step: int
@@ -132,21 +132,13 @@ class LegOdometry:
         return OdometryState(self._last.step, self._last.transform_footprint_to_odom, self._footholds, self._first_tilt)
 
     def restore(self, state: OdometryState, stance: Stance) -> None:
-        """Go on from a state, with the stance of its pause; exact where that has gravity.
+        """Continue from a state, given the stance of its pause; exact if that stance includes gravity.
 
         Raises:
             KinematicsError: as `RobotModel.stance_pose`.
         """
         pose = self._pose(self._robot.state(stance.joint_positions), stance, None)
-        self._last = OdometryPose(
-            step=state.step,
-            pose=pose,
-            transform_footprint_to_odom=state.transform_footprint_to_odom,
-            covariance=EXACT,
-            covariance_since_last=EXACT,
-            own_covariance=EXACT,
-            gravity=pose.gravity,
-        )
+        self._last = _exact(state.step, pose, state.transform_footprint_to_odom)
         self._footholds, self._first_tilt = state.footholds, state.first_tilt
 
     def reset(self) -> None:
@@ -158,8 +150,8 @@ class LegOdometry:
 
         Args:
             stance: stance of the pause.
-            standing: feet that may have stayed since the last pause; None = all. Two feet that swung alike keep their
-                distance too: where pauses were missed, joints do not tell them from those that stood.
+            standing: feet that may have stayed since the last pause; None = all. After missed pauses, the joints alone
+                cannot distinguish feet that stood from two that swung alike, which keep their distance too.
 
         Raises:
             OdometryLost: fewer than two feet stayed since the last pause; the odometry is unchanged, `reset` restarts
@@ -185,16 +177,8 @@ class LegOdometry:
     def _first(self, stance: Stance) -> tuple[OdometryPose, Footholds]:
         pose = self._pose(self._robot.state(stance.joint_positions), stance, None)
         self._first_tilt = _shift_by_tilt(pose)
-        first = OdometryPose(
-            step=0,
-            pose=pose,
-            transform_footprint_to_odom=read_only(np.eye(4)),
-            covariance=EXACT,
-            covariance_since_last=EXACT,
-            own_covariance=EXACT,
-            gravity=pose.gravity,
-        )
-        return first, first_footholds(_named_feet(pose), *sole_readings(pose, _named_feet(pose), self._robot.noise))
+        footholds = first_footholds(_named_feet(pose), *sole_readings(pose, _named_feet(pose), self._robot.noise))
+        return _exact(0, pose, read_only(np.eye(4))), footholds
 
     def _next(
         self, stance: Stance, last: OdometryPose, footholds: Footholds, standing: Sequence[str] | None
@@ -235,9 +219,10 @@ class LegOdometry:
         return new, footholds
 
     def carried_gravity(self, stance: Stance) -> GravityEstimate | None:
-        """Gravity that the walk carries to a new pause, for the scan there; the odometry stays as it is.
+        """Gravity carried from the last pause to a new one, for the scan there; the odometry is unchanged.
 
-        None at the first pause, where fewer than three feet stayed, and with an IMU, which is the better source.
+        None at the first pause, if fewer than three feet stayed, or if the stance has gravity from an IMU, which is the
+        better source.
         """
         if self._last is None:
             return None
@@ -285,6 +270,19 @@ class LegOdometry:
         now = transform_points(here, pose.state.soles_in_base(legs))
         before = transform_points(last.transform_base_to_odom, last.pose.state.soles_in_base(legs))
         return dict(zip(legs, np.linalg.norm(now - before, axis=1).tolist(), strict=True))
+
+
+def _exact(step: int, pose: StancePose, transform: Float) -> OdometryPose:
+    """Pose of a pause from which odometry starts: its footprint is known exactly."""
+    return OdometryPose(
+        step=step,
+        pose=pose,
+        transform_footprint_to_odom=transform,
+        covariance=EXACT,
+        covariance_since_last=EXACT,
+        own_covariance=EXACT,
+        gravity=pose.gravity,
+    )
 
 
 def _named_feet(pose: StancePose) -> tuple[str, ...]:

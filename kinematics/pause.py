@@ -19,7 +19,7 @@ class PauseReport:
     Attributes:
         is_pause: True if the robot stands still.
         reason: "" in a pause, else the unmet condition, with value and limit.
-        still_for: how long all joints have been slow with the same feet down [s].
+        still_for: time for which all joints have been slow with the same feet down [s].
     """
 
     is_pause: bool

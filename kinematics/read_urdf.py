@@ -1,4 +1,4 @@
-"""Reader of URDF files: every element that is used is checked, everything else is skipped and noted.
+"""Reader of URDF files: checks every element that is used, and skips all others.
 
 All errors are reported at once, each with its line. Visuals and vendors' tags are not used. Masses are needed only for
 the centre of mass, so a link without one is taken as massless.
@@ -47,7 +47,7 @@ ATTRIBUTES = {
     "mesh": ("filename", "scale"),
     **{shape: tuple(sizes) for shape, sizes in SIZES.items()},
 }
-# Elements of the URDF specification and of simulators that are skipped without a note.
+# Elements of the URDF specification and of simulators that are skipped without a note; others are noted.
 COMMON = {
     "robot": {"material", "mujoco", "gazebo", "transmission", "drake", "sensor"},
     "link": {"visual"},
@@ -129,7 +129,7 @@ class _Reader:
         return transform
 
     def _named(self, element: Element) -> tuple[str, str]:
-        """Name of a link or joint, and the words for it in messages; its other words are checked."""
+        """Name of a link or joint, and its designation in messages; its attributes and elements are checked too."""
         name = element.get("name", "")
         if not name:
             self.findings.wrong(f"a <{element.tag}> has no name", element.line)
@@ -152,7 +152,7 @@ class _Reader:
         return Link(name, mass, centre, inertia, shapes, element.line)
 
     def _inertia(self, inertial: Element, transform: Float, mass: float) -> Float:
-        """Inertia (3, 3) about the centre of mass; zero if missing, or (with a note) if no body can have it."""
+        """Inertia (3, 3) about the centre of mass; zero if missing, or (with a note) if physically impossible."""
         inertia = inertial.find("inertia")
         if inertia is None:
             return np.zeros((3, 3))
@@ -165,7 +165,7 @@ class _Reader:
         is_possible = principal[0] > 0.0 and principal[0] + principal[1] >= principal[2] * (1.0 - TRIANGLE_TOLERANCE)
         if not is_possible:
             if mass > 0.0 and np.any(principal != 0.0):
-                self.findings.unused("<inertia> that belongs to no body")
+                self.findings.unused("<inertia> that is physically impossible")
             return np.zeros((3, 3))
         return np.asarray(transform[:3, :3] @ tensor @ transform[:3, :3].T)
 
@@ -203,7 +203,7 @@ class _Reader:
             path = find_mesh(name, self.path)
             kind, size, placed = mesh_shape(path, scale, path.stat().st_mtime_ns)
         except RobotFileError as error:
-            self.findings.unused(f"{where} is left without its shape, the self-filter does not know it: {error}")
+            self.findings.unused(f"{where} has no shape, so the self-filter ignores it: {error}")
             return None
         return Shape(kind, size, np.asarray(transform @ placed))
 
@@ -245,7 +245,7 @@ def check_words(element: Element, where: str, findings: Findings) -> None:
             like = get_close_matches(attribute, known, 1, LIKE_AN_ATTRIBUTE)
             if like and like[0] not in element.attrib:
                 findings.wrong(
-                    f"{where}: attribute {attribute!r} of <{element.tag}> is unknown; is {like[0]!r} meant?",
+                    f"{where}: attribute {attribute!r} of <{element.tag}> is unknown; did you mean {like[0]!r}?",
                     element.line,
                 )
             else:
@@ -261,7 +261,7 @@ def check_words(element: Element, where: str, findings: Findings) -> None:
             like = get_close_matches(child.tag, read, 1, LIKE_AN_ELEMENT)
             if like:
                 findings.wrong(
-                    f"{where}: element <{child.tag}> is not allowed in <{element.tag}>; is <{like[0]}> meant?",
+                    f"{where}: element <{child.tag}> is not allowed in <{element.tag}>; did you mean <{like[0]}>?",
                     child.line,
                 )
             else:

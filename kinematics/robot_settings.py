@@ -31,14 +31,14 @@ class RobotSettings:
 
 @dataclass(frozen=True, slots=True)
 class OdometryLimits:
-    """Limits for feet that stayed (robot.toml, table [odometry]).
+    """Limits of leg odometry (robot.toml, table [odometry]).
 
     Attributes:
         slip_sigmas: a foot moved if its distance from another one changed by more than this many standard deviations.
         turn_limit: largest rotation of the body between two pauses [rad].
         swing_least: least motion of a foot that counts as a swing [m]; a foot that moved by less slipped.
-        slip_share: sigma of what feet that all slide alike, unseen by the legs, add up to, as a share of the way; a
-            robot.toml without it takes 0.04.
+        slip_share: sigma of the drift caused by a slide common to all feet, which leg odometry cannot observe, as a
+            fraction of the distance walked; default 0.04.
     """
 
     slip_sigmas: float
@@ -64,8 +64,8 @@ class PauseLimits:
         time_limit: a pause without an announced end is over this long after the last message about it [s].
         grace_share, grace_least, grace_most: allowed delay of the message that ends a pause: a fraction of the
             announced length [-], and its lower and upper bound [s]. The laser is off by then.
-        stance_sway: amplitude by which the body may sway about its feet during a scan, about any horizontal axis,
-            undetected by joints and images [rad]; 0, the default, states that it does not sway.
+        stance_sway: largest amplitude of a sway of the body about its feet during a scan, around any horizontal axis,
+            that joints and images do not detect [rad]; 0, the default, states that the body does not sway.
     """
 
     joint_speed_limit: float
@@ -102,5 +102,5 @@ class SelfFilterSettings:
         settings = cls(table.number("margin", least=0.0), table.texts("ignore"))
         for link in settings.ignore:
             if links is not None and link not in links:
-                table.wrong("ignore", f"a list of links ({link!r} is no link; allowed: {', '.join(links)})")
+                table.wrong("ignore", f"a list of links ({link!r} is not a link; allowed: {', '.join(links)})")
         return settings

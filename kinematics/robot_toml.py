@@ -158,7 +158,7 @@ def _check_joints_once(config: RobotToml, findings: Findings) -> None:
         for joint in leg.joints:
             if joint in owner:
                 findings.wrong(
-                    f"joint {joint!r} stands in [legs.{owner[joint]}] and [legs.{leg.name}]; "
+                    f"joint {joint!r} is listed in [legs.{owner[joint]}] and [legs.{leg.name}]; "
                     "a joint belongs to one leg",
                     config.root.line(f"legs.{leg.name}.joints"),
                 )

@@ -48,7 +48,7 @@ def pattern_misses(root: Table, mirror_x: float, mirror_height: float) -> str | 
     # From just before the area to just past it, as in the stock robot guara.
     wanted = [mirror_angle_for(mirror_x, mirror_height, x) for x in (near - END_TOLERANCE_M, far + END_TOLERANCE_M)]
     return (
-        f"the pattern sweeps the floor from x {first:.3f} to {last:.3f} m, the area of [grid.footprint] from "
-        f"{near:g} to {far:g}: set mirror_angle_first = {wanted[0]:.3f} and mirror_angle_last = {wanted[1]:.3f} "
+        f"the pattern sweeps x = {first:.3f} to {last:.3f} m of the floor, but [grid.footprint] extends from "
+        f"{near:g} to {far:g} m: set mirror_angle_first = {wanted[0]:.3f} and mirror_angle_last = {wanted[1]:.3f} "
         "(atan((x - mirror x) / mirror height) / 2 for both ends)"
     )

@@ -18,7 +18,7 @@ from kinematics.transforms import checked_points
 from kinematics.tree import RobotState
 from kinematics.urdf import Shape
 
-# Added to the squared lengths of the coarse tests [m^2], which are differences of larger squares.
+# Margin of the coarse tests [m^2]: rounding error of squared lengths that are differences of larger squares.
 ROUNDING = 1e-12
 # Replaces a zero component of a ray: its interval in that slab is then infinite or empty.
 NO_DIRECTION = 1e-300
@@ -85,7 +85,7 @@ class SelfFilter:
         inside = np.zeros(len(points), dtype=np.bool_)
         if not len(points):
             return inside
-        # Most points of a scan are ahead of the robot: their bounding box meets those of few shapes, if any.
+        # Most points of a scan are ahead of the robot: few shapes, if any, overlap their bounding box.
         columns = np.ascontiguousarray(points.T)
         low, high = _box(columns)
         shapes = np.flatnonzero(np.all((self._lowest <= high) & (self._highest >= low), axis=1))
@@ -128,7 +128,7 @@ class SelfFilter:
         self._check_outside(origins)
         directions = points - origins
         lengths = np.sqrt(np.einsum("ni,ni->n", directions, directions))
-        # Sums over all segments that no shape changes.
+        # Products that are the same for all shapes.
         by_origins = directions @ origins[0] if len(origins) == 1 else np.einsum("ni,ni->n", directions, origins)
         squares = np.einsum("ni,ni->n", origins, origins) - ROUNDING
         blocked = np.zeros(len(points), dtype=np.bool_)
@@ -156,9 +156,10 @@ class SelfFilter:
 
 
 def _may_meet(along: Float, apart: Float, lengths: Float, reach: float) -> Mask:
-    """Mask (n,) of the segments that may come within `reach` of a centre; conservative: misses none that do.
+    """Mask (n,) of the segments that may come within `reach` of a centre; includes all that do.
 
-    With c the centre from a segment's origin and w the segment: w . c, |c|^2 - reach^2 and |w|, each (n or 1,).
+    With c the vector from a segment's origin to the centre and w the segment, the arguments are w . c,
+    |c|^2 - reach^2 and |w|, each (n or 1,).
     """
     # Distance of the centre from the line: |c|^2 - (w . c)^2 / |w|^2, without dividing.
     beside = apart * lengths**2 <= along**2
@@ -176,7 +177,7 @@ class PlacedShape:
     """A shape of a link, in `base_link`.
 
     Attributes:
-        link: the link it belongs to.
+        link: name of the link.
         kind: "box", "cylinder" (axis z) or "sphere".
         half: (3,) half extents along its own axes, margin included; radius in x and y for a cylinder [m].
         centre: (3,) in `base_link` [m].
@@ -202,7 +203,7 @@ class PlacedShape:
         return np.asarray(np.einsum("ni,ni->n", local, local) <= self.half[0] ** 2)
 
     def blocks(self, origins: Float, directions: Float) -> Mask:
-        """Mask of the segments that it touches, from `origins` (n or 1, 3) along `directions` (n, 3) [m]."""
+        """Mask of the segments that meet the shape, from `origins` (n or 1, 3) along `directions` (n, 3) [m]."""
         start, along = (origins - self.centre) @ self.rotation, directions @ self.rotation
         if self.kind == "box":
             enter, leave = _through_slabs(start, along, self.half)

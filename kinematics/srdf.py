@@ -10,7 +10,7 @@ from kinematics.findings import Findings
 from kinematics.untrusted import Element, finite_numbers, parse_xml, read_xml
 from kinematics.urdf import Urdf
 
-# Joint whose values in a posture are the pose of the body: x y z [m] and quaternion x y z w.
+# Joint whose seven values are the pose of the body: x y z [m] and quaternion x y z w.
 ROOT_JOINT = "root_joint"
 
 
@@ -66,7 +66,7 @@ def _check_links(root: Element, urdf: Urdf, findings: Findings) -> None:
             for attribute in attributes:
                 if found.get(attribute) not in links:
                     findings.wrong(
-                        f"<{element}>: {attribute} {found.get(attribute)!r} is no link of {urdf.path.name}",
+                        f"<{element}>: {attribute} {found.get(attribute)!r} is not a link of {urdf.path.name}",
                         found.line,  # type: ignore[attr-defined]
                     )
 

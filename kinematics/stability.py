@@ -13,7 +13,7 @@ from kinematics.transforms import transform_points
 def polygon_margin(corners: npt.ArrayLike, point: npt.ArrayLike) -> float:
     """Signed distance [m] of a point (2,) from the border of the convex hull of corners (n, 2): positive inside.
 
-    One or two corners, or corners on a line, have no inside: the distance to them is zero or negative.
+    One or two corners, or corners on a line, have no inside: the result is zero or negative.
 
     Raises:
         ArgumentError: wrong shape or not finite.
@@ -42,7 +42,7 @@ def stability_margin(pose: StancePose, *, lifted: str | None = None) -> float:
     """Static stability margin [m]: distance of the vertically projected centre of mass from the polygon's border.
 
     Args:
-        pose: the stance pose; the centres of its used soles span the polygon, which leaves half a sole in reserve.
+        pose: the stance pose; the polygon is spanned by the centres of its used soles, half a sole inside the contacts.
         lifted: leg that is about to be lifted, excluded from the polygon; its mass stays where it is now.
 
     Raises:

@@ -1,12 +1,13 @@
 """Pose of the body above the ground at a pause, with its covariance.
 
 With u the vertical in `base_link` (variance s^2 per axis, across u), p_i the supporting soles with covariances C_i, and
-A_i, B the derivatives of the transform by the soles and by the vertical (`footprint_jacobians`), its covariance is
+A_i, B the derivatives of the transform with respect to the soles and the vertical (`footprint_jacobians`), its
+covariance is
 
     s^2 B (I - u u') B' + sum A_i C_i A_i'.
 
-Points measured in `base_link` do not depend on this pose; it adds the direction of gravity, and the relative poses of
-scans.
+Points measured in `base_link` do not depend on this pose. It is needed to align them with gravity and to relate the
+scans of different pauses.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
 # Least z of the vertical in `base_link`: a body tilted by more than 60 degrees has fallen.
 LEAST_UP_Z = 0.5
 
-# Default white noise of a joint [rad]: 0.05 degrees and the step of a 12-bit encoder. If the true noise is larger,
-# scans are withdrawn; if it is smaller, motions of 1.5 mm are still found.
+# Default white noise of a joint [rad]: 0.05 degrees, plus the quantisation of a 12-bit encoder. If the true noise is
+# larger, scans are withdrawn; if it is smaller, motions of 1.5 mm are still detected.
 ENCODER_NOISE = 0.001
 
 
@@ -94,7 +95,7 @@ class StancePose:
             x, y and the heading are exact by definition. With `support_plane` it is relative to that plane, not to
             gravity.
         attitude_source: "imu", "odometry", "support_plane" or "level".
-        attitude_sigma: standard deviation of the vertical against gravity, per axis [rad]; that of a support plane
+        attitude_sigma: standard deviation of the vertical relative to gravity, per axis [rad]; with `support_plane` it
             includes the slope of the ground (robot.toml, [stance] terrain_slope_sigma).
         support_feet_used: feet used to compute the pose.
         unloaded_feet: feet named as supporting but found unloaded, left out.
@@ -127,7 +128,7 @@ class StancePose:
 
     @property
     def gravity(self) -> GravityEstimate:
-        """Gravity by this pose, opposite its vertical."""
+        """Direction of gravity in this pose, opposite to `up_in_base`."""
         down = (-self.up_in_base).tolist()
         return GravityEstimate((down[0], down[1], down[2]), self.attitude_sigma)
 
@@ -259,11 +260,11 @@ def _vertical(
         raise ArgumentError(f"attitude is {attitude!r}; allowed: {', '.join(ATTITUDE_SOURCES)}, or None for the best")
     if attitude == "imu":
         if gravity_in_base is None:
-            raise StanceError("attitude 'imu' was asked for, but the stance has no gravity_in_base")
+            raise StanceError("attitude 'imu' was requested, but the stance has no gravity_in_base")
         return attitude, -unit_vector(gravity_in_base), noise.imu_sigma
     if attitude == "odometry":
         if odometry is None:
-            raise StanceError("attitude 'odometry' was asked for, but no odometry was given")
+            raise StanceError("attitude 'odometry' was requested, but no odometry was given")
         return attitude, -unit_vector(odometry.gravity_in_base), odometry.sigma
     if attitude == "level":
         return attitude, np.array([0.0, 0.0, 1.0]), noise.level_sigma
@@ -271,7 +272,7 @@ def _vertical(
 
 
 def _plane_vertical(plane: SupportPlane, count: int) -> tuple[Float, Float]:
-    """Normal of the plane and its derivative by the soles, (3, 3 n)."""
+    """Normal of the plane and its derivative with respect to the soles, (3, 3 n)."""
     a, b, _ = plane.coefficients
     upright = np.array([-a, -b, 1.0])
     length = np.linalg.norm(upright)

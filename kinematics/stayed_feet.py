@@ -6,7 +6,7 @@ line between two feet must not have rotated by more than the body can turn eithe
 
 A flat sole that carries the body keeps its pitch to a degree: a larger change is noise of the leg's joints. The
 same noise displaces the sole, and the covariance of pitch and position relates the two. A round foot has no meaningful
-pitch; legs of fewer than four joints are taken to have one, since they cannot keep a flat sole level.
+pitch; legs of fewer than four joints are assumed to have round feet, since they cannot keep a flat sole level.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from kinematics.transforms import transform_points
 
 # Variance of the unknown pitch of a round foot [rad^2].
 NOTHING_KNOWN = 1.0
-# Least sigma of a flat sole's pitch from pause to pause [rad]. On a stiff ankle soles rock on their edges by 1 to 2
-# degrees, all in the same direction: taken for noise of the joints, that drew odometry by 5 % of the way in MuJoCo.
+# Least sigma of a flat sole's pitch from pause to pause [rad]. Soles on stiff ankles rock on their edges by 1 to 2
+# degrees, all in the same direction; treated as joint noise, this biased odometry by 5 % of the distance in MuJoCo.
 ROCK_SIGMA = 0.02
 
 
@@ -41,7 +41,7 @@ def find_stayed_feet(
     Args:
         soles_now: (n, 3) sole centres at this pause, in a frame of the body [m].
         covariances_now: (n, 3, 3) covariances of `soles_now` [m^2].
-        soles_before: (n, 3) the same soles at the pause before, in the same frame of the body [m].
+        soles_before: (n, 3) the same soles at the previous pause, in the same frame of the body [m].
         covariances_before: (n, 3, 3) covariances of `soles_before` [m^2].
         slip_sigmas: a distance has changed if it differs by more than this many standard deviations.
         turn_limit: largest rotation of the body between two pauses [rad].

@@ -1,14 +1,16 @@
 """Statistical test of stillness over all joint readings of a pause.
 
 The standing feet do not move on the ground, so a motion of the body shows in the joints. With J_i the Jacobian of sole
-i, r_i its position from the camera and xi = (v, w) the camera's motion in `base_link`, a change dq of the joints gives
+i, r_i its position relative to the camera and xi = (v, w) the camera's motion in `base_link`, a change dq of the joints
+gives
 
     J_i dq = -(v + w x r_i) + J_i e,    e ~ N(0, sigma^2 I),
 
-from which xi follows by generalised least squares. The bias of a joint is constant and cancels. At every reading, means
-over the last 1, 2, 4 ... readings are compared with all earlier readings, with the window before and with the first
-window of the pause: these detect a step, a pulse and a ramp. The residual, which no motion of the body explains, gives
-the noise; sway is a motion of the body and does not affect it. A residual far above the noise means that feet moved.
+from which xi follows by generalised least squares. The bias of a joint is constant and cancels. At every reading, the
+mean over the last 1, 2, 4 ... readings is compared with the means of all earlier readings, of the preceding window and
+of the first window of the pause, to detect a step, a pulse and a ramp. The residual is the part of dq that no motion of
+the body explains. It gives the noise; sway is a motion of the body and does not affect it. A residual far above the
+noise means that feet moved.
 """
 
 from __future__ import annotations
@@ -27,7 +29,6 @@ from kinematics.exceptions import ArgumentError, CameraMoved, StanceError
 from kinematics.footprint import skew
 from kinematics.model import RobotModel
 from kinematics.stance import Stance
-from kinematics.transforms import checked_transform
 from kinematics.tree import checked_positions
 
 # Probability of a false alarm per pause, over all tests made in it.
@@ -36,25 +37,26 @@ FALSE_ALARMS = 0.003
 # Longest window [readings]: 5 s at 50 Hz. Slower motions show between the first and the last window.
 LONGEST = 256
 
-# Probability with which motions of random direction must be found, and their sizes [m, rad] with frequent readings and
-# without.
+# Required probability of detecting a motion in a random direction, and the size of that motion [m, rad] with frequent
+# readings and without.
 POWER = 0.95
 WITH_HOLD = (1.0e-3, math.radians(0.1))
 WITHOUT_HOLD = (1.5e-3, math.radians(0.15))
 
-# Shortest pulse that must be found [s], and the least number of readings in it that counts as frequent.
+# Shortest pulse that must be detected [s]; readings are frequent if at least OFTEN of them fall into it.
 PULSE_S, OFTEN = 0.2, 3
 
-# Longest window tried for the start of a motion [readings]: a pulse at 320 Hz.
+# Longest window tried when the start of a motion is dated [readings]: PULSE_S at 320 Hz.
 MOST_NEEDED = 64
 
-# Largest learned noise, relative to the sigma that robot.toml states: more is not joint noise. After LEARNED changes
-# the learned noise is also used to test for feet that moved relative to each other.
+# Largest learned noise, relative to the sigma stated in robot.toml: more is not joint noise. After LEARNED changes, the
+# learned noise is also used to test for feet that moved relative to each other.
 MOST_NOISE, LEARNED = 4.0, 8
-# Least noise assumed in that test [rad]: 0.03 mm for a leg of 0.3 m is no slip.
+# Least noise assumed in that test [rad]: with a leg of 0.3 m it moves the sole by 0.03 mm, which is not a slip.
 LEAST_NOISE = 1e-4
 
-# Weight of the noise that robot.toml states [readings]: a noisier robot is told from a moving one after a few.
+# Weight of the noise stated in robot.toml [readings]: low, so that a few readings distinguish a noisier robot from a
+# moving one.
 PRIOR_READINGS = 1
 
 # Added to J J^T [m^2/rad^2] to keep it regular for a stretched leg: a thousandth of its usual size.
@@ -77,16 +79,16 @@ class CameraMotion:
 
 
 class StandingFeet:
-    """Least squares over some standing feet: matrices that map joint changes to the camera's motion.
+    """Least-squares fit of the camera's motion to the joint changes of some standing feet, as matrices.
 
     Attributes:
         names: the feet.
-        motion: (6, n) joint changes to motion.
-        whitened: (6, n) joint changes to whitened motion.
-        residual: (3 feet - 6, n) joint changes to what no motion explains.
-        inverse: (6, 3 feet) whitened changes of the soles to motion.
-        covariance: (6, 6) of the motion, for sigma = 1.
-        units: chi^2 of a unit motion in each of some directions, for sigma = 1: all shifts, then all turns.
+        motion: (6, n) maps joint changes to the motion.
+        whitened: (6, n) maps joint changes to the whitened motion.
+        residual: (3 feet - 6, n) maps joint changes to the part that no motion explains.
+        inverse: (6, 3 feet) maps whitened changes of the soles to the motion.
+        covariance: (6, 6) covariance of the motion, for sigma = 1.
+        units: (2, directions) chi^2 of a unit translation and a unit rotation in each of `DIRECTIONS`, for sigma = 1.
     """
 
     def __init__(self, robot: RobotModel, begin: Stance, feet: Sequence[str], camera: Float) -> None:
@@ -98,7 +100,7 @@ class StandingFeet:
         if len(feet) < 3:
             raise StanceError(
                 f"support_feet: {len(feet)} feet carried the body before and after ({', '.join(feet) or 'none'}); "
-                "three are needed to tell whether the camera moved"
+                "three are needed to test whether the camera moved"
             )
         state = robot.state(begin.joint_positions)
         self.names = tuple(feet)
@@ -113,7 +115,7 @@ class StandingFeet:
         design, white = np.vstack(rows), np.vstack(by_joints)
         left, values, _ = np.linalg.svd(design)
         if values[-1] < 1e-6 * values[0]:
-            raise StanceError(f"support_feet: {', '.join(feet)} stand on a line; the camera's motion cannot be told")
+            raise StanceError(f"support_feet: {', '.join(feet)} are on a line; the camera's motion is not observable")
         self.inverse: Float = np.linalg.pinv(design)
         self.motion: Float = self.inverse @ white
         self.whitened: Float = left[:, :6].T @ white
@@ -124,7 +126,7 @@ class StandingFeet:
         self.units = np.array([np.einsum("ni,ij,nj->n", DIRECTIONS, block, DIRECTIONS) for block in blocks])
 
     def whitened_soles(self, changes: Float) -> Float:
-        """Changes (feet, 3) of the soles in `base_link` [m], weighed each by its leg, (3 feet,) [rad]."""
+        """Whitened changes (3 feet,) [rad] from changes of the soles (feet, 3) in `base_link` [m]."""
         return np.concatenate([whiten @ change for whiten, change in zip(self._whiten, changes, strict=True)])
 
 
@@ -151,10 +153,7 @@ class Stillness:
             UnknownName, JointPositionError: the stance does not fit this robot.
         """
         self._robot, self._begin = robot, stance
-        camera = robot.transform_camera_to_base
-        if transform_camera_to_base is not None:
-            camera = checked_transform(transform_camera_to_base, "transform_camera_to_base")
-        self._camera = np.asarray(camera)[:3, 3]
+        self._camera = robot.optical_centre(transform_camera_to_base)
         self._first = checked_positions(robot.tree, stance.joint_positions)
         self._last = self._first
         self._names = stance.support_feet
@@ -178,7 +177,7 @@ class Stillness:
 
         Raises:
             ArgumentError: a time that is not finite.
-            StanceError: fewer than three feet carried the body in all readings, or they stand on a line.
+            StanceError: fewer than three feet carried the body in all readings, or they are on a line.
             UnknownName, JointPositionError: the stance does not fit this robot.
         """
         positions, time = checked_positions(self._robot.tree, stance.joint_positions), _checked_time(time)
@@ -242,7 +241,7 @@ class Stillness:
         return CameraMotion(float(shift), float(turn), not self._motion)
 
     def _learn(self, feet: StandingFeet, change: Float) -> None:
-        """White noise from the residual of successive readings; robot.toml's is its least."""
+        """Update the white noise from the residual of successive readings; at least that stated in robot.toml."""
         stated = self._robot.noise.encoder_noise**2
         self._energies.append(float(np.sum((feet.residual @ change) ** 2)) / 2.0)
         degrees = len(feet.residual)
@@ -263,7 +262,7 @@ class Stillness:
         self._count += 1
 
     def _test(self, feet: StandingFeet) -> None:
-        """All comparisons of windows that end at the last reading."""
+        """Compare all windows that end at the last reading with earlier ones."""
         sums, row, count = self._sums, self._row, self._count
         windows = 2 ** np.arange(int(math.log2(min(count - 1, LONGEST))) + 1)
         pairs = windows[2 * windows < count]
@@ -300,7 +299,7 @@ class Stillness:
         elif not self._motion and np.any(apart > most_apart(len(feet.residual))):
             worst = int(np.argmax(apart))
             self._motion = (
-                "standing feet moved against each other during the scan, or the joints are far noisier than "
+                "standing feet moved relative to each other during the scan, or the joints are far noisier than "
                 f"encoder_noise of robot.toml ({math.degrees(self._robot.noise.encoder_noise):.3f} degrees): scan again"
             )
         if worst is not None:
@@ -319,14 +318,14 @@ class Stillness:
         return max(1, min(recent, self._count - 1))
 
     def _needed(self) -> int:
-        """Number of readings after the start of a motion within which it is found."""
+        """Number of readings after the start of a motion within which the motion is detected."""
         recent = self._recent()
         windows = np.arange(1, min(recent, MOST_NEEDED) + 1)
         enough = np.flatnonzero(self._power(windows, WITH_HOLD if recent >= OFTEN else WITHOUT_HOLD) >= POWER)
         return int(windows[enough[0]]) if enough.size else recent
 
     def _power(self, windows: npt.ArrayLike, sizes: tuple[float, float], scales: npt.ArrayLike = 1.0) -> Float:
-        """Probability (n,) of finding a step of random direction and scaled size with windows at the end."""
+        """Probability (n,) of detecting a step of random direction and scaled size with windows that end now."""
         assert self._feet is not None
         windows = np.asarray(windows, dtype=np.float64)
         variances = self._variance * (1 / windows + 1 / np.maximum(self._count - windows, 1.0))
@@ -343,7 +342,7 @@ class Stillness:
 def camera_motion(
     robot: RobotModel, begin: Stance, end: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
 ) -> CameraMotion:
-    """Motion of the camera between two readings: `Stillness` with nothing between them.
+    """Motion of the camera between two readings, as `Stillness` computes it from these alone.
 
     Args:
         robot: the model.
@@ -360,7 +359,7 @@ def camera_motion(
 def check_camera_still(
     robot: RobotModel, begin: Stance, end: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
 ) -> CameraMotion:
-    """As `camera_motion`, but raises if the camera moved.
+    """Return `camera_motion`; raise if the camera moved.
 
     Raises:
         CameraMoved: the message gives both motions and their limits.
@@ -392,7 +391,10 @@ def _threshold(count: int) -> float:
 
 
 def most_apart(degrees: int) -> float:
-    """Largest chi^2 of the residual that passes for noise: three times the noise, and never by chance in a pause."""
+    """Largest chi^2 of the residual attributed to noise.
+
+    Corresponds to three times the assumed sigma, plus 18, which noise of that sigma does not exceed in a pause.
+    """
     return 9.0 * degrees + 18.0
 
 

@@ -83,16 +83,16 @@ class Table:
         return kind(**values)
 
     def text(self, key: str) -> str:
-        """A text that is not empty; "" replaces a wrong one."""
-        return str(self._value(key, _is_text, "a text", ""))
+        """A non-empty string; "" replaces a wrong one."""
+        return str(self._value(key, _is_text, "a string", ""))
 
     def texts(self, key: str) -> tuple[str, ...]:
-        """A list of different texts; it may be empty."""
+        """A list of different non-empty strings; the list may be empty."""
         value = self._value(
-            key, lambda given: isinstance(given, list) and all(map(_is_text, given)), "a list of texts", []
+            key, lambda given: isinstance(given, list) and all(map(_is_text, given)), "a list of strings", []
         )
         if len(set(value)) != len(value):
-            self.wrong(key, "a list in which every name stands once")
+            self.wrong(key, "a list of different names")
             return ()
         return tuple(value)
 

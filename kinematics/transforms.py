@@ -43,16 +43,16 @@ def checked_transform(value: npt.ArrayLike, name: str) -> Float:
     """Copy of an argument, checked to be a rigid transform (4, 4).
 
     Raises:
-        ArgumentError: wrong shape, not finite, no rotation, or a last row other than 0 0 0 1; the message contains
+        ArgumentError: wrong shape, not finite, not a rotation, or a last row other than 0 0 0 1; the message contains
             `name`.
     """
     transform = np.array(value, dtype=np.float64)
     if transform.shape != (4, 4) or not np.all(np.isfinite(transform)):
         raise ArgumentError(f"{name} has shape {transform.shape}; a finite (4, 4) matrix is needed")
     rotation = transform[:3, :3]
-    error = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if error > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
-        raise ArgumentError(f"{name} holds no rotation: R R' misses the identity by {error:.2g}")
+    error, determinant = np.abs(rotation @ rotation.T - np.eye(3)).max(), np.linalg.det(rotation)
+    if error > ROTATION_TOLERANCE or determinant < 0.0:
+        raise ArgumentError(f"{name} contains no rotation: R R' - I is up to {error:.2g}, det R is {determinant:.2g}")
     if np.abs(transform[3] - [0.0, 0.0, 0.0, 1.0]).max() > LAST_ROW_TOLERANCE:
         raise ArgumentError(f"{name} ends in the row {transform[3].tolist()}; 0 0 0 1 is needed")
     return transform
@@ -72,12 +72,13 @@ def checked_covariance(value: npt.ArrayLike, name: str) -> Float:
     if np.abs(covariance - covariance.T).max() > 1e-9 * scale:
         raise ArgumentError(f"{name} is not symmetric")
     if np.linalg.eigvalsh(covariance)[0] < -1e-9 * scale:
-        raise ArgumentError(f"{name} has a negative eigenvalue: no covariance")
+        raise ArgumentError(f"{name} has a negative eigenvalue: it is not a covariance")
     return covariance
 
 
 def unit_vector(vector: npt.ArrayLike) -> Float:
-    """Vector scaled to length 1; any length but zero is allowed: it is scaled first, so squares cannot overflow."""
+    """Vector scaled to length 1; any length but zero is allowed."""
     scaled = np.asarray(vector, dtype=np.float64)
+    # Squares of components above 1e154 would overflow.
     scaled = scaled / np.abs(scaled).max()
     return np.asarray(scaled / np.linalg.norm(scaled))

@@ -75,7 +75,7 @@ class KinematicTree:
         try:
             self.pinocchio_model: Any = build_model(urdf)
         except (ValueError, RuntimeError) as error:
-            raise RobotFileError(f"{urdf.path}: Pinocchio refuses it: {error}") from error
+            raise RobotFileError(f"{urdf.path}: Pinocchio rejects it: {error}") from error
         joints = [self.pinocchio_model.joints[self.pinocchio_model.getJointId(name)] for name in self.joint_names]
         self._position_indices = np.array([joint.idx_q for joint in joints])
         self.velocity_indices = np.array([joint.idx_v for joint in joints])
@@ -212,7 +212,7 @@ class RobotState:
         return read_only(self._data.oMf[self.tree.frame_id(frame)].homogeneous)
 
     def position_in_base(self, frame: str) -> Float:
-        """Origin of a frame in `base_link`, (3,) [m], read-only; `UnknownName` as above."""
+        """Origin of a frame in `base_link`, (3,) [m], read-only; raises as `transform_to_base`."""
         return read_only(self._data.oMf[self.tree.frame_id(frame)].translation)
 
     def soles_in_base(self, legs: Iterable[str] | None = None) -> Float:
@@ -314,7 +314,7 @@ def refuse_not_finite(values: Float, names: Sequence[str], kind: str) -> None:
 
 
 def _refuse_other_units(tree: KinematicTree, positions: Float) -> None:
-    """Reject a joint of less than one turn of range that is half a turn beyond its limits: its unit is not radians."""
+    """Reject positions half a turn beyond the limits of a joint of less than one turn: they are not in radians."""
     lower, upper = tree.lower_limits, tree.upper_limits
     turning = {joint.name for joint in tree.urdf.joints if joint.kind == "revolute"}
     far = (positions < lower - np.pi) | (positions > upper + np.pi)

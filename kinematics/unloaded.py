@@ -3,10 +3,11 @@
 The deviation of four soles from a common plane is a single number. It shows that a foot hangs, but not which of the two
 at the ends of the raised diagonal. These criteria decide, in this order:
 
-1. If the vertical is known: the three remaining feet must be level with each other. If they are so for neither
-   candidate, the ground is uneven and nothing shows that a foot hangs: all four are kept.
+1. If the vertical is known: the three remaining feet must be level with each other. If that holds for neither
+   candidate, the ground is uneven, there is no evidence of a hanging foot, and all four are kept.
 2. Balance: the centre of mass must be above the triangle of the loaded feet, which is beyond the other diagonal as seen
-   from the hanging foot. A foot for which it is on the near side by more than its uncertainty carries load.
+   from the hanging foot. A foot carries load if the centre of mass is on its own side of that diagonal by more than the
+   uncertainty of the centre of mass.
 3. The body is commanded level: the triangle relative to which the body is tilted less is the loaded one.
 """
 
@@ -105,7 +106,7 @@ def _balance_away_from(feet: FourFeet, row: int) -> float:
     others, up = feet.soles[OTHERS[row]], feet.up
     if up is None:
         up = _normal(others)
-    # The opposite foot is the one for which the other two are on different sides of the line from foot to foot.
+    # A foot is opposite if the line to it separates the other two.
     for opposite in range(3):
         i, j = (other for other in range(3) if other != opposite)
         across = np.cross(up, others[opposite] - feet.soles[row])

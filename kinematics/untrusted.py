@@ -1,7 +1,7 @@
 """Parsers of TOML and XML from untrusted sources, with limits on size and nesting.
 
-A robot's files may come from anywhere, also with a grid over the network. XML entities are rejected, and files far
-larger than those of any robot are not read.
+A robot's files may come from anywhere, also with a grid over the network. XML entities are rejected, and so are files
+far larger than those of any robot.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from xml.parsers import expat
 
 from kinematics.exceptions import RobotFileError
 
-# [byte] The largest URDF of a stock robot has 70 kB.
+# Largest XML file that is read [bytes]. The largest URDF of a stock robot has 70 kB.
 LARGEST_XML = 16 * 1024 * 1024
-# [byte] Far above any real file: the largest robot.toml or world file of this repository has 8 kB.
+# Largest TOML file that is read [bytes]. The largest robot.toml or world file of this repository has 8 kB.
 LARGEST_FILE = 1024 * 1024
 # Largest number of parts of a dotted key, and of nesting levels of tables or lists.
 DEEPEST = 16
@@ -53,7 +53,7 @@ def read_xml(path: Path) -> tuple[Element, str]:
 
 
 def parse_xml(text: str, path: Path) -> Element:
-    """Root element of a text; `path` is for messages. Errors as in `read_xml`."""
+    """Root element of an XML text; `path` is used in messages. Raises the same errors as `read_xml`."""
     # The text was read as UTF-8; the encoding it declares is ignored, since Python may not know it.
     parser = expat.ParserCreate("utf-8")
     builder = ElementTree.TreeBuilder(element_factory=Element)

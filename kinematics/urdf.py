@@ -9,7 +9,7 @@ import numpy as np
 
 from kinematics.arrays import Float
 
-# Attributes of each shape, and how many numbers each holds; together they are its size.
+# Attributes that give the size of each shape, with the number of values in each attribute.
 SIZES = {
     "box": {"size": 3},
     "cylinder": {"radius": 1, "length": 1},

@@ -45,7 +45,7 @@ def check_urdf(urdf: Urdf, root: str | None = None) -> None:
 
 
 def root_link(urdf: Urdf) -> str:
-    """Name of the link that is no joint's child, the first if there are several."""
+    """Name of the link that is not the child of any joint; the first if there are several."""
     children = {joint.child for joint in urdf.joints}
     return next((link.name for link in urdf.links if link.name not in children), "")
 
@@ -66,7 +66,7 @@ def _check_names(urdf: Urdf, findings: Findings) -> None:
     for name, line in _repeated((joint.name, joint.line) for joint in urdf.joints):
         findings.wrong(f"joint {name!r} is defined twice", line)
     for name, line in _repeated((joint.child, joint.line) for joint in urdf.joints):
-        findings.wrong(f"link {name!r} is the child of two joints; every link hangs on one", line)
+        findings.wrong(f"link {name!r} is the child of two joints; allowed: one", line)
     links = {link.name for link in urdf.links}
     for joint in urdf.joints:
         for role, name in (("parent", joint.parent), ("child", joint.child)):
@@ -84,7 +84,7 @@ def _check_tree(urdf: Urdf, root: str | None, findings: Findings) -> None:
         )
         return
     if not roots or (root is not None and roots != [root]):
-        given = repr(roots[0]) if roots else "a circle of joints"
+        given = repr(roots[0]) if roots else "a loop of joints"
         findings.wrong(f"the root is {given}; robot.toml names {root!r} as frames.base")
         return
     parents = {joint.child: joint.parent for joint in urdf.joints}
@@ -93,7 +93,7 @@ def _check_tree(urdf: Urdf, root: str | None, findings: Findings) -> None:
         while name in parents and links_passed <= len(urdf.links):
             name, links_passed = parents[name], links_passed + 1
         if name != roots[0]:
-            findings.wrong(f"link {link.name!r} hangs in a circle of joints, not on {roots[0]!r}", link.line)
+            findings.wrong(f"link {link.name!r} is in a loop of joints, not connected to {roots[0]!r}", link.line)
 
 
 def _listed(values: Iterable[float]) -> str:

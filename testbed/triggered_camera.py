@@ -110,7 +110,7 @@ class EmulatedTriggeredCamera(Camera):
                     return self._frame(number, *found[0])
                 continue
             if now >= deadline:
-                raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
+                raise CameraTimeout(f"{self.name} delivered no frame within {timeout:g} s")
             timing.sleep(min(POLL, deadline - now))
 
     def flush(self) -> None:

@@ -14,7 +14,7 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 # A peer that is silent for this long is considered dead [ms]; a hung node is noticed within 2.5 s.
 LEASE_MS = 2000
 
-# A sample that a link cannot accept within this time is dropped for that link [us]; all readers wait as long.
+# A sample that a link cannot accept within this time is dropped for that link [us]. All other readers wait meanwhile.
 WAIT_BEFORE_DROP_US = 20_000
 
 # The same for a client, which has only one link, and for a site router, whose robots have their planners beside them
@@ -65,7 +65,7 @@ def tls_endpoint(host: str, port: str) -> str:
 
 
 def is_local(endpoint: str) -> bool:
-    """Check whether an endpoint can be reached from this machine only."""
+    """Test that an endpoint can be reached from this machine only."""
     protocol, _, address = check_endpoint(endpoint).partition("/")
     if protocol == "unixsock-stream":
         return True

@@ -37,7 +37,7 @@ class RobotState:
     standing: bool | None = None
     age: float = math.nan
     health: Health = Health.STALE
-    message: str = "lives, and did not answer for its status"
+    message: str = "is alive, but did not reply to the query of its status"
     links: int = 0
     run: str = ""
 
@@ -64,8 +64,9 @@ def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float
         found |= {state.robot: state for state in _answers(session, asked, timeout) if state.robot in living}
     if not found:
         raise ScannerUnavailable(
-            f"{'none of ' + ', '.join(robots) if robots else 'no robot'} was found: none lives on this router, or "
-            "this side may not look: with certificates the role `fleet` sees all, another role its own robot by name"
+            f"{'none of ' + ', '.join(robots) if robots else 'no robot'} was found: none is alive on this router, or "
+            "this client has no permission: with certificates, the role `fleet` sees all robots, other roles only "
+            "their own robot, by its name"
         )
     return tuple(found[robot] for robot in sorted(found))
 

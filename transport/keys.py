@@ -79,7 +79,7 @@ def perception_key(name: str, robot: str = DEFAULT_ROBOT) -> str:
     return f"{perception_prefix(robot)}/{name}"
 
 
-# nav_msgs/OccupancyGrid and grid_map_msgs/GridMap of the last scan,
+# Keys of nav_msgs/OccupancyGrid and grid_map_msgs/GridMap of the last scan,
 occupancy_key = partial(perception_key, "occupancy")
 grid_map_key = partial(perception_key, "grid_map")
 # steppable regions of the newest map, and its summary for slow links,
@@ -123,7 +123,7 @@ def stance_key(robot: str = DEFAULT_ROBOT) -> str:
 
 
 def stance_stream_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the joints that the gait controller publishes all the time."""
+    """Key of the joint samples that the gait controller streams."""
     return f"{stance_key(robot)}_stream"
 
 

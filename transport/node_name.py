@@ -82,7 +82,7 @@ def open_only_node(
     timeout: float = NAME_TIMEOUT,
     is_stopped: Callable[[], bool] = lambda: False,
 ) -> Session:
-    """As `open_node`, but notify a node that already uses the port, and wait for it to stop.
+    """Open a session as `open_node` does; if a node already uses the port, notify it and wait for it to stop.
 
     Args:
         robot: instance name, which the other node reports as waiting.
@@ -128,7 +128,7 @@ def _knock(stack: ExitStack, listen: str | None, security: str | Path | None, ro
 
 
 class NameWatch:
-    """Watcher for other nodes that use or want a name."""
+    """Watcher for other nodes that use or claim a name."""
 
     def __init__(self, session: Session, robot: str, run: str, on_change: Callable[[], None]) -> None:
         """Start watching.

@@ -1,4 +1,4 @@
-"""Stream of joints from ROS 2: `sensor_msgs/JointState`, and gravity of `sensor_msgs/Imu`, as samples of the gait."""
+"""Joint samples from ROS 2: `sensor_msgs/JointState` and gravity from `sensor_msgs/Imu`, as StanceStream batches."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from transport.messages.stance_stream import ANY_WALK, MAXIMUM_BATCH, MAXIMUM_SA
 from transport.stance_stream_link import BATCH_PERIOD
 
 JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
-# [ns] An IMU's sample tells of joints read so much earlier or later at the most.
+# Largest time between an IMU sample and the joints that it is combined with [ns].
 SAME_INSTANT = 20_000_000
-NOT_TOLD = [math.nan] * 3
+NOT_MEASURED = [math.nan] * 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +37,11 @@ class JointState:
 def decode_joint_state(payload: bytes) -> JointState:
     """Read stamp, names and positions of a JointState in CDR.
 
-    Velocities and efforts after them are often empty, and writers pad an empty list of numbers in different ways: they
-    are not read.
+    Velocities and efforts are not read: they are often empty, and writers pad an empty list of numbers in different
+    ways.
 
     Raises:
-        MessageError: the payload is cut short or too long, or names and positions are not equally many.
+        MessageError: the payload is truncated or too long, or names and positions differ in number.
     """
     if len(payload) > MAXIMUM_BATCH:
         raise MessageError(f"JointState of {len(payload)} bytes; allowed: {MAXIMUM_BATCH}")
@@ -49,7 +49,7 @@ def decode_joint_state(payload: bytes) -> JointState:
 
     def take(form: str, size: int, count: int = 1) -> tuple[Any, ...]:
         nonlocal at
-        # Numbers are aligned to their size from the end of the 4-byte header on.
+        # Numbers are aligned to multiples of their size, counted from the end of the 4-byte header.
         at += -(at - 4) % size
         found = struct.unpack_from(f"{order}{count}{form}", payload, at)
         at += count * size
@@ -79,10 +79,10 @@ class _Sample:
 
 
 class Ros2Stream:
-    """Receives `/<robot>/joint_states` and `/<robot>/imu` and hands them on as batches of the stream of stances.
+    """Receiver of `/<robot>/joint_states` and `/<robot>/imu` that converts them to batches of StanceStream.
 
-    JointState does not tell which feet stand, nor of which walk it is: every leg is given as one that carries, so that
-    the feet of BEGIN count, and the walk is the one of the moment. Stamps are those of the gait's clock.
+    JointState contains neither the standing feet nor the walk. Every leg is marked as carrying weight, so that the
+    support feet of BEGIN apply, and the samples belong to the current walk. Stamps are on the gait's clock.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Ros2Stream:
             on_refused: called when a message cannot be used.
             robot: instance name.
             domain: ROS domain.
-            joints: names that each JointState has, among others.
+            joints: names of joints that each JointState must contain.
             legs: names of the legs.
             rotation_imu_to_base: (3, 3); None = the robot has no IMU, and Imu is not received.
         """
@@ -113,8 +113,8 @@ class Ros2Stream:
         self._on_batch, self._on_refused = on_batch, on_refused
         self._turn = np.eye(3) if rotation_imu_to_base is None else np.asarray(rotation_imu_to_base, np.float64)
         self._samples: list[_Sample] = []
-        # Stamp, gravity and angular velocity, as far as told; NaN where not.
-        self._imu = 0, NOT_TOLD, NOT_TOLD
+        # Stamp, gravity and angular velocity of the last IMU sample; NaN where not measured.
+        self._imu = 0, NOT_MEASURED, NOT_MEASURED
         self._sequence = 0
         key = data_key(domain, f"{robot}/joint_states", JOINT_STATE)
         OrderedReceiver[JointState](session, key, decode_joint_state, self._on_joints, on_refused, latched=False)
@@ -134,33 +134,33 @@ class Ros2Stream:
             return
         read, gravity, turning = self._imu
         if abs(stamp - read) > SAME_INSTANT:
-            gravity = turning = NOT_TOLD
+            gravity = turning = NOT_MEASURED
         if self._samples:
             first = self._samples[0]
-            # All samples of a batch have gravity, or none has.
+            # Either all samples of a batch have gravity or none has.
             is_other = math.isnan(first.gravity[0]) != math.isnan(gravity[0])
             if is_other or len(self._samples) >= MAXIMUM_SAMPLES or stamp - first.stamp >= BATCH_PERIOD * 1e9:
                 self._send()
         self._samples.append(_Sample(stamp, [found[name] for name in self._joints], gravity, turning))
 
     def _on_imu(self, message: Any) -> None:
-        """Take gravity from the orientation, or, where there is none, from the acceleration of a body at rest."""
+        """Take gravity from the orientation or, if there is none, from the acceleration of a body at rest."""
         q, a, w = message.orientation, message.linear_acceleration, message.angular_velocity
         down: npt.NDArray[np.float64] | None = None
         length = float(np.linalg.norm((q.x, q.y, q.z, q.w)))
         if message.orientation_covariance[0] >= 0.0 and abs(length - 1.0) < 0.01:
-            # The last row of the rotation from the IMU's frame to the world is up.
+            # The vertical is the last row of the rotation from the IMU's frame to the world.
             up = (2 * (q.x * q.z - q.w * q.y), 2 * (q.y * q.z + q.w * q.x), 1 - 2 * (q.x**2 + q.y**2))
             down = -np.array(up)
         elif message.linear_acceleration_covariance[0] >= 0.0 and (a.x, a.y, a.z) != (0.0, 0.0, 0.0):
             down = -np.array((a.x, a.y, a.z))
-        gravity = NOT_TOLD if down is None else (self._turn @ down).tolist()
+        gravity = NOT_MEASURED if down is None else (self._turn @ down).tolist()
         time = message.header.stamp
         self._imu = int(time.sec) * 10**9 + int(time.nanosec), gravity, (self._turn @ (w.x, w.y, w.z)).tolist()
 
     def _send(self) -> None:
         samples, self._samples = self._samples, []
-        first, is_turning_told = samples[0], not any(math.isnan(each.turning[0]) for each in samples)
+        first, has_turning = samples[0], not any(math.isnan(each.turning[0]) for each in samples)
         try:
             batch = StanceStream(
                 robot=self._robot,
@@ -173,7 +173,7 @@ class Ros2Stream:
                 supports=np.ones((len(samples), len(self._legs))),
                 gravity_in_base=[each.gravity for each in samples],
                 epoch=ANY_WALK,
-                angular_velocity=[each.turning for each in samples] if is_turning_told else None,
+                angular_velocity=[each.turning for each in samples] if has_turning else None,
             )
         except MessageError as error:
             self._on_refused(error)

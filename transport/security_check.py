@@ -29,7 +29,7 @@ ACTIONS = (
     "see the status",
     "request a scan",
     "publish stance pauses",
-    "tell the gait's clock",
+    "report the gait's clock",
     "forge grids",
 )
 
@@ -41,7 +41,7 @@ READER = ("connect", "read grids", "read the last grid", "see the status")
 EXPECTED: dict[str, tuple[str, ...]] = {
     "planner": (*READER, "request a scan"),
     "viewer": READER,
-    "gait": ("connect", "publish stance pauses", "tell the gait's clock"),
+    "gait": ("connect", "publish stance pauses", "report the gait's clock"),
     STRANGER: (),
 }
 
@@ -58,7 +58,7 @@ class Permission:
     """Cell of the permission matrix.
 
     Attributes:
-        role: role, or "nobody".
+        role: role, or "nobody" for a client without a certificate.
         action: action that was tried.
         allowed: True if it succeeded.
         expected: True if it should succeed.
@@ -103,7 +103,7 @@ class _Probe:
 
 
 def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Permission, ...]:
-    """Connect to a robot's node as each role, and as nobody, and try every action.
+    """Connect to a robot's node as each role, and without a certificate, and try every action.
 
     A temporary node with the folder's own configuration is opened on a free port of this machine; a running node is not
     affected. Members of another robot and the robot's routers are tried too, if the folder has them.
@@ -132,7 +132,9 @@ def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Per
 
 
 def check_router(folder: str | Path, router: str, *, robot: str | None = None) -> tuple[Permission, ...]:
-    """As `check_security`, at a router: its configuration runs on a free port of this machine, with the node as client.
+    """Check a router as `check_security` checks a node.
+
+    A temporary router with the same configuration runs on a free port of this machine, with a node as its client.
 
     Args:
         folder: folder made by `init_security`.
@@ -206,7 +208,7 @@ def _reader_of(members: Members, robot: str) -> Path:
         if "read grids" in EXPECTED.get(role, ()) and name not in own.revoked:
             return own.folder / name
     raise SecurityError(
-        f"no planner or viewer of {robot} is left who would see a forged grid; `guara security add` one, then check"
+        f"no planner or viewer of {robot} is left to observe a forged grid; `guara security add` one, then check again"
     )
 
 
@@ -271,10 +273,10 @@ def _try_role(
         allowed.add("request a scan")
     told = f"clock of {role}".encode()
     clock = _serve(session, clock_key, told)
-    deadline = time.monotonic() + wait["tell the gait's clock"]
-    while time.monotonic() < deadline and "tell the gait's clock" not in allowed:
+    deadline = time.monotonic() + wait["report the gait's clock"]
+    while time.monotonic() < deadline and "report the gait's clock" not in allowed:
         if _is_answered(node.session, clock_key, told, QUIET):
-            allowed.add("tell the gait's clock")
+            allowed.add("report the gait's clock")
     clock.close()
     stance, forged = f"stance of {role}", f"forged by {role}"
     session.raw.put(stance_key(node.robot), stance.encode())

@@ -180,7 +180,7 @@ class PerceptionServer(Resource):
             self.mirror(lambda: draw(terrain), lane=terrain.extent)
 
     def _empty(self, terrain: TerrainMessage) -> None:
-        """Withdraw occupancy and grid map: they do not contain the pause, and its frame is no longer valid."""
+        """Withdraw occupancy and grid map: their messages do not name the pause, whose frame is no longer valid."""
         nothing = terrain.emptied(time.time_ns(), f"the pause of step {terrain.step} is over")
         self._post_derived(nothing, np.full(nothing.shape, 100, np.int8))
 
@@ -224,7 +224,7 @@ class PerceptionServer(Resource):
             try:
                 self._outbox.flush(SEND_TIMEOUT, lane=terrain.extent)
             except ReceiveTimeout as error:
-                # The scan is done nevertheless, and the client waits for the grid too.
+                # The scan is done all the same, and the client waits for the grid too.
                 logger.warning("grid of step %d: %s", terrain.step, error)
             return terrain
 
@@ -241,7 +241,8 @@ class PerceptionServer(Resource):
             self._step, self._epoch, self._standing = step, epoch or self._epoch, True
             newest = self._newest.get("footprint")
             if newest is not None and not self._is_other_pause(newest):
-                # Another pause with the same number: a skipped sequence makes receivers reject the grid before.
+                # The newest grid is of an earlier pause with the same number. A skipped sequence makes receivers
+                # reject it.
                 self._sequences["footprint"] += 1
                 self._given_up = self._sequences["footprint"]
             derived, self._derived = self._derived, None

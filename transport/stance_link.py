@@ -33,8 +33,8 @@ class StancePublisher(Sender):
     Args:
         session: open session.
         robot: instance name, the same as in each `StancePause`.
-        clock: returns the current time [ns] of the clock that stamps the pauses. The node queries it to tell a late
-            message from a clock offset, and does not confirm scans without it.
+        clock: returns the current time [ns] of the clock that stamps the pauses. The node queries it to distinguish a
+            late message from a clock offset, and does not confirm scans without it.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class GaitClock(RemoteClock):
 
     @property
     def state(self) -> str:
-        """State of the gait controller: "heard", "silent" (no replies any more), or "" before the first reply."""
+        """State of the gait controller: "heard", "silent" (it stopped replying), or "" before the first reply."""
         if self._bound is None:
             return ""
         return "silent" if clock.now() - self._heard > GAIT_SILENT else "heard"

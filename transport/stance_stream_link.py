@@ -71,12 +71,12 @@ class StanceStreamPublisher(Sender):
     def add(self, stamp: int, stance: StanceMessage, angular_velocity: Point | None = None) -> None:
         """Queue one sample and return at once.
 
-        A batch is sent, at the latest, by the sample that comes `BATCH_PERIOD` after its first; `flush` sends the rest.
+        A batch is sent at the latest when a sample arrives `BATCH_PERIOD` after its first one; `flush` sends the rest.
 
         Args:
             stamp: time of the joints [ns], by the clock that stamps the pauses.
             stance: joints, support feet and, where there is an IMU, gravity.
-            angular_velocity: of the body in `base_link` [rad/s], where it is measured.
+            angular_velocity: of the body in `base_link` [rad/s]; None if not measured.
 
         Raises:
             MessageError: a support foot that is not one of the legs, or a stamp not later than the one before.

@@ -50,7 +50,7 @@ class Seldom:
                 return
             self._next, held_back, self._held_back = now + self._period, self._held_back, 0
         if held_back:
-            text += f" ({held_back} more like this in the last {self._period:g} s or longer)"
+            text += f" ({held_back} similar lines omitted in the last {self._period:g} s or longer)"
         self._target.log(self._level, text, *values)
 
 

@@ -48,9 +48,9 @@ def with_values(text: str, values: Mapping[str, Any]) -> str:
 
 
 def direct(callback: Callable[[Any], None], finished: Callable[[], None] | None = None) -> Any:
-    """Handler that runs `callback` on Zenoh's receiving thread; it must not block.
+    """Handler that runs `callback` directly on Zenoh's receiving thread; the callback must not block.
 
-    It uses no Python thread, so it does not keep the interpreter alive. Exceptions are reported.
+    The handler uses no Python thread, so it does not keep the interpreter alive. Exceptions are reported.
     """
     ending = None if finished is None else guarded(finished)
     return _zenoh().handlers.Callback(guarded(callback), ending, indirect=False)
@@ -79,7 +79,11 @@ def declare_publisher(session: Any, key: str, priority: str, encoding: str | Non
 
 def source_of(publisher: Any) -> str:
     """Identity of a publisher as two chunks of a key: the ids of its session and of itself."""
-    return f"{publisher.id.zid}/{publisher.id.eid}"
+    return _chunks(publisher.id)
+
+
+def _chunks(entity: Any) -> str:
+    return f"{entity.zid}/{entity.eid}"
 
 
 class Stamps:
@@ -119,7 +123,7 @@ def put(
 def number_of(sample: Any) -> tuple[str, int] | None:
     """Source, as in `source_of`, and number of a received sample; None if it has none."""
     info = sample.source_info
-    return None if info is None else (f"{info.source_id.zid}/{info.source_id.eid}", int(info.source_sn))
+    return None if info is None else (_chunks(info.source_id), int(info.source_sn))
 
 
 def declare_subscriber(session: Any, key: str, on_sample: Callable[[Any], None]) -> Any:
@@ -173,7 +177,8 @@ def get_replies(
         session: raw Zenoh session.
         selector: key expression, with parameters if any.
         timeout: time after which Zenoh ends the query with an error reply [s].
-        on_reply: called on Zenoh's thread with each reply; access rules restrict its key, which identifies the sender.
+        on_reply: called on Zenoh's thread with each reply. The key of a reply identifies the sender, since access rules
+            restrict who may use it.
         on_finished: called on Zenoh's thread after the last reply, also if there was none.
         payload: payload of the query.
         encoding: Zenoh encoding of the payload.

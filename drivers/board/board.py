@@ -165,7 +165,7 @@ class Board(ABC):
         return self.still_since(timeout)[0]
 
     def still_since(self, timeout: float | None = None) -> tuple[BoardStatus, float]:
-        """As `wait_until_still`; return the status, and a host time by which the motion had ended [s].
+        """Wait as `wait_until_still` does; return the status, and a host time by which the motion had ended [s].
 
         Args:
             timeout: longest wait [s]; None = the board's default.

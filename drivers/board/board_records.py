@@ -87,7 +87,7 @@ class BoardIdentity:
         major, minor, firmware, step_angle, *steps = values[:7]
         if step_angle == 0:
             raise BadReply(
-                "the identity has a step of 0 nanoradians; allowed: 1 or more: flash firmware that is set for the motor"
+                "the identity has a step of 0 nanoradians; allowed: 1 or more: flash firmware configured for the motor"
             )
         times = (milliseconds * 1e-3 for milliseconds in values[7:10])
         return cls((major, minor), (firmware >> 8, firmware & 0xFF), step_angle * 1e-9, *steps, *times)

@@ -122,7 +122,7 @@ class BoardSession(Board):
             "laser board %s speaks protocol %d.%d, %s",
             self._link.serial,
             *identity.protocol,
-            "with sweeps of its own" if identity.protocol >= SWEEPS_SINCE else "without sweeps of its own",
+            "with sweeps" if identity.protocol >= SWEEPS_SINCE else "without sweeps",
         )
 
     def close(self) -> None:
@@ -130,7 +130,7 @@ class BoardSession(Board):
 
         Raises:
             LaserStuckOn: the laser did not go off on command.
-            BoardError: the command failed; the device is released nevertheless.
+            BoardError: the command failed; the device is released all the same.
         """
         if not self._link.is_open:
             return
@@ -233,7 +233,7 @@ def raise_if_stuck_on(status: BoardStatus) -> None:
 def _answer(request: Request, data: bytes) -> BoardStatus:
     status = BoardStatus.unpack(data)
     if status.request != request:
-        raise BadReply(f"the answer to {request.name} is that of request 0x{status.request:02x}: check the firmware")
+        raise BadReply(f"the reply to {request.name} belongs to request 0x{status.request:02x}: check the firmware")
     return status
 
 
@@ -259,7 +259,7 @@ def raise_refusal(status: BoardStatus, argument: int, identity: BoardIdentity | 
             travel = f"{identity.min_step} ... {identity.max_step}" if identity else "unknown"
             raise MirrorOutOfRange(f"step {argument}, the board's travel is {travel}")
         case Result.BUSY:
-            raise MirrorTimeout("the mirror is still on its way home: wait_until_still() first")
+            raise MirrorTimeout("the mirror is still homing: call wait_until_still() first")
         case Result.NO_SESSION:
             raise BoardNotOpen("the board has forgotten this session (it was reset): reconnect()")
         case Result.VERSION:

@@ -31,7 +31,7 @@ _lock = threading.RLock()
 
 
 def watch(device: Closable, handle_signals: bool = True) -> None:
-    """Close `device` at the end of the program, unless `release` is called before."""
+    """Close `device` at the end of the program, unless `release` is called first."""
     with _lock:
         if device in _open:
             return
@@ -46,7 +46,7 @@ def watch(device: Closable, handle_signals: bool = True) -> None:
 
 
 def release(device: Closable) -> None:
-    """Forget `device`; after the last one, the signal handlers are restored."""
+    """Forget `device`; after the last one, restore the signal handlers if called from the main thread."""
     with _lock:
         if device in _open:
             _open.remove(device)

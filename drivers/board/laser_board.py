@@ -133,10 +133,11 @@ class LaserBoard(BoardSession):
         return self.command(Request.HALT)
 
     def still_since(self, timeout: float | None = None) -> tuple[BoardStatus, float]:
-        """Like `wait_until_still`; return the status, and a host time by which the motion had ended [s].
+        """Wait as `wait_until_still` does; return the status, and a host time by which the motion had ended [s].
 
-        If the motion has ended it returns at once: the queued report contains the time of its end. The clocks of board
-        and host need not agree: the reply to the command contained the board's time and arrived at a known host time.
+        Returns at once if the motion has ended, since the queued report contains the time of its end. The clocks of
+        board and host need not agree: the reply to the command contained the board's time and arrived at a known host
+        time.
 
         Args:
             timeout: longest wait [s]; None = the configured one.

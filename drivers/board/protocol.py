@@ -13,8 +13,8 @@ PRODUCT = "Guara laser board"
 
 PROTOCOL_MAJOR = 1
 PROTOCOL_MINOR = 2
+# First version of the protocol with dark flashes in sweeps.
 DARKS_SINCE = (1, 2)
-"""First version of the protocol with dark flashes in sweeps."""
 
 INTERFACE = 0
 REPORT_ENDPOINT = 0x81
@@ -26,10 +26,10 @@ IDENTITY_SIZE = 32
 STATUS_SIZE = 26
 STRIPE_SIZE = 32
 MOTION_SIZE = 32
-# Length of a read from the interrupt endpoint [byte].
+# Length of a read from the interrupt endpoint [bytes].
 REPORT_SIZE = 32
 
-# First byte of a stripe record; that of a status report is its result, 0.
+# First byte of a stripe record; a status report begins with its result, 0.
 STRIPE_MARK = 0x53
 # Largest number of stripes of one sweep, and number of places in the table of steps.
 SWEEP_STRIPES, SWEEP_PLACES = 256, 512
@@ -107,7 +107,7 @@ class SweepOffFrames(enum.IntEnum):
 
 
 class Shot(enum.IntEnum):
-    """Purpose of a trigger of the camera."""
+    """Purpose of a camera trigger."""
 
     OFF = 0
     STRIPE = 1
@@ -127,12 +127,12 @@ class BoardFault(enum.IntFlag):
 
 FAULT_MEANINGS = {
     BoardFault.WATCHDOG: "the host was silent and the watchdog turned the laser off",
-    BoardFault.LASER_TIME: "the laser reached its longest time on",
+    BoardFault.LASER_TIME: "the laser was on for the longest time allowed",
     BoardFault.OVER_TEMPERATURE: "the board is too hot",
-    BoardFault.LASER_STUCK_ON: "the laser shines without command",
-    BoardFault.LASER_DEAD: "the laser stays dark although commanded",
-    BoardFault.LOST_STEPS: "the mirror had lost steps when it came home",
-    BoardFault.HOME_NOT_FOUND: "the home switch was not met",
+    BoardFault.LASER_STUCK_ON: "the laser is on without a command",
+    BoardFault.LASER_DEAD: "the laser is dark although it was switched on",
+    BoardFault.LOST_STEPS: "the mirror had lost steps when it was homed",
+    BoardFault.HOME_NOT_FOUND: "the home switch was not found",
 }
 
 
@@ -153,7 +153,7 @@ def split_argument(argument: int) -> tuple[int, int]:
 
 
 def join_argument(value: int, index: int) -> int:
-    """Join wValue and wIndex to a signed 32-bit argument, the inverse of `split_argument`."""
+    """Join wValue and wIndex into a signed 32-bit argument, the inverse of `split_argument`."""
     return signed((index & 0xFFFF) << 16 | (value & 0xFFFF))
 
 

@@ -81,7 +81,8 @@ class UsbLink:
 
         Raises:
             NoUsbBackend: no libusb.
-            BoardNotFound: no board, none with the serial number, or several without one.
+            BoardNotFound: there is no board, none has the given serial number, or there are several and no number was
+                given.
             BoardPermissionDenied: this user may not open the board.
             BoardInUse: another program uses the board.
             BoardUnplugged: the board was unplugged meanwhile.
@@ -129,7 +130,8 @@ class UsbLink:
         with self._control_lock:
             data = self._call(
                 lambda: device.ctrl_transfer(REQUEST_IN, request, value, index, size, timeout_ms),
-                request,
+                f"the command {request.name}",
+                timeout_ms,
             )
         return bytes(data)
 
@@ -148,13 +150,13 @@ class UsbLink:
         try:
             data = self._call(
                 lambda: device.read(REPORT_ENDPOINT, REPORT_SIZE, max(1, round(timeout * 1e3))),
-                "a report",
+                "reading a report",
             )
         except BoardTimeout:
             return None
-        except BoardStalled:
+        except BoardStalled as error:
             self._call(lambda: device.clear_halt(REPORT_ENDPOINT), "clearing a stall")
-            raise
+            raise BoardStalled("the laser board stalled its report endpoint, which is cleared: read again") from error
         return bytes(data)
 
     def _held(self) -> Any:
@@ -196,11 +198,11 @@ class UsbLink:
                 raise
             device.set_configuration()
 
-    def _call(self, transfer: Callable[[], _T], what: str | Request = "opening") -> _T:
+    def _call(self, transfer: Callable[[], _T], what: str = "opening", timeout_ms: int | None = None) -> _T:
         try:
             return transfer()
-        except OSError as error:  # every error of pyusb is one
-            raise self._typed(error, f"the command {what.name}" if isinstance(what, Request) else what) from error
+        except OSError as error:  # pyusb's errors derive from OSError
+            raise self._typed(error, what, timeout_ms or self._timeout_ms) from error
         except ValueError as error:
             # pyusb raises "The device has no langid" if a string cannot be read for lack of permission.
             if "langid" in str(error):
@@ -213,9 +215,8 @@ class UsbLink:
             + udev_instructions(self._config.vendor_id, self._config.product_id)
         )
 
-    def _typed(self, error: Exception, what: str) -> BoardError:
+    def _typed(self, error: Exception, what: str, timeout_ms: int) -> BoardError:
         number = getattr(error, "errno", None)
-        milliseconds = self._timeout_ms
         if number in (errno.EACCES, errno.EPERM):
             return self._denied()
         if number == errno.EBUSY:
@@ -225,7 +226,7 @@ class UsbLink:
         if number in (errno.ENODEV, errno.ENOENT, errno.ESHUTDOWN):
             return BoardUnplugged(f"the laser board left the bus during {what}: check its cable, then reconnect()")
         if number == errno.ETIMEDOUT:
-            return BoardTimeout(f"the laser board did not answer {what} within {milliseconds} ms")
+            return BoardTimeout(f"the laser board did not respond within {timeout_ms} ms ({what})")
         if number == errno.EPIPE:
             return BoardStalled(f"the laser board stalled {what}: its firmware does not know the request")
         return BoardTransferFailed(f"{what} failed on the bus ({error}): check cable and hub")

@@ -25,7 +25,7 @@ BAYER = ("BayerRG8", "BayerGR8", "BayerGB8", "BayerBG8")
 PIXEL_FORMATS = (MONO, *BAYER)
 # Block ids of GigE Vision 1.x run from 1 to 65535 and wrap to 1.
 SHORT_IDS = 65535
-# Least time from the end of an exposure to the next one, if the camera reports no highest frame rate [s].
+# Least time from the end of an exposure to the start of the next, if the camera reports no highest frame rate [s].
 READ_OUT = 0.0002
 
 
@@ -35,7 +35,8 @@ class AravisCamera(Camera):
     The red pixels form an image of half the width and height. A red laser is visible in these alone; interpolation
     between them costs time and increases the errors (`python -m benchmarks light mosaics`).
 
-    Frames are returned in the order of exposure, without skipping; one with lost packets is a gap in the counter.
+    Frames are returned in the order of exposure, without skipping; a frame with lost packets shows as a gap in the
+    counter.
 
     Attributes:
         pixel_format: pixel format of the frames; empty before `open`.
@@ -137,7 +138,7 @@ class AravisCamera(Camera):
             return held_settings(camera, self._aravis, locked)
         except glib_error() as error:
             raise CameraEnded(
-                f"{self.name} does not answer ({_text_of(error)}): check its cable and power, then open it again"
+                f"{self.name} does not respond ({_text_of(error)}): check its cable and power, then open it again"
             ) from None
 
     def grab(self, timeout: float) -> Frame:
@@ -155,8 +156,8 @@ class AravisCamera(Camera):
             buffer = self._stream.timeout_pop_buffer(round(left * 1e6)) if left else self._stream.try_pop_buffer()
             if buffer is None:
                 if self._is_gone():
-                    raise CameraEnded(f"{self.name} is gone: check its cable and power, then open it again")
-                raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
+                    raise CameraEnded(f"{self.name} was disconnected: check its cable and power, then open it again")
+                raise CameraTimeout(f"{self.name} delivered no frame within {timeout:g} s")
             frame = self._frame(buffer)
             self._stream.push_buffer(buffer)
             if frame is not None:
@@ -184,13 +185,13 @@ class AravisCamera(Camera):
         except glib_error() as error:
             raise self._not_there(_text_of(error)) from None
         if camera.is_gv_device() and not camera.get_device().is_controller():
-            raise self._not_there("it gives no control")
+            raise self._not_there("control access was denied")
         return camera
 
     def _not_there(self, reason: str) -> CameraNotFound:
         return CameraNotFound(
-            f"{self.name} cannot be opened ({reason}): `guara doctor --cameras` lists what is there; check cable, "
-            "power and network address, and that no other program holds it"
+            f"{self.name} cannot be opened ({reason}): `guara doctor --cameras` lists the cameras found; check cable, "
+            "power and network address, and that no other program uses it"
         )
 
     def _set_up(self, camera: Any) -> None:
@@ -247,13 +248,13 @@ class AravisCamera(Camera):
         left, top = ((sensor[axis] - (width, height)[axis]) // 2 // 2 * 2 for axis in (0, 1))
         if left < 0 or top < 0:
             raise CameraSettingRefused(
-                f"{self.name} was asked for {width} x {height} pixels and its sensor has {sensor[0]} x {sensor[1]}"
+                f"{self.name} was asked for {width} x {height} pixels, but its sensor has {sensor[0]} x {sensor[1]}"
             )
         camera.set_region(left, top, width, height)
         got = tuple(camera.get_region())[2:]
         if got != (width, height):
             raise CameraSettingRefused(
-                f"{self.name} was asked for {width} x {height} pixels and delivers {got[0]} x {got[1]}"
+                f"{self.name} was asked for {width} x {height} pixels, but delivers {got[0]} x {got[1]}"
             )
 
     def _learn_period(self, camera: Any) -> None:
@@ -273,7 +274,7 @@ class AravisCamera(Camera):
 
     def _is_gone(self) -> bool:
         """True if a network camera no longer answers its heartbeat."""
-        # The signal of Aravis is emitted on a thread that closing joins while holding Python's global lock.
+        # Aravis's signal for this would deadlock: closing joins its thread while holding Python's global lock.
         return self._camera.is_gv_device() and not self._camera.get_device().is_controller()
 
     def _frame(self, buffer: Any) -> Frame | None:
@@ -308,7 +309,7 @@ class AravisCamera(Camera):
 
 def _check_choice(what: str, value: str, allowed: list[str], name: str) -> None:
     if value not in allowed:
-        raise CameraSettingRefused(f"{name} was asked for {what} {value!r}, it has {', '.join(allowed)}")
+        raise CameraSettingRefused(f"{name} was asked for {what} {value!r}; allowed: {', '.join(allowed)}")
 
 
 def _text_of(error: Exception) -> str:

@@ -40,7 +40,7 @@ def load_aravis() -> Any:
 
 
 def glib_error() -> type[Exception]:
-    """Type of Aravis errors; call `load_aravis` before."""
+    """Type of Aravis errors; call `load_aravis` first."""
     error: type[Exception] = importlib.import_module("gi.repository.GLib").Error
     return error
 
@@ -112,5 +112,5 @@ def trigger_lines(name: str) -> tuple[str, ...]:
     try:
         sources = aravis.Camera.new(name).dup_available_trigger_sources()
     except glib_error() as error:
-        raise CameraNotFound(f"it does not answer ({error}): does another program hold it?") from None
+        raise CameraNotFound(f"camera {name} does not respond ({error}); another program may be using it") from None
     return tuple(source for source in sources if source.startswith("Line"))

@@ -40,13 +40,13 @@ def lock_settings(camera: Any, aravis: Any, settings: CameraSettings, name: str)
         if not lowest <= asked <= highest:
             unit_name = UNITS[setting]
             raise CameraSettingRefused(
-                f"{name} was asked for {setting} {asked:g}{unit_name}, it takes {lowest:g} ... {highest:g}{unit_name}"
+                f"{name} was asked for {setting} {asked:g}{unit_name}; allowed: {lowest:g} ... {highest:g}{unit_name}"
             )
         getattr(camera, f"set_{feature}")(asked / unit)
         held[setting] = getattr(camera, f"get_{feature}")() * unit
         check_held(name, setting, asked, held[setting], max(rounding, tolerance * asked))
     if settings.white_balance is not None:
-        raise CameraSettingRefused(f"{name} gives raw frames, which have no white balance: leave white_balance out")
+        raise CameraSettingRefused(f"{name} delivers raw frames, which have no white balance: leave white_balance out")
     if settings.gamma is not None:
         held["gamma"] = _lock_gamma(camera, settings.gamma, name)
     return CameraSettings(**held)

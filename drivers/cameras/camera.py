@@ -13,9 +13,9 @@ from drivers.frame import Frame
 
 T = TypeVar("T")
 UNITS = {"exposure": " s", "gain": "", "white_balance": " K", "gamma": ""}
-# Relative tolerance of a value read back, which the camera has rounded before.
+# Relative tolerance of a value read back, which the camera may have rounded.
 TOLERANCE = 0.02
-# Absolute tolerance, since a locked gain may be 0.
+# Absolute tolerance of a value read back, since a locked gain may be 0.
 ROUNDING = {"gain": 0.05, "gamma": 0.005}
 WHAT_TO_DO = "check that no other program uses the camera and start again: settings are locked when it is opened"
 
@@ -43,7 +43,8 @@ class CameraSettings:
         """Check every value."""
         for name, value in self.given().items():
             if not math.isfinite(value) or (name != "gain" and value <= 0):
-                raise ValueError(f"camera setting {name} is {value}, it must be finite and above 0")
+                wanted = "finite" if name == "gain" else "finite and above 0"
+                raise ValueError(f"camera setting {name} is {value}, it must be {wanted}")
 
     def given(self) -> dict[str, float]:
         """Settings that are not None, by name."""
@@ -70,7 +71,7 @@ class Camera(ABC):
 
     Attributes:
         name: name of the camera in messages.
-        identity: maker, model and serial number as the open camera tells them, to know it again; empty if unknown.
+        identity: maker, model and serial number reported by the open camera, to recognise it; empty if unknown.
         lag: a frame with stamp t shows nothing older than t - lag [s]: exposure, read-out and transfer together. None
             if unknown: acquisition then drops frames after every change instead. Use `measure_lag` to measure it.
         triggered: True if the camera exposes at each pulse on its trigger line and at no other time, and sets
@@ -154,14 +155,22 @@ def opened(device: T | None, camera: Camera) -> T:
 
 
 def check_held(camera: str, setting: str, asked: float, held: float, allowed: float, tool: str = "") -> None:
-    """Check that a camera holds a setting as asked for, up to an allowed difference; `tool` lists what it can take.
+    """Check that a setting read back differs by at most `allowed` from the value asked for.
+
+    Args:
+        camera: name of the camera, for the message.
+        setting: name of the setting, for the message.
+        asked: value asked for.
+        held: value read back.
+        allowed: largest difference.
+        tool: program that lists the possible values, for the message.
 
     Raises:
-        CameraSettingRefused: it does not.
+        CameraSettingRefused: the difference is larger.
     """
     if abs(held - asked) > allowed:
         raise CameraSettingRefused(
-            f"{camera} was asked for {setting} {asked:g} and holds {held:g}: ask for a value it can take{tool}"
+            f"{camera} was asked for {setting} {asked:g}, but holds {held:g}: ask for a value that it supports{tool}"
         )
 
 

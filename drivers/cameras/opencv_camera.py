@@ -1,7 +1,7 @@
 """Cameras, video files and image sequences through OpenCV's VideoCapture (V4L2, GStreamer, FFmpeg, images).
 
 The OpenCV of the Python package index has no FireWire backend (DC1394) and none for GenICam (Aravis): a FireWire
-camera, like the one of the original robot, needs another way in; see docs/drivers.md, "FireWire cameras".
+camera, like the one of the original robot, needs other software; see docs/drivers.md, "FireWire cameras".
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ BACKENDS = {"any": "CAP_ANY", "v4l2": "CAP_V4L2", "gstreamer": "CAP_GSTREAMER", 
 BACKENDS |= {"images": "CAP_IMAGES", "firewire": "CAP_FIREWIRE"}
 FIREWIRE_HELP = (
     "this OpenCV has no FireWire backend (no pip wheel has one): see docs/drivers.md, 'FireWire cameras', "
-    "for the ways around"
+    "for alternatives"
 )
 V4L2_MANUAL_EXPOSURE = 1.0
 # Setting -> property, its unit, name in messages, property of the automatic mode, and the value that switches that off.
@@ -155,7 +155,7 @@ class OpenCvCamera(Camera):
         if self._is_file:
             frame = self._read(capture)
             if frame is None:
-                raise CameraEnded(f"{self.name} has no frame after the {self._counter} read")
+                raise CameraEnded(f"{self.name} has no frames left ({self._counter} were read)")
             return frame
         with self._changed:
             self._changed.wait_for(lambda: self._newest is not None or self._failed, timeout)
@@ -164,7 +164,7 @@ class OpenCvCamera(Camera):
         if frame is None and failed:
             raise CameraEnded(f"{self.name} stopped delivering frames: check its cable, then open it again")
         if frame is None:
-            raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
+            raise CameraTimeout(f"{self.name} delivered no frame within {timeout:g} s")
         return frame
 
     def flush(self) -> None:
@@ -223,7 +223,7 @@ class OpenCvCamera(Camera):
             got = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
             if got != tuple(self._size):
                 raise CameraSettingRefused(
-                    f"{self.name} was asked for {self._size[0]} x {self._size[1]} pixels and delivers "
+                    f"{self.name} was asked for {self._size[0]} x {self._size[1]} pixels, but delivers "
                     f"{got[0]} x {got[1]}: ask for a size it has (`v4l2-ctl --list-formats-ext`)"
                 )
         if self._fps is not None:

@@ -73,13 +73,13 @@ class ReplayCamera(Camera):
         wait = self._due - timing.monotonic()
         if wait > timeout:
             timing.sleep(timeout)
-            raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
+            raise CameraTimeout(f"{self.name} delivered no frame within {timeout:g} s")
         if wait > 0:
             timing.sleep(wait)
         try:
             item = next(frames)
         except StopIteration:
-            raise CameraEnded(f"{self.name} has no frame after the {self._counter} it played") from None
+            raise CameraEnded(f"{self.name} has no frames left ({self._counter} were played)") from None
         self._due = max(self._due + self._period, timing.monotonic() - self._period)
         counter, self._counter = self._counter, self._counter + 1
         if isinstance(item, Frame):

@@ -8,9 +8,9 @@ VIDEO_DEVICES = Path("/sys/class/video4linux")
 
 
 def usb_identity(path: str) -> str:
-    """Product, USB ids and serial number, as "OV9281 (1bcf:0b09), serial 0042"; empty if it is no USB camera.
+    """Product, USB ids and serial number, as "OV9281 (1bcf:0b09), serial 0042"; empty if it is not a USB camera.
 
-    Cameras of some makers have no serial number, or all the same.
+    Some manufacturers give their cameras no serial number, or all of them the same.
 
     Args:
         path: path of the video device, or a link to it.

@@ -98,7 +98,7 @@ class V4l2Camera(Camera):
             self.close()
             raise CameraNotFound(
                 f"{self.name} cannot be opened ({error.strerror}): check path, cable, that your user is in the group "
-                "`video`, and that no other program holds it"
+                "`video`, and that no other program uses it"
             ) from None
         except BaseException:
             self.close()
@@ -146,7 +146,7 @@ class V4l2Camera(Camera):
         capture = self._opened()
         while True:
             if not select.select([self._device], [], [], timeout)[0]:
-                raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
+                raise CameraTimeout(f"{self.name} delivered no frame within {timeout:g} s")
             try:
                 taken = capture.buffer.raw_read()
             except OSError as error:
@@ -167,7 +167,7 @@ class V4l2Camera(Camera):
         return opened(self._capture, self)
 
     def _ended(self, error: OSError) -> CameraEnded:
-        return CameraEnded(f"{self.name} is gone ({error.strerror}): check its cable, then open it again")
+        return CameraEnded(f"{self.name} was disconnected ({error.strerror}): check its cable, then open it again")
 
     def _set_format(self, capture: Any) -> None:
         names = [entry.pixel_format.name for entry in capture.formats()]
@@ -184,7 +184,7 @@ class V4l2Camera(Camera):
         got = (self._format.width, self._format.height)
         if got != size or self._format.pixel_format.name != usable[0]:
             raise CameraSettingRefused(
-                f"{self.name} was asked for {size[0]} x {size[1]} pixels of {usable[0]} and delivers "
+                f"{self.name} was asked for {size[0]} x {size[1]} pixels of {usable[0]}, but delivers "
                 f"{got[0]} x {got[1]} of {self._format.pixel_format.name}: see `v4l2-ctl --list-formats-ext`"
             )
         if self._fps is not None:
@@ -217,4 +217,4 @@ def _load() -> Any:
     try:
         return importlib.import_module("linuxpy.video.device")
     except ImportError:
-        raise CameraBackendMissing("V4L2 with the kernel's numbers needs linuxpy: pip install linuxpy") from None
+        raise CameraBackendMissing("the V4L2 camera driver needs linuxpy: pip install linuxpy") from None

@@ -76,7 +76,7 @@ class EmulatedCamera(Camera):
         self._start = None
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Accept all settings; an exposure longer than a frame is reduced to it, as by real cameras."""
+        """Accept all settings; an exposure longer than the frame period is reduced to it, as by real cameras."""
         self._started()
         given = settings.given()
         if "exposure" in given:
@@ -103,7 +103,7 @@ class EmulatedCamera(Camera):
         wait = start + number * self._period + self._delay - asked
         if wait > timeout:
             timing.sleep(timeout)
-            raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
+            raise CameraTimeout(f"{self.name} delivered no frame within {timeout:g} s")
         if wait > 0:
             timing.sleep(wait)
         frame = self._expose(number, start)

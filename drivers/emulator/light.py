@@ -68,7 +68,7 @@ class LightUnit:
     """Laser, its supply relay, and its safety timers."""
 
     def __init__(self, identity: BoardIdentity, temperature: float, now: float) -> None:
-        """Start switched off; `temperature` is that of a healthy board [degrees Celsius]."""
+        """Start switched off; `temperature` of a healthy board in degrees Celsius."""
         self.laser = Laser(now)
         self._identity, self._temperature = identity, temperature
         self.power_on(now)
@@ -100,7 +100,7 @@ class LightUnit:
         return True
 
     def clear(self, faults: BoardFault, now: float) -> None:
-        """Clear those of `faults` whose cause is gone, and reconnect the supply if no blocking one remains."""
+        """Clear the faults among `faults` whose cause is gone; reconnect the supply if no blocking fault remains."""
         if now - self._run_end < self._identity.laser_rest:
             faults &= ~BoardFault.LASER_TIME
         self.faults &= ~faults

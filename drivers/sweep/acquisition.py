@@ -35,9 +35,9 @@ MEANINGS = {
     StripeVerdict.LEAK: "light in the off frame: the laser does not go off, or the camera's lag is wrong",
     StripeVerdict.NOT_MOVED: "the stripe did not move: the mirror is stuck, or the camera's lag is wrong",
     StripeVerdict.OUT_OF_BAND: "the stripe is outside its possible rows: steps lost, or camera or mirror moved",
-    StripeVerdict.REPEATED: "the camera delivers the same picture again: it is frozen",
-    StripeVerdict.RESIZED: "the camera changed its picture's size",
-    StripeVerdict.LOST: "no frame came",
+    StripeVerdict.REPEATED: "the camera delivers the same image again: it is frozen",
+    StripeVerdict.RESIZED: "the camera changed the size of its images",
+    StripeVerdict.LOST: "no frame arrived",
 }
 
 
@@ -71,8 +71,9 @@ def acquire(
         options: None = defaults (one off frame).
         band: returns the rows (first, end) in which the stripe of an index can be; None = anywhere.
         should_stop: called often from the scan's thread; return True to end the scan early.
-        align: for a camera that may move during the scan: moves a picture to where another was taken, None where none
-            of it moved. Light that only an off frame shows is looked for after it; None = the camera stands.
+        align: function for a camera that may move during the scan: warps the first image to the view of the second, or
+            returns None if no motion is seen. A stripe that seems out of step is compared again with the aligned
+            reference. None = the camera stands still.
 
     Raises:
         BadFiringOrder: the order is empty, repeats an index, or contains an angle that is not finite.
@@ -111,7 +112,7 @@ class StripeStream:
         self._task, self._band = task, band
         if task.options.sweep is not None and not isinstance(task.board, LaserBoard):
             raise BoardTooOld(
-                f"{type(task.board).__name__} cannot sweep by itself, as a triggered camera needs: let the camera run "
+                f"{type(task.board).__name__} cannot run sweeps, which a triggered camera needs: let the camera run "
                 "freely"
             )
         self._worker = ScanWorker(task) if task.options.sweep is None else SweepWorker(task)
@@ -196,7 +197,7 @@ class StripeStream:
     def _await_group(self) -> bool:
         """Wait for stripes if there are none; False at the end of the scan."""
         if not self._entered:
-            raise AcquisitionNotEntered("a scan is taken in a with block: `with acquire(...) as stripes:`")
+            raise AcquisitionNotEntered("enter the scan first: `with acquire(...) as stripes:`")
         while not self._waiting and not self._ended:
             try:
                 group = self._worker.items.get(timeout=POLL)
@@ -245,14 +246,14 @@ def _problems(worker: ScanWorker | SweepWorker, verdicts: tuple[tuple[int, Strip
         f"{counts[kind]} of {len(verdicts)} stripes: {meaning}" for kind, meaning in MEANINGS.items() if counts[kind]
     ]
     if verdicts and counts[StripeVerdict.DARK] == len(verdicts):
-        problems.append("no stripe shows the laser: it is dead or covered, or the camera does not look at it")
+        problems.append("no stripe shows the laser: it is dead, covered, or out of the camera's view")
     elif len(verdicts) > 1 and verdicts[0][1] is StripeVerdict.DARK and verdicts[1][1] is not StripeVerdict.DARK:
         problems.append("the first stripe is dark and the second is not: frames may lag behind the commands")
     counted = {
         "the board turned the laser off {} times during the scan": worker.switch.interruptions,
-        "{} off frames did not come": worker.off_frames_lost,
+        "{} off frames did not arrive": worker.off_frames_lost,
         "{} frames were dropped on their way from the camera": worker.grabber.dropped,
-        "{} frames came twice": worker.grabber.repeated,
+        "{} frames arrived twice": worker.grabber.repeated,
     }
     problems += [text.format(count) for text, count in counted.items() if count]
     if worker.failure is not None:

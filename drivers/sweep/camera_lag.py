@@ -118,13 +118,13 @@ class _ShareOfLight:
         clipped = float(np.mean(brightest[self._stripe] >= 0.99 * full)) if len(self._stripe[0]) else 0.0
         if clipped > MAX_CLIPPED:
             raise StripeClipped(
-                f"{clipped:.0%} of the stripe is clipped, at most {MAX_CLIPPED:.0%} may be: meter_exposure() first, "
-                "so that a partial exposure looks different from a whole one"
+                f"{clipped:.0%} of the stripe is clipped; allowed: at most {MAX_CLIPPED:.0%}: call meter_exposure() "
+                "first, so that a partial exposure can be distinguished from a full one"
             )
         self._whole = float(difference[self._stripe].sum())
         if len(self._stripe[0]) < difference.shape[1] // 50 + 1:
             raise LaserNotSeen(
-                "the pictures with the laser on and off do not differ: is it covered, does the camera see it?"
+                "images with the laser on and off do not differ: is the laser covered or out of the camera's view?"
             )
 
     def of(self, image: Image) -> float:

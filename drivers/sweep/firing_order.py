@@ -19,7 +19,7 @@ class PlannedStripe:
 
 # Image rows (first, end) between which a stripe must appear.
 RowRange = tuple[int, int]
-# The row range of a stripe by its index; it follows from a calibration.
+# Function that returns the row range of a stripe by its index, known from a calibration.
 RowRangeOf = Callable[[int], RowRange]
 
 
@@ -34,12 +34,12 @@ def check_firing_order(firing_order: Iterable[tuple[int, float]]) -> tuple[Plann
     """
     stripes = tuple(PlannedStripe(int(index), float(angle)) for index, angle in firing_order)
     if not stripes:
-        raise BadFiringOrder("the firing order holds no stripe, at least one is needed")
+        raise BadFiringOrder("the firing order is empty; allowed: at least one stripe")
     seen: set[int] = set()
     for stripe in stripes:
         if stripe.index < 0 or stripe.index in seen:
             raise BadFiringOrder(
-                f"stripe index {stripe.index} in the firing order: each must be 0 or more, and come once"
+                f"stripe index {stripe.index} in the firing order: each must be 0 or more and occur once"
             )
         if not math.isfinite(stripe.mirror_angle):
             raise BadFiringOrder(f"stripe {stripe.index} has mirror angle {stripe.mirror_angle}, it must be finite")

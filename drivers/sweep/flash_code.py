@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Sequence
+from itertools import pairwise
 
 # Number of stripes per random dark flash: three in a standard sweep, one in a coarse one, at most 6 % more frames.
 STRIPES_OF_PART = 23
@@ -14,8 +15,8 @@ FEWEST_STRIPES = 8
 def draw_code(indices: Sequence[int]) -> frozenset[int]:
     """Draw the stripes after which the camera takes a frame with the laser off.
 
-    They are one random stripe in each part of the sweep, and the last stripe: wherever frames begin to be shifted
-    against the stripes, a dark flash follows and reveals it.
+    These are one random stripe in each part of the sweep, and the last stripe. Wherever frames begin to be shifted
+    relative to the stripes, a dark flash follows and reveals it.
 
     Args:
         indices: indices of the stripes in firing order.
@@ -25,5 +26,5 @@ def draw_code(indices: Sequence[int]) -> frozenset[int]:
         return frozenset()
     parts = max(1, count // STRIPES_OF_PART) if len(indices) >= FEWEST_STRIPES else 0
     edges = [part * count // parts for part in range(parts + 1)] if parts else []
-    places = [first + secrets.randbelow(end - first) for first, end in zip(edges, edges[1:], strict=False)]
+    places = [first + secrets.randbelow(end - first) for first, end in pairwise(edges)]
     return frozenset(indices[place] for place in (*places, count))

@@ -1,4 +1,4 @@
-"""Check of a scan's first frames for clipped or too little light."""
+"""Check of a scan's first frames for clipping and for too little light."""
 
 from __future__ import annotations
 
@@ -83,6 +83,6 @@ def _background_problem(picture: Image) -> str:
     if share <= CLIPPED_PICTURE:
         return ""
     return (
-        f"light: {100 * share:.0f} % of the picture is clipped without the laser, where no stripe can be seen: shade "
+        f"light: {100 * share:.0f} % of the picture is clipped without the laser, so no stripe is visible there: shade "
         f"the scene or expose less {WHAT_TO_DO}"
     )

@@ -29,7 +29,7 @@ class MeteringResult:
         background_level: median brightness with the laser off, 0 ... 1.
         clipped_fraction: fraction of the lit columns whose ridge is clipped.
         settled: True if the brightness of the ridge is within the levels.
-        advice: what to do if it is not; else empty.
+        advice: what to do if `settled` is False; else empty.
     """
 
     exposure: float | None
@@ -71,7 +71,7 @@ def meter_exposure(
     """
     for name, (low, high) in (("limits", limits), ("levels", levels)):
         if not 0 < low < high:
-            raise ValueError(f"{name} are {low} ... {high}, they must rise and be above 0")
+            raise ValueError(f"{name} are {low} ... {high}, they must increase and be above 0")
     grabber = FrameGrabber(camera, board, AcquireOptions())
     board.go_to_angle(mirror_angle)
     held = exposure
@@ -85,8 +85,8 @@ def meter_exposure(
         held *= factor
     if math.isnan(measured.ridge):
         raise LaserNotSeen(
-            "no column of the picture shows the laser: is it covered, does the camera look at the stripe, is the "
-            f"exposure ({'unknown' if held is None else f'{held * 1e3:g} ms'}) too short?"
+            "no column of the image shows the laser: is it covered or out of the camera's view, is the exposure "
+            f"({'unknown' if held is None else f'{held * 1e3:g} ms'}) too short?"
         )
     settled = measured.factor(levels) == 1.0
     return MeteringResult(
@@ -125,9 +125,9 @@ def _measure(board: Board, camera: Camera, grabber: FrameGrabber) -> _Brightness
     finally:
         board.laser_off()
     if on is None or off is None:
-        raise CameraTimeout(f"{camera.name} brought no frame while the exposure was metered: check its cable")
+        raise CameraTimeout(f"{camera.name} delivered no frame while the exposure was metered: check its cable")
     if on.image.shape != off.image.shape:
-        raise CameraError(f"{camera.name} changed its picture from {off.image.shape} to {on.image.shape}")
+        raise CameraError(f"{camera.name} changed the shape of its images from {off.image.shape} to {on.image.shape}")
     return brightness_of(on.image, off.image)
 
 
@@ -160,5 +160,5 @@ def _at_limit(held: float, factor: float, limits: tuple[float, float]) -> bool:
 def _advice(measured: _Brightness, levels: tuple[float, float]) -> str:
     what = f"the stripe's ridge is at {measured.ridge:.2f} of full scale, wanted {levels[0]:g} ... {levels[1]:g}"
     if measured.ridge > levels[1] or measured.clipped > 0.5:
-        return f"{what}: close the iris or shade the scene, the exposure cannot go lower"
-    return f"{what}: open the iris or raise the gain, the exposure cannot go higher"
+        return f"{what}: close the iris, shade the scene, or allow a shorter exposure"
+    return f"{what}: open the iris, raise the gain, or allow a longer exposure"

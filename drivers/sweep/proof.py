@@ -24,9 +24,9 @@ COARSE_STRIDES = (32, 4)
 MEMORY = 9
 # Fraction of columns lit within the band above which lit columns elsewhere cannot change the verdict.
 PLAINLY_LIT = 0.5
-# A picture as the camera would have taken it from where it took another; None if it did not move, as far as seen.
+# Function that warps the first image to the view of the second; it returns None if no motion between them is seen.
 Align = Callable[[Image, Image], Image | None]
-# Verdicts that edges of a scene cause too that is elsewhere than in the reference.
+# Verdicts that edges of the scene can also cause, if the scene has moved relative to the reference.
 SCENE_MAY_HAVE_MOVED = (StripeVerdict.LEAK, StripeVerdict.DARK, StripeVerdict.OUT_OF_BAND, StripeVerdict.NOT_MOVED)
 PROVED = (StripeVerdict.OK, StripeVerdict.AMBIENT_CHANGED)
 
@@ -115,12 +115,12 @@ class StripeProof:
             if moved is not None:
                 import cv2
 
-                # A scene that moved is no light: that of a pixel may now be beside it.
+                # Motion of the scene is not a leak: the light of a pixel may now be in the one beside it.
                 near = np.ones((3, 3), np.uint8)
                 least = moved.copy()
                 cv2.erode(moved, near, least)
                 lights = self._grid.light(moved), self._grid.light(least)
-                # What is left of its edges may look darker by as much as they differed before.
+                # Imperfectly aligned edges may look darker by up to the threshold that applied before alignment.
                 least_leak, background = background.threshold, self._background(on, lights[0])
                 found = self._compare(mirror_angle, on, rows, background, reference_is_off, lights, least_leak)
                 verdict = self._verdict(*found, background, band)
@@ -128,7 +128,7 @@ class StripeProof:
         return verdict, found[1]
 
     def _background(self, on: Image, reference: Array) -> _Background:
-        """Difference of the whole frame from a reference's light, from every 128th of the sampled pixels."""
+        """Difference between a frame and the light of a reference, from every 128th of the sampled pixels."""
         sample = self._grid.coarser.light(on) - reference[:: COARSE_STRIDES[0], :: COARSE_STRIDES[1]]
         offset = _median(sample)
         noise = 1.4826 * _median(np.abs(sample - offset))
@@ -146,9 +146,16 @@ class StripeProof:
         lights: tuple[Array, Array] | None = None,
         least_leak: float = 0.0,
     ) -> tuple[_Seen, StripeEvidence]:
-        """Compare rows with the reference, or with `lights`: of a reference, and the least that may shine there.
+        """Compare rows with the reference, or with an aligned one.
 
-        `least_leak` is the least difference that counts as a leak, if it is above the threshold.
+        Args:
+            mirror_angle: commanded mirror angle [rad].
+            on: frame with the laser on.
+            rows: sampled rows (first, end).
+            background: difference of the whole frame.
+            reference_is_off: True if the reference is the off frame.
+            lights: light of the aligned reference, and its minimum around each pixel; None = the reference.
+            least_leak: least difference that counts as a leak, if above the threshold.
         """
         first, end = rows
         difference = self._grid.light(on, rows)
@@ -196,10 +203,10 @@ class StripeProof:
         return StripeVerdict.OK
 
     def _has_moved(self, seen: _Seen, shift: float) -> bool:
-        """Compare a stripe with the one before, or with the last plainly lit one where few of its columns were lit.
+        """Test that a stripe has moved relative to the previous or to the last plainly lit one.
 
-        What few columns show may be the edges of a scene that moved: it must not make later stripes look stuck. The
-        last plain one may have been on ground of another height: it must not either.
+        The last plainly lit stripe is used if the previous one was lit in fewer than half of this stripe's columns. So
+        few columns may be edges of a scene that moved, which must not make later stripes look stuck.
         """
         before, plain = self._before, self._plain
         if self._moved(seen, before, shift):

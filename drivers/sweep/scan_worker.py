@@ -1,4 +1,4 @@
-"""Thread of a scan that the host controls: mirror, laser, frames, and stripes to the caller."""
+"""Thread of a scan in which the host commands mirror and laser for each stripe, and grabs its frames."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ScanWorker(StripeWorker):
 
     def _take(self) -> None:
         self.grabber.restart()
-        # All at once, not one between frames: after a sleep each call costs many times as much.
+        # Computed in advance: between frames, after a sleep, each call takes many times as long.
         self._steps = [self._board.step_at(stripe.mirror_angle) for stripe in self._firing_order]
         try:
             if self._options.off is OffFrames.PER_STRIPE:
@@ -48,7 +48,7 @@ class ScanWorker(StripeWorker):
             raise
 
     def _take_last_dark(self) -> None:
-        """Take a dark flash after the last stripe of a scan that was stopped early, which proves the last stripes."""
+        """Take a dark flash at the end of a scan that was stopped early, to verify its last stripes."""
         if not (self.stopped_early and self._options.dark_after and self._group) or self._group[-1].dark is not None:
             return
         self._should_stop = None
@@ -82,9 +82,9 @@ class ScanWorker(StripeWorker):
         reached = self._board.go_to_step(self._steps[0], wait=False)
         off = self._off_frame(timing.monotonic()) if self._options.off is OffFrames.ONE else None
         for number, stripe in enumerate(self._firing_order):
-            # A camera that runs freely, with the laser on anyway, takes its next frame meanwhile: one wait instead of
-            # two, and the board says afterwards whether the mirror was still. A replay (lag 0) or a camera
-            # of unknown lag is asked only after the mirror is still.
+            # While the laser stays on, a free-running camera exposes its next frame while the mirror comes to rest:
+            # one wait instead of two. The board then tells whether the mirror was still in time. A replay (lag 0) or a
+            # camera of unknown lag is read only after the mirror is still.
             self._check()
             ahead = bool(self._camera.lag) and self.switch.may_stay_on
             if not ahead:
@@ -102,10 +102,10 @@ class ScanWorker(StripeWorker):
         return reached
 
     def _capture(self, stripe: PlannedStripe, reached: float, on: Frame | None, off: Frame | None) -> StripeCapture:
-        """The stripe with the frame of its dark flash, if one is due: the laser is off, and the mirror may turn."""
+        """Make the stripe; take the frame of its dark flash if one is due, with the laser already off."""
         if stripe.index not in self._options.dark_after:
             return StripeCapture.of(stripe, reached, on, off)
-        # The frame after one that was lost serves as well.
+        # If that frame is lost, the next one serves as well.
         dark = self.grabber.after(timing.monotonic()) or self.grabber.after(timing.monotonic())
         return StripeCapture.of(stripe, reached, None if dark is None else on, off, dark)
 
@@ -115,7 +115,7 @@ class ScanWorker(StripeWorker):
         return frame
 
     def _lit_and_still(self) -> float:
-        """Wait until the mirror is still; return since when it is still with the laser on [s]."""
+        """Wait until the mirror is still; return the time since which it is still with the laser on [s]."""
         status, since = self._board.still_since()
         if status.laser_commanded:
             return since
@@ -127,15 +127,16 @@ class ScanWorker(StripeWorker):
         self._lost_in_row = 0 if frame is not None else self._lost_in_row + 1
         if self._lost_in_row >= self._options.max_lost:
             raise CameraTimeout(
-                f"{self._camera.name} brought no frame for {self._lost_in_row} stripes in a row "
-                f"({self._options.frame_timeout:g} s each): check its cable and whether its exposure fits"
+                f"{self._camera.name} delivered no frame for {self._lost_in_row} stripes in a row "
+                f"({self._options.frame_timeout:g} s each): check its cable and exposure"
             )
         return frame
 
     def _collect(self, number: int, stripe: StripeCapture) -> None:
         """Hand over a group when it is full, earlier near the end of the scan, where groups get smaller.
 
-        The newest stripe of a scan with dark flashes waits for the next one: a scan that is stopped early ends dark.
+        In a scan with dark flashes the newest stripe is held back, since a scan that is stopped early ends with a dark
+        flash of its last stripe.
         """
         self._group.append(stripe)
         left = len(self._firing_order) - 1 - number

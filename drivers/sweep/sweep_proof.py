@@ -9,9 +9,9 @@ import numpy as np
 from drivers.arrays import Float
 from drivers.board.protocol import WAIT_UNIT_US
 
-# Places of a sweep before whose triggers the board waits. Each reveals a shift of the frames against the triggers: the
-# first ones with few frames, the last ones if a camera has missed a third of a sweep. Their distances are uneven, since
-# with equal distances a shift by one distance would match all but the outermost.
+# Places of a sweep before whose triggers the board waits. Each reveals a shift of the frames relative to the triggers:
+# the first ones with few frames, the last ones if a camera has missed a third of a sweep. Their distances are uneven,
+# since with equal distances a shift by one distance would match all but the outermost.
 WAITING_PLACES = (1, 3, 4, 8, 10, 15, 21, 27, 34)
 WAIT_UNIT = WAIT_UNIT_US * 1e-6
 # Number of frames by which the true shift must explain more than any other.
@@ -25,14 +25,15 @@ CLOCK_ERROR = 2e-4
 def uneven_waits(count: int, tolerance: float) -> list[int]:
     """Waits before the triggers of a sweep [0.5 ms], by place, that make any shift by whole triggers detectable.
 
-    Each wait is twice the tolerance within which frames of one offset agree, so gaps with and without it never match.
-    With nine waits any wrong shift mismatches ten or more frames, so any two triggers may be missed, doubled or late.
+    Each wait is twice the tolerance within which frames of one offset agree, so an interval with a wait never matches
+    one without. With nine waits any wrong shift mismatches ten or more frames, so any two triggers may be missed,
+    doubled or late.
 
     Args:
         count: number of stripes.
         tolerance: allowed difference between intervals of the two clocks [s].
     """
-    # The subtraction keeps whole units whole despite rounding.
+    # The subtraction prevents a rounding error from adding a unit.
     wait = math.ceil(2 * tolerance / WAIT_UNIT - 1e-6)
     return [wait if place in WAITING_PLACES else 0 for place in range(count)]
 

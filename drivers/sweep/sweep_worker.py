@@ -30,8 +30,8 @@ FRAME_SLICE, REPORT_SLICE, FEED_PERIOD = 0.005, 0.001, 0.1
 LAST_FRAMES = 0.1
 # Note about a board without dark flashes.
 NO_DARKS = (
-    "no dark flashes: the board speaks protocol 1.1, 1.2 takes them: flash firmware/guara_board.uf2, so that foreign "
-    "light and frames of another instant are found"
+    "no dark flashes: the board speaks protocol 1.1, but they need 1.2: flash firmware/guara_board.uf2, so that "
+    "foreign light and frames of another instant are detected"
 )
 NO_LASER = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERATURE | BoardFault.LASER_STUCK_ON
 
@@ -89,13 +89,13 @@ class SweepWorker(StripeWorker):
     def _take(self) -> None:
         if not self._camera.triggered:
             raise CameraNotTriggered(
-                f"{self._camera.name} runs freely: a sweep needs a camera that waits for the board's trigger and gives "
-                "its own time; scan without AcquireOptions.sweep"
+                f"{self._camera.name} runs freely: a sweep needs a camera that waits for the board's trigger and "
+                "reports device times; scan without AcquireOptions.sweep"
             )
         sweeps = BoardSweep(self._board)
         self._counted = sweeps.counts_exposures
         if not self._counted:
-            self.notes.append("exposures not counted: frames are proved by their times alone")
+            self.notes.append("exposures not counted: frames are verified by their times alone")
         if self._options.dark_after and not self.takes_darks:
             self.notes.append(NO_DARKS)
         self._camera.flush()
@@ -105,7 +105,7 @@ class SweepWorker(StripeWorker):
         for attempt in range(1 + self._sweep_options.repeats):
             if attempt:
                 logger.warning("repeating %d stripes whose frames could not be verified", len(missing))
-                self.notes.append(f"{len(missing)} stripes were taken again")
+                self.notes.append(f"{len(missing)} stripes were repeated")
                 if self._off is not None:
                     sweeps.set_off_frames(OffFrames.NONE)
             missing = self._take_sweep(sweeps, missing, SWEEP_STRIPES if attempt else 0)
@@ -147,7 +147,7 @@ class SweepWorker(StripeWorker):
     def _waits(self, steps: Sequence[int]) -> list[int]:
         """Waits before the triggers [0.5 ms]: uneven ones until the clocks are matched, then none.
 
-        They are extended if the camera's period exceeds the time of the motion, which would otherwise absorb them.
+        A wait is extended if the camera's period is longer than the motion and would otherwise absorb the wait.
         """
         if self._match.proved:
             return [0] * len(steps)
@@ -233,7 +233,7 @@ class SweepWorker(StripeWorker):
             self.items.put(tuple(ready))
 
     def _settle_off(self, sweep: Sweep, number: int, stamps: Float) -> None:
-        """Find the shared off frame; it is lost if the frame of a later trigger has arrived before."""
+        """Find the shared off frame; it is lost if the frame of a later trigger arrives first."""
         if self._off_settled or sweep.records[number].shot is not Shot.OFF:
             return
         self._off = self._proved(sweep, number, stamps)

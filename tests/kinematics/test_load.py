@@ -103,9 +103,9 @@ def test_a_broken_urdf_does_not_hide_robot_toml(broken_folder: Callable[..., Pat
 @pytest.mark.parametrize(
     ("old", "new", "found"),
     [
-        ("mirror_angle_last = 0.325", "mirror_angle_last = 0.200", r"from x 0.495 to 0.799 m, .* from 0.5 to 0.95"),
-        ("mirror_angle_first = -0.110", "mirror_angle_first = 0.110", r"from x 0.705 to 0.957 m"),
-        ("x = [0.50, 0.95]", "x = [0.50, 1.10]", r"of \[grid.footprint\] from 0.5 to 1.1"),
+        ("mirror_angle_last = 0.325", "mirror_angle_last = 0.200", r"x = 0.495 to 0.799 m .* from 0.5 to 0.95"),
+        ("mirror_angle_first = -0.110", "mirror_angle_first = 0.110", r"x = 0.705 to 0.957 m"),
+        ("x = [0.50, 0.95]", "x = [0.50, 1.10]", r"\[grid.footprint\] extends from 0.5 to 1.1"),
     ],
 )
 def test_a_scan_pattern_off_the_area_gives_a_warning(

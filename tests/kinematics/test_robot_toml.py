@@ -30,39 +30,43 @@ FAULTS = {
     "unknown frame": (
         'camera = "camera_optical_frame"',
         'camera = "eye"',
-        "frames.camera is 'eye', no link of guara.urdf",
+        "frames.camera is 'eye', which is not a link of guara.urdf",
     ),
     "unknown sole": (
         'sole = "lf_sole"',
         'sole = "lf_paw"',
-        "legs.lf.sole is 'lf_paw', no link of guara.urdf; its links are",
+        "legs.lf.sole is 'lf_paw', which is not a link of guara.urdf; its links are",
     ),
-    "unknown joint": ('["lf_haa_joint",', '["lf_hip_joint",', "[legs.lf] joints names 'lf_hip_joint', no moving joint"),
+    "unknown joint": (
+        '["lf_haa_joint",',
+        '["lf_hip_joint",',
+        "[legs.lf] joints names 'lf_hip_joint', which is not a moving joint",
+    ),
     "joint of two legs": (
         '["rf_haa_joint",',
         '["lf_haa_joint",',
-        "joint 'lf_haa_joint' stands in [legs.lf] and [legs.rf]",
+        "joint 'lf_haa_joint' is listed in [legs.lf] and [legs.rf]",
     ),
     "joints out of order": (
         '["lf_haa_joint", "lf_hfe_joint"',
         '["lf_hfe_joint", "lf_haa_joint"',
-        "the URDF leads to 'lf_sole' by lf_haa_joint, lf_hfe_joint",
+        "the chain to 'lf_sole' in the URDF is lf_haa_joint, lf_hfe_joint",
     ),
     "hip of another leg": (
         'hip = "lf_hip_link"',
         'hip = "rf_hip_link"',
-        "hip 'rf_hip_link' is not on the way to 'lf_sole'",
+        "hip 'rf_hip_link' is not in the chain to 'lf_sole'",
     ),
     "no joints": (
         'joints = ["lf_haa_joint", "lf_hfe_joint", "lf_kfe_joint", "lf_afe_joint"]',
         "joints = []",
         "[legs.lf] joints is []",
     ),
-    "joint twice": ('"lf_kfe_joint", "lf_afe_joint"', '"lf_kfe_joint", "lf_kfe_joint"', "every name stands once"),
+    "joint twice": ('"lf_kfe_joint", "lf_afe_joint"', '"lf_kfe_joint", "lf_kfe_joint"', "a list of different names"),
     "text for list": (
         '["lf_haa_joint", "lf_hfe_joint", "lf_kfe_joint", "lf_afe_joint"]',
         '"lf_haa_joint"',
-        "a list of texts is needed",
+        "a list of strings is needed",
     ),
     "scan posture unknown": (
         'scan_posture = "scan"',
@@ -77,16 +81,16 @@ FAULTS = {
     "hip height": (
         "hip_height = 0.360",
         "hip_height = 0.350",
-        "[postures.scan]: hip_height of 'lf' comes out at 0.3600 m, but 0.3500 m",
+        "[postures.scan]: hip_height of 'lf' is 0.3600 m in the posture, but 0.3500 m",
     ),
     "camera height": (
         "camera_height = 0.500",
         "camera_height = 0.600",
-        "camera_height comes out at 0.5000 m, but 0.6000 m is stated",
+        "camera_height is 0.5000 m in the posture, but 0.6000 m is stated",
     ),
     "base is no root": ('base = "base_link"', 'base = "imu_link"', "robot.toml names 'imu_link' as frames.base"),
     "no TOML": ("[frames]", "[frames", "is not valid TOML"),
-    "name empty": ('name = "guara"', 'name = ""', "name is ''; a text is needed"),
+    "name empty": ('name = "guara"', 'name = ""', "name is ''; a string is needed"),
     "feet half": (
         "minimum_feet = 3",
         "minimum_feet = 2.5",
@@ -99,7 +103,7 @@ FAULTS = {
         "000; a number above 0 is needed",
     ),
     "margin": ("margin = 0.010", "margin = -0.010", "[self_filter] margin is -0.01; a number of 0 or more is needed"),
-    "ignored link": ("ignore = []", 'ignore = ["mast"]', "a list of links ('mast' is no link; allowed: base_link"),
+    "ignored link": ("ignore = []", 'ignore = ["mast"]', "a list of links ('mast' is not a link; allowed: base_link"),
 }
 
 

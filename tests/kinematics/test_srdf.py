@@ -36,12 +36,12 @@ FAULTS = {
     "root at another height": (
         'value="0 0 0.36 0 0 0 1"',
         'value="0 0 0.4 0 0 0 1"',
-        "root_joint z of the SRDF comes out at 0.4",
+        "root_joint z of the SRDF is 0.4",
     ),
     "unknown link": (
         'link2="lf_hip_link"',
         'link2="lf_hip"',
-        "<disable_collisions>: link2 'lf_hip' is no link of guara.urdf",
+        "<disable_collisions>: link2 'lf_hip' is not a link of guara.urdf",
     ),
     "posture twice": (
         'group_state name="scan"',

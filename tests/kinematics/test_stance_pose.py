@@ -135,9 +135,9 @@ def test_attitude_is_as_sure_as_its_source(guara: RobotModel) -> None:
 
 def test_sources_that_are_not_there_are_refused(guara: RobotModel) -> None:
     """Asking for an attitude that the stance cannot give is refused, and so is an unknown one."""
-    with pytest.raises(StanceError, match="attitude 'imu' was asked for, but the stance has no gravity_in_base"):
+    with pytest.raises(StanceError, match="attitude 'imu' was requested, but the stance has no gravity_in_base"):
         guara.stance_pose(tilted(guara, False), attitude="imu")
-    with pytest.raises(StanceError, match="attitude 'odometry' was asked for, but no odometry was given"):
+    with pytest.raises(StanceError, match="attitude 'odometry' was requested, but no odometry was given"):
         guara.stance_pose(tilted(guara), attitude="odometry")
     with pytest.raises(ArgumentError, match="attitude is 'gyro'; allowed: imu, odometry, support_plane, level"):
         guara.stance_pose(tilted(guara), attitude="gyro")

@@ -95,7 +95,7 @@ FAULTS = {
     "legs no mirror images: length": (
         '<origin xyz="0 0 -0.150" rpy="0 0 0"/>',
         '<origin xyz="0 0 -0.151" rpy="0 0 0"/>',
-        "legs 'lf' and 'rf' are no mirror images: from joint to joint they measure",
+        "legs 'lf' and 'rf' are not mirror images: from joint to joint they measure",
     ),
     "entities": (
         '<robot name="guara">',
@@ -110,26 +110,26 @@ FAULTS = {
     "a circle": (
         '<parent link="base_link"/>\n    <child link="camera_link"/>',
         '<parent link="camera_optical_frame"/>\n    <child link="camera_link"/>',
-        "hangs in a circle of joints",
+        "is in a loop of joints",
     ),
     "no XML": ("</robot>", "", "is not valid XML"),
     "other name": ('<robot name="guara">', '<robot name="lobo">', "the robot is named 'lobo', in robot.toml 'guara'"),
     "legs no mirror images: origin": (
         'xyz="0.300 -0.180 0"',
         'xyz="0.300 -0.181 0"',
-        "no leg has its hip at the mirror image",
+        "no legs have their hip at the mirror image",
     ),
     "legs no mirror images: limits": (
         'lower="-1.6" upper="1.0"',
         'lower="-1.5" upper="1.0"',
-        "are no mirror images: axis",
+        "are not mirror images: axis",
     ),
     "sole larger than the foot": (
         '<box size="0.08 0.06 0.02"/></geometry>\n    </collision>',
         '<box size="0.07 0.06 0.02"/></geometry>\n    </collision>',
-        "sole length is 0.08 m, but the collision shapes of the foot of leg 'lf' reach only 0.07 m",
+        "sole length is 0.08 m, but the collision shapes of the foot of leg 'lf' cover only 0.07 m",
     ),
-    "camera at another height": ('xyz="0.400 0 0.140"', 'xyz="0.400 0 0.150"', "camera_height comes out at 0.5"),
+    "camera at another height": ('xyz="0.400 0 0.140"', 'xyz="0.400 0 0.150"', "camera_height is 0.5"),
 }
 
 
@@ -145,8 +145,8 @@ def test_fault_is_refused_by_name(fault: str, broken_folder: Callable[..., Path]
 
 NOT_USED = {
     "zero mass": ('<mass value="0.45"/>', '<mass value="0"/>', None),
-    "inertia of no body": ('iyy="0.453125"', 'iyy="0.95"', "<inertia> that belongs to no body"),
-    "negative inertia": ('ixx="0.203125"', 'ixx="-0.2"', "<inertia> that belongs to no body"),
+    "inertia of no body": ('iyy="0.453125"', 'iyy="0.95"', "<inertia> that is physically impossible"),
+    "negative inertia": ('ixx="0.203125"', 'ixx="-0.2"', "<inertia> that is physically impossible"),
     "inertia missing": (
         '<inertia ixx="0.203125" ixy="0" ixz="0" iyy="0.453125" iyz="0" izz="0.65"/>',
         "",
@@ -162,7 +162,7 @@ NOT_USED = {
     "a mesh that is not there": (
         '<box size="0.60 0.40 0.05"/></geometry>\n    </collision>',
         '<mesh filename="package://a/b.stl"/></geometry>\n    </collision>',
-        "link 'base_link' is left without its shape, the self-filter does not know it: the mesh 'package://a/b.stl'",
+        "link 'base_link' has no shape, so the self-filter ignores it: no mesh 'package://a/b.stl'",
     ),
     "tags of a vendor": (
         '<link name="imu_link"/>',

@@ -20,7 +20,7 @@ def test_nothing_in_time_is_a_timeout_and_a_death_is_reported(start, endpoint: s
             client.wait_for_step(99, timeout=0.1)
         node.kill()
         assert eventually(lambda: not client.is_alive)
-        with pytest.raises(transport.ScannerGone, match="went away"):
+        with pytest.raises(transport.ScannerGone, match="disappeared"):
             client.wait_for_step(99, timeout=0.1)
     router.kill()
 

@@ -78,7 +78,7 @@ def test_a_node_that_no_longer_hears_the_gait_vouches_for_nothing(extent: str) -
     world.pass_time(1.0)
     world.deafen()
     world.pass_time(6.0)
-    assert [o.text for o in world.against(extent)] == ["is no longer vouched for: its node no longer hears the gait"]
+    assert [o.text for o in world.against(extent)] == ["is no longer confirmed: its node has lost the gait controller"]
     world.listen()
     world.pass_time(1.1)
     assert not world.against(extent)

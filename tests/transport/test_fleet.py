@@ -34,7 +34,7 @@ def test_all_that_live_are_reported_with_step_age_health_and_links(start, endpoi
         ada, bob, silent, rex = robot_states(session)
         assert ada.health is Health.OK and 0 <= ada.age < 60 and ada.links == 1 and ada.message == "" and ada.run
         assert bob.step is None and math.isnan(bob.age) and rex.links == 1
-        assert silent.health is Health.STALE and "did not answer" in silent.message
+        assert silent.health is Health.STALE and "did not reply" in silent.message
         assert [state.robot for state in robot_states(session, robots=["rex", "nobody"])] == ["rex"]
         gone.kill()
         assert eventually(lambda: names() == ["ada", "mute", "rex"])
@@ -69,4 +69,4 @@ def test_a_robot_speaks_for_no_other(endpoint: str) -> None:
         ada, bob, rex = robot_states(session, timeout=20.0)
         assert (ada.robot, bob.robot, rex.robot) == ("ada", "bob", "rex") and len(raw) == len(kept)
         assert ada.health is bob.health is Health.OK and ada.step is bob.step is None and ada.links == bob.links == 0
-        assert rex.health is Health.STALE and "did not answer" in rex.message
+        assert rex.health is Health.STALE and "did not reply" in rex.message

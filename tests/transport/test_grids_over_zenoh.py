@@ -185,7 +185,7 @@ def test_without_a_node_the_scanner_is_unavailable(endpoint: str) -> None:
             client.wait_for_step(1, timeout=0.1)
         with pytest.raises(transport.ScannerUnavailable):
             client.request_scan(timeout=0.5)
-        with pytest.raises(transport.ScannerUnavailable, match="nobody answers on 'guara/perception/v1/query'"):
+        with pytest.raises(transport.ScannerUnavailable, match="no node replies on 'guara/perception/v1/query'"):
             client.query(timeout=5.0)
         with pytest.raises(transport.MessageError, match="extent is 'all'"):
             client.latest(extent="all")

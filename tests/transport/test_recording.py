@@ -192,7 +192,7 @@ def test_misuse_is_refused_in_words(tmp_path: Path, peer) -> None:
     with pytest.raises(RecordingError, match="cannot recover"):
         recover_recording(tmp_path / "none.mcap", tmp_path / "b.mcap")
     (tmp_path / "text.mcap").write_text("no recording")
-    with pytest.raises(RecordingError, match="is no MCAP file"):
+    with pytest.raises(RecordingError, match="is not an MCAP file"):
         recover_recording(tmp_path / "text.mcap", tmp_path / "b.mcap")
     with open_recording(path) as recording:
         assert [scan.is_whole for scan in recording.scans] == [False]

@@ -49,7 +49,7 @@ def test_a_cut_file_is_mended_wherever_it_was_cut(tmp_path: Path, peer) -> None:
         try:
             counts.append(recover_recording(cut, mended).messages)
         except RecordingError as error:
-            assert "is no MCAP file" in str(error) and length < 100
+            assert "is not an MCAP file" in str(error) and length < 100
             assert not mended.exists()
             continue
         with open_recording(mended) as recording:

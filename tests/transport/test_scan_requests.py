@@ -218,7 +218,7 @@ def test_a_scanner_that_died_before_it_answered_is_gone(endpoint: str) -> None:
 
     with transport.open_node(listen=endpoint), transport.open_client(endpoint) as session:
         lives = iter([True])
-        with pytest.raises(transport.ScannerGone, match="before it answered"):
+        with pytest.raises(transport.ScannerGone, match="before it replied"):
             request_scan(session, timeout=5.0, is_alive=lambda: next(lives, False))
         with pytest.raises(transport.ScannerUnavailable):
             request_scan(session, timeout=5.0, is_alive=lambda: False)

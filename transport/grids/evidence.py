@@ -139,10 +139,10 @@ def objections(
         found.append(Objection(f"is {age:.2f} s old; allowed: {limit:g} s{'; its node is gone' if is_gone else ''}"))
     if word is None:
         if grid.run:
-            found.append(Objection("is of a node that has not said in which pause the robot is", Cure.WORD))
+            found.append(Objection("is from a node that has not reported the robot's pause yet", Cure.WORD))
         return tuple(found)
     if grid.run and word.run and grid.run != word.run:
-        found.append(Objection(f"is of run {grid.run!r} of the node; run {word.run!r} has taken over since"))
+        found.append(Objection(f"is from run {grid.run!r} of the node; run {word.run!r} has taken over since"))
         return tuple(found)
     kind = "footprint" if grid.extent == "footprint" else "map"
     newest = word.newest.get(kind)
@@ -160,11 +160,11 @@ def objections(
         # Nobody announces pauses, so no announcement can have been missed.
         return tuple(found)
     if is_gone:
-        found.append(Objection("is no longer vouched for: its node is gone", Cure.RETURN))
+        found.append(Objection("is no longer confirmed: its node is gone", Cure.RETURN))
     elif silence > SILENT:
-        found.append(Objection(f"is no longer vouched for: its node {silent_for(silence)}", Cure.WORD))
+        found.append(Objection(f"is no longer confirmed: its node {silent_for(silence)}", Cure.WORD))
     elif not word.hears_gait:
-        found.append(Objection("is no longer vouched for: its node no longer hears the gait", Cure.WORD))
+        found.append(Objection("is no longer confirmed: its node has lost the gait controller", Cure.WORD))
     if grid.provisional and (pauses or word.standing is False):
         found.append(Objection("was never confirmed, and its pause is over", Cure.GRID))
     if kind == "footprint" and newest is not None and newest > grid.sequence:
@@ -215,7 +215,7 @@ class Evidence:
         with self._lock:
             refusal = self._refused_run(word.run)
             if not word.run and self._run in self.live:
-                refusal = f"it names no run, and run {self._run!r} lives"
+                refusal = f"it names no run, but run {self._run!r} is alive"
             if not refusal and (self.word is None or self.word.run != word.run or self.word.clock <= word.clock):
                 self.word = word
             return refusal
@@ -250,15 +250,15 @@ class Evidence:
         return objections(grid, word, step=step, age=age, limit=limit, silence=silence, is_gone=is_gone)
 
     def _refused_run(self, run: str) -> str:
-        # A sender without a run is of an earlier version, or another tool: only the order of its grids is checked.
+        # A sender without a run has an earlier version, or is another tool: only the order of its grids is checked.
         if not run or run == self._run:
             return ""
         if run in self._over:
-            return f"it is of run {run!r} of the node, and another has taken over since"
+            return f"it is from run {run!r} of the node, but another has taken over since"
         if self._run and self._run in self.live:
             if run not in self.live:
-                return f"it is of run {run!r}, which shows no sign of life, and run {self._run!r} lives"
-            return f"it is of run {run!r}, and run {self._run!r} lives too: two nodes have the name {self._robot!r}"
+                return f"it is from run {run!r}, which has no liveliness token, but run {self._run!r} is alive"
+            return f"it is from run {run!r}, but run {self._run!r} is alive: two nodes have the name {self._robot!r}"
         if self._run:
             self._over[self._run] = None
         self._run, self._sequences = run, {}

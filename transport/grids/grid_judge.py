@@ -1,4 +1,4 @@
-"""Acceptance of the grids of one node by the rule of `evidence`."""
+"""Acceptance of the grids of one node by the rule in `evidence`."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Accepted(TypedDict, total=False):
 
 
 class GridJudge:
-    """Observer of the node of one robot that accepts or rejects its grids.
+    """Judge of the grids of one robot, which observes the robot's node.
 
     Attributes:
         node: watcher of the node's liveliness token.

@@ -20,12 +20,12 @@ from transport.messages.standard import grid_map_message, occupancy_message
 from transport.messages.terrain_message import EXTENTS, LAYERS, TerrainMessage, encode_compact, encode_terrain
 from transport.messages.typestore import GRID_MAP, OCCUPANCY, REGIONS, SUMMARY, TERRAIN, cdr, compact
 
-# Layers of the GridMap: those of float32, its only type, and the flags, which float32 represents exactly (below 2^24).
+# Layers of the GridMap, whose only type is float32: the float32 layers, and the flags, which are exact below 2^24.
 GRID_MAP_LAYERS = (*(name for name, kind in LAYERS.items() if kind.dtype == np.float32 and name != "ceiling"), "hazard")
 
 
 class GridPublishers:
-    """Encodes and publishes on threads of the outbox; grids of one extent never wait for those of the other."""
+    """Publishers that encode and send on threads of the outbox; grids of one extent never wait for the other extent."""
 
     def __init__(self, session: Session, robot: str, outbox: Outbox) -> None:
         """Declare the keys.
@@ -53,7 +53,7 @@ class GridPublishers:
         }
         self._occupancy = latched(occupancy_key(robot), cdr(OCCUPANCY), SMALL)
         self._grid_map = latched(grid_map_key(robot), cdr(GRID_MAP), LARGEST)
-        # Without history: routers may thin it out on purpose, and what they drop must not be fetched.
+        # Not latched: routers may drop summaries on purpose, and readers must not fetch these.
         self._summary = Publisher(session, summary_key(robot), latched=False, encoding=cdr(SUMMARY))
         self._regions = latched(regions_key(robot), cdr(REGIONS), SMALL)
 

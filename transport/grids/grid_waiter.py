@@ -45,7 +45,7 @@ class GridWaiter:
         says_stale: bool = False,
         takes_back: bool = False,
     ) -> Received[G]:
-        """Wait for a newest message that `predicate` accepts and that may be used.
+        """Wait until the newest message may be used and `predicate` accepts it.
 
         Args:
             receiver: receiver of the messages.
@@ -54,7 +54,7 @@ class GridWaiter:
             terms: conditions of the caller.
             after: number of a sample; only later ones are considered.
             says_stale: raise StaleTerrain if only unusable messages arrived, instead of the errors below.
-            takes_back: accept a message that withdraws another too, with the objections to it.
+            takes_back: also accept a message that withdraws another, with the objections to it.
 
         Raises:
             StaleTerrain: see `says_stale`.
@@ -107,7 +107,7 @@ class GridWaiter:
 
     def unavailable(self, found: str = "") -> ScannerUnavailable:
         """Error for a missing node; its message begins with `found`."""
-        # Nodes of other major versions have other keys, so that nothing of them is received.
+        # Nodes of other major versions have other keys, so none of their messages is received.
         others = alive_keys(self._session, alive_keys_of_all_versions(self._robot))
         versions = sorted({key.split("/")[2] for key in others} - {PERCEPTION_VERSION})
         if versions:
@@ -116,8 +116,8 @@ class GridWaiter:
                 f"package {PERCEPTION_VERSION}: install the same version on both sides"
             )
         return ScannerUnavailable(
-            f"{found}no node of robot {self._robot!r} was found: none runs on this router, the instance name "
-            f"differs, or this side may not read (the role of its certificate)"
+            f"{found}no node of robot {self._robot!r} was found: none is running on this router, the instance name "
+            f"differs, or the role of this client's certificate does not permit reading"
         )
 
     def _not_received(self, found: str) -> ReceiveTimeout | ScannerGone | ScannerUnavailable:
@@ -125,5 +125,5 @@ class GridWaiter:
         if self._judge.node.is_alive:
             return ReceiveTimeout(found)
         if self._judge.node.was_seen:
-            return ScannerGone(f"{found}; the node of {self._robot!r} went away")
+            return ScannerGone(f"{found}; the node of {self._robot!r} disappeared")
         return self.unavailable(f"{found}; ")

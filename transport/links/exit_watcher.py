@@ -26,7 +26,7 @@ class Closable(Protocol):
 
 
 def watch(resource: Closable) -> None:
-    """Close `resource` when the main thread ends, unless `forget` is called before."""
+    """Close `resource` when the main thread ends, unless `forget` is called first."""
     global _watcher
     with _lock:
         _open.add(resource)

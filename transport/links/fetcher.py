@@ -16,21 +16,21 @@ from transport.links.session import Session
 from transport.messages.codec import MAXIMUM_PAYLOAD
 from transport.supervision import join
 
-# On a link slower than this [byte/s] most published messages lose fragments, and the rest delays others: the reader
-# unsubscribes and fetches announced messages instead.
+# On a link slower than this [bytes/s] most published messages lose fragments, and the remaining fragments delay other
+# messages: the reader unsubscribes and fetches announced messages instead.
 SUBSCRIBING_RATE = 3e6
 # Timeouts of a piece, since a reply may be lost [s]; the second one for pieces larger than FIRST_PIECE, which are only
-# requested over a quick link. Pieces grow if they take less than QUICK and shrink if they take more than SLOW.
+# requested over a quick link. Pieces grow if a reply takes less than QUICK and shrink if it takes more than SLOW.
 PIECE_TIMEOUT, LARGE_PIECE_TIMEOUT = 5.0, 1.0
 QUICK, SLOW = 0.025, 0.25
-# First and smallest piece [byte]: below one batch of Zenoh (64 KiB), so that a small message fits into one.
+# First and smallest piece [bytes]: below one batch of Zenoh (64 KiB), so that a small message fits into one.
 FIRST_PIECE, SMALLEST_PIECE = 48 * 1024, 16 * 1024
 # Consecutive failures before waiting for the next announcement, and the time between attempts [s].
 ATTEMPTS = 20
 BETWEEN_ATTEMPTS = 0.1
 # Number of publishers that are remembered; every restart of a node adds one.
 REMEMBERED = 32
-# Longest wait for a message, also before anything is known of the link, and shortest, for a busy machine [s].
+# Longest wait for a message, used until the delay is known, and shortest wait, which allows for a busy machine [s].
 LONGEST_GRACE, SHORTEST_GRACE = 0.3, 0.02
 # A message counts as lost after this multiple of the largest delay so far.
 MARGIN = 4.0
@@ -50,7 +50,7 @@ class Patience:
         self._lateness: float | None = None
 
     def learn(self, lateness: float) -> None:
-        """Record the delay of a message after its announcement [s]; 0 or less if it arrived before."""
+        """Record the delay of a message after its announcement [s]; 0 or less if the message arrived first."""
         late = max(0.0, lateness)
         self._lateness = late if self._lateness is None else max(late, KEPT * self._lateness)
 
@@ -240,7 +240,7 @@ class Fetcher:
         number: int,
         on_piece: Callable[[str, tuple[int, int, int], bytes], None],
     ) -> None:
-        """Query one piece and wait for the end of the replies, of which there may be none."""
+        """Query one piece and wait until its replies, if any, have ended."""
         finished = threading.Event()
         timeout = LARGE_PIECE_TIMEOUT if size > FIRST_PIECE else PIECE_TIMEOUT
 

@@ -29,7 +29,7 @@ from transport.links.session import Session
 logger = logging.getLogger(__name__)
 # Largest number of pending queries; more are dropped, and repeated by the readers.
 MAXIMUM_ANSWERS = 16
-# Largest piece [byte]; it fits into the queue of a link (`configuration.QUEUES`).
+# Largest piece [bytes]; it fits into the queue of a link (`configuration.QUEUES`).
 MAXIMUM_PIECE = 768 * 1024
 # Number of older messages kept for readers that are still fetching them, and the time for which they are kept after a
 # query [s]; a message that was never queried is dropped when the next one is published.
@@ -57,7 +57,7 @@ class MadeOnce:
             return self._made
 
 
-# Time of the last query if there was none, and entry of a number that is not kept.
+# Query time of a message that was never queried, and entry used for a number that is not kept.
 NEVER = -math.inf
 NOTHING: tuple[MadeOnce, bytes | None, float] = (MadeOnce(bytes), None, NEVER)
 
@@ -118,10 +118,9 @@ class LastMessage:
             self._last, self._stamp = number, stamp
             self._kept[number] = (payload, attachment, NEVER)
             old = [other for other in self._kept if other != number]
-            for other in old[: max(0, len(old) - KEPT)]:
-                del self._kept[other]
-            for other in [other for other in old if other in self._kept and now - self._kept[other][2] > KEPT_FOR]:
-                del self._kept[other]
+            for place, other in enumerate(reversed(old)):
+                if place >= KEPT or now - self._kept[other][2] > KEPT_FOR:
+                    del self._kept[other]
 
     def announce(self) -> None:
         """Announce the number of the last message, if there is one.

@@ -11,8 +11,8 @@ from transport.links.receiver import NewestReceiver
 from transport.links.session import Session
 from transport.supervision import report
 
-# Messages that may wait for whoever follows them; then the oldest dispensable or unreadable one is dropped, else the
-# oldest.
+# Largest number of messages that wait for the callback. If one more arrives, the oldest dispensable or invalid message
+# is dropped, or else the oldest.
 MAXIMUM_WAITING = 256
 
 T = TypeVar("T")
@@ -36,7 +36,7 @@ class OrderedReceiver(NewestReceiver[T]):
         Args:
             session, key, decode, latched: as in `NewestReceiver`.
             on_message: called with each message.
-            on_refused: called when one is no valid message; several in a row are reported once.
+            on_refused: called when a message is not valid; several in a row are reported once.
         """
         self._on_message, self._on_refused = on_message, on_refused
         self._waiting: deque[T | MessageError] = deque()

@@ -143,13 +143,13 @@ class NewestReceiver(Resource, Generic[T]):
         return None if sample is None else self._open(sample)
 
     def wait_for(self, predicate: Callable[[T], bool], timeout: float | None) -> Received[T]:
-        """As `wait_until`, with a predicate of the message alone."""
+        """Wait as `wait_until` does, with a predicate on the message alone."""
         return self.wait_until(lambda received: predicate(received.message), timeout)
 
     def wait_until(
         self, predicate: Callable[[Received[T]], bool], timeout: float | None, *, after: int = 0
     ) -> Received[T]:
-        """Wait for a newest message that `predicate` accepts; invalid samples are skipped.
+        """Wait until `predicate` accepts the newest message; invalid samples are skipped.
 
         Args:
             predicate: called in this thread with each newest message and its arrival.
@@ -202,8 +202,8 @@ class NewestReceiver(Resource, Generic[T]):
     def on_newest(self, callback: Callable[[Received[T]], None]) -> None:
         """Call `callback` with each newest message on a thread of its own.
 
-        Of the messages that arrive during a call only the newest is passed on. An exception of the callback is logged,
-        and it is called again with the next message.
+        Of the messages that arrive during a call only the newest is passed on. An exception of the callback is logged;
+        the callback is called again with the next message.
 
         Raises:
             SessionClosed: the receiver is closed.

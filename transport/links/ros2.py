@@ -1,4 +1,4 @@
-"""Bridge to ROS 2: publishes messages in the way of rmw_zenoh, so that ROS 2 nodes see them as topics."""
+"""Bridge to ROS 2: publishes messages as rmw_zenoh does, so that ROS 2 nodes see them as topics."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Ros2Bridge(Resource):
         check_name(robot)
         if "-" in robot or robot[0].isdigit():
             raise ConfigurationError(
-                f"robot name {robot!r} cannot be part of a ROS 2 topic; use letters, digits and '_', no digit in front"
+                f"robot name {robot!r} cannot be part of a ROS 2 topic; use letters, digits and '_', not a digit first"
             )
         self._robot, self._domain = robot, domain
         self._bridged, self._lock = session, threading.Lock()

@@ -35,10 +35,10 @@ CHECK_LISTEN = (
     "in date?"
 )
 CHECK_CONNECT = (
-    "Zenoh says the same whatever the cause. Check: is the node running and does it listen there? does the "
-    "protocol agree (tcp without security, tls with it)? with security: is the certificate in date and of "
+    "Zenoh reports all causes alike. Check: is the node running and does it listen there? does the "
+    "protocol match (tcp without security, tls with it)? with security: is the certificate in date and of "
     "the same CA as the node's, does the node's certificate name this host? with a password: is it right? "
-    "The node's log (RUST_LOG=warn) tells which."
+    "The node's log (RUST_LOG=warn) shows the cause."
 )
 
 Configuration = Mapping[str, Any] | str
@@ -79,9 +79,12 @@ class Session(AbstractContextManager["Session"]):
         Raises:
             SessionClosed: the session is closed.
         """
+        self._check_open()
+        return self._raw
+
+    def _check_open(self) -> None:
         if self.is_closed:
             raise SessionClosed(f"the Zenoh session is closed; {self._cause}")
-        return self._raw
 
     @property
     def zenoh_id(self) -> str:
@@ -99,8 +102,7 @@ class Session(AbstractContextManager["Session"]):
             SessionClosed: the session is closed already.
         """
         with self._lock:
-            if self.is_closed:
-                raise SessionClosed(f"the Zenoh session is closed; {self._cause}")
+            self._check_open()
             self._resources.append(resource)
 
     def disown(self, resource: Closable) -> None:
@@ -116,7 +118,7 @@ class Session(AbstractContextManager["Session"]):
                 entry.undeclare()
 
     def thread(self, name: str, target: Callable[[], Any]) -> threading.Thread:
-        """Make a supervised thread, not started; the session closes if it fails for good, so that its users raise."""
+        """Make a supervised thread, not started; if it fails for good, the session closes and later calls raise."""
         return supervised(name, target, on_failure=self._on_failure)
 
     def _on_failure(self, failure: Failure) -> None:
@@ -189,7 +191,7 @@ def open_node(
     """
     if connect is not None and uplink is not None:
         raise ConfigurationError(
-            f"connect ({connect}) and uplink ({uplink}) contradict one another: a node is the client of one router, or "
+            f"connect ({connect}) and uplink ({uplink}) exclude each other: a node is the client of one router, or "
             f"its own router with an uplink; give one of them"
         )
     if connect is not None:
@@ -271,7 +273,7 @@ class Resource:
     """
 
     is_closed = False
-    # What Zenoh declared for it.
+    # Entity declared by Zenoh.
     _raw: Any
 
     def __init__(self, session: Session) -> None:

@@ -1,6 +1,6 @@
-"""Conversion of dataclasses to ROS 2 message objects, field by field after the `.msg` definitions, and of these to CDR.
+"""Conversion of dataclasses to ROS 2 message objects and CDR, and back, driven by the `.msg` definitions.
 
-Every failure raises MessageError.
+`encode`, `decode` and `from_ros` report every failure as MessageError.
 """
 
 from __future__ import annotations
@@ -13,17 +13,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from transport.arrays import Float
 from transport.exceptions import MessageError, TransportError, VersionError
+from transport.messages.quaternions import matrix_from_quaternion, quaternion_from_matrix
 from transport.messages.submessages import GroundPatch, ObstacleMessage, Point, StanceMessage, TransformMessage
 from transport.messages.typestore import ARRAYS, SUBMESSAGE, TIME, check_ranges, message_class, typestore
 
 T = TypeVar("T")
-# [byte] Larger payloads are rejected unread; a map with all layers has under 2 MB.
+# Largest payload that is decoded [bytes]; a map with all layers has under 2 MB.
 MAXIMUM_PAYLOAD = 64 * 1024 * 1024
-Quaternion = tuple[float, float, float, float]
-# Signs of each diagonal element of a rotation in 4 x^2, 4 y^2, 4 z^2 and 4 w^2.
-SIGNS = np.array([[1.0, -1.0, -1.0, 1.0], [-1.0, 1.0, -1.0, 1.0], [-1.0, -1.0, 1.0, 1.0]])
 
 
 def encode(message: Any) -> bytearray:
@@ -79,7 +76,7 @@ def make_time(stamp: int) -> Any:
     """Make a builtin_interfaces/Time from nanoseconds since the epoch.
 
     Raises:
-        MessageError: the time is negative or after January 2038, the last that the type can hold.
+        MessageError: the time is negative, or later than 2038-01-19, the end of the type's range.
     """
     seconds, nanoseconds = divmod(int(stamp), 1_000_000_000)
     if not 0 <= seconds < 2**31:
@@ -256,43 +253,6 @@ def read_transform(message: Any) -> TransformMessage:
     )
 
 
-def quaternion_from_matrix(rotation: Float) -> Quaternion:
-    """Unit quaternion (x, y, z, w), w >= 0, of a (3, 3) rotation matrix.
-
-    The component of largest magnitude is computed first, which avoids division by a small number (Shepperd's method).
-    """
-    # 4 q q^T: off-diagonal elements of x, y, z; products with w; squares.
-    products = np.empty((4, 4))
-    products[:3, :3] = rotation + rotation.T
-    turn = rotation - rotation.T
-    products[3, :3] = products[:3, 3] = turn[2, 1], turn[0, 2], turn[1, 0]
-    a, b, c = np.diag(rotation)
-    np.fill_diagonal(products, 1.0 + a * SIGNS[0] + b * SIGNS[1] + c * SIGNS[2])
-    row = products[int(np.argmax(np.diag(products)))]
-    row = row / np.linalg.norm(row)
-    x, y, z, w = (row if row[3] >= 0.0 else -row).tolist()
-    return x, y, z, w
-
-
-def matrix_from_quaternion(quaternion: Quaternion, what: str = "rotation") -> Float:
-    """Rotation matrix (3, 3) of a unit quaternion (x, y, z, w).
-
-    Raises:
-        MessageError: the quaternion is not finite or its length is not 1 within 1e-6.
-    """
-    length = math.hypot(*quaternion)
-    if not math.isfinite(length) or abs(length - 1.0) > 1e-6:
-        raise MessageError(f"quaternion of {what} has length {length}; a unit quaternion is needed")
-    x, y, z, w = (component / length for component in quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
 PLAIN: Mapping[str, Callable[[Any], Any]] = {"string": str, "bool": bool, "float64": float, "float32": float}
 # Functions that make and read the submessages whose Python form is not a dataclass with the same fields.
 SUBMESSAGES: Mapping[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
@@ -302,7 +262,7 @@ SUBMESSAGES: Mapping[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
     "guara_msgs/msg/FrameTransform": (make_transform, read_transform),
 }
 CLASSES: Mapping[str, Any] = {"guara_msgs/msg/Obstacle": ObstacleMessage, "guara_msgs/msg/GroundPatch": GroundPatch}
-# Functions that make fields with another name or form in Python from the whole dataclass,
+# Message fields whose Python attribute has another name or form, as functions of the dataclass.
 MADE: Mapping[str, Callable[[Any], Any]] = {
     "header": lambda value: make_header(value.stamp, value.frame_id),
     "version_major": lambda value: value.version[0],
@@ -314,7 +274,7 @@ MADE: Mapping[str, Callable[[Any], Any]] = {
     "outline": lambda value: [make_point(x, y, 0.0) for x, y in value.outline.tolist()],
     "scan_end_clock": lambda value: math.nan if value.scan_end_clock is None else value.scan_end_clock,
 }
-# and that read the attributes from the whole message.
+# Attributes whose message field has another name or form, as functions of the message.
 READ: Mapping[str, Callable[[Any], Any]] = {
     "stamp": lambda message: read_time(message.header.stamp if hasattr(message, "header") else message.stamp),
     "frame_id": lambda message: message.header.frame_id,

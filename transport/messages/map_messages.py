@@ -18,10 +18,9 @@ from transport.messages.codec import (
     encode,
     from_ros,
     make_point,
-    matrix_from_quaternion,
-    quaternion_from_matrix,
     to_ros,
 )
+from transport.messages.quaternions import matrix_from_quaternion, quaternion_from_matrix
 from transport.messages.shuffle import compress, decompress
 from transport.messages.submessages import checked_array, checked_origin, checked_shape, finite, frozen, set_fields
 from transport.messages.terrain_message import TerrainMessage

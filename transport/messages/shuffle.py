@@ -27,7 +27,7 @@ def compress(data: bytes | bytearray | memoryview, itemsize: int = 4) -> bytes:
 
     Args:
         data: array of elements.
-        itemsize: size of an element [byte].
+        itemsize: size of an element [bytes].
     """
     zstd = _zstd()
     of = zstd.CompressionParameter
@@ -40,8 +40,8 @@ def decompress(data: bytes | bytearray | memoryview, itemsize: int = 4, *, maxim
 
     Args:
         data: one complete zstd frame.
-        itemsize: size of an element, the same as in `compress` [byte].
-        maximum: largest result [byte]; a frame that declares more is rejected before decompression.
+        itemsize: size of an element, the same as in `compress` [bytes].
+        maximum: largest result [bytes]; a frame that declares more is rejected before decompression.
 
     Raises:
         MessageError: the frame is damaged, truncated, too large, does not state its length, or has trailing bytes.
@@ -50,15 +50,15 @@ def decompress(data: bytes | bytearray | memoryview, itemsize: int = 4, *, maxim
     try:
         size = zstd.get_frame_info(data).decompressed_size
         if size is None:
-            raise MessageError("a zstd frame that does not state its length refused")
+            raise MessageError("zstd frame refused: it does not state its length")
         if size > maximum:
-            raise MessageError(f"a compressed message of {size} bytes refused; allowed: {maximum} bytes")
+            raise MessageError(f"compressed message of {size} bytes refused; allowed: {maximum} bytes")
         decompressor = zstd.ZstdDecompressor()
         plain = decompressor.decompress(data, max_length=size + 1)
     except zstd.ZstdError as error:
-        raise MessageError(f"{len(data)} bytes are no whole zstd frame: {error}") from error
+        raise MessageError(f"{len(data)} bytes are not a complete zstd frame: {error}") from error
     if not decompressor.eof or decompressor.unused_data or len(plain) != size:
-        raise MessageError(f"{len(data)} bytes are no whole zstd frame: it is cut, or more follows")
+        raise MessageError(f"{len(data)} bytes are not a complete zstd frame: it is truncated, or other data follow")
     return _transposed(plain, itemsize, encode=False).tobytes()
 
 

@@ -14,7 +14,7 @@ from transport.messages.codec import decode, encode, from_ros, to_ros
 from transport.messages.submessages import GroundPatch, StanceMessage, finite, set_fields
 from transport.messages.typestore import LARGEST_COUNT, STANCE_PAUSE, check_value
 
-# [byte] A pause with sixteen patches of known ground has 20 kB.
+# Largest payload [bytes]; a pause with sixteen patches of known ground has 20 kB.
 MAXIMUM_ANNOUNCEMENT = 256 * 1024
 # Longest identity of a walk [characters].
 MAXIMUM_EPOCH = 100
@@ -42,8 +42,8 @@ class StancePause:
         known_ground: ground that the gait declares safe, in `frame_id`.
         frame_id: frame of `known_ground`.
         epoch: identity of the walk, the same in all its pauses; empty if the gait gives none.
-        standing_pauses: of each support foot, the number of pauses before this one since which it has never left the
-            ground, 0 if it was set down since; empty if the gait cannot tell.
+        standing_pauses: for each support foot, the number of previous pauses through which it has stayed on the ground,
+            0 if it was set down after the last one; empty if unknown.
     """
 
     robot: str
@@ -70,15 +70,17 @@ class StancePause:
             raise MessageError(f"step is {self.step}; allowed: -2^53 to 2^53")
         if not isinstance(self.epoch, str) or len(self.epoch) > MAXIMUM_EPOCH:
             raise MessageError(f"epoch is {self.epoch!r}; allowed: text of up to {MAXIMUM_EPOCH} characters")
-        standing = np.asarray(self.standing_pauses, np.uint32)
+        try:
+            standing = np.asarray(self.standing_pauses, np.uint32)
+        except (OverflowError, TypeError, ValueError) as error:
+            raise MessageError(f"standing_pauses is {self.standing_pauses!r}; allowed: integers from 0") from error
         if standing.shape not in ((0,), (len(self.stance.support_feet),)):
             raise MessageError(
                 f"standing_pauses has {standing.size} entries; allowed: none, or one for each of the "
                 f"{len(self.stance.support_feet)} support_feet"
             )
-        set_fields(self, standing_pauses=tuple(standing.tolist()))
         try:
-            set_fields(self, phase=PausePhase(self.phase))
+            phase = PausePhase(self.phase)
         except ValueError as error:
             raise UnknownPhase(
                 f"phase is {self.phase!r}; known: 1 (BEGIN), 2 (END) and 3 (HOLD). Unknown phases of later versions "
@@ -86,8 +88,11 @@ class StancePause:
             ) from error
         available = finite(self.time_available, "time_available")
         check_value(STANCE_PAUSE, "time_available", available)
-        set_fields(self, time_available=available, known_ground=tuple(self.known_ground))
         check_value(STANCE_PAUSE, "known_ground", self.known_ground)
+        ground = tuple(self.known_ground)
+        set_fields(
+            self, phase=phase, time_available=available, known_ground=ground, standing_pauses=tuple(standing.tolist())
+        )
 
 
 def make_stance_pause(pause: StancePause) -> Any:
@@ -117,13 +122,14 @@ def decode_stance_pause(payload: bytes | bytearray | memoryview) -> StancePause:
 
 
 def _decoded(payload: bytes | bytearray | memoryview) -> Any:
-    """Decode the message object; earlier gait controllers send no `standing_pauses`, or no `epoch` either."""
+    """Decode the message object. Older gait controllers omit `standing_pauses`, and the oldest omit `epoch` too."""
     try:
         return decode(payload, STANCE_PAUSE)
     except MessageError as error:
         if len(payload) < 8:
             raise
-        # `epoch` ends with a zero, and numbers begin on a multiple of four bytes; any other payload was truncated.
+        # Without `standing_pauses` the payload ends with the zero byte of `epoch`; without `epoch` too it ends on a
+        # multiple of four bytes. Any other payload was truncated.
         fill, one, nothing = bytes(-len(payload) % 4), (1).to_bytes(4, "little" if payload[1] else "big"), bytes(4)
         for is_earlier, missing in ((payload[-1] == 0, fill + nothing), (not fill, one + nothing + nothing)):
             if not is_earlier:

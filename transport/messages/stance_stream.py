@@ -10,15 +10,16 @@ import numpy.typing as npt
 from transport.arrays import Float
 from transport.exceptions import MessageError
 from transport.keys import check_name
-from transport.messages.codec import Quaternion, decode, encode, from_ros, matrix_from_quaternion, to_ros
+from transport.messages.codec import decode, encode, from_ros, to_ros
+from transport.messages.quaternions import Quaternion, matrix_from_quaternion
 from transport.messages.submessages import checked_array, set_fields, texts
 from transport.messages.typestore import GRAVITY_LENGTH, STANCE_STREAM, check_value
 
-# Samples of one message: a second at 1 kHz.
+# Largest number of samples of one message: a second at 1 kHz.
 MAXIMUM_SAMPLES = 1000
-# [byte] A second at 1 kHz of sixteen joints, four legs and an IMU has 190 kB.
+# Largest payload [bytes]; a second at 1 kHz of sixteen joints, four legs and an IMU has 190 kB.
 MAXIMUM_BATCH = 4 * 1024 * 1024
-# Epoch of samples from a source that knows of no walks: they are of the walk of the moment.
+# Epoch of samples whose source does not know the walk; they belong to the current one.
 ANY_WALK = "*"
 
 
@@ -28,8 +29,8 @@ class StanceStream:
 
     Attributes:
         robot: instance name.
-        stamp: [ns] since the epoch, by the clock that stamps the pauses; time of the first sample.
-        sequence: number of the batch; a hole is a lost batch.
+        stamp: time of the first sample [ns since the epoch], by the clock that stamps the pauses.
+        sequence: number of the batch; a gap means that a batch was lost.
         joint_names: names of j joints.
         legs: names of l legs.
         times: (n,) since the stamp, ascending from 0 [s].
@@ -58,7 +59,7 @@ class StanceStream:
         """Copy and check.
 
         Raises:
-            MessageError: a field is not what the message allows, or the lengths do not fit.
+            MessageError: a value is not allowed, or the lengths of arrays differ.
             KeyNameError: the robot's name cannot be part of a key.
         """
         check_name(self.robot)
@@ -67,7 +68,7 @@ class StanceStream:
             raise MessageError("joint_names is empty; allowed: 1 to 256 joints")
         for what, given in (("joint_names", names), ("legs", legs)):
             if len(set(given)) != len(given):
-                raise MessageError(f"{what} names one twice: {', '.join(given)}")
+                raise MessageError(f"{what} contains a name twice: {', '.join(given)}")
         times = checked_array(self.times, (None,), "times")
         n = len(times)
         if not 1 <= n <= MAXIMUM_SAMPLES:
@@ -82,8 +83,9 @@ class StanceStream:
         gravity = _vectors(self.gravity_in_base, n, "gravity_in_base")
         if gravity is not None:
             lengths = np.linalg.norm(gravity, axis=1)
-            if ((lengths < GRAVITY_LENGTH.low) | (lengths > GRAVITY_LENGTH.high)).any():
-                raise MessageError(f"length of gravity_in_base is {lengths.min():g}; allowed: {GRAVITY_LENGTH}")
+            outside = lengths[(lengths < GRAVITY_LENGTH.low) | (lengths > GRAVITY_LENGTH.high)]
+            if outside.size:
+                raise MessageError(f"length of gravity_in_base is {outside[0]:g}; allowed: {GRAVITY_LENGTH}")
         turning = _vectors(self.angular_velocity, n, "angular_velocity")
         if turning is not None:
             check_value(STANCE_STREAM, "angular_velocity", turning.ravel())
@@ -107,7 +109,7 @@ class StanceStream:
 
 
 def _rows(values: npt.ArrayLike, rows: int, columns: int, what: str) -> Float:
-    """The values (rows, columns), given so or one row after the other."""
+    """Values as (rows, columns); a flat array is taken row by row."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim == 1 and array.size == rows * columns:
         array = array.reshape(rows, columns)
@@ -115,7 +117,7 @@ def _rows(values: npt.ArrayLike, rows: int, columns: int, what: str) -> Float:
 
 
 def _vectors(values: npt.ArrayLike | None, rows: int, what: str) -> Float | None:
-    """The values (rows, 3); None where all are NaN, as a message says that they are not measured."""
+    """Values as (rows, 3); None if all are NaN, which marks them as not measured in a message."""
     if values is None:
         return None
     array = np.asarray(values, dtype=np.float64)
@@ -123,26 +125,26 @@ def _vectors(values: npt.ArrayLike | None, rows: int, what: str) -> Float | None
 
 
 def encode_stance_stream(stream: StanceStream) -> bytearray:
-    """The CDR payload of one batch.
+    """CDR payload of one batch.
 
     Raises:
         MessageError: a field does not fit its ROS 2 type.
     """
     # Writers of CDR disagree on the padding after an empty list of float64, so none is ever empty.
-    flat = {
-        name: np.full(3 * len(stream.stamps), np.nan) if values is None else np.asarray(values, np.float64).ravel()
-        for name in ("joint_positions", "gravity_in_base", "angular_velocity")
-        for values in (getattr(stream, name),)
-    }
+    nothing = np.full((len(stream.stamps), 3), np.nan)
+    gravity = nothing if stream.gravity_in_base is None else stream.gravity_in_base
+    turning = nothing if stream.angular_velocity is None else stream.angular_velocity
+    flat = {"joint_positions": stream.joint_positions, "gravity_in_base": gravity, "angular_velocity": turning}
     supports = np.asarray(stream.supports).ravel().astype(np.uint8)
-    return encode(to_ros(STANCE_STREAM, stream, supports=supports, **flat))
+    arrays = {name: np.asarray(values, np.float64).ravel() for name, values in flat.items()}
+    return encode(to_ros(STANCE_STREAM, stream, supports=supports, **arrays))
 
 
 def decode_stance_stream(payload: bytes | bytearray | memoryview) -> StanceStream:
     """Read and check the CDR payload of a guara_msgs/StanceStream.
 
     Raises:
-        MessageError: the payload is damaged, or a field is not what the message allows.
+        MessageError: the payload is damaged, or a value is not allowed.
     """
     if len(payload) > MAXIMUM_BATCH:
         raise MessageError(f"stance stream of {len(payload)} bytes refused; allowed: {MAXIMUM_BATCH} bytes")
@@ -150,10 +152,10 @@ def decode_stance_stream(payload: bytes | bytearray | memoryview) -> StanceStrea
 
 
 def gravity_of_orientation(quaternion: Quaternion) -> tuple[float, float, float]:
-    """Direction of gravity in `base_link`, pointing down, of an IMU's orientation (x, y, z, w), z up in its world.
+    """Direction of gravity in `base_link`, pointing down, from an orientation (x, y, z, w) relative to a z-up world.
 
     Raises:
-        MessageError: no unit quaternion.
+        MessageError: not a unit quaternion.
     """
     x, y, z = (-matrix_from_quaternion(quaternion, "orientation")[2]).tolist()
     return x, y, z

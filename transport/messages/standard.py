@@ -51,10 +51,10 @@ def occupancy_message(values: Percent, resolution: float, origin: Sequence[float
 
     Args:
         values: (ny, nx) int8, x fastest; 0 free ... 100 occupied, -1 unknown.
-        resolution: [m] edge of a cell.
-        origin: [m] (x, y) of the corner of cell (0, 0), at minimum x and y.
+        resolution: edge length of a cell [m].
+        origin: (x, y) of the corner of cell (0, 0), at minimum x and y [m].
         frame_id: frame of the grid.
-        stamp: [ns] since the epoch.
+        stamp: time [ns since the epoch].
 
     Raises:
         MessageError: another dtype or shape, a value out of range, or geometry that is not finite.
@@ -88,10 +88,10 @@ def grid_map_message(
 
     Args:
         layers: (ny, nx) arrays by name, of equal shape, including "elevation"; converted to float32.
-        resolution: [m] edge of a cell.
-        origin: [m] (x, y) of the corner of cell (0, 0), at minimum x and y.
+        resolution: edge length of a cell [m].
+        origin: (x, y) of the corner of cell (0, 0), at minimum x and y [m].
         frame_id: frame of the grid.
-        stamp: [ns] since the epoch.
+        stamp: time [ns since the epoch].
 
     Raises:
         MessageError: different shapes, no layer "elevation", or geometry that is not finite.
@@ -129,7 +129,7 @@ def point_cloud_message(fields: Mapping[str, Array], frame_id: str, stamp: int) 
         fields: (n,) arrays by name, including `x`, `y` and `z` [m]; dtypes are kept. Viewers read colours from `rgb`,
             uint32 0x00RRGGBB.
         frame_id: frame of the points.
-        stamp: [ns] since the epoch.
+        stamp: time [ns since the epoch].
 
     Raises:
         MessageError: x, y or z is missing, lengths differ, a dtype is not in DATATYPES, or a coordinate is not finite.
@@ -168,9 +168,9 @@ def point_cloud_message(fields: Mapping[str, Array], frame_id: str, stamp: int) 
 CUBE, LINE_LIST, TEXT_VIEW_FACING = 1, 5, 9
 ADD, DELETE_ALL = 0, 3
 MARKER = "visualization_msgs/msg/Marker"
-# Red, green, blue; the same colours of steps, footholds and steppable regions as in images and in the browser.
+# RGB colours of obstacles, footholds and steppable regions, as in images and in the browser.
 OBSTACLE_COLOUR, FOOTHOLD_COLOUR, REGION_COLOUR = (0.835, 0.369, 0.0), (0.0, 0.447, 0.698), (0.0, 0.35, 0.24)
-# [m]
+# Width of lines, height of labels and thickness of soles [m].
 LINE_SCALE, TEXT_HEIGHT, SOLE_THICKNESS = (0.003, 0.0, 0.0), 0.018, 0.004
 
 
@@ -191,8 +191,8 @@ def markers_message(
         obstacles: obstacles and holes.
         footholds: (x, y, z) [m] by leg.
         sole: length (x) and width (y) [m].
-        frame_id: frame of all.
-        stamp: [ns] since the epoch.
+        frame_id: frame of all coordinates.
+        stamp: time [ns since the epoch].
         regions: corners (n, 3) of each steppable region [m].
     """
     header = make_header(stamp, frame_id)
@@ -300,7 +300,7 @@ def camera_info_message(
         matrix: (3, 3) camera matrix [px].
         distortion: (5,) k1, k2, p1, p2, k3.
         frame_id: optical frame of the camera.
-        stamp: [ns] since the epoch.
+        stamp: time [ns since the epoch].
 
     Raises:
         MessageError: a wrong shape, or a value that is not finite.

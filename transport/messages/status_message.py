@@ -47,7 +47,7 @@ class Status:
     """Status of the node: one item for each of its parts.
 
     Attributes:
-        stamp: [ns] since the epoch.
+        stamp: time [ns since the epoch].
         items: status of each part.
     """
 

@@ -104,10 +104,10 @@ class StanceMessage:
     """Posture of the robot at a stance pause.
 
     Attributes:
-        joint_positions: [rad] by joint name, read-only.
+        joint_positions: joint name -> position [rad], read-only.
         support_feet: names of the legs that carry weight.
-        gravity_in_base: direction of gravity in `base_link`, pointing down, with a length in `ranges.GRAVITY_LENGTH`;
-            None if unknown.
+        gravity_in_base: direction of gravity in `base_link`, pointing down, with a length within
+            `typestore.GRAVITY_LENGTH`; None if unknown.
     """
 
     joint_positions: Mapping[str, float]
@@ -151,7 +151,7 @@ class TransformMessage:
         # 1e-6 is far above rounding and far below any relevant angle (1 um at 1 m).
         error = np.abs(rotation @ rotation.T - IDENTITY).max()
         if error > 1e-6 or _determinant(rotation) < 0.0:
-            raise MessageError(f"{name} does not hold a rotation in its upper left 3 x 3 part")
+            raise MessageError(f"{name} does not contain a rotation in its upper left 3 x 3 part")
         object.__setattr__(self, "matrix", matrix)
         if self.covariance is not None:
             covariance = checked_array(self.covariance, (6, 6), f"covariance of {name}")
@@ -212,11 +212,11 @@ class GroundPatch:
 
 
 def texts(values: Sequence[str], what: str) -> tuple[str, ...]:
-    """Values as a tuple of texts.
+    """Values as a tuple of strings.
 
     Raises:
-        MessageError: a single text was given instead of a list.
+        MessageError: a single string was given instead of a list.
     """
     if isinstance(values, str):
-        raise MessageError(f"{what} is the text {values!r}; a list of texts is needed")
+        raise MessageError(f"{what} is the string {values!r}; a list of strings is needed")
     return tuple(str(value) for value in values)

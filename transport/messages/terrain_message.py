@@ -41,7 +41,7 @@ MAXIMUM_IDENTITY = 100
 # Units of rounding, powers of two so that multiples are exact float32: heights (noise 0.1 mm or more), differences of
 # heights and clearance [m]; slope [rad].
 HEIGHT_UNIT, RELIEF_UNIT, CLEARANCE_UNIT, SLOPE_UNIT = 2.0**-13, 2.0**-12, 2.0**-10, 2.0**-9
-# Bits after the leading one: a variance may become an eighth larger, a local one double, a score a 32nd smaller.
+# Mantissa bits that are kept: a variance may grow by an eighth, a local one double, a score shrink by a 32nd.
 VARIANCE_BITS, LOCAL_BITS, SCORE_BITS = 3, 0, 5
 # Larger multiples of a unit are not rounded: they may not fit the 23 bits of a float32.
 WHOLE_NUMBERS = 2.0**23
@@ -220,7 +220,7 @@ class TerrainMessage:
         set_fields(self, transforms=tuple(self.transforms), obstacles=tuple(self.obstacles), health_reasons=reasons)
         counts = {str(name): int(count) for name, count in self.point_counts.items()}
         if any(not 0 <= count < 2**64 for count in counts.values()):
-            raise MessageError(f"point_counts holds a negative count: {counts}")
+            raise MessageError(f"point_counts are {counts}; allowed: 0 to 2^64 - 1")
         stages = {str(name): finite(ms, f"time of stage {name!r}") for name, ms in self.stage_ms.items()}
         set_fields(self, point_counts=MappingProxyType(counts), stage_ms=MappingProxyType(stages))
         try:
@@ -338,7 +338,7 @@ def _make_layer(name: str, array: Array) -> Any:
 
 
 def _is_absent(name: str, array: Array) -> bool:
-    """Whether a layer is left out: scans have no ceiling."""
+    """Test that a layer is omitted: scans have no ceiling."""
     return name == "ceiling" and bool(np.isnan(array).all())
 
 
@@ -382,7 +382,7 @@ def _read_layers(message: Any) -> dict[str, Array]:
 
 def _pairs(names: list[str], values: Array, what: str) -> dict[str, Any]:
     if len(names) != len(values) or len(set(names)) != len(names):
-        raise MessageError(f"{what} has {len(set(names))} different names and {len(values)} values")
+        raise MessageError(f"{what} has {len(set(names))} different names and {len(values)} values; allowed: one each")
     return dict(zip(names, values.tolist(), strict=True))
 
 
@@ -427,7 +427,7 @@ def _in_bits(bits: int, *, up: bool) -> Callable[[Array], Array]:
     rest = np.int32((1 << (MANTISSA_BITS - bits)) - 1)
 
     def to_bits(values: Array) -> Array:
-        """Round values that are not negative: their order is that of their bits."""
+        """Round non-negative values, whose bit patterns are in the same order as the values."""
         integers = values.view(np.int32)
         result = ((integers + rest if up else integers) & ~rest).view(np.float32)
         # Values that would become infinite or 0 are not rounded.

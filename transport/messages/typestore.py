@@ -291,7 +291,7 @@ def _check_all(message: Any) -> None:
 
 @cache
 def ranges(type_name: str) -> Mapping[str, Range]:
-    """Range of each field of a type; integers without an entry have that of their type, submessages none."""
+    """Range of each field of a type; integers without an entry have the range of their type, submessages none."""
     own, found = EXCEPTIONS.get(type_name, {}), {}
     for name, (kind, details) in typestore().get_msgdef(type_name).fields:
         allowed = own.get(name, FIELDS.get(name))

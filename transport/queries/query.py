@@ -93,8 +93,8 @@ def query_terrain(
             kinds: dict[str, type[TransportError]] = {"no_terrain": StaleTerrain, "bad_request": MessageError}
             raise kinds.get(refusal.code, TransportError)(refusal.message)
         if answer.timed_out:
-            raise ReceiveTimeout(f"no answer on {query_key(robot)!r} within {timeout:g} s")
+            raise ReceiveTimeout(f"no reply on {query_key(robot)!r} within {timeout:g} s")
     raise ScannerUnavailable(
-        f"nobody answers on {query_key(robot)!r}: no node of robot {robot!r} runs, or this side may not ask "
-        f"(the role of its certificate)"
+        f"no node replies on {query_key(robot)!r}: none of robot {robot!r} is running, or the role of this client's "
+        f"certificate does not permit queries"
     )

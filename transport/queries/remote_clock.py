@@ -77,7 +77,7 @@ class RemoteClock(Resource):
         self._wake.set()
 
     def wait(self, timeout: float) -> None:
-        """Wait for the end of a query since `wake`, at most `timeout` [s]."""
+        """Wait for the end of the query that `wake` started, at most `timeout` [s]."""
         self._tried.wait(max(0.0, timeout))
 
     def ask(self, timeout: float = ANSWER_TIMEOUT) -> bool:

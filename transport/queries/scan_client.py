@@ -79,7 +79,7 @@ def request_scan(
             if answer.payload is not None:
                 reply = decode_scan_reply(answer.payload)
                 if reply.id != request.id:
-                    raise MessageError(f"reply to request {reply.id!r}, but {request.id!r} was asked")
+                    raise MessageError(f"the reply belongs to request {reply.id!r}, not to {request.id!r}")
                 if reply.state is ScanState.DONE:
                     return reply
                 if reply.state is ScanState.FAILED:
@@ -91,11 +91,12 @@ def request_scan(
                 refusal = _read_refusal(answer.error)
                 _raise_failure(refusal.code, refusal.message, request.timeout)
             elif answer.timed_out:
-                heard = "it was accepted" if accepted else "no answer at all"
+                heard = "it was accepted" if accepted else "no reply"
                 raise ScanTimeout(f"scan not done within {request.timeout:g} s ({heard})")
             elif accepted or answer.vanished:
                 raise ScannerGone(
-                    f"the scanner of {robot!r} went away before the scan was done; its node died, hung or lost its link"
+                    f"the scanner of {robot!r} disappeared before the end of the scan: its node died, hung or lost its "
+                    "link"
                 )
         return None
 
@@ -109,11 +110,11 @@ def request_scan(
         if is_alive is None or not was_alive or is_repeated:
             break
         if _has_gone(is_alive):
-            raise ScannerGone(f"the node of {robot!r} went away before it answered")
+            raise ScannerGone(f"the node of {robot!r} disappeared before it replied")
         # The token of a node that has just started is seen slightly before its queryable: try once more.
     raise ScannerUnavailable(
-        f"no scanner answers on {scan_key(robot)!r}: no node of robot {robot!r} runs, or this side may not "
-        f"trigger scans (the role of its certificate)"
+        f"no scanner replies on {scan_key(robot)!r}: no node of robot {robot!r} is running, or the role of this "
+        "client's certificate does not permit scan requests"
     )
 
 

@@ -36,7 +36,7 @@ class ScanJob:
     Attributes:
         request: the request.
         cancelled: set when the handler should stop.
-        progress: reports the numbers of stripes done and in all; returns immediately.
+        progress: function that reports the number of stripes scanned and their total; returns immediately.
     """
 
     def __init__(self, request: ScanRequest, report: Callable[[int, int], None]) -> None:
@@ -143,7 +143,7 @@ class ScanServer(Answerer):
         elif joins and work is not None:
             self._reply(query, work.progress)
         elif work is not None:
-            self._refuse(query, request.id, "busy", "the scanner works on another request; ask again later")
+            self._refuse(query, request.id, "busy", "the scanner is working on another request; try again later")
         else:
             self._accept(query, request)
 

@@ -86,7 +86,7 @@ class StatusReporter(Resource):
             if not (self.is_closed or self._session.is_closed):
                 logger.error("status was not sent: %s", error)
         except Exception:
-            logger.exception("collecting the status failed")
+            logger.exception("reporting the status failed")
 
     def _release(self) -> None:
         self._session.pulse.remove(self)

@@ -1,4 +1,4 @@
-"""Append-only file of complete records: what a full disk left incomplete is truncated."""
+"""Append-only file of complete records: a record that a full disk left incomplete is removed."""
 
 from __future__ import annotations
 

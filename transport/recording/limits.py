@@ -10,9 +10,9 @@ from typing import Any
 
 from transport.exceptions import RecordingError
 
-# Largest decompressed chunk [byte]: usually 1 MiB, or a single frame (12 Mpx of three channels at 16 bit: 72 MB).
+# Largest decompressed chunk [bytes]: usually 1 MiB, or a single frame (12 Mpx of three channels at 16 bit: 72 MB).
 MAXIMUM_CHUNK = 96 * 1024 * 1024
-# Largest decompressed size of a file [byte]: this constant plus its own size times the ratio.
+# Largest decompressed size of a file [bytes]: this constant plus its own size times the ratio.
 MAXIMUM_UNPACKED, MAXIMUM_RATIO = 256 * 1024 * 1024, 100
 # Largest number of records in a file: this constant plus its own size divided by the bytes for each.
 MAXIMUM_RECORDS, BYTES_PER_RECORD = 100_000, 64
@@ -56,7 +56,7 @@ class Unpacker:
         while stream.count < len(data):
             self._records -= 1
             if self._records < 0:
-                raise RecordingError("the file holds more records than a recording of its length can")
+                raise RecordingError("the file contains more records than a recording of its size can have")
             opcode, length = stream.read1(), stream.read8()
             if length > len(data) - stream.count:
                 raise RecordingError(f"a record of {length} bytes in a chunk with {len(data) - stream.count} left")
@@ -73,14 +73,17 @@ class Unpacker:
         size = int(chunk.uncompressed_size)
         self._bytes -= size
         if size > MAXIMUM_CHUNK or self._bytes < 0:
-            raise RecordingError(f"a chunk unpacks to {size} bytes; allowed: {MAXIMUM_CHUNK}, and less where many do")
+            raise RecordingError(
+                f"a chunk decompresses to {size} bytes; allowed: {MAXIMUM_CHUNK} bytes, and for all chunks together "
+                f"{MAXIMUM_UNPACKED} bytes plus {MAXIMUM_RATIO} times the size of the file"
+            )
         if chunk.compression == "zstd":
             import zstandard
 
             # The decompressor uses the size stated in the frame, not `max_output_size`.
             stated = zstandard.get_frame_parameters(chunk.data).content_size
             if stated not in (size, zstandard.CONTENTSIZE_UNKNOWN):
-                raise RecordingError(f"a chunk of {size} bytes says that it unpacks to {stated}")
+                raise RecordingError(f"a chunk of {size} bytes states that it decompresses to {stated}")
             data = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=size)
         elif chunk.compression == "lz4":
             import lz4.frame
@@ -89,7 +92,7 @@ class Unpacker:
         else:
             data = chunk.data
         if len(data) != size:
-            raise RecordingError(f"a chunk of {size} bytes unpacks to {len(data)}")
+            raise RecordingError(f"a chunk of {size} bytes decompresses to {len(data)}")
         if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
             raise RecordingError("the checksum of a chunk is wrong")
         return bytes(data)

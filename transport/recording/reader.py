@@ -101,7 +101,7 @@ class Recording(AbstractContextManager["Recording"]):
         return map(decode_stance_pause, self._payloads("stance"))
 
     def stance_stream(self, since: int = 0, until: int | None = None) -> Iterator[StanceStream]:
-        """The batches of stances written between two log times [ns], in order; MessageError for a damaged one."""
+        """Iterate over the batches of stances written between two log times [ns]; MessageError for a damaged one."""
         for found in self._messages(self._topics("stance_stream"), since=since, until=until):
             yield decode_stance_stream(found.payload)
 
@@ -118,7 +118,7 @@ class Recording(AbstractContextManager["Recording"]):
             yield decode(payload, TYPES[short])
 
     def written(self, short: str) -> Iterator[tuple[int, Any]]:
-        """As `messages`, each with its log time [ns since the epoch]."""
+        """Iterate as `messages` does, over pairs of log time [ns since the epoch] and message object."""
         for found in self._messages(self._topics(short)):
             yield found.log_time, decode(found.payload, TYPES[short])
 
@@ -137,9 +137,12 @@ class Recording(AbstractContextManager["Recording"]):
     def _messages(
         self, topics: list[str], chunk: int | None = None, *, since: int = 0, until: int | None = None
     ) -> Iterator[StoredMessage]:
-        """Iterate over the messages of some topics, of all chunks or of one by its offset, in the order of writing.
+        """Iterate over the messages of some topics, in the order of writing.
 
-        Of those alone that were written between two log times [ns].
+        Args:
+            topics: full names of the topics.
+            chunk: offset of the only chunk to read; None = all.
+            since, until: first and last log time [ns]; None = no limit.
         """
         if not topics:
             return

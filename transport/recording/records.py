@@ -34,7 +34,7 @@ class FrameRecord:
         pixels: (h, w) grey or (h, w, 3) BGR, uint8 or uint16, read-only; None for an image file.
         data: content of an image file; None for pixels.
         format: "jpeg" or "png"; empty for pixels.
-        stamp: [ns] since the epoch.
+        stamp: time [ns since the epoch].
     """
 
     pixels: Array | None = None
@@ -101,10 +101,10 @@ class StripeRecord:
         mirror_angle: commanded mirror angle [rad].
         on: frame with the laser on; None if it was lost.
         off: frame with the laser off; None if there is none. Stripes may share one.
-        stamp: [ns] since the epoch.
+        stamp: time [ns since the epoch].
         dark: frame of the dark flash after the stripe; None if there was none or it was lost.
         is_dark_due: True if the flash code of the sweep has a dark flash after the stripe.
-        flash: instant of its flash, where a stream of joints placed it.
+        flash: instant of its flash, if the stripe was placed by streamed joints; else None.
     """
 
     index: int
@@ -124,7 +124,7 @@ class ScanRecord:
     Attributes:
         robot: instance name.
         mode: "coarse" or "standard".
-        stamp: [ns] since the epoch.
+        stamp: time [ns since the epoch].
         step: number of the stance pause.
         stance: stance at the beginning.
         calibration_hash: hash of the calibration; may be empty.

@@ -14,7 +14,7 @@ from transport.exceptions import RecordingError
 from transport.recording.limits import MAXIMUM_CHUNK, BoundedFile, Unpacker
 from transport.recording.topic_file import CHUNK_SIZE
 
-# Longer records [byte] count as damaged.
+# Largest record [bytes]; larger ones count as damaged.
 RECORD_LIMIT = MAXIMUM_CHUNK + 1024 * 1024
 
 
@@ -27,7 +27,7 @@ class Recovery:
         attachments: number of attachments recovered.
         damaged_chunks: number of complete chunks with damaged content, which were left out.
         bytes_lost: number of bytes at the end of the file that are not a complete record.
-        was_whole: True if the file had its end and nothing was lost.
+        was_whole: True if the file was complete and nothing was damaged.
     """
 
     messages: int
@@ -73,7 +73,7 @@ def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
 
 
 def _records(stream: Any, counts: Counter[str], path: Path) -> Iterator[Any]:
-    """Iterate over the records in the order of the file, also those in chunks, up to where the file is truncated."""
+    """Iterate over the records, including those in chunks, in the order of the file, until it ends or is truncated."""
     from mcap.records import Chunk, DataEnd
     from mcap.stream_reader import StreamReader
 
@@ -87,7 +87,7 @@ def _records(stream: Any, counts: Counter[str], path: Path) -> Iterator[Any]:
             return
         except Exception as error:  # EndOfFile, struct.error or any other error that truncated data cause
             if counts["position"] == 0:
-                raise RecordingError(f"{path} is no MCAP file ({error})") from error
+                raise RecordingError(f"{path} is not an MCAP file ({error})") from error
             return
         counts["position"] = stream.tell()
         if isinstance(record, DataEnd):
@@ -96,7 +96,7 @@ def _records(stream: Any, counts: Counter[str], path: Path) -> Iterator[Any]:
         if not isinstance(record, Chunk):
             yield record
             continue
-        # All of a chunk or nothing: a message may be meaningless without those before it.
+        # A chunk is copied completely or not at all: a message may be meaningless without those before it.
         try:
             inner = list(unpacker.records(record))
         except Exception:  # errors of the decompressor and of MCAP

@@ -14,9 +14,9 @@ from transport.messages.typestore import message_definition
 from transport.recording.growing_file import GrowingFile
 from transport.recording.topics import TYPES, full_name, quality_of_service
 
-# Size of a chunk [byte]; larger ones compress no better, and a killed process loses the last one.
+# Size of a chunk [bytes]; larger ones compress no better, and a killed process loses the last one.
 CHUNK_SIZE = 1024 * 1024
-# Largest buffer for data that a full disk did not accept [byte]: about one scan.
+# Largest buffer for data that a full disk did not accept [bytes]: about one scan.
 MAXIMUM_PENDING = 64 * 1024 * 1024
 
 
@@ -54,7 +54,7 @@ class TopicFile(AbstractContextManager["TopicFile"]):
 
     @property
     def size(self) -> int:
-        """Current size of the file, including buffered data [byte]."""
+        """Current size of the file, including buffered data [bytes]."""
         with self._lock:
             return self._file.tell()
 

@@ -23,7 +23,7 @@ from transport.messages.typestore import (
 )
 
 # Types of topics by short name: the part after `/<robot>/`, or the full name of topics without a robot.
-# Volatile topics: late subscribers get only the messages that follow,
+# Volatile topics, of which late subscribers get only later messages.
 STREAMED = {
     "scan/start": SCAN_START,
     "scan/stripe": STRIPE,
@@ -38,7 +38,7 @@ STREAMED = {
     "stance_stream": STANCE_STREAM,
     "/tf": FRAMES,
 }
-# Transient local topics are added: late subscribers get the last message too.
+# All topics: those above, and transient local ones, of which late subscribers also get the last message.
 TYPES = STREAMED | {
     "terrain": TERRAIN,
     "map": TERRAIN,

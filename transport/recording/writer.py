@@ -56,7 +56,7 @@ class RecordingWriter(TopicFile):
             self.attach(CALIBRATION_NAME, "application/json", calibration)
 
     def __enter__(self) -> Self:
-        """The writer itself."""
+        """Return the writer."""
         return self
 
     @property
@@ -107,7 +107,7 @@ class RecordingWriter(TopicFile):
             mirror_angle: commanded mirror angle [rad].
             on: frame with the laser on; None if it was lost.
             off: frame with the laser off; a reference to share one between stripes.
-            stamp: [ns]; None = that of the frame, or of the scan.
+            stamp: time [ns]; None = that of the frame, or of the scan.
 
         Raises:
             RecordingError: no scan is open.
@@ -127,7 +127,7 @@ class RecordingWriter(TopicFile):
         Args:
             index, mirror_angle: those of the stripe.
             frame: frame of the dark flash; None if it was lost.
-            stamp: [ns].
+            stamp: time [ns].
 
         Raises:
             RecordingError: no scan is open.
@@ -174,7 +174,7 @@ class RecordingWriter(TopicFile):
         self._put("stance", encode_stance_pause(pause))
 
     def add_stance_stream(self, stream: StanceStream) -> None:
-        """Add a batch of stances; when this returns it is with the file, and safe with what is flushed next."""
+        """Add a batch of stances; acknowledged with the next message that is."""
         self.add("stance_stream", encode_stance_stream(stream))
 
     def add_message(self, short: str, message: Any) -> None:

@@ -27,7 +27,9 @@ ROLES = ("node", "gait", "planner", "viewer")
 # Roles outside robots: a site router, and a fleet member, which may see the live robots and their status.
 ROUTER, FLEET = "router", "fleet"
 
-SUBSCRIBING = ("declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
+LOOKING = ("liveliness_query", "declare_liveliness_subscriber")
+SUBSCRIBING = ("declare_subscriber", *LOOKING)
+QUERYING = (*SUBSCRIBING, "query")
 SERVING = ("put", "reply", "declare_queryable", "liveliness_token")
 FLEET_KEYS = (FLEET_STATUS, FLEET_ALIVE)
 
@@ -37,7 +39,8 @@ READING = ("read", "history", "send", "ask")
 POLICIES = {"planner": (*READING, "trigger"), "viewer": READING, "gait": ("stance_in", "stance_out")}
 THIN = ("thin_read", "thin_ask", "thin_send")
 WATCHING = ("fleet_read", "fleet_ask", "fleet_send")
-# Rules at a router for a source of a robot's grids, and for a node as its client, which also gets stance pauses there.
+# Rules of a router for a link that delivers a robot's grids, and for a node as its client, which also receives stance
+# pauses.
 SOURCE = ("source_in", "source_out", "look", "looked")
 CLIENT_NODE = (*SOURCE, "stance_to", "stance_from")
 
@@ -98,9 +101,9 @@ def access_control(
 ) -> dict[str, Any]:
     """Section `access_control` of the Zenoh configuration of a node that is its own router.
 
-    Allowed are only: planner and viewer read everything under `<robot>/perception/v1` and query the newest grid and
-    the status; the planner also requests scans; the gait publishes stance pauses and its clock; a second node declares
-    that it waits for the name; a router that the node connects to reads like a viewer.
+    Only the following is allowed: planner and viewer read everything under `<robot>/perception/v1` and query the newest
+    grid and the status; the planner also requests scans; the gait publishes stance pauses and its clock; a second node
+    declares that it waits for the name; a router that the node connects to reads like a viewer.
 
     Args:
         robot: instance name.
@@ -158,7 +161,12 @@ def router_access_control(
 def _perception(robot: str) -> list[str]:
     # `**` does not match chunks that start with `@`, so these are listed.
     prefix = perception_prefix(robot)
-    return [f"{prefix}/**", f"{prefix}/**/@adv/**", f"{prefix}/@alive/**"]
+    return [f"{prefix}/**", f"{prefix}/**/@adv/**", _alive(robot)]
+
+
+def _alive(robot: str) -> str:
+    """Key expression of a robot's liveliness tokens."""
+    return f"{perception_prefix(robot)}/@alive/**"
 
 
 def _stance_keys(robot: str) -> list[str]:
@@ -176,24 +184,24 @@ def _write_reading(rules: _Rules, robot: str, label: str = "") -> None:
     rules.write(f"{label}ask", "ingress", ["query"], [query_key(robot), status_key(robot), *grid_keys(robot)])
     rules.write(f"{label}trigger", "ingress", ["query"], [scan_key(robot)])
     rules.write(f"{label}stance_in", "ingress", SERVING, stance_keys)
-    rules.write(f"{label}stance_out", "egress", [*SUBSCRIBING, "query"], stance_keys)
+    rules.write(f"{label}stance_out", "egress", QUERYING, stance_keys)
 
 
 def _write_source(rules: _Rules, robot: str) -> None:
     """Add rules for the link to a robot's node, or to the router in front of it."""
     perception, stance_keys = _perception(robot), _stance_keys(robot)
     rules.write(f"{robot} source_in", "ingress", SERVING, perception)
-    rules.write(f"{robot} source_out", "egress", [*SUBSCRIBING, "query"], [*perception, *FLEET_KEYS])
+    rules.write(f"{robot} source_out", "egress", QUERYING, [*perception, *FLEET_KEYS])
     # A node looks for others with its name.
-    rules.write(f"{robot} look", "ingress", SUBSCRIBING[1:], perception[-1:])
-    rules.write(f"{robot} looked", "egress", ["liveliness_token"], perception[-1:])
+    rules.write(f"{robot} look", "ingress", LOOKING, [_alive(robot)])
+    rules.write(f"{robot} looked", "egress", ["liveliness_token"], [_alive(robot)])
     rules.write(f"{robot} stance_to", "egress", SERVING, stance_keys)
-    rules.write(f"{robot} stance_from", "ingress", [*SUBSCRIBING, "query"], stance_keys)
+    rules.write(f"{robot} stance_from", "ingress", QUERYING, stance_keys)
 
 
 def _write_thin(rules: _Rules, robot: str) -> None:
     """Add rules for routers that get only summary, status and liveliness tokens of a robot."""
-    keys = [summary_key(robot), status_key(robot), f"{perception_prefix(robot)}/@alive/**"]
+    keys = [summary_key(robot), status_key(robot), _alive(robot)]
     rules.write(f"{robot} thin_read", "ingress", SUBSCRIBING, keys)
     rules.write(f"{robot} thin_ask", "ingress", ["query"], [status_key(robot)])
     rules.write(f"{robot} thin_send", "egress", SERVING, keys)

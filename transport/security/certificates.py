@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from transport.configuration import sending
+from transport.configuration import DEFAULT_ENDPOINT, client_configuration, sending
 from transport.exceptions import SecurityError, os_errors
 from transport.keys import check_name
 from transport.messages.terrain_message import Health
@@ -22,6 +22,7 @@ from transport.security.folder import (
     check_robot,
     configured_robot,
     read_configuration,
+    tls_links,
     write_member,
     write_roles,
 )
@@ -59,7 +60,7 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
 
     Returns:
         ERROR for a key that others can read or an expired certificate; WARN for a certificate that expires within
-        `WARNING_DAYS` or access rules of another version; else OK. With a text.
+        `WARNING_DAYS` or access rules of another version; else OK. And a description.
 
     Raises:
         SecurityError: there is no certificate, or a file cannot be read.
@@ -220,8 +221,6 @@ def _split(members: Members, name: str) -> tuple[str, str]:
 
 
 def _add_fleet_member(members: Members, authority: Credentials, name: str) -> Path:
-    from transport.configuration import DEFAULT_ENDPOINT, client_configuration
-    from transport.security.folder import tls_links
 
     target = members.root / check_name(name, "member")
     check_free(members, name, target)

@@ -31,8 +31,8 @@ CONFIGURATION = "zenoh.json5"
 # Endpoint of a secured node: all interfaces, because clients need a certificate.
 DEFAULT_LISTEN = "tls/0.0.0.0:7447"
 
-# Limits of size [byte] and nesting; ours has 3 kB and six levels. Deep nesting overflows the stack of Zenoh's parser,
-# which ends the process.
+# Limits of size [bytes] and nesting of a configuration; generated ones have 3 kB and six levels. Deep nesting overflows
+# the stack of Zenoh's parser, which ends the process.
 LARGEST_CONFIGURATION = 256 * 1024
 DEEPEST_CONFIGURATION = 32
 
@@ -133,7 +133,7 @@ def init_security(
 
 
 def check_robot(name: str) -> str:
-    """Check that a name can be a robot's and the first part of a common name, and return it.
+    """Check that a name can be an instance name and the first part of a common name, and return it.
 
     Raises:
         KeyNameError: it cannot be part of a key.
@@ -175,7 +175,7 @@ def write_member(
 
 
 def role_folder(folder: str | Path, role: str) -> Path:
-    """Folder of a role, given itself or the folder that `init_security` made.
+    """Folder of a role, from that folder itself or from the security folder that contains it.
 
     Raises:
         SecurityError: neither contains a Zenoh configuration.

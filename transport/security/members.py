@@ -241,7 +241,7 @@ def open_authority(folder: str | Path) -> Credentials:
         return Credentials((root / "ca" / "ca.pem").read_bytes(), (root / "ca" / "ca.key").read_bytes())
     except OSError as error:
         raise SecurityError(
-            f"cannot read the CA of {root}: {error.strerror}; it is where `guara security init` was run"
+            f"cannot read the CA of {root}: {error.strerror}; it is kept where `guara security init` was run"
         ) from error
 
 
@@ -267,10 +267,10 @@ def _put_rules(path: Path, rules: dict[str, Any]) -> bool:
 
 
 def edit_configuration(path: Path, change: Callable[[dict[str, Any]], bool]) -> bool:
-    """Edit a member's configuration in place by `change`; write it, and return True, if `change` does.
+    """Edit a member's configuration in place by `change`; write it and return True if `change` returns True.
 
     Raises:
-        SecurityError: it cannot be read as made by `guara security`, or cannot be written.
+        SecurityError: it does not have the form that `guara security` writes, or cannot be written.
     """
     try:
         configuration = json.loads(path.read_text(encoding="utf-8"))
@@ -279,7 +279,7 @@ def edit_configuration(path: Path, change: Callable[[dict[str, Any]], bool]) -> 
             return True
         return False
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise SecurityError(f"cannot change {path}: {error}; it must be as `guara security` made it") from error
+        raise SecurityError(f"cannot change {path}: {error}; allowed: the form that `guara security` writes") from error
 
 
 def replace_file(path: Path, data: bytes, *, private: bool = False) -> None:

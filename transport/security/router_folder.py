@@ -56,7 +56,7 @@ def make_router(
         place: folder of its files on the machine where it runs; None = the folder made here.
 
     Returns:
-        The new folder. Those of the nodes of its robots and of the router above change and must be copied again.
+        The new folder. The folders of its robots' nodes and of the router above change too; copy them again.
 
     Raises:
         SecurityError: a name is taken or unknown, no robot is given, or a robot is not served by the router above.
@@ -78,8 +78,8 @@ def make_router(
     above = _endpoint_of(members, uplink, uplink_host) if uplink else None
     configuration = router_configuration([listen], uplink=above)
     configuration["adminspace"] = {"enabled": False}
-    lies_in = str(target.resolve()) if place is None else place.rstrip("/")
-    configuration["transport"]["link"] |= tls_links(name, listens=True, prefix=f"{lies_in}/")
+    path = str(target.resolve()) if place is None else place.rstrip("/")
+    configuration["transport"]["link"] |= tls_links(name, listens=True, prefix=f"{path}/")
     larger = dataclasses.replace(
         members,
         routers={
@@ -102,9 +102,7 @@ def _check(members: Members, name: str, robots: Sequence[str], uplink: str, *, s
     if not robots:
         raise SecurityError("a router serves robots: give at least one")
     if summary_only and not uplink:
-        raise SecurityError(
-            "summary_only says what the router above gets: give the router that this one dials (uplink)"
-        )
+        raise SecurityError("summary_only restricts what the router above receives: name that router (uplink)")
     if not uplink:
         return
     if uplink not in members.routers or uplink in members.revoked:
@@ -113,7 +111,7 @@ def _check(members: Members, name: str, robots: Sequence[str], uplink: str, *, s
     missing = [robot for robot in robots if robot not in members.routers[uplink].robots]
     if missing:
         raise SecurityError(
-            f"router {uplink!r} does not serve {', '.join(missing)}: what a router brings the one above must serve too"
+            f"router {uplink!r} does not serve {', '.join(missing)}; the uplink of a router must serve all its robots"
         )
 
 

@@ -189,5 +189,5 @@ def test_it_does_not_sweep_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     board = made(OWN or "own_board:PicBoard")
     emulated = BenchBoard()
     camera = BenchCamera(emulated, lambda view, settings: None, fps=30.0)  # type: ignore[arg-type, return-value]
-    with pytest.raises(BoardTooOld, match="cannot sweep by itself, as a triggered camera needs: let the camera run"):
+    with pytest.raises(BoardTooOld, match="cannot run sweeps, which a triggered camera needs: let the camera run"):
         acquire(board, camera, [(0, 0.0)], AcquireOptions(sweep=SweepOptions()))

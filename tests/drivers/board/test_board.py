@@ -46,7 +46,7 @@ def test_stuck_laser_is_found_and_put_out_by_the_supply(board: LaserBoard, emula
     with pytest.raises(LaserStuckOn, match="the board cut its supply"):
         board.laser_off()
     eventually(lambda: not emulated.view().laser_on)
-    with pytest.raises(LaserRefused, match="cannot work: the laser shines without command"):
+    with pytest.raises(LaserRefused, match="cannot work: the laser is on without a command"):
         board.ensure_ready()
     emulated.mend()
     assert not board.ensure_ready().faults
@@ -174,7 +174,7 @@ def test_commands_while_homing_are_refused(stopped: tuple[LaserBoard, BenchBoard
     """A board on its way home says so instead of mixing two motions."""
     board, _, _ = stopped
     board.command(Request.HOME)
-    with pytest.raises(MirrorTimeout, match="still on its way home"):
+    with pytest.raises(MirrorTimeout, match="still homing"):
         board.command(Request.HOME)
 
 

@@ -6,7 +6,7 @@ import time
 import pytest
 
 from drivers import BoardConfig, LaserBoard, timing
-from drivers.board.protocol import Request, Result
+from drivers.board.protocol import STATUS_SIZE, Request, Result
 from drivers.emulator import EmulatedClock
 from drivers.errors import (
     BadReply,
@@ -22,8 +22,8 @@ from drivers.errors import (
 from testbed.bench_board import BenchBoard, Fault, FaultKind, bench_backend
 
 TRANSIENT = [
-    (FaultKind.TIMEOUT, BoardTimeout, "did not answer the command STATUS within 50 ms"),
-    (FaultKind.TIMEOUT_AFTER, BoardTimeout, "did not answer the command STATUS within 50 ms"),
+    (FaultKind.TIMEOUT, BoardTimeout, r"did not respond within 50 ms \(the command STATUS\)"),
+    (FaultKind.TIMEOUT_AFTER, BoardTimeout, r"did not respond within 50 ms \(the command STATUS\)"),
     (FaultKind.STALL, BoardStalled, "stalled the command STATUS"),
     (FaultKind.SHORT_READ, BadReply, "13 bytes; allowed: 26"),
     (FaultKind.GARBAGE, BadReply, "damaged"),
@@ -55,6 +55,21 @@ def test_a_lasting_fault_is_typed_and_says_how_often_it_was_tried(
         board.status()
     assert "3 attempts" in str(caught.value)
     assert board.status().result is Result.OK
+
+
+def test_a_time_out_names_the_wait_of_its_transfer(board: LaserBoard, emulated: BenchBoard) -> None:
+    """It may be shorter than the configured one, near the end of the watchdog's time."""
+    emulated.inject(Fault(FaultKind.TIMEOUT, Request.STATUS))
+    with pytest.raises(BoardTimeout, match="within 20 ms"):
+        board._link.request(Request.STATUS, 0, STATUS_SIZE, 0.02)
+
+
+def test_a_stalled_report_blames_no_request(board: LaserBoard, emulated: BenchBoard) -> None:
+    """The message says what stalled, and that reading again helps; it does."""
+    emulated.inject(Fault(FaultKind.STALL, "report"))
+    with pytest.raises(BoardStalled, match="stalled its report endpoint.*read again"):
+        board._link.read_report(0.1)
+    assert board._link.read_report(0.01) is None
 
 
 def test_repeating_a_command_whose_answer_was_lost_does_it_once(board: LaserBoard, emulated: BenchBoard) -> None:
@@ -236,7 +251,7 @@ def test_after_an_answer_to_another_request_the_command_is_repeated(
     monkeypatch.setattr(emulated, "serve", serve)
     assert board.status().request == Request.STATUS
     wrong[0] = 3
-    with pytest.raises(BadReply, match="the answer to STATUS is that of request 0x22"):
+    with pytest.raises(BadReply, match="the reply to STATUS belongs to request 0x22"):
         board.status()
 
 

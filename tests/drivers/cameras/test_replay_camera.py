@@ -15,7 +15,7 @@ def test_frames_come_in_order_numbered_and_end() -> None:
     """Nothing is dropped, and the end is an error of its own."""
     with ReplayCamera(IMAGES) as camera:
         frames = [camera.grab(0.1) for _ in IMAGES]
-        with pytest.raises(CameraEnded, match="no frame after the 3 it played"):
+        with pytest.raises(CameraEnded, match=r"no frames left \(3 were played\)"):
             camera.grab(0.1)
     assert [frame.counter for frame in frames] == [0, 1, 2]
     assert [int(frame.image[0, 0]) for frame in frames] == [1, 2, 3]

@@ -163,7 +163,7 @@ def test_settings_are_locked_and_read_back() -> None:
     with V4l2Camera(video=video) as camera:
         assert camera.lock(CameraSettings(exposure=0.004, gain=3)) == CameraSettings(exposure=0.004, gain=3)
         assert video.controls["auto_exposure"].value == 1
-        with pytest.raises(CameraSettingRefused, match=r"exposure_time_absolute 500 and holds 100"):
+        with pytest.raises(CameraSettingRefused, match=r"exposure_time_absolute 500, but holds 100"):
             camera.lock(CameraSettings(exposure=0.05))
         with pytest.raises(CameraSettingRefused, match="has no setting gamma"):
             camera.lock(CameraSettings(gamma=1.0))
@@ -181,7 +181,7 @@ def test_what_is_held_is_read_back_later() -> None:
         held = camera.held(locked)
         assert held.automatic == ("exposure",) and held.values["gain"] == 7.0
         video.controls["gain"] = Unplugged()
-        with pytest.raises(CameraEnded, match="is gone"):
+        with pytest.raises(CameraEnded, match="was disconnected"):
             camera.held(locked)
 
 
@@ -193,7 +193,7 @@ def test_what_is_held_is_read_back_later() -> None:
             FakeVideo(),
             {"size": (640, 480)},
             CameraSettingRefused,
-            "asked for 640 x 480 pixels of GREY and delivers 8 x 4",
+            "asked for 640 x 480 pixels of GREY, but delivers 8 x 4",
         ),
         (FakeVideo(), {"path": "/dev/video9"}, CameraNotFound, "No such file"),
     ],
@@ -211,7 +211,7 @@ def test_a_camera_that_is_pulled_out() -> None:
     with V4l2Camera(video=video) as camera:
         video.push(0, 1.0, GREY)
         video.gone = True
-        with pytest.raises(CameraEnded, match="is gone"):
+        with pytest.raises(CameraEnded, match="was disconnected"):
             camera.grab(1.0)
 
 

@@ -11,7 +11,7 @@ from drivers.sweep.firing_order import check_firing_order
 @pytest.mark.parametrize(
     ("firing_order", "expected_text"),
     [
-        ([], "holds no stripe"),
+        ([], "the firing order is empty"),
         ([(1, 0.0), (1, 0.1)], "stripe index 1 in the firing order"),
         ([(-1, 0.0)], "stripe index -1"),
         ([(3, math.nan)], "stripe 3 has mirror angle nan"),

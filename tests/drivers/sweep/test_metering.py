@@ -54,7 +54,7 @@ def test_without_exposure_it_only_measures(ready: LaserBoard, camera: BenchCamer
 def test_no_stripe_at_all_is_an_error(ready: LaserBoard, camera: BenchCamera, emulated: BenchBoard, scene) -> None:
     """A covered laser cannot be metered, and the laser is off afterwards."""
     scene.swallow = True
-    with pytest.raises(LaserNotSeen, match="no column of the picture shows the laser"):
+    with pytest.raises(LaserNotSeen, match="no column of the image shows the laser"):
         meter_exposure(ready, camera, 0.1, exposure=0.002, limits=(0.001, 0.005))
     assert not emulated.view().laser_on
 
@@ -84,5 +84,5 @@ def test_impossible_ranges_are_refused(
     ready: LaserBoard, camera: BenchCamera, name: str, pair: tuple[float, float]
 ) -> None:
     """Both ends are in the message."""
-    with pytest.raises(ValueError, match=f"{name} are {pair[0]} ... {pair[1]}, they must rise"):
+    with pytest.raises(ValueError, match=f"{name} are {pair[0]} ... {pair[1]}, they must increase"):
         meter_exposure(ready, camera, 0.1, **{name: pair})

@@ -159,7 +159,7 @@ def test_a_stripe_whose_frame_is_lost_is_taken_again(rig: Rig, board: LaserBoard
     rig.camera.dropped = frozenset({4, 33})
     stripes, report = rig.scan(board)
     assert len(stripes) == STRIPES and not wrong(rig, stripes)
-    assert "2 stripes were taken again" in report.notes
+    assert "2 stripes were repeated" in report.notes
 
 
 def test_stripes_taken_again_do_not_wait(rig: Rig, board: LaserBoard) -> None:
@@ -168,7 +168,7 @@ def test_stripes_taken_again_do_not_wait(rig: Rig, board: LaserBoard) -> None:
     rig.camera.dropped = frozenset(range(41, 46))
     stripes, report = rig.scan(board)
     assert len(stripes) == STRIPES and not wrong(rig, stripes)
-    assert "5 stripes were taken again" in report.notes
+    assert "5 stripes were repeated" in report.notes
     gaps = np.diff(rig.emulated.triggers())
     assert gaps.size == STRIPES + 5 and gaps[-4:].max() < 1.05 * np.median(gaps)
 
@@ -179,7 +179,7 @@ def test_what_is_missed_every_time_is_lost(rig: Rig, board: LaserBoard) -> None:
     stripes, report = rig.scan(board, AcquireOptions(sweep=SweepOptions(repeats=0)))
     lost = [stripe for stripe in stripes if stripe.verdict is StripeVerdict.LOST]
     assert 30 <= len(lost) <= STRIPES and not wrong(rig, stripes)
-    assert any("no frame came" in problem for problem in report.problems)
+    assert any("no frame arrived" in problem for problem in report.problems)
 
 
 def test_a_camera_without_trigger_is_refused(rig: Rig, board: LaserBoard) -> None:
@@ -271,7 +271,7 @@ def test_a_slow_camera_is_proved_too(fps: int, off: OffFrames) -> None:
             prepare(board, FIRING_ORDER)
             taken, report = rig.scan(board, AcquireOptions(off=off, sweep=SweepOptions(flash=0.004)))
         assert [stripe.verdict for stripe in taken] == [StripeVerdict.OK] * STRIPES
-        assert not any("taken again" in note for note in report.notes)
+        assert not any("repeated" in note for note in report.notes)
         frames = len(rig.emulated.triggers())
         assert frames == (STRIPES + 1 if off is OffFrames.ONE else 2 * STRIPES)
         gaps = np.diff(rig.emulated.triggers())

@@ -48,7 +48,7 @@ MISTAKES = (
     ),
     (
         "lens cap",
-        "no column of the picture shows the laser",
+        "no column of the image shows the laser",
         "drivers/sweep/test_metering.py",
         "no_stripe_at_all_is_an_error",
     ),

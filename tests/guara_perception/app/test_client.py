@@ -241,5 +241,5 @@ def test_node_that_dies_is_noticed(start, free_endpoint: str, terrain_file: Path
         assert client.latest().step == 5
         with pytest.raises(gp.StaleTerrain, match="its node is gone"):
             client.latest(max_age=0.0)
-        with pytest.raises(gp.ScannerGone, match="went away"):
+        with pytest.raises(gp.ScannerGone, match="disappeared"):
             client.wait_for_step(6, timeout=0.3)

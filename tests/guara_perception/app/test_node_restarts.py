@@ -178,7 +178,7 @@ def test_a_node_that_no_longer_hears_the_gait_vouches_for_nothing(
         gait.close()
     assert eventually(lambda: said() == "silent")
     assert handed_out(client, max_age=1e9) == []
-    assert "no longer hears the gait" in "".join(client.latest(allow_stale=True).stale_because)
+    assert "has lost the gait controller" in "".join(client.latest(allow_stale=True).stale_because)
     with open_client(free_endpoint) as session:
         StancePublisher(session)
         assert eventually(lambda: said() == "heard")

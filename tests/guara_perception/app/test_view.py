@@ -253,7 +253,7 @@ def test_a_live_view_says_how_old_its_ground_is_and_that_its_node_is_gone(
         assert text.startswith("footprint of step 1, ") and text.endswith(" s old") and not is_stale
         node.popen.kill()
         assert eventually(lambda: moments.state()[1])
-        assert "is no longer vouched for: its node is gone" in moments.state()[0]
+        assert "is no longer confirmed: its node is gone" in moments.state()[0]
         assert all(moment.step == 1 for moment in shown)
 
 

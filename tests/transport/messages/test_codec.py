@@ -93,6 +93,9 @@ def test_standing_pauses_are_those_of_the_support_feet(peer) -> None:
     """One for each, or none."""
     with pytest.raises(MessageError, match="standing_pauses has 2 entries; allowed: none, or one for each of the 3"):
         replace(sample_pause(peer), standing_pauses=(1, 2))
+    for wrong in ((-1, 0, 0), (2**32, 0, 0), ("two", 0, 0)):
+        with pytest.raises(MessageError, match="standing_pauses is .*; allowed: integers from 0"):
+            replace(sample_pause(peer), standing_pauses=wrong)
 
 
 def test_a_phase_of_a_later_version_is_distinguished_from_damage(peer) -> None:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.thorough import examples
 from transport import MessageError
-from transport.messages.codec import matrix_from_quaternion, quaternion_from_matrix
+from transport.messages.quaternions import matrix_from_quaternion, quaternion_from_matrix
 
 COMPONENT = st.floats(-1.0, 1.0)
 

@@ -56,9 +56,9 @@ def test_a_flipped_bit_is_noticed() -> None:
 @pytest.mark.parametrize(
     ("frame", "expected_text"),
     [
-        (b"", "no whole zstd frame"),
-        (b"\x00\x01\x00\x00 a CDR message", "no whole zstd frame"),
-        (compress(b"abcd") + b"x", "no whole zstd frame"),
+        (b"", "not a complete zstd frame"),
+        (b"\x00\x01\x00\x00 a CDR message", "not a complete zstd frame"),
+        (compress(b"abcd") + b"x", "not a complete zstd frame"),
         (compress(bytes(5000)), "5000 bytes refused; allowed: 4096 bytes"),
         (b"".join((c := zstandard.ZstdCompressor().compressobj(), [c.compress(b"abcd"), c.flush()])[1]), "its length"),
     ],

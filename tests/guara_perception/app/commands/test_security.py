@@ -65,7 +65,7 @@ def test_add_and_revoke_say_what_to_copy(guara, keys: Path) -> None:
         (["router", "KEYS", "--robot", "guara", "--name", "r" * 32], "is too long for a certificate"),
         (["router", "KEYS", "--robot", "guara", "--uplink", "site"], "has no router 'site' to dial; routers: none"),
         (["router", "KEYS", "--robot", "guara", "--listen", "tcp/0.0.0.0:1"], "is not encrypted"),
-        (["router", "KEYS", "--robot", "guara", "--summary-only"], "give the router that this one dials"),
+        (["router", "KEYS", "--robot", "guara", "--summary-only"], "restricts what the router above receives"),
         (["router", "KEYS"], "Missing option '--robot'"),
         (["robot", "KEYS", "guara"], "the name 'guara' is taken or was revoked"),
         (["robot", "NOWHERE", "rex"], "cannot read the CA of"),

@@ -76,7 +76,7 @@ def test_a_bad_frame_costs_its_own_stripe_of_a_group(rig: Rig) -> None:
     assert reported == [index for index, _ in rig.firing_order]
     bad = [index for index, profile in processor.profiles.items() if profile.is_frame_bad]
     assert bad and set(processor.points) == set(reported) - set(bad)
-    assert any("changed its picture's size" in problem for problem in scan.problems)
+    assert any("changed the size of its images" in problem for problem in scan.problems)
 
 
 def test_frames_are_given_back_before_the_next_group_is_awaited(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -40,7 +40,7 @@ SPOILED = {
         "robot.toml",
         r"mirror_angle_last = 0\.325",
         "mirror_angle_last = 0.200",
-        "the pattern sweeps the floor from x 0.495 to",
+        "the pattern sweeps x = 0.495 to",
         Weight.WRONG,
     ),
     "camera that looks backwards": (
@@ -54,7 +54,7 @@ SPOILED = {
         "robot.toml",
         r'camera = "camera_optical_frame"',
         'camera = "imu_link"',
-        "camera_height comes out at",
+        "camera_height is",
         Weight.UNUSABLE,
     ),
     "laser across": (
@@ -103,7 +103,7 @@ SPOILED = {
         "urdf/guara.urdf",
         r'<box size="0.60 0.40 0.05"/></geometry>\s*</collision>',
         '<mesh filename="body.stl"/></geometry></collision>',
-        "link 'base_link' is left without its shape",
+        "link 'base_link' has no shape, so the self-filter",
         Weight.WRONG,
     ),
     "limits of nothing": (

@@ -117,7 +117,7 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("<axis xyz", "<axes xyz", "<axis> meant?"),
+        ("<axis xyz", "<axes xyz", "did you mean <axis>?"),
         ('type="revolute"', 'type="fixed"', "legs found (chains of 3 moving joints or more"),
         ('<joint name="', '<joint nam="', "a <joint> has no name"),
     ],
