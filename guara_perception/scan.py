@@ -80,7 +80,7 @@ class Scan:
         if self.mode not in MODES:
             raise InvalidInput(f"{self.source}: mode is {self.mode!r}, allowed: {', '.join(MODES)}")
         if not self.stripes:
-            raise InvalidInput(f"{self.source}: the scan holds no stripe")
+            raise InvalidInput(f"{self.source}: the scan has no stripe")
         index, count = Counter(stripe.index for stripe in self.stripes).most_common(1)[0]
         if count > 1:
             raise InvalidInput(f"{self.source}: stripe index {index} is listed {count} times, each may be listed once")

@@ -42,11 +42,11 @@ def main() -> int:
 
 
 def answer(client: TerrainClient, request: dict[str, Any], steps: set[int]) -> dict[str, Any]:
-    """Wait for the confirmed grids of the step; choose foothold and swing on the grid of the extent asked for.
+    """Wait for the confirmed grids of the step; choose foothold and swing on the grid of the requested extent.
 
     Args:
         client: connected client.
-        request: request as the module's docstring has it.
+        request: request in the form of the module's docstring.
         steps: steps whose scans were received so far; this one is added.
     """
     step = request["step"]

@@ -35,27 +35,27 @@ GRID_TIMEOUT_S = 60.0
 # Time for the four grids that the robot waits for at a pause.
 PAUSE_S = 4 * GRID_TIMEOUT_S
 FPS = 120.0
-# Costs about 0.02 px.
+# Quality of recorded frames; it shifts stripes by about 0.02 px.
 JPEG_QUALITY = 85
-# The last two cycles, at 6 MB a pause. They follow one another, since without the pauses between odometry would take a
-# gait's next cycle for standing still.
+# The last two cycles, at 6 MB a pause. No pause between is left out, since odometry would then take the next cycle of
+# the gait for standing still.
 RECORDED_PAUSES = 8
 PAUSES_PER_CYCLE = 4
 START_TIMEOUT_S = 60.0
-# Longer than the planner itself waits for the two grids of a step, so that its own error is reported.
+# Longer than the planner waits for the two grids of a step, so that the planner's own error is reported.
 ANSWER_TIMEOUT_S = 130.0
 STOP_TIMEOUT_S = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DemoPause:
-    """The results of one pause of the demo.
+    """Results of one pause of the demo.
 
     Attributes:
-        pause: the true state of the robot in the simulation.
-        terrain: grid of the scan, as a client received it.
-        fused: grid of the map, as a client received it.
-        foothold: foothold of the next leg, None when it stays where it is or the walk ends here.
+        pause: true state of the robot in the simulation.
+        terrain: grid of the scan, received by a client.
+        fused: grid of the map, received by a client.
+        foothold: foothold of the next leg, None if the foot stays where it is or the walk ends here.
         answer: reply of the planner.
         error: median height error of the scan [m].
     """
@@ -78,7 +78,7 @@ def demo_walk(
     world: str | Path = DEMO_WORLD,
     is_course: bool = False,
 ) -> Iterator[DemoPause]:
-    """Walk; every grid, request and answer goes over Zenoh on this machine.
+    """Walk; grids go over Zenoh on this machine, requests to the planner and its answers through pipes.
 
     Args:
         check: collects the results.
@@ -191,7 +191,7 @@ class PlannerProcess(AbstractContextManager["PlannerProcess"]):
         """Start the process and wait until it is connected.
 
         Raises:
-            PlannerFailed: it did not start.
+            PlannerFailed: the process did not start.
         """
         self._process = subprocess.Popen(
             [sys.executable, "-m", "guara_perception.app.demo.planner", endpoint, robot],
@@ -226,7 +226,7 @@ class PlannerProcess(AbstractContextManager["PlannerProcess"]):
         return self._read(ANSWER_TIMEOUT_S)
 
     def close(self) -> None:
-        """End the process. May be called twice."""
+        """End the process; safe to call twice."""
         with suppress(BrokenPipeError):
             self._stdin.close()
         try:
@@ -237,7 +237,7 @@ class PlannerProcess(AbstractContextManager["PlannerProcess"]):
         self._stdout.close()
 
     def _read(self, timeout: float) -> dict[str, Any]:
-        """Next answer; the planner writes one whole line for each request."""
+        """Read the next answer, of which the planner writes one line for each request."""
         if not select.select([self._stdout], [], [], timeout)[0]:
             self._process.kill()
             raise PlannerFailed(f"the planner process did not answer within {timeout:g} s")

@@ -77,7 +77,7 @@ BAD_FIELDS = {
     "step a text": (lambda c: c.update(step="1"), "step is text, it must be a whole number"),
     "step null": (lambda c: c.update(step=None), "step is null, a value is needed"),
     "stripes an object": (lambda c: c.update(stripes={}), "stripes is an object, it must be a list"),
-    "no stripe": (lambda c: c.update(stripes=[]), "the scan holds no stripe"),
+    "no stripe": (lambda c: c.update(stripes=[]), "the scan has no stripe"),
     "stripe a number": (lambda c: c["stripes"].insert(1, 5), "stripes[1] is a whole number, it must be an object"),
     "stripe without index": (lambda c: c["stripes"][2].pop("index"), "stripes[2].index is missing"),
     "index a fraction": (
