@@ -63,7 +63,7 @@ class Page:
 
 
 def pages_of(sheet: Sheet, paper: str) -> list[Page]:
-    """Cut a sheet into pages, in the paper orientation that needs fewest.
+    """Cut a sheet into pages, in the paper orientation that needs the fewest.
 
     Raises:
         InvalidInput: no such paper.
