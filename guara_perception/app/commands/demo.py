@@ -50,11 +50,10 @@ def command(
     The planner runs in a second process and gets its grids over Zenoh. Pictures and a recording of everything are left
     in the folder --out. Exit 1 when the demo's own check fails.
 
-    With --course the planner searches the next steps for strides that fit the ground, as across stepping stones; a film
-    of the crossing is left, and no recording.
+    With --course, the planner fits its strides to the ground, for instance to stepping stones; the folder gets a film
+    of the crossing and no recording.
 
-    With --sway a robot whose body sways by so much is scanned beside a still one, with a stream of its joints and
-    without.
+    With --sway, a robot with a swaying body is scanned with and without a joint stream, beside one that stands still.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""Picture and film of a crossing, from above: the true ground, what the robot knew of it, its feet and its body."""
+"""Picture and film of a crossing from above: true ground, ground known to the robot, feet and body."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from guara_perception.app.demo.walk import DemoPause
 
 CELL_M, BEFORE_M, BEYOND_M, ASIDE_M = 0.005, 0.45, 0.55, 0.30
-# Ground whose heights differ by this much from cell to cell is a rim.
+# Difference of height between neighbouring cells above which ground is drawn as a rim [m].
 RIM_M = 0.005
 UNKNOWN, REFUSED, FREE = 0, 1, 2
 COLOURS = {"unknown": UNKNOWN_COLOUR, "refused": "#F2B79B", "free": FREE_COLOUR}
@@ -29,10 +29,10 @@ FRAME_MS, FILM_DOTS_PER_INCH = 250, 90
 
 
 class CourseDrawing:
-    """A course, painted with what is known of it as the robot walks along x."""
+    """Drawing of a course and of the ground that the robot gets to know as it walks along x."""
 
     def __init__(self, world: World, start: float, goal: float) -> None:
-        """Begin with nothing known; the field lies between two x [m]."""
+        """Start with nothing known; the drawing extends from before `start` to beyond `goal`, x in the world [m]."""
         self._x, self._y = np.arange(start - BEFORE_M, goal + BEYOND_M, CELL_M), np.arange(-ASIDE_M, ASIDE_M, CELL_M)
         self.cells = np.stack([*np.meshgrid(self._x, self._y), np.zeros((self._y.size, self._x.size))], axis=-1)
         heights = world.height(self.cells[..., 0], self.cells[..., 1])
@@ -42,16 +42,16 @@ class CourseDrawing:
         self._bodies: list[Float] = []
 
     def know(self, inside: Array, is_free: Array, is_unknown: Array) -> None:
-        """Paint the cells (y, x) inside of a map."""
+        """Update the cells (y, x) that are inside a map."""
         self._known = np.where(inside, np.where(is_free, FREE, np.where(is_unknown, UNKNOWN, REFUSED)), self._known)
 
     def step(self, leg: str, sole: Float, body: Float) -> None:
-        """A foot landed; the body is there [m]."""
+        """Add the position of a sole that was set down, and that of the body, in the world [m]."""
         self._feet.append((leg, float(sole[0]), float(sole[1])))
         self._bodies.append(body)
 
     def figure(self, title: str) -> Figure:
-        """Draw what has come so far, x to the right, y upwards."""
+        """Draw the course so far, x to the right, y upwards."""
         from matplotlib.colors import ListedColormap
         from matplotlib.patches import Patch
 
@@ -101,7 +101,7 @@ def draw_course(folder: Path, world: World, goal: float, pauses: Sequence[DemoPa
 
 
 def _picture(figure: Figure) -> Image:
-    """A figure's pixels."""
+    """Pixels (h, w, 3) of a figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure.set_dpi(FILM_DOTS_PER_INCH)

@@ -1,8 +1,8 @@
-"""The demo's planner: its own process, with nothing but the public client; it reads on stdin which foot moves next.
+"""Planner of the demo: a process of its own that uses only the public client, and reads requests from standard input.
 
-Each line of standard input is a JSON object {step, leg, x, y, extent, is_course}; each answer is a JSON line with the
-foothold and the swing that were chosen on the grid of that step, or with the reasons why there is none. On a course
-strides are fitted to the ground: the answer has the advance of the body too, and no swing for a foot that stays.
+Each request is a JSON line {step, leg, x, y, extent, is_course}; each answer is a JSON line with the foothold and the
+swing chosen on the grid of that step, or with the reasons why there is none. On a course, strides are fitted to the
+ground: the answer also has the advance of the body, and it has no swing if the foot stays.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def answer(client: TerrainClient, request: dict[str, Any], steps: set[int]) -> d
 
 
 def fitted_stride(terrain: TerrainGrid, leg: str) -> dict[str, Any]:
-    """Part of an answer: how far the body advances, and the leg's next foothold, where it stands if it stays."""
+    """Part of an answer: advance of the body, next foothold of the leg (its present one if it stays), and swing."""
     stride = stride_planner(str(terrain.record.robot_description)).next_stride(terrain, leg)
     if stride.swing is None:
         return {"advance": stride.advance, "foothold": stride.start.tolist()}

@@ -87,7 +87,7 @@ def demo_walk(
         seed: seed of specimen and noise.
         robot_name: name or folder of the robot.
         world: name of a world of the package, or a world file.
-        is_course: whether strides are fitted to the ground, and the walk ends when all feet are behind all features.
+        is_course: True to fit strides to the ground, and to end the walk when all feet are beyond the last feature.
 
     Yields:
         One DemoPause per stance pause.
@@ -165,7 +165,7 @@ def goal_of(world: World) -> float:
     """Find the x beyond which a course has no more features [m].
 
     Raises:
-        InvalidInput: it has none.
+        InvalidInput: the course has no features.
     """
     if not world.features:
         raise InvalidInput("the course has no features to cross; allowed: one or more, as in worlds/stones.toml")
