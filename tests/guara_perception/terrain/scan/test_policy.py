@@ -157,5 +157,5 @@ def test_bad_arguments_are_refused(robot: RobotModel, make_scan: MakeScan, pairs
     policy = gp.ScanPolicy(robot)
     with pytest.raises(gp.InvalidInput, match="allowed: the grid of a scan"):
         policy.decide(make_scan(0.0), pairs[1:])
-    with pytest.raises(gp.InvalidInput, match="stripe_time 0"):
+    with pytest.raises(gp.InvalidInput, match="stripe_time is 0"):
         policy.decide(make_scan(0.0), pairs, stripe_time=0)
