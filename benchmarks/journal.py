@@ -1,9 +1,10 @@
 """Walks that go on after a restart of the node, and robots that were carried meanwhile.
 
 `python -m benchmarks journal killed [--kills 40]`: nodes of their own, ended by kill -9 at random instants of walks
-whose gait runs on and after one pause without a confirmed map stands until there is one; of one in four,
-between pauses with maps, the newest journal is cut. The first map after each restart is judged against that of a walk
-without restarts.
+whose gait runs on and after one pause without a confirmed map stands until there is one; of one in four, between
+pauses with maps, one file of the newest journal is cut. The first map after each restart is judged against that of a
+walk without restarts, whose node has every pause, scanned at the time at which the gait began it: where a busy machine
+makes the walk last, ground grows old in both.
 
 `python -m benchmarks journal carried [--cases 50]`: robots with stiff legs that are carried by 20 mm to 1 m, turned by
 2 degrees and more, or tilted, whose gait claims that no foot left the ground; and as many that were not.
@@ -16,7 +17,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -92,8 +93,13 @@ class Scanner:
         picture = processor.ground_picture
         return Scanned(stance, processor.finish("wide"), picture)
 
-    def fuse(self, walk_map: WalkMap, pause: WalkPause, step: int, scanned: Scanned) -> gp.TerrainGrid:
-        """Fuse a scan of a pause of the walk "w", whose gait says that all feet have stood since the pause before."""
+    def fuse(
+        self, walk_map: WalkMap, pause: WalkPause, step: int, scanned: Scanned, time: float | None = None
+    ) -> gp.TerrainGrid:
+        """Fuse a scan of a pause of the walk "w", whose gait says that all feet have stood since the pause before.
+
+        It ended at `time` by `transport.clock` [s], None: now.
+        """
         standing = dict.fromkeys(scanned.stance.support_feet, 1)
         ground = pause.known_ground if step == pause.step else ()
         fused = walk_map.update(
@@ -102,7 +108,7 @@ class Scanner:
             scanned.wide,
             ground,
             epoch="w",
-            time=clock.now(),
+            time=clock.now() if time is None else time,
             picture=scanned.picture,
             standing_pauses=standing,
         )
@@ -135,6 +141,8 @@ class Gait:
         self.gait = SimulatedGait(StancePublisher(self.session), "guara", seed=walk.seed)
         self.client = gp.TerrainClient(self.endpoint)
         self.kills, self.cut, self.waited, self.missed = 0, 0, 0.0, 0
+        # Time of each BEGIN by `transport.clock` [s].
+        self.begun: list[float] = []
         walk.save(folder / "walk.pickle")
         self._start()
 
@@ -171,6 +179,7 @@ class Gait:
                 killer = threading.Timer(self.chance.uniform(0.0, KILL_S), self.kill, (is_cut,))
                 killer.start()
             self.gait.begin(pause)
+            self.begun.append(clock.now())
             patience = PATIENT_S if must_wait or is_cut or self.chance.random() < 0.5 else IMPATIENT_S
             begun = time.monotonic()
             fused = self.map_of(pause, patience)
@@ -209,12 +218,14 @@ def killed() -> None:
         world, items = scanned_walk(robot, seed, cycles=asked.cycles)
         pauses, truth, scanner = [item.pause for item in items], TrueGround.of(world), Scanner(robot, world, seed)
         whole = WalkMap(robot, scanner.calibration)
-        maps_of = [scanner.fuse(whole, p, p.step, scanner.scan(p, p.step, p.stance)) for p in pauses]
+        scans = deque(scanner.scan(p, p.step, p.stance) for p in pauses)
         with tempfile.TemporaryDirectory() as place:
             gait = Gait(Walk(world, seed, tuple(pauses)), Path(place), chance)
             try:
                 for pause, fused in gait.maps_after_kills(asked.kills - kills):
-                    now, then = (judged(robot, truth, pause, each) for each in (fused, maps_of[pause.step]))
+                    for step in range(len(pauses) - len(scans), pause.step + 1):
+                        one = scanner.fuse(whole, pauses[step], step, scans.popleft(), gait.begun[step])
+                    now, then = (judged(robot, truth, pause, each) for each in (fused, one))
                     total, without, maps = total + now, without + then, maps + 1
                     unsafe = [now[name] - then[name] for name in UNSAFE]
                     print(

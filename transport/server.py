@@ -100,7 +100,8 @@ class PerceptionServer(Resource):
         self.views = ViewSender(session, robot=robot)
         self._bridge = None if ros2_domain is None else Ros2Bridge(session, robot=robot, domain=ros2_domain)
         self._draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]] | None = None
-        self._queries = QueryServer(session, self._newest.get, robot=robot)
+        self._answers, self._stale_answers = 0, 0
+        self._queries = QueryServer(session, self._answer, robot=robot)
         self._scans: ScanServer | None = None
         self._gait: GaitClock | None = None
         self._failures = FailureLog(lambda: self._status.changed())
@@ -171,6 +172,17 @@ class PerceptionServer(Resource):
 
     def _is_other_pause(self, terrain: TerrainMessage) -> bool:
         return terrain.step != self._step or (terrain.epoch or self._epoch) != self._epoch
+
+    def _answer(self, extent: str) -> TerrainMessage | None:
+        """Newest grid for a query, counted; also if it may not be used any more, which the asker judges."""
+        with self._lock:
+            terrain = self._newest.get(extent)
+            is_old = terrain is None or terrain.withdrawn or self._is_other_pause(terrain)
+            if terrain is not None and terrain.scan_end_clock is not None:
+                is_old |= clock.now() - terrain.scan_end_clock > terrain.valid_for
+            self._answers += 1
+            self._stale_answers += is_old
+        return terrain
 
     def _post_derived(self, terrain: TerrainMessage, occupancy: Percent | None) -> None:
         if occupancy is not None and terrain.extent == "footprint":
@@ -284,6 +296,9 @@ class PerceptionServer(Resource):
             "published": self._grids.count,
             "superseded": self._outbox.superseded,
             "failed": failed,
+            "waiting": self._outbox.pending,
+            "answers": self._answers,
+            "answers_stale": self._stale_answers,
             "longest_put_ms": f"{1000.0 * self._outbox.longest:.1f}",
             "scanning": "" if self._scans is None else str(self._scans.is_busy).lower(),
         }

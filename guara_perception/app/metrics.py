@@ -26,6 +26,8 @@ COUNTERS = {
     "guara_transport_published",
     "guara_transport_superseded",
     "guara_transport_failed",
+    "guara_transport_answers",
+    "guara_transport_answers_stale",
     "guara_withdrawn_moved",
     "guara_withdrawn_clock",
     "guara_withdrawn_late",

@@ -120,9 +120,7 @@ class FrameSamples:
         if not samples:
             return ""
         clipped, core = _median(samples, "clipped"), _median(samples, "core")
-        usual = _median(samples, "level")
-        from_frame_to_frame = float(np.median([_share(sample.level, usual) for sample in samples]))
-        change = max(_median(samples, "change"), from_frame_to_frame)
+        change = _change(samples)
         if clipped > MOST_CLIPPED:
             return (
                 f"too bright: {100 * clipped:.0f} % of the picture is clipped without the laser: shade the scene, "
@@ -136,6 +134,21 @@ class FrameSamples:
         if change > MOST_CHANGE:
             return f"flicker: the brightness changes by {100 * change:.0f} % from picture to picture: {STEADY}"
         return ""
+
+    def margins(self) -> dict[str, float]:
+        """Margins of the light, by name; none without samples.
+
+        "margin_clipped" and "margin_steady" are 1 far from the limits of `excess`, 0 at them and negative beyond;
+        "stripe_level" is the height of the stripe [grey levels of 255], which falls as lens or laser age.
+        """
+        samples, lit = list(self._samples.values()), self._with_laser()
+        result = {}
+        if samples:
+            result["margin_clipped"] = 1.0 - _median(samples, "clipped") / MOST_CLIPPED
+            result["margin_steady"] = 1.0 - _change(samples) / MOST_CHANGE
+        if lit:
+            result["stripe_level"] = _median(lit, "peak")
+        return result
 
     def lack(self) -> str:
         """Text on a weak stripe and its remedy; empty if the stripe is not weak, or was not seen at all."""
@@ -212,6 +225,13 @@ def _brightest_rows(on: Image, off: Image | None, columns: Index) -> Float:
 
 def _median(samples: Sequence[FrameSample], name: str) -> float:
     return float(np.median([getattr(sample, name) for sample in samples]))
+
+
+def _change(samples: Sequence[FrameSample]) -> float:
+    """Relative change of the brightness between laser off and on, or from frame to frame."""
+    usual = _median(samples, "level")
+    from_frame_to_frame = float(np.median([_share(sample.level, usual) for sample in samples]))
+    return max(_median(samples, "change"), from_frame_to_frame)
 
 
 def _level(picture: Image) -> float:

@@ -308,6 +308,11 @@ class ScanProcessor:
         """
         return scan_drift(self.points, self._mirrored_points, self.pose)
 
+    @property
+    def light_margins(self) -> dict[str, float]:
+        """Margins of the light, as `FrameSamples.margins`."""
+        return self._samples.margins()
+
     def _mirrored_points(self) -> dict[int, StripePoints]:
         """Points of the stripes as if every frame had been mirrored left to right."""
         proved = self._what_is_proved()

@@ -3,6 +3,7 @@
 import json
 import math
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -250,6 +251,27 @@ def test_status_tells_how_the_node_does(endpoint: str, peer, eventually) -> None
             server.status_changed()
             assert eventually(lambda: client.status().level is transport.Health.ERROR)
             assert "division by zero" in client.status().item("status").message
+
+
+@pytest.mark.slow
+def test_status_counts_answers_with_a_grid_that_is_no_longer_of_use(endpoint: str, peer) -> None:
+    """None yet, one of the pause, and the same after the next pause has begun."""
+    with transport.open_node(listen=endpoint) as session:
+        server = transport.PerceptionServer(session)
+
+        def asked() -> tuple[int, int]:
+            with suppress(transport.StaleTerrain):
+                transport.query_terrain(client, timeout=30.0)
+            values = server.status_items()[0].values
+            return int(values["answers"]), int(values["answers_stale"])
+
+        with transport.open_client(endpoint) as client:
+            assert asked() == (1, 1)
+            server.begin_step(7)
+            server.publish(peer.make_terrain(1, step=7))
+            assert asked() == (2, 1)
+            server.begin_step(8)
+            assert asked() == (3, 2)
 
 
 @pytest.mark.slow

@@ -158,8 +158,10 @@ class Claim:
         *,
         time: float,
         picture: GroundPicture | str | None,
-    ) -> str:
-        """Reason why the first scan of a restarted node does not fit; empty if it does.
+    ) -> tuple[str, bool]:
+        """Reason why the first scan of a restarted node does not fit, empty if it does; and if a later scan may yet.
+
+        A scan without all of its stripes, of a pause that ended early, shows too little to refuse a walk by it.
 
         Args:
             stance: stance of its pause.
@@ -172,27 +174,34 @@ class Claim:
         robot = self.map.robot
         age, validity = time - self.time, Settings.of(robot).validity_seconds
         if len(standing) < LEAST_STANDING:
-            return f"the gait reports fewer than two feet that never left the ground since step {self.step}"
+            return f"the gait reports fewer than two feet that never left the ground since step {self.step}", False
         if not 0.0 <= age <= validity:
-            return f"it is {age:.0f} s old, ground is valid for {validity:.0f} s"
+            return f"it is {age:.0f} s old, ground is valid for {validity:.0f} s", False
         if stance.gravity_in_base is None or self.stance.gravity_in_base is None:
-            return "gravity is not known, so it cannot be compared"
+            return "gravity is not known, so it cannot be compared", False
         try:
             odometry.restore(self.odometry, self.stance)
             before = odometry.last
             pose = odometry.update(stance, standing)
         except KinematicsError as error:
-            return str(error)
+            return str(error), False
         assert before is not None
         moved = sorted(set(standing).difference(pose.stayed_feet))
         if moved:
-            return f"{', '.join(moved)} moved, but the gait reports that it stood"
+            return f"{', '.join(moved)} moved, but the gait reports that it stood", False
         tilted = _heights_changed(before, pose, robot)
         if tilted > HEIGHT_SIGMAS:
-            return f"gravity does not agree: standing soles changed their heights by {tilted:.1f} sigma"
+            return f"gravity does not agree: standing soles changed their heights by {tilted:.1f} sigma", False
+        why = self._unlike(terrain, pose, time, picture)
+        return why, bool(why and terrain.scan_record.stripes_missing)
+
+    def _unlike(
+        self, terrain: TerrainGrid, pose: OdometryPose, time: float, picture: GroundPicture | str | None
+    ) -> str:
+        """Reason why picture and heights of a scan do not fit the map; empty if they do."""
         seen = self.map.motion_by_texture(terrain, pose, picture)
         if seen.refused or not seen.is_whole:
-            return f"the first picture: {seen.refused or 'only a part of it was found again'}"
+            return f"the first picture: {seen.refused or f'only a part of it was found again: {seen.part}'}"
         aside, turn = float(np.linalg.norm(seen.motion[:2])), abs(float(seen.motion[2]))
         if aside > MOST_ASIDE_M or turn > MOST_TURN_RAD:
             return f"the first picture lies {1e3 * aside:.0f} mm and {np.degrees(turn):.1f} degrees beside the joints'"

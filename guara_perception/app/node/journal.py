@@ -7,7 +7,7 @@ import os
 import threading
 import time
 from pathlib import Path
-from typing import Self
+from typing import IO, Self
 
 from guara_perception.app.node.claim import Claim, Seal
 from guara_perception.exceptions import FileFormatError, InvalidInput, PerceptionError
@@ -18,19 +18,19 @@ from transport.supervision import supervised
 logger = logging.getLogger(__name__)
 # At INFO, so that the log reports that a walk continues, not only that it does not.
 logger.setLevel(logging.INFO)
-# Number of files: the older one serves if the newer is damaged, or is of a pause that is scanned again.
-SLOTS = 2
+# Number of files: the last journal twice, in case one is damaged, and the one before for a pause that is scanned again.
+SLOTS = 3
 # [s] Longest wait for the last journal when the node ends.
 CLOSE_S = 5.0
-# [s] Longest wait of a confirmed map for its journal, which is nearly always written by then.
-CONFIRM_S = 0.3
+# [s] Longest wait of a confirmed map for its journal, which takes 0.1 s, on a busy machine several times that.
+CONFIRM_S = 2.0
 
 
 class Journal:
-    """Journal of one node in two files, the older of which is replaced; written on a separate thread.
+    """Journal of one node in three files, the oldest of which is replaced; written on a separate thread.
 
     A claim is written to a temporary file when the scan of its pause is fused. When the pause is confirmed, that file
-    only has to be renamed: the node may be killed right after.
+    only has to be renamed: the node may be killed right after. A copy then replaces the next oldest file.
 
     Attributes:
         claims: claims found in the files at the start, newest first; empty once they are rejected or a pause is kept.
@@ -165,12 +165,14 @@ class Journal:
     def _is_due(self) -> bool:
         return self._written is not None and self._written is self._confirmed
 
+    def _open(self) -> IO[bytes]:
+        self._beside.unlink(missing_ok=True)
+        return os.fdopen(os.open(self._beside, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600), "w+b")
+
     def _write(self, claim: Claim) -> None:
         begun = time.monotonic()
         self._written = None
-        self._beside.unlink(missing_ok=True)
-        handle = os.open(self._beside, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
-        with os.fdopen(handle, "w+b") as stream:
+        with self._open() as stream:
             # No fsync: after a reboot the clock starts again, which makes the journal void anyway.
             claim.write(stream, self._seal)
         with self._lock:
@@ -182,10 +184,16 @@ class Journal:
             self._confirmed = None
             self._has_news.notify_all()
 
-    def _replace(self, claim: Claim) -> None:
+    def _rotate(self) -> None:
         os.replace(self._beside, self._paths[0])
         self._paths.append(self._paths.pop(0))
+
+    def _replace(self, claim: Claim) -> None:
+        self._rotate()
         with self._has_news:
             self._trouble = ""
             self._values |= {"written": str(int(self._values["written"]) + 1), "step": str(claim.step)}
             self._settle(claim)
+        with self._open() as copy:
+            copy.write(self._paths[-1].read_bytes())
+        self._rotate()

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Self
 
 from guara_perception.app.node.declared_ground import declared_ground
+from guara_perception.app.node.heap import Heap
 from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.node_status import NodeStatus, pause_item
 from guara_perception.app.node.pause import Pause, stance_of
@@ -386,6 +387,7 @@ class PerceptionNode:
         return result[0]
 
     def _run(self) -> None:
+        heap = Heap()
         self._go_on()
         self._scanner.lost_steps()
         while True:
@@ -406,6 +408,7 @@ class PerceptionNode:
                 with self._changed:
                     self._done = (pause.epoch, pause.step)
                     self._changed.notify_all()
+                heap.trim()
             elif job is not None:
                 self._run_job(*job)
 

@@ -120,6 +120,11 @@ class NodeStatus:
         level = Health.WARN if verdict == DRIFTING else Health.OK
         self.set(StatusItem(name="drift", level=level, message=message, values=values))
 
+    def light(self, margins: Mapping[str, float]) -> None:
+        """Report the margins of the light in the last scan."""
+        values = {name: f"{margin:.3f}" for name, margin in margins.items()}
+        self.set(StatusItem(name="light", level=Health.OK, message="margins of the last scan", values=values))
+
     def problem(self, subsystem: str, message: str) -> None:
         """Report a problem of a subsystem until it is solved or replaced by another."""
         with self._lock:

@@ -141,6 +141,7 @@ class PauseScanner:
         if logger.isEnabledFor(logging.INFO):
             logger.info("%s", summary(terrain))
         self._status.drift(processor.drift())
+        self._status.light(processor.light_margins)
         try:
             self._check_steps()
             messages.append(published.publish_map())

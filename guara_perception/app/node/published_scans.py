@@ -45,7 +45,7 @@ class Published:
         terrain: grid of the scan alone.
         fused: map with this scan, None while it is not in the map.
         is_confirmed: the pause has confirmed it.
-        was_sent_provisional: it was published as provisional.
+        was_sent_provisional, was_map_provisional: grid and map were published as provisional.
         will_be_refined: a finer grid of the same pause follows, which is confirmed in its place.
     """
 
@@ -55,6 +55,7 @@ class Published:
     fused: TerrainGrid | None = None
     is_confirmed: bool = False
     was_sent_provisional: bool = False
+    was_map_provisional: bool = False
     will_be_refined: bool = False
 
 
@@ -188,19 +189,17 @@ class PublishedScans:
         if (pose := self._map.pose) is not None:
             self._contacts.add(published.fused, (*pose.stayed_feet, *pose.slipped_feet))
         self.fused = published
-        message = self._send(published, published.fused)
         if self._journal is not None:
             self._journal.write(self._map.claim(swept.scan.last_frame))
-        return message
+        return self._send(published, published.fused)
 
     def _confirm(self, published: Published) -> None:
         if published is self.fused and self._journal is not None:
             self._journal.confirm()
-        if published.was_sent_provisional:
-            if published is self.newest:
-                self._send(published, published.terrain)
-            if published.fused is not None:
-                self._send(published, published.fused)
+        if published.was_sent_provisional and published is self.newest:
+            self._send(published, published.terrain)
+        if published.was_map_provisional and published.fused is not None:
+            self._send(published, published.fused)
         self._status.confirmed(published.pause.step)
 
     def _cut(self, newest: Published) -> None:
@@ -242,7 +241,11 @@ class PublishedScans:
         """Publish a grid as provisional or confirmed; a provisional one is valid no longer than its pause may last."""
         pause, scan = published.pause, published.swept.scan
         is_provisional = published.will_be_refined or pause.still_until < scan.last_frame
-        published.was_sent_provisional |= is_provisional
+        # A map is told as confirmed when its journal is in place: a node that is killed then has not lost it.
+        is_map = terrain is published.fused
+        is_provisional |= is_map and self._journal is not None and not published.is_confirmed
+        published.was_map_provisional |= is_map and is_provisional
+        published.was_sent_provisional |= not is_map and is_provisional
         limit = pause.deadline - scan.last_frame if is_provisional else math.inf
         if terrain is published.terrain and not is_provisional:
             processor = published.swept.processor

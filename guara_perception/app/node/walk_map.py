@@ -41,6 +41,8 @@ class _WalkState:
     restarts: list[str] = field(default_factory=list)
     # Sole positions in the map's `odom`; None if the images of the last pause did not locate it.
     soles: Mapping[str, Float] | None = None
+    # It began beside the walk of the journal, which the scans since could not judge.
+    is_beside: bool = False
 
     def copy(self) -> _WalkState:
         """Copy with its own odometry. The map is shared: it is large, and keeps its own undo state."""
@@ -96,7 +98,7 @@ class WalkMap:
             # Another scan of the same pause, on request: its ground was fused with the first one.
             return state.last
         refused, standing = "", None
-        if state.step is None and self._journal is not None and self._journal.claims:
+        if (state.step is None or state.is_beside) and self._journal is not None and self._journal.claims:
             refused, standing = self._go_on(
                 self._journal,
                 (epoch, step, standing_pauses),
@@ -148,14 +150,17 @@ class WalkMap:
         """Make all updates so far permanent: `withdraw` returns to this state."""
         self._state.map.keep()
         self._kept = self._state.copy()
-        if self._journal is not None:
+        if self._journal is not None and not self._state.is_beside:
             self._journal.claims = ()
 
     def claim(self, time: float) -> Claim | None:
-        """Claim for the journal after a pause whose scan ended at `time` [s]; None before the first pause."""
+        """Claim for the journal after a pause whose scan ended at `time` [s].
+
+        None before the first pause, and while the journal found at the start has not been judged.
+        """
         state = self._state
         odometry = state.odometry.state
-        if state.step is None or state.stance is None or odometry is None:
+        if state.step is None or state.stance is None or odometry is None or state.is_beside:
             return None
         restarts = tuple(state.restarts)
         return Claim(state.epoch, state.step, state.stance, time, odometry, state.map.copy(), restarts)
@@ -207,6 +212,7 @@ class WalkMap:
             Reason why a new walk begins, empty if the claimed one continues; and the feet that stood since the claim.
         """
         epoch, step, standing_pauses = pause
+        may_fit_later = False
         claim = next((each for each in journal.claims if (each.epoch, each.step < step) == (epoch, True)), None)
         if claim is None:
             newest = journal.claims[0]
@@ -214,11 +220,17 @@ class WalkMap:
         else:
             odometry = copy.copy(self._state.odometry)
             standing = [leg for leg, pauses in standing_pauses.items() if pauses >= step - claim.step]
-            why = claim.misfit(stance, terrain, odometry, standing, time=time, picture=picture)
+            why, may_fit_later = claim.misfit(stance, terrain, odometry, standing, time=time, picture=picture)
         if claim is None or why:
-            journal.refuse(why)
-            self._state.restarts.append(f"the journal does not fit: {why}")
-            return self._state.restarts[-1], None
+            if may_fit_later:
+                reason = f"the scan was cut short, the next one judges the journal: {why}"
+                logger.warning("journal: %s", reason)
+            else:
+                journal.refuse(why)
+                reason = f"the journal does not fit: {why}"
+            self._state.is_beside = may_fit_later
+            self._state.restarts.append(reason)
+            return reason, None
         odometry.restore(claim.odometry, claim.stance)
         journal.resumed(claim)
         restarts = list(claim.restarts)

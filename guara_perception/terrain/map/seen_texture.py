@@ -80,6 +80,7 @@ class VisualMotion:
         inherited: fraction of the covariance that later pauses inherit.
         refused: reason why the motion is not used, None if it is used.
         denied: (3,) motion shown by most corners but contradicted by odometry, zero if there is none.
+        part: what agreed, in words, if that is not the whole view; empty otherwise.
     """
 
     motion: Float
@@ -89,6 +90,7 @@ class VisualMotion:
     inherited: float
     refused: str | None
     denied: Float = field(default_factory=partial(np.zeros, 3))
+    part: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -233,8 +235,9 @@ def visual_motion(
     information = jacobian.T @ jacobian / (sigma**2 * CORNERS_THAT_COUNT_AS_ONE)
     measured = np.linalg.inv(information) + np.diag(VIEW_SIGMA**2)
     before_it = prior[np.ix_(SIDEWAYS, SIDEWAYS)]
-    extent = np.linalg.eigvalsh(np.cov(about[agreeing].T))[0]
-    is_whole = bool(count > WHOLE * len(found) and extent > LEAST_EXTENT_M**2)
+    extent = float(np.sqrt(max(np.linalg.eigvalsh(np.cov(about[agreeing].T))[0], 0.0)))
+    is_whole = count > WHOLE * len(found) and extent > LEAST_EXTENT_M
+    part = "" if is_whole else f"{count} of {len(found)} corners moved alike, over {1e3 * extent:.0f} mm"
     believed = measured + min(since, before_it, key=np.trace)
     if is_whole:
         believed = believed + slip
@@ -245,7 +248,7 @@ def visual_motion(
     gain = np.linalg.solve(before_it + measured, prior[SIDEWAYS]).T
     covariance = prior - gain @ prior[SIDEWAYS]
     covariance = 0.5 * (covariance + covariance.T)
-    return VisualMotion(gain[SIDEWAYS] @ motion, covariance, count, is_whole, 2 * new / (1 + new), None)
+    return VisualMotion(gain[SIDEWAYS] @ motion, covariance, count, is_whole, 2 * new / (1 + new), None, part=part)
 
 
 def seen_after(

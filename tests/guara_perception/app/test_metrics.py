@@ -89,4 +89,5 @@ def test_the_dashboard_asks_for_metrics_that_there_are(root: Path) -> None:
     }
     counted = {f"{name}_total" for name in COUNTERS}
     gauges = {LEVEL, *(metric_name("scanner", name) for name in ("coverage", "duration_s", "latency_ms"))}
+    gauges |= {metric_name("light", name) for name in ("margin_clipped", "margin_steady", "stripe_level")}
     assert asked - counted - gauges == {"process_resident_memory_bytes", "process_cpu_seconds_total"}

@@ -18,6 +18,8 @@ from tests.thorough import further
 simulated = partial(simulated_scene, is_uncertain=False)
 # Every second stripe of a coarse scan, in pictures of a camera with a quarter of the pixels.
 SIZE, STRIPES = (320, 256), 18
+# The margin that each effect uses up.
+MARGINS = {"too bright": "margin_clipped", "flicker": "margin_steady"}
 WEAK = dataclasses.replace(real_light({"chessboard": 1.0}), laser=100.0)
 LIGHTS = {
     "too bright": (real_light({"ambient": 1.0}), "% of the picture is clipped without the laser: shade the scene"),
@@ -41,6 +43,7 @@ def test_health_names_the_effect_of_light_and_what_to_change(name: str) -> None:
     assert health["level"] == "degraded"
     assert f"{name}: " in reason and remedy in reason
     assert all(f"{other}: " not in reason for other in LIGHTS if other != name)
+    assert name not in MARGINS or processor.light_margins[MARGINS[name]] < 0.0
 
 
 @pytest.mark.slow
@@ -99,5 +102,8 @@ def test_pictures_that_were_not_used_are_reported_by_stripe() -> None:
         )
         assert any(reason.startswith(reported) for reason in data["health"]["reasons"]) == (count > 0)
         assert len(unused) == count
+        margins = processor.light_margins
+        assert count or min(margins.values()) > 0.0
+        assert margins["stripe_level"] > 12.0
         assert [int(index) for index in unused] == sorted(int(index) for index in unused)
         assert all("laser-off picture" in why or "brightness" in why for why in unused.values())

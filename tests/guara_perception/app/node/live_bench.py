@@ -9,6 +9,7 @@ import numpy as np
 
 import guara_perception as gp
 from guara_perception.app.messages import stance_to_message
+from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.recorder import ScanRecorder
@@ -79,6 +80,7 @@ def running(
     calibration: gp.Calibration,
     stance: Stance,
     recorder: ScanRecorder | None = None,
+    journal: Journal | None = None,
     *,
     mode: str = "coarse",
     has_router: bool = False,
@@ -87,7 +89,8 @@ def running(
     status = NodeStatus(calibration)
     with open_node(connect=endpoint, timeout=TIMEOUT) if has_router else open_node(listen=endpoint) as session:
         server = PerceptionServer(session, collect_status=status.items)
-        node = PerceptionNode(robot, calibration, rig.rangefinder, server, mode=mode, recorder=recorder, status=status)
+        parts = (robot, calibration, rig.rangefinder, server)
+        node = PerceptionNode(*parts, mode=mode, recorder=recorder, journal=journal, status=status)
         with node:
             StanceReceiver(session, on_pause=node.on_pause, on_refused=node.on_refused)
             gait = Gait(endpoint, stance)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import stat
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -74,12 +75,18 @@ def scan(robot: RobotModel, calibration: gp.Calibration) -> Callable[..., Scanne
     """Scans a pause, also of a robot that was moved by a matrix (4, 4) in the world."""
     rangefinder = SimulatedRangefinder(World(seed=1), calibration, robot, 1)
 
-    def scan(pause: WalkPause, moved: Float | None = None, stance: Stance | None = None, step: int = -1) -> Scanned:
+    def scan(
+        pause: WalkPause,
+        moved: Float | None = None,
+        stance: Stance | None = None,
+        step: int = -1,
+        stripes: range = range(0, 70, 2),
+    ) -> Scanned:
         pose = pause.transform_base_to_world if moved is None else moved @ pause.transform_base_to_world
         rangefinder.set_pose(pose, pause.joint_positions)
         stance, step = stance or pause.stance, pause.step if step < 0 else step
         processor = gp.ScanProcessor(calibration, robot, stance, "coarse", step=step)
-        for index, on, off in rangefinder.frames(range(0, 70, 2)):
+        for index, on, off in rangefinder.frames(stripes):
             processor.add(index, on, off)
         return Scanned(pause, stance, processor.finish("wide"), processor.ground_picture)
 
@@ -120,11 +127,18 @@ def killed(walk: list[Scanned], opened: Callable[..., tuple], monkeypatch: pytes
             journal.write(walk_map.claim(BEGUN + PERIOD * scanned.step))
             journal.confirm()
             assert journal.item().values["step"] == str(scanned.step)
+            assert wait_until(partial(is_copied, journal, scanned.step))
     return sorted(path_of(journal).glob("*.journal"), key=lambda path: path.stat().st_mtime_ns)
 
 
 def path_of(journal: Journal) -> Path:
     return journal._paths[0].parent
+
+
+def is_copied(journal: Journal, step: int) -> bool:
+    """Whether two files hold a pause."""
+    heads = [path.read_bytes().split(b"\n", 2)[1] for path in path_of(journal).glob("guara-*.journal")]
+    return [parse_json(head, "journal").integer("step") for head in heads].count(step) == 2
 
 
 def same(one: gp.TerrainGrid, other: gp.TerrainGrid) -> bool:
@@ -156,23 +170,93 @@ def test_a_restarted_node_goes_on_as_if_it_had_not_been(
     item = journal.item()
     assert (item.level, item.message) == (Health.OK, "walk 'w' continues from step 3")
     assert item.values["resumed"] == "1"
-    assert [stat.S_IMODE(path.stat().st_mode) for path in killed] == [0o600, 0o600]
+    assert [stat.S_IMODE(path.stat().st_mode) for path in killed] == [0o600] * 3
     assert stat.S_IMODE(killed[0].parent.stat().st_mode) == 0o700
 
 
-def test_the_journal_before_stands_in_for_one_that_was_cut(
+def test_a_copy_stands_in_for_a_journal_that_was_cut(
     walk: list[Scanned], killed: list[Path], opened: Callable[..., tuple], uninterrupted: gp.TerrainGrid
 ) -> None:
-    """Two swings lie between then and now; all ground of the walk is there, and the status names the cut file."""
-    content = killed[1].read_bytes()
-    for length in (0, 5, 79, 4000, len(content) // 2, len(content) - 1):
-        killed[1].write_bytes(content[:length])
-        journal, walk_map = opened()
-        assert [claim.step for claim in journal.claims] == [LAST - 1]
+    """Nothing is lost with one file, whichever it is and wherever it ends."""
+    content = killed[2].read_bytes()
+    for number, length in enumerate((0, 5, 79, 4000, len(content) // 2, len(content) - 1)):
+        damaged = killed[1 + number % 2]
+        damaged.write_bytes(content[:length])
+        journal, _ = opened()
+        assert [claim.step for claim in journal.claims] == [LAST, LAST - 1]
+        assert str(damaged) in journal.item().message
+        damaged.write_bytes(content)
+    killed[2].write_bytes(b"")
+    _, walk_map = opened()
+    assert same(walk[-1].fuse(walk_map), uninterrupted)
+
+
+def test_the_journal_before_stands_in_for_one_that_was_cut_with_its_copy(
+    walk: list[Scanned], killed: list[Path], opened: Callable[..., tuple], uninterrupted: gp.TerrainGrid
+) -> None:
+    """Two swings lie between then and now; all ground of the walk is there."""
+    for path in killed[1:]:
+        path.write_bytes(path.read_bytes()[:4000])
+    journal, walk_map = opened()
+    assert [claim.step for claim in journal.claims] == [LAST - 1]
     fused = walk[-1].fuse(walk_map)
     assert journal.item().message == "walk 'w' continues from step 2"
     known, then = (np.isfinite(each.elevation) for each in (fused, uninterrupted))
     assert known.sum() > 0.99 * then.sum()
+
+
+def test_a_scan_that_was_cut_short_judges_no_journal(
+    walk: list[Scanned],
+    killed: list[Path],
+    opened: Callable[..., tuple],
+    scan: Callable[..., Scanned],
+    robot: RobotModel,
+    calibration: gp.Calibration,
+    uninterrupted: gp.TerrainGrid,
+) -> None:
+    """Its own ground is handed out, nothing of before is, and the journal stays for the scan that follows."""
+    for path in killed[1:]:
+        path.unlink()
+    cut = scan(walk[LAST].pause, stripes=range(0, 40, 2))
+    journal, walk_map = opened()
+    with journal:
+        fused = cut.fuse(walk_map)
+        assert same(fused, cut.fuse(WalkMap(robot, calibration)))
+        assert any("cut short, the next one judges the journal" in why for why in fused.metadata["health"]["reasons"])
+        walk_map.keep()
+        # It must not take the place of the journal that waits.
+        assert walk_map.claim(BEGUN) is None
+        following = walk[-1].fuse(walk_map)
+    assert journal.item().message == "walk 'w' continues from step 2"
+    known, then = (np.isfinite(each.elevation) for each in (following, uninterrupted))
+    assert known.sum() > 0.99 * then.sum()
+    assert following.metadata["restarts"] == []
+
+
+def test_after_a_scan_that_was_cut_short_a_carried_robot_is_refused(
+    walk: list[Scanned],
+    killed: list[Path],
+    opened: Callable[..., tuple],
+    scan: Callable[..., Scanned],
+    robot: RobotModel,
+    calibration: gp.Calibration,
+) -> None:
+    """The whole scan tells; the walk then goes on from the cut one, also as its journal."""
+    pauses = [walk[LAST].pause, walk[-1].pause]
+    moved = [aside(0.0, 0.02), aside(0.0, 0.02)]
+    cut, whole = (
+        scan(pause, motion, stripes=range(0, n, 2)) for pause, motion, n in zip(pauses, moved, (40, 70), strict=True)
+    )
+    for path in killed[1:]:
+        path.unlink()
+    journal, walk_map = opened()
+    alone = WalkMap(robot, calibration)
+    assert same(cut.fuse(walk_map), cut.fuse(alone))
+    walk_map.keep()
+    alone.keep()
+    assert same(whole.fuse(walk_map), whole.fuse(alone))
+    assert journal.item().values["refused"] == "1"
+    assert walk_map.claim(BEGUN) is not None
 
 
 def test_that_a_walk_goes_on_is_logged(
@@ -360,7 +444,7 @@ def test_a_pause_that_was_not_confirmed_leaves_no_journal(
         assert stat.S_IMODE(beside.stat().st_mode) == 0o600
     assert [path.read_bytes() for path in killed] == before
     journal, _ = opened()
-    assert [claim.step for claim in journal.claims] == [LAST, LAST - 1]
+    assert [claim.step for claim in journal.claims] == [LAST, LAST, LAST - 1]
     assert not beside.exists()
     assert other.exists()
 

@@ -1,6 +1,7 @@
 """The node from end to end: real Zenoh, real driver over an emulated board, a gait and a planner as clients."""
 
 import resource
+import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -14,6 +15,8 @@ from drivers import CameraSettings
 from drivers.board.protocol import Request
 from guara_perception.app.files.open_scan import open_scans
 from guara_perception.app.messages import message_to_terrain
+from guara_perception.app.node.claim import Claim, Seal
+from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.walk_map import WalkMap
 from guara_perception.app.scene.scene import Scene, cloud_points
@@ -45,7 +48,17 @@ def test_each_pause_gives_a_grid_and_a_map(bench: Bench) -> None:
         assert not np.any((fused.traversability > 0) & ((fused.hazard & UNKNOWN_MASK) != 0))
     assert np.isfinite(fused.elevation).sum() >= np.isfinite(terrain.elevation).sum() * 0.95
     # The status follows the grid.
-    expected = {"calibration", "drift", "foot_slip", "joints", "pause", "scanner", "stillness", "thread guara-scans"}
+    expected = {
+        "calibration",
+        "drift",
+        "foot_slip",
+        "joints",
+        "light",
+        "pause",
+        "scanner",
+        "stillness",
+        "thread guara-scans",
+    }
     assert wait_until(lambda: {item.name for item in bench.status.items()} == expected)
     levels = {item.name: item.level for item in bench.status.items() if item.level is not Health.OK}
     # Two readings a pause are too few to see a millimetre.
@@ -367,3 +380,34 @@ def test_a_withdrawn_scan_is_not_replayed(
         assert refused.code == 2 and "its grid was withdrawn on the robot" in refused.err
         assert refused.err.count("\n") == 1
     assert "every scan was withdrawn" in guara("replay", moved, "-o", out).err and not out.exists()
+
+
+def test_a_map_is_confirmed_when_it_is_in_the_journal(
+    bench_with: Callable[..., AbstractContextManager[Bench]],
+    robot: RobotModel,
+    calibration: gp.Calibration,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also where joints have confirmed its scan before it is fused: a node that is killed then has not lost it."""
+    monkeypatch.setattr("guara_perception.app.node.journal.CONFIRM_S", 60.0)
+    may_write, fuse, write = threading.Event(), WalkMap.update, Journal._replace
+
+    def fuse_when_confirmed(walk_map: WalkMap, *given: object, **named: object) -> gp.TerrainGrid:
+        bench.gait.say(0, PausePhase.HOLD)
+        assert wait_until(lambda: bench.node._pause.still_until > named["time"])
+        return fuse(walk_map, *given, **named)
+
+    def write_when_told(journal: Journal, claim: Claim) -> None:
+        assert may_write.wait(60.0)
+        write(journal, claim)
+
+    monkeypatch.setattr(WalkMap, "update", fuse_when_confirmed)
+    monkeypatch.setattr(Journal, "_replace", write_when_told)
+    journal = Journal(tmp_path, robot, Seal.of("guara", robot, calibration))
+    with journal, bench_with(journal=journal) as bench:
+        bench.gait.say(0, PausePhase.BEGIN)
+        assert bench.client.wait_for_step(0, timeout=60.0, extent="map").is_provisional
+        may_write.set()
+        assert wait_until(lambda: not bench.client.latest(extent="map").is_provisional)
+        assert journal.item().values["written"] == "1"
