@@ -88,7 +88,10 @@ def soft() -> None:
             for seed in range(asked.walks):
                 base = Ground.random(seed)
                 ground = CompliantGround(base.boxes, base.dark, base.phases, soft=PATCH, depth=depth, slide=slide)
-                alarms.add(ground if depth or slide else base, robot, seed, CYCLES, has_imu=imu == "yes")
+                try:
+                    alarms.add(ground if depth or slide else base, robot, seed, CYCLES, has_imu=imu == "yes")
+                except gp.InvalidInput as error:
+                    print(f"walk {seed} ends: {error}")
             heights = 1e3 * np.array(alarms.heights)
             found = alarms.found / max(alarms.landings, 1)
             table.row(
