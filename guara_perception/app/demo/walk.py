@@ -41,6 +41,8 @@ JPEG_QUALITY = 85
 # the gait for standing still.
 RECORDED_PAUSES = 8
 PAUSES_PER_CYCLE = 4
+# Two rounds in which no foot swings: the robot is stuck on its course.
+STUCK_PAUSES = 8
 START_TIMEOUT_S = 60.0
 # Longer than the planner waits for the two grids of a step, so that the planner's own error is reported.
 ANSWER_TIMEOUT_S = 130.0
@@ -87,7 +89,7 @@ def demo_walk(
         seed: seed of specimen and noise.
         robot_name: name or folder of the robot.
         world: name of a world of the package, or a world file.
-        is_course: True to fit strides to the ground, and to end the walk when all feet are beyond the last feature.
+        is_course: whether strides are fitted to the ground; the walk then ends behind all features, or where stuck.
 
     Yields:
         One DemoPause per stance pause.
@@ -134,6 +136,7 @@ def demo_walk(
         client = stack.enter_context(TerrainClient(endpoint, robot=instance))
         planner = stack.enter_context(PlannerProcess(endpoint, instance))
         choices: dict[int, Choice] = {}
+        stays = 0
         last, goal = round(cycles * PAUSES_PER_CYCLE), goal_of(robot.world) if is_course else np.inf
         for pause in robot.walk(lambda pause: choices[pause.step], cycles=cycles):
             robot.stand_at(pause)
@@ -151,7 +154,9 @@ def demo_walk(
             choice = answer["foothold"]
             choices[pause.step] = None if choice is None else (choice[0], choice[1], answer["advance"])
             foothold = None
+            stays = 0 if answer["swing"] is not None else stays + 1
             is_over = pause.step == last or min(sole[0] for sole in pause.soles_in_world.values()) > goal
+            is_over |= is_course and stays == STUCK_PAUSES
             if choice is not None and answer["swing"] is not None and not is_over:
                 swing = fused.check_path(answer["swing"], answer["clearance"])
                 foothold = check.add_foothold(robot.world, pause, fused, choice[0], choice[1], swing)
