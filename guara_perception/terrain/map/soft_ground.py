@@ -55,16 +55,19 @@ def sunk_feet(soles: Mapping[str, SoleError], variance: float, tilt: Float) -> d
         depths = -(weights @ [sole.residual for sole in standing.values()]) / told
         # Near an edge that is misplaced in the map, a sole may stand lower although the ground is hard.
         reliefs = np.array([sole.relief for sole in standing.values()])
-        deep = depths > np.maximum(SINK_M, SINK_SIGMAS / np.sqrt(told)) + reliefs
-        if not deep.any():
+        apart = np.abs(depths) - np.maximum(SINK_M, SINK_SIGMAS / np.sqrt(told)) - reliefs > 0
+        if not apart.any():
             break
-        # The deepest sole is removed first, because it affects the others; if the tilt is uncertain, the diagonally
-        # opposite one appears as deep and is removed too.
-        deepest = int(np.where(deep, depths, -np.inf).argmax())
-        alike = deep & (depths > depths[deepest] - 1.0 / np.sqrt(told[deepest]))
+        # The sole that is farthest off is removed first, because it affects the others; if the tilt is uncertain, the
+        # diagonally opposite one appears as deep and is removed too.
+        farthest = int(np.where(apart, np.abs(depths), -np.inf).argmax())
+        alike = apart & (np.abs(depths) > abs(depths[farthest]) - 1.0 / np.sqrt(told[farthest]))
+        # A sole far above the map stands on what the map lacks: the others did not sink relative to it.
+        deep = alike & (depths > 0)
         for row, leg in enumerate(list(standing)):
-            if alike[row]:
+            if deep[row]:
                 sunk[leg] = float(depths[row])
+            if deep[row] or (row == farthest and not deep.any()):
                 del standing[leg]
     return sunk
 
