@@ -103,13 +103,17 @@ class Footholds:
             update = pose_covariance @ by_pose.T @ inverse @ errors
             shift, angle = shift + np.append(update[:3], 0.0), angle + float(update[3])
             weights = _pull(errors, prior + noise)
-        residual_weight = inverse - inverse @ by_pose @ pose_covariance @ by_pose.T @ inverse
         misfit = _misfit(errors, prior + _blocks(rotation @ covariances[now] @ rotation.T))
+        if misfit > 1.0:
+            # Feet slipped in this motion: its noise is larger, and the drift of the walk so far is not.
+            inverse = np.linalg.inv(prior + misfit * noise)
+            pose_covariance = np.linalg.inv(by_pose.T @ inverse @ by_pose)
+        residual_weight = inverse - inverse @ by_pose @ pose_covariance @ by_pose.T @ inverse
         transform = np.eye(4)
         transform[:3, :3], transform[:3, 3] = _turn(angle)[:3, :3], shift[:3]
         fit = Fit(
             transform_footprint_to_odom=read_only(transform),
-            covariance=read_only(0.5 * misfit * (pose_covariance + pose_covariance.T)),
+            covariance=read_only(0.5 * (pose_covariance + pose_covariance.T)),
             residual=float(np.sqrt(np.mean(np.sum(errors.reshape(-1, 4)[:, :2] ** 2, axis=1)))),
             misfit=misfit,
             last_covariance=self.of_footprint,

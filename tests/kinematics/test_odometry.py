@@ -3,8 +3,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from kinematics import LegOdometry, OdometryLost, OdometryPose, RobotModel, Stance
+from kinematics import LegOdometry, OdometryLost, OdometryPose, RobotModel, Stance, load_robot
 from kinematics.transforms import inverse
+from testbed.analytic_walk import CompliantGround, Ground, walk
 from tests.thorough import IS_THOROUGH, further
 
 Crawl = Callable[..., Iterator[tuple]]
@@ -267,3 +268,18 @@ def test_calibrated_camera_is_handed_on(guara: RobotModel) -> None:
     odometry = LegOdometry(guara, transform_camera_to_base=camera)
     pose = odometry.update(Stance(guara.posture("scan"), guara.legs)).pose
     np.testing.assert_allclose(pose.transform_camera_to_footprint[0, 3], 0.41, atol=1e-9)
+
+
+@pytest.mark.parametrize("has_gravity", [True, False])
+def test_feet_that_slide_leave_a_covariance(has_gravity: bool) -> None:
+    """Two feet that slide by 33 mm widen their own motion, not the walk so far again and again."""
+    base = Ground.random(0)
+    ground = CompliantGround(base.boxes, base.dark, base.phases, soft=(1.0, 1.4), depth=0.0, slide=0.033)
+    robot = load_robot("guara")
+    odometry = LegOdometry(robot)
+    for pause in walk(robot, ground, 10, 0, has_gravity=has_gravity):
+        pose = odometry.update(pause.stance)
+        for covariance in (pose.covariance, pose.covariance_since_last):
+            variances = np.linalg.eigvalsh(covariance)
+            assert variances[0] > -1e-12
+            assert variances[-1] < 0.2**2
