@@ -129,7 +129,7 @@ def check_identity(found: str, expected: str, what: str) -> None:
     Args:
         found: identity of the camera; empty if unknown, which is accepted.
         expected: identity of the calibrated camera; empty if unknown, which is accepted.
-        what: name for the message of what this camera delivered.
+        what: name, for the message, of the item that comes from this camera.
 
     Raises:
         CalibrationMismatch: the identities differ.
@@ -199,7 +199,9 @@ class CameraModel:
         object.__setattr__(self, "distortion", distortion)
 
     def rays(self, points_px: npt.ArrayLike) -> Float:
-        """Viewing rays of pixels, (n, 3) float64 in the camera frame with z = 1 (eq. 3 with depth rho).
+        """Viewing rays of pixels, (n, 3) float64 in the camera frame with z = 1.
+
+        A point is its depth (rho in eq. 3) times its ray.
 
         Args:
             points_px: (n, 2) distorted pixel positions (u, v), as delivered by the camera.

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from guara_perception.arrays import Float, Index, Mask
 from kinematics.arrays import FrozenArrays
 
-# A stripe is divided along y into this number of parts, and the ground there has the median height of the part.
+# Number of parts into which a stripe is divided along y; each part has the median height of its points.
 PARTS = 12
 PAIRS = np.array(list(combinations(range(PARTS), 2)))
 LEAST_POINTS = 4
@@ -52,7 +52,7 @@ STANCE_SIGMAS = 3.0
 # Standard deviation of a sole's height relative to the plane of the others, due to joints and ground [m].
 SOLE_SIGMA_M = 0.0012
 # A jump between two stripes, at least JUMP_STRIPES from both ends, explains the deviations if it removes this share of
-# their squares. Stripes farther off than HIGHEST_JUMP_M are on an object: a mirror that lost so many steps is noticed.
+# their squares. Stripes farther off than HIGHEST_JUMP_M are taken to be on an object, and are omitted.
 JUMP_SHARE = 0.8
 JUMP_STRIPES = 2
 HIGHEST_JUMP_M = 0.030
@@ -205,7 +205,7 @@ def check_drift(
             (`StripePoints.points` of a processed scan).
         pose_covariance: (6, 6) covariance of the stance (x y z [m], rotations [rad]), which widens the limits of height
             and tilt of the floor. None = the stance is exact.
-        soles_in_footprint: (n, 3) supporting soles. With three or more, the floor may also agree with their plane
+        soles_in_footprint: (n, 3) supporting soles. With three or more, the floor may agree with their plane
             instead, so that ground with one slope under robot and stripes is not taken for drift. If the soles are not
             in one plane, height and tilt are not judged. None = the floor is compared with z = 0 only.
     """
@@ -296,7 +296,7 @@ def _allowed(pose_covariance: npt.ArrayLike | None, centre_x: float) -> tuple[fl
     if pose_covariance is None:
         return MAX_FLOOR_HEIGHT_M, MAX_FLOOR_TILT
     covariance = np.asarray(pose_covariance, dtype=np.float64)
-    # Error of the height at the centre of the floor: that of z minus x times that of the pitch.
+    # The height at the centre of the floor has the error dz - x * dpitch.
     lever = np.array([0.0, 0.0, 1.0, 0.0, -centre_x, 0.0])
     height = STANCE_SIGMAS * float(np.sqrt(lever @ covariance @ lever))
     tilt = STANCE_SIGMAS * float(np.sqrt(max(covariance[3, 3], covariance[4, 4])))

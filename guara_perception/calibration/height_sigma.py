@@ -22,10 +22,10 @@ MIN_BASELINE_M = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class HeightUncertainty:
-    """Height uncertainty due to the calibration, without that of the stripe's position in the image.
+    """Height uncertainty due to the calibration; errors of the stripe's position in the image are not included.
 
-    The variance of a height is the sum of two terms: one of the stripe's laser plane, including the repeatability of
-    the mirror, and one of a smooth field of height errors caused by the lens and the mount of the camera.
+    The variance of a height is the sum of two terms: the error of the stripe's laser plane, including the repeatability
+    of the mirror, and a smooth field of height errors caused by the lens and the mount of the camera.
 
     Attributes:
         planes: (4, 4) covariances of the planes (nx, ny, nz, d) in the camera frame, by stripe index.
@@ -82,7 +82,8 @@ class HeightUncertainty:
         one = np.ones((len(indices), 1, in_camera.shape[2]))
         covariances = np.array([self.plane_covariance(index) for index in indices])
         off_plane = _quadratic_form(np.concatenate((in_camera, one), axis=1), covariances)
-        # Moving X along its ray changes n . X + d in proportion to n . X, and the height in proportion to r_z . X.
+        # Moving X along its ray changes n . X + d in proportion to n . X, and the height in proportion to r_z . X,
+        # where r_z is the last row of the rotation.
         baseline = (planes[:, None, :3] @ in_camera)[:, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
             gain = (rotation[2] @ in_camera) / np.where(np.abs(baseline) < MIN_BASELINE_M, np.nan, baseline)

@@ -24,7 +24,7 @@ ROLLED_CAMERA = (
     "the camera is rolled by 180 degrees against its mount in the URDF: its driver delivers bottom-up pictures, or it "
     "is mounted upside down"
 )
-# Quarter turn of an image, as a transform of the camera axes, and reflections along x and y, of these or of the scene.
+# Quarter turn of an image, as a transform of the camera axes; reflections along x and y, of the camera or the scene.
 _QUARTER = np.eye(4)[[1, 0, 2, 3]] * [1.0, -1.0, 1.0, 1.0]
 _MIRROR_X, _MIRROR_Y = np.diag([-1.0, 1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 1.0, 1.0])
 TELL_HANDEDNESS = (

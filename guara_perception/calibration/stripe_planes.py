@@ -96,7 +96,7 @@ def fit_stripes(
 
 
 def plane_basis(plane: Float, mirror: MirrorModel) -> Float:
-    """Derivatives (3, 4) of a plane by turn about the mirror axis [rad], tilt along the axis [rad] and shift [m]."""
+    """Derivatives (3, 4) of a plane with respect to turn about the mirror axis [rad], tilt [rad] and shift [m]."""
     normal, axis, point = plane[:3], mirror.axis, mirror.point
     down = np.cross(axis, normal)
     return np.array([np.append(down, -down @ point), np.append(axis, -axis @ point), [0.0, 0.0, 0.0, 1.0]])

@@ -92,7 +92,8 @@ def stripe_constants(
         index, n, d, k, and residual: rms error at the calibrated heights [m], zero for two heights.
 
     Raises:
-        InvalidInput: there are fewer than two heights, or the stripe has one position at all (eq. 17 is singular).
+        InvalidInput: there are fewer than two heights, or the stripe has the same position at all of them
+            (eq. 17 is singular).
     """
     v, z = np.asarray(x, dtype=np.float64), height_of_camera - np.asarray(heights, dtype=np.float64)
     if len(v) < 2 or np.ptp(z) < 1e-6 or np.ptp(v) < 1e-6:

@@ -69,7 +69,7 @@ class Triangulator:
         rays = self._rays.at(position_px)
         depth, along_normal = plane_depth(rays, plane_in_camera)
         directions = self._directions(rays)
-        # d(depth * ray)_z / dv = depth / fy * (R_zy - r_z n_y / (n . r)); the lens changes 1 / fy by a few per cent.
+        # d(depth R r)_z / dv = depth / fy * (R_zy - (R r)_z n_y / (n . r)); the lens changes 1 / fy by a few per cent.
         slope = plane_in_camera[..., 1, None] / along_normal
         slope *= directions[2]
         np.subtract(self._rotation[2, 1], slope, out=slope)

@@ -69,7 +69,7 @@ def range_images(
                 continue
             lines = _filled(found, followed, between) if between else found
             share = shares(lines.number)
-            # In pixels relative to the nadir, about which the central projection undone by eqs. 20 and 21 is a stretch.
+            # In pixels relative to the nadir: the central projection, which eqs. 20 and 21 undo, is a stretch about it.
             first, difference = (lines.first[:2] - nadir[:, None]) / size[:, None], lines.difference[:2] / size[:, None]
             row, column, height = (
                 share * along + start

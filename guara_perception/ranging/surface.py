@@ -112,11 +112,11 @@ class Links:
     Attributes:
         indices: indices of s stripes.
         points: (3, s, w) float32 points of these stripes.
-        confirmed: (s, w) requested points that the stripes on both sides confirm.
+        confirmed: (s, w) mask of the requested points that the stripes on both sides confirm.
         own: number of the swath of each of the s stripes, -1 if not requested.
         links: three masks (s - 1, w) per pair of stripes: the first is linked to the stripe before it, the two are
             linked to each other, the second is linked to the stripe after it.
-        wanted: (s - 1, w) columns in which lines are requested.
+        wanted: (s - 1, w) mask of the columns in which lines are requested.
         pairs: number of the swath of each of the s - 1 pairs, -1 if not requested.
     """
 

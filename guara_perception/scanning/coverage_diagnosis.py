@@ -43,8 +43,8 @@ TURNED, FLIPPED, UPRIGHT = "turned by 180 degrees", "flipped top to bottom", ""
 def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> str:
     """Cause and remedy of few returns in one sentence, including the paper's remedies.
 
-    Order of precedence: faults of the whole scan (`wrong`); no light; stripes where none can be; weak stripes; stripes
-    that are too bright or double; stripes that were not found.
+    Order of precedence: faults of the whole scan (`wrong`); no light; light where no stripe can be; a weak line;
+    returns that are too bright or double; anything else.
 
     Args:
         coverage: share of the expected ground that was seen.

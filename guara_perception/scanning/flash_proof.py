@@ -205,7 +205,10 @@ class FlashProof:
         )
 
     def _explains(self, shots: list[tuple[int, bool]], lines: list[int], shift: int) -> bool:
-        """Test that the frame to which this shift moves each dark flash with a line shows no line itself."""
+        """Test that a shift of the frames explains the lines in dark flashes.
+
+        The frames of lit flashes at the shifted places then show no line, but those beside them do.
+        """
         found = 0
         for place, (index, is_lit) in enumerate(shots):
             at = place + shift

@@ -37,7 +37,7 @@ WIDEST_CORE_OF_HEIGHT = 8 / 512
 CORE_ROWS_OF_HEIGHT = 1 / 256
 # Least height of a stripe above its surroundings [grey levels of 255]; a lower one is lost in texture and noise.
 WEAKEST_LINE = 50.0
-# Without laser-off pictures, a scene hides the stripe if its own light varies by this many times the stripe's.
+# Without laser-off pictures, texture hides the stripe if its contrast exceeds this multiple of the stripe's height.
 MOST_TEXTURE = 3.0
 # Percentiles that bound the darkest and the brightest tenth of a scene [%].
 TENTHS = (10, 90)

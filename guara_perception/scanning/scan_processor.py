@@ -146,7 +146,7 @@ class ScanProcessor:
         self._corners = np.array([(x, y, 0.0) for x in settings.footprint_x for y in settings.footprint_y])
         to_camera = self._geometry.transform_camera_to_footprint
         self._witness = BackgroundWitness(calibration.camera, to_camera, self._corners)
-        # Result of the last `_prove`, and what had been added by then.
+        # Result of `_what_is_proved`, and the version of its inputs.
         self._proved: tuple[tuple[object, ...], _Proved] | None = None
         # Laser-off picture of the stripe with the lowest index, the first that is fired.
         self._off: tuple[int, Grey] | None = None
@@ -310,7 +310,7 @@ class ScanProcessor:
 
     @property
     def light_margins(self) -> dict[str, float]:
-        """Margins of the light, as `FrameSamples.margins`."""
+        """Margins of brightness and steadiness to the limits of the light diagnosis; see `FrameSamples.margins`."""
         return self._samples.margins()
 
     def _mirrored_points(self) -> dict[int, StripePoints]:
@@ -334,8 +334,8 @@ class ScanProcessor:
         Several pairs in one call take less time than one by one, with the same result.
 
         Without laser-off frames, the background of a stripe is the pixelwise minimum of one channel of two earlier
-        frames of the sweep. Add such frames in order. A stripe is rejected when one of its two background frames was
-        lost.
+        frames of the sweep. Add such frames in order. The first stripes have no earlier frames; their background is
+        estimated from their own. A stripe is rejected if a background frame after the first good frame was lost.
 
         A frame that cannot be used (blank, of another size, swapped with its pair, not an array) marks its stripe as
         bad; the scan continues and its report lists the stripe.

@@ -120,8 +120,8 @@ class ScanSurface:
             body: body of the robot at the stance of the scan, in base_footprint.
             shared: variance that neighbouring heights share.
             attitude_sigma: standard deviation of the vertical, per axis [rad].
-            sway_variance: variance (ny, nx) of the heights of a grid by the body's sway [m^2], which the mean over
-                samples does not reduce; None = none.
+            sway_variance: variance (ny, nx) of the heights of a grid due to the body's sway [m^2], which averaging over
+                samples does not reduce; None = no sway.
             parted: pairs of neighbouring stripes between which there is no surface.
 
         Raises:
@@ -129,7 +129,7 @@ class ScanSurface:
         """
         self._order = np.array(list(geometry.stripes), dtype=np.int64)
         self._pattern = pattern
-        # The functions below do not hold this surface, so that its memory is freed at once.
+        # The functions below hold no reference to this surface: a cycle would delay the release of its memory.
         self._shared, self._attitude_sigma = shared, attitude_sigma
         self._limits, self._origins = settings.limits, (origins := geometry.sensor_origins)
         planes, size = geometry.planes_in_footprint, geometry.calibration.camera.size
@@ -144,7 +144,7 @@ class ScanSurface:
         self._hidden = hidden
         rows = area_rows(settings, cell)
         self.grids = {name: grid for name, (grid, _) in rows.items()}
-        # Made on demand: most scans need one of them.
+        # Computed on demand, because most scans need only one area.
         self._area = functools.cache(lambda name: area(*rows[name]))
         self._pooling = max(int(np.ceil(cell / FINEST_CELL_M - 1e-9)), 1)
         fine = self.grids["wide"].refined(self._pooling)

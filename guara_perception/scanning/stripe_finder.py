@@ -80,8 +80,8 @@ class StripeFinder:
 class SweepBackground:
     """Backgrounds of a sweep without laser-off frames, from one channel of the last few laser-on frames.
 
-    The frames used for a stripe depend on its index alone. If one of them was lost, the stripe is rejected: a lost
-    frame may remove measurements but never change them.
+    The frames used for a stripe depend on its index and on the first usable frame. A stripe is rejected if one of them
+    was lost after that frame.
     """
 
     def __init__(self, stride: int) -> None:

@@ -25,7 +25,7 @@ from kinematics.transforms import inverse, transform_points
 REACH_SIGMAS = 4.5
 # Largest extent of a pixel across the laser plane; a larger one is at a depth edge, and the rest is ignored.
 MAX_FOOTPRINT_M = 0.002
-# The rows near a laser plane are found by the points of every THINNING_PX-th pixel that are closer than NEAR_PLANE_M.
+# The rows near a laser plane are found from every THINNING_PX-th pixel: from points within NEAR_PLANE_M of the plane.
 THINNING_PX = 4
 NEAR_PLANE_M = 0.020
 # Height of camera or laser above the ground below which they count as in collision.
@@ -159,7 +159,7 @@ class SimulatedRangefinder:
         height, width = view.laser_gain.shape
         top, bottom = self._rows_near(normal, offset, height)
         distance = view.points[top:bottom].reshape(-1, 3) @ normal.astype(np.float32) + np.float32(offset)
-        # The laser plane turns by twice the travel, 0.5 m away; the swept width adds to that of the Gaussian.
+        # The laser plane turns by twice the travel; the width that it sweeps 0.5 m away widens the Gaussian profile.
         swept = 2 * mirror_travel * 0.5
         sigma = np.hypot(self.light.stripe_sigma, swept / np.sqrt(12))
         reach = np.float32(REACH_SIGMAS * np.hypot(sigma, MAX_FOOTPRINT_M * self.light.blur))

@@ -17,7 +17,7 @@ POOL_SIZE = 1 << 22
 SKIRT_FROM_PX, SKIRT_TO_PX = 8, 40
 # Number of columns over which the lens also spreads scattered light along the stripe.
 SKIRT_COLUMNS = 9
-# Decay length of a halo from the edge of the clipped core [px]: a tenth is left at 20 px.
+# Standard deviation of the Gaussian fall-off of a halo from the edge of the clipped core [px]; 8 % is left at 20 px.
 HALO_SIGMA_PX = 9.0
 FULL_SCALE = 255.0
 # Distance of the ghost from the stripe and amplitude of its waves, relative to the image height; length of its waves,
@@ -26,7 +26,7 @@ GHOST_OF_HEIGHT, GHOST_AMPLITUDE_OF_HEIGHT, GHOST_WAVE_OF_WIDTH = 0.05, 0.012, 0
 GHOST_SIGMA_PX = 1.2
 # First and last column between which the ghost is visible, relative to the image width.
 GHOST_COLUMNS = (0.3, 0.75)
-# Sigma of the Gaussian that makes patches of the blotches' noise [px].
+# Sigma of the Gaussian filter that turns white noise into blotches [px].
 BLOTCH_SIGMA_PX = 3.0
 
 
@@ -101,7 +101,7 @@ class Sensor:
         return kept[self._turn % DARK_PICTURES]
 
     def _uneven_picture(self, light: Float32, rows: tuple[int, int], laser: float, exposure: float) -> Image:
-        """Image with laser light if the light is not `Light.is_even`: all pixels differ from a laser-off image."""
+        """Image with laser light, computed as a whole: effects change pixels beside the line (see `Light.is_even`)."""
         gains = np.array(self._light.drift, np.float32)
         level = self._ambient_now()
         if light.size:

@@ -44,7 +44,7 @@ def specimen(
     if min(size) < 64:
         raise InvalidInput(f"picture size is {width}x{height}, allowed: 64x64 px or more")
     errors = np.zeros(16) if seed is None else np.random.default_rng(seed).standard_normal(16)
-    # Pixels are nearly square; the focal length is the larger one of those for the width and for the height (at 5:4).
+    # Pixels are nearly square, so one focal length must suit both the width and the height, at 5:4 or any other ratio.
     focal = FOCAL_LENGTH_OF_WIDTH * max(width, 1.25 * height) * (1 + FOCAL_SIGMA * errors[0])
     centre = np.array([width - 1, height - 1]) / 2 + CENTRE_SIGMA_OF_WIDTH * width * errors[1:3]
     camera = CameraModel(

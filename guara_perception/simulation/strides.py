@@ -1,6 +1,6 @@
-"""A planner that fits its strides to the ground: a small search over the next steps, so that feet land on stones.
+"""Foot planner that searches over the next few steps, so that feet can land on stones.
 
-It asks the grid nothing that a user's planner could not ask, and has no other source.
+It knows the ground only from queries of the grid that any planner can use.
 """
 
 from __future__ import annotations
@@ -17,21 +17,23 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.questions.swing import Swing
 from kinematics import RobotModel
 
-# One leg swings at a time, hind before front on the same side.
+# Order of the swings: one leg at a time, hind before front on each side.
 LIFT_ORDER = ("rh", "rf", "lh", "lf")
-# All in metres. Where a foot wishes to land, as seen from its hip, and how far aside of its track it may; a strip
-# across the track has one candidate, its best place; the height of the hips at which legs must reach their feet.
+# Nominal landing ahead of the hip, largest lateral distance of a landing from the track of the foot, width of the
+# strips across the track, in each of which only the best place is a candidate, and height of the hips in the test of
+# reach [m].
 AHEAD_OF_HIP, ASIDE, STRIP, HIP_HEIGHT = 0.075, 0.08, 0.015, 0.33
-# Odometry cannot tell a shorter step from a foot that slipped: such a foot stays. Longer ones are too quick.
+# Allowed length of a step [m]. Odometry cannot tell a shorter one from a slip, and a longer one is too fast.
 SHORTEST_STEP, LONGEST_STEP = 0.060, 0.300
-# Costs: none from this clearance on, 1 for a foot that stays or lands this far from its wish; worth of a metre ahead.
+# Clearance above which a place costs nothing [m], distance from the track or from the nominal landing that costs as
+# much as a foot that stays [m], and reward of a step per metre.
 WANTED_CLEARANCE, FAR, WORTH = 0.080, 0.100, 20.0
 STEPS_AHEAD, BEAM, SWINGS_TRIED = (6, 4, 2, 1), 12, 8
 SWING_CLEARANCES = (0.030, 0.020)
 
 
 class Place(NamedTuple):
-    """Place for a foot in base_footprint, its cost, and the bodies (their x) from which the leg reaches it [m]."""
+    """Place for a foot in base_footprint, its cost, and the range of the body's x from which the leg reaches it [m]."""
 
     x: float
     y: float
@@ -46,9 +48,9 @@ class Stride:
     """Next move: advance the body on all feet, then swing a foot.
 
     Attributes:
-        advance: of the body [m].
-        start: (3,) where the sole stands, in base_footprint [m].
-        swing: path of the sole; None: the foot stays.
+        advance: advance of the body before the swing [m].
+        start: (3,) current position of the sole in base_footprint [m].
+        swing: path of the sole, None if the foot stays.
     """
 
     advance: float
@@ -57,7 +59,7 @@ class Stride:
 
 
 class Way(NamedTuple):
-    """Steps that follow one another: their cost, where the feet are then, and the first step."""
+    """Sequence of steps: cost, places of the feet after it, its first step, and the body's advance in that step."""
 
     cost: float
     feet: dict[str, Place]
@@ -66,20 +68,20 @@ class Way(NamedTuple):
 
 
 class StridePlanner:
-    """Chooses the next step with those after it in mind.
+    """Planner that chooses the next step by a beam search over the steps after it.
 
     Args:
-        robot: the robot, whose legs stand below their hips in its scan posture.
+        robot: the robot; in its scan posture the feet must be below the hips.
     """
 
     def __init__(self, robot: RobotModel) -> None:
-        """Take the robot."""
+        """Compute the positions of the hips."""
         self._robot = robot
         soles = robot.state(robot.posture(robot.config.scan_posture)).soles_in_base()
         self._hips = dict(zip(robot.legs, soles, strict=True))
 
     def next_stride(self, terrain: TerrainGrid, leg: str) -> Stride:
-        """The next step of a leg by the newest map.
+        """Choose the next step of a leg on the newest map.
 
         Raises:
             InvalidInput: the grid's record has no stance.
@@ -93,7 +95,7 @@ class StridePlanner:
         for name, sole in soles.items():
             x, y, z = sole.tolist()
             place = next(iter(self._reached(name, sole[None], np.zeros(1))), Place(x, y, z, 0.0, 0.0, 0.0))
-            # The body stands where it does, whatever the reach at one height says.
+            # The body is within reach of all feet where it stands now, even if the test at a single height denies it.
             feet[name] = place._replace(rearmost=min(place.rearmost, 0.0), foremost=max(place.foremost, 0.0))
         places = {name: self._places(terrain, name) for name in soles}
         for _ in range(SWINGS_TRIED):
@@ -109,7 +111,7 @@ class StridePlanner:
         return Stride(0.0, soles[leg], None)
 
     def _places(self, terrain: TerrainGrid, leg: str) -> list[Place]:
-        """The best place of each strip across the track of a leg."""
+        """Best place of each strip across the track of a leg, if within reach."""
         track = self._hips[leg][1]
         x, y = np.meshgrid(*terrain.geometry.centres())
         near = np.abs(y - track) <= ASIDE
@@ -124,7 +126,7 @@ class StridePlanner:
         return self._reached(leg, soles, cost[best])
 
     def _reached(self, leg: str, soles: Float, costs: Float) -> list[Place]:
-        """Places with the bodies that reach them."""
+        """Places within reach, each with the range of the body's x from which the leg reaches it."""
         hip, ahead = self._hips[leg], np.arange(-0.3, 0.3, 0.005)
         tried = np.stack(np.broadcast_arrays(hip[0] + ahead, soles[:, 1:2], -HIP_HEIGHT), axis=-1)
         reached = self._robot.reachable(leg, tried)
@@ -135,7 +137,7 @@ class StridePlanner:
         ]
 
     def _best_way(self, feet: dict[str, Place], leg: str, places: dict[str, list[Place]]) -> Way | None:
-        """The best way that was found, many steps rather than few; None: there is none."""
+        """Best sequence of steps, as long as can be found; None if there is none."""
         for steps in STEPS_AHEAD:
             ways = [Way(0.0, feet, None, 0.0)]
             for number in range(steps):
@@ -147,7 +149,7 @@ class StridePlanner:
         return None
 
     def _steps(self, way: Way, leg: str, places: list[Place]) -> Iterator[Way]:
-        """A way and one more step, to every place that the leg reaches from a body that reaches all feet."""
+        """Yield the sequence with one more step, to each place that the leg reaches while all feet stay in reach."""
         here = way.feet[leg]
         centre = np.mean([place.x - self._hips[name][0] for name, place in way.feet.items()])
         rear = max(place.rearmost for place in way.feet.values())

@@ -16,7 +16,7 @@ from guara_perception.terrain.map.known_ground import KnownGround
 from kinematics import RobotModel, Stance
 from kinematics.stance_pose import ENCODER_NOISE
 
-# x and y of a foothold [m], and how far the body advances before its foot swings: as the gait does, if not given.
+# Foothold x and y [m], and advance of the body before the swing [m], by default that of the gait; None = no foothold.
 Choice = tuple[float, float] | tuple[float, float, float | None] | None
 
 # Margins of the declared ground around the first stance: backwards for slip, ahead to the scanned area.
@@ -118,14 +118,14 @@ def simulate_walk(
 ) -> Iterator[WalkPause]:
     """Walk along the world's x axis from the origin, kinematically.
 
-    Between two pauses the body moves forward on all feet, then one foot swings. The caller scans at each pause that it
-    gets. When it asks for the next pause, `choose` is called with the present one for the foothold of `next_leg`.
+    Between two pauses the body moves forward on all feet, then one foot swings. The caller can scan at each pause.
+    When it asks for the next one, `choose` is called with the current pause, to choose the foothold of `next_leg`.
 
     Args:
-        world: the terrain; level around the origin, since the gait declares it so.
+        world: the terrain; must be level around the origin, because the gait declares it level.
         robot: the robot.
-        choose: returns x and y of the foothold in base_footprint of the pause, if need be with the advance of the body,
-            or None if there is no safe one; None = every foot lands at its nominal foothold.
+        choose: returns x and y of the foothold in base_footprint of the pause, optionally followed by the advance of
+            the body, or None if there is no safe foothold; None = every foot lands at its nominal foothold.
         cycles: length of the walk in cycles of all legs.
         seed: seed of the noise.
         noise: errors of footsteps and reports; None = the defaults of `WalkNoise`.
@@ -157,7 +157,7 @@ def simulate_walk(
         footprint = true_footprint(robot, joints, feet, transform)
         leg = gait.leg_of_swing(step)
         landing = gait.landing(leg)
-        # The landing once the body has advanced along x of the world, in base_footprint of this pause.
+        # Landing after the body has advanced along x of the world, in base_footprint of this pause.
         target = np.linalg.inv(footprint) @ ((step + 1) * gait.advance + farther + landing[0], landing[1], 0.0, 1.0)
         pause = WalkPause(
             step=step,

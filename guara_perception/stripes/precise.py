@@ -19,13 +19,15 @@ from guara_perception.stripes.band import (
 )
 from guara_perception.stripes.kernel.library import addresses, kernel, memory
 
-# Return codes of extract.c and any_light.c; results of 0 and above are numbers of doubtful columns.
+# Negative return codes. extract.c: IN_DOUBT = -1 (search for a path in any light), SWAPPED, CHANGED. any_light.c:
+# EVERY_COLUMN = -1 (repeat without averaging columns). Other results are numbers of doubtful columns.
 SWAPPED, CHANGED = -2, -3
 EVERY_COLUMN = -1
-# Search for a path in a colour pair: (least width, number of columns averaged to one), and least number of rows from
-# which columns are averaged.
+# Averaging of columns before the path search in a colour pair: (least image width, number of columns per mean). Bands
+# of fewer than SHRUNK_ROWS rows are not averaged.
 SHRUNK_FROM, SHRUNK_ROWS = ((1000, 4), (480, 2)), 32
-# Defects of a laser-off image by the kernel's code, as formats for the two numbers that it returns.
+# Remarks on a defective laser-off image, indexed by the code that the kernel returns, and formatted with the two
+# numbers that follow the code.
 REMARKS = (
     "",
     "the laser-off picture is {:.2f} times as bright as the laser-on one: expose both alike",

@@ -128,7 +128,7 @@ def _height_scale(elevation: Float32) -> Scale:
 
 
 def drawn_heights(terrain: TerrainGrid) -> Float32:
-    """Heights (ny, nx) at which cells are drawn [m]: for unknown cells, that of the nearest known cell, or 0."""
+    """Heights (ny, nx) of all cells [m]; unknown cells, drawn or not, have that of the nearest known cell, or 0."""
     from scipy.ndimage import distance_transform_edt
 
     elevation = terrain.elevation
@@ -140,10 +140,10 @@ def drawn_heights(terrain: TerrainGrid) -> Float32:
 
 
 def met_by_ray(terrain: TerrainGrid, origin: npt.ArrayLike, direction: npt.ArrayLike) -> Float | None:
-    """First position (3,) of a ray at or below the drawn terrain, None if it misses.
+    """First sampled position (3,) of a ray at or below the height of its cell, None if there is none.
 
     Args:
-        terrain: grid, whose unknown cells have the height at which they are drawn.
+        terrain: grid; cells have the heights of `drawn_heights`, even if they are not drawn.
         origin, direction: (3,) in the frame of the grid [m]; the direction may have any length.
     """
     start, along = np.asarray(origin, dtype=np.float64), np.asarray(direction, dtype=np.float64)
@@ -151,7 +151,7 @@ def met_by_ray(terrain: TerrainGrid, origin: npt.ArrayLike, direction: npt.Array
     heights = drawn_heights(terrain)
     near, far = 0.0, FAR_M
     if along[2] != 0.0:
-        # Sampled only between the heights of the highest and the lowest cell.
+        # Sampled only between the heights of the highest and the lowest cell, with a margin.
         limits = np.array([heights.max() + MARGIN_M, heights.min() - MARGIN_M])
         one, other = np.sort((limits - start[2]) / along[2])
         near, far = max(near, float(one)), min(far, float(other))

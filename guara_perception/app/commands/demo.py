@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from guara_perception.app.demo.walk import DemoPause
 
 
-# Longest crossing; and where the hind feet stand at first, behind the body [m].
+# Largest number of gait cycles of a crossing, and initial distance of the hind feet behind the body [m].
 COURSE_CYCLES, HIND_M = 20, 0.4
 
 

@@ -71,7 +71,7 @@ def command(
     if not publish and (listen or connect or security):
         raise InvalidInput("--listen, --connect and --security need --publish: give it too")
     calibrated = calibration_for(scans[0], calibration)
-    # A pause may have two scans, a coarse one and then the same with the stripes between: the later one has more.
+    # A pause may have two scans, a coarse one and the same one with intermediate stripes; the later one is used.
     found = [scan for path in scans for scan in {scan.step: scan for scan in open_scans(path)}.values()]
     for scan in found:
         if scan.withdrawn:
@@ -113,5 +113,5 @@ def command(
                 if session is not None:
                     publish_terrain(session, with_stamp(grids[name], time.time_ns()), model.name)
         if session is not None:
-            # The last grids must be out before the session closes, also to clients that have only just connected.
+            # The last grids must be sent before the session closes, even to clients that have just connected.
             time.sleep(max(interval, 0.5))

@@ -216,7 +216,7 @@ def command(
         server = PerceptionServer(
             session, robot=instance, collect_status=status.items, ros2_domain=domain if ros2 else None
         )
-        # Closed before the session, so that what is being drawn for ROS 2 is still sent.
+        # The server closes before the session, so that images being drawn for ROS 2 are still sent.
         stack.callback(server.close)
         scene = Scene(rig.robot, rig.calibration)
         mirror = SceneMirror(server, scene, unknown=int(ros2_unknown), with_tf=ros2_tf) if ros2 else None

@@ -1,6 +1,6 @@
-"""The compiled kernel: loops over rows and columns of pictures, over the columns of stripes and over samples.
+"""The compiled kernel: loops over rows and columns of images, columns of stripes, and samples of the surface.
 
-`stripes`, `ranging`, `scanning` and `terrain.assessment` call it; it imports nothing of them. `hatch_build.py` compiles
+`stripes`, `ranging`, `scanning` and `terrain.assessment` call it; it imports none of them. `hatch_build.py` compiles
 it when the package is installed.
 """
 

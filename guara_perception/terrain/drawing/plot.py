@@ -43,7 +43,7 @@ COLOUR_BARS = {
     "ceiling": ("upper bound of unknown ground [mm]", 1e3),
 }
 SHOWN_FLAGS = 4
-# Position of the key of the greys below the axes, relative to the height of the axes.
+# Position below the axes of the text that explains the grey colours, relative to the height of the axes.
 KEY_Y = -0.16
 HTML_SIZE_INCH = (4.2, 3.0)
 

@@ -111,14 +111,14 @@ def tilt_between_looks(robot: RobotModel, terrain: TerrainGrid) -> Float:
 
 
 def tilt_since(terrain: TerrainGrid, between_looks: Float, pauses: int) -> Float:
-    """Covariance (2, 2) of the tilt of soles against what was seen so many pauses before [rad^2].
+    """Covariance (2, 2) of the tilt of soles relative to ground seen some pauses earlier [rad^2].
 
     Args:
-        terrain: the scan of their pause.
-        between_looks: of `tilt_between_looks`.
-        pauses: number of pauses.
+        terrain: scan of the pause of the soles.
+        between_looks: result of `tilt_between_looks`.
+        pauses: number of pauses since the ground was seen.
     """
     if terrain.record.attitude_source == "odometry":
-        # The walk carries its vertical on from pause to pause by two readings of the feet.
+        # Odometry carries the vertical from each pause to the next by two readings of the feet.
         return 2.0 * pauses * between_looks
     return np.eye(2) * (terrain.record.attitude_sigma or 0.0) ** 2

@@ -11,8 +11,8 @@ from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
 
-# Gate of the innovation: one correct observation in 370 is rejected; the next one that agrees with it replaces the
-# height.
+# Gate of the innovation. It rejects one correct observation in 370; the height is replaced only when the next
+# observation agrees with the rejected one.
 GATE_SIGMAS = 3.0
 # Causes of cells that were observed without a usable height.
 LOOKED_AT = np.uint16(Hazard.DROPOUT | Hazard.AMBIGUOUS | Hazard.OUT_OF_RANGE)
@@ -24,7 +24,7 @@ class OdometryDrift:
 
     Attributes:
         rise: variance of z [m^2].
-        shift: variance along x or y, whichever is larger [m^2].
+        shift: upper bound of the horizontal variance in any direction [m^2].
         turn: variance of yaw [rad^2].
     """
 
@@ -39,7 +39,7 @@ class MapPause:
 
     Attributes:
         pause: number of the pause.
-        stamp: time of the pause on the clock of the cells' age [ns].
+        stamp: time of the pause, by the clock from which the age of cells is computed [ns].
         drift: current drift of the odometry.
         sideways: sideways drift of the cells.
         transform_footprint_to_odom: (4, 4) pose of the robot.
@@ -156,7 +156,7 @@ def fuse_heights(cells: OdomCells, new: Heights, now: MapPause, *, is_scan: bool
 
 
 def forget_heights(cells: OdomCells, slot: Index, cause: Flags) -> None:
-    """Set cells that were observed without a return to unknown."""
+    """Forget the heights of cells that were observed without a usable height, and store the cause."""
     memory = cells.memory
     for name in ("height", "other"):
         memory[name][slot] = np.nan

@@ -71,7 +71,7 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     (low_x, low_y), (high_x, high_y) = corners_in_odom.min(axis=0), corners_in_odom.max(axis=0)
     cy, cx = cells.cells_between((low_x, low_y), (high_x, high_y))
     slot = cells.slots(cy, cx)
-    # Offsets of the cell centres from the footprint, along the axes of odom, then of the footprint.
+    # Offsets of the cell centres from the footprint, first along the axes of odom, then along its own.
     offset_x, offset_y = (cx + 0.5) * resolution - transform[0, 3], (cy + 0.5) * resolution - transform[1, 3]
     (xx, xy), (yx, yy) = np.linalg.inv(transform[:2, :2])
     x, y = xx * offset_x + xy * offset_y, yx * offset_x + yy * offset_y

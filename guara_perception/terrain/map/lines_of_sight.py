@@ -21,7 +21,7 @@ from kinematics.transforms import transform_points
 HIGHEST_M = 0.14
 # Margin around the scanned area in which ground below light is also bounded.
 BESIDE_CELLS = 20
-# A bound of a scan must also hold in all neighbours of its cell, in the map at one cell more than the drift.
+# A bound must also hold in all cells up to this distance from its cell, in the map up to the drift plus this distance.
 AROUND_CELLS = 1
 # Largest drift of a bound that is used.
 FARTHEST_DRIFT_CELLS = 10
@@ -38,8 +38,8 @@ class LinesOfSight:
     """Bounds (ny, nx) from the lines of sight of one scan, in its footprint [m].
 
     Every measured point was reached by the laser and seen by the camera. Both rays were free, so the ground below them
-    is lower than the rays, and the ground at the point is no higher than the point. A bound does not make a foothold;
-    it lets a swing pass over ground that was never observed, or that gave no return since.
+    is lower than the rays, and the ground at the point is no higher than the point. A bound never makes ground safe for
+    a foot; it lets a swing pass over ground that was never observed, or that gave no return since.
 
     Bounds are conservative. A ray starts at the highest sample of its cell, and its height in a cell is that at the far
     edge. The bound of a cell is the highest bound of the cell and all its neighbours. The light may diverge from any
@@ -141,7 +141,7 @@ def ceiling_of(
 
 
 def _bounds(terrain: TerrainGrid, geometry: GridGeometry, origins: list[Float]) -> Float32:
-    """Least of the bounds (ny, nx) by camera, laser and points, each valid in all neighbours too; NONE for no bound."""
+    """Lowest bound (ny, nx) by camera, laser and points, each valid in all neighbours too; NONE for no bound."""
     high = np.asarray(terrain.elevation_max, np.float64)
     with np.errstate(invalid="ignore"):
         iy, ix = np.nonzero(np.isfinite(high) & (np.asarray(terrain.variance_local) <= CEILING_SIGMA_M**2))

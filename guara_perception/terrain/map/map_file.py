@@ -74,7 +74,7 @@ class SavedMap:
         robot: name of the robot.
         resolution: cell edge [m].
         side: cells along each side of the window.
-        first: lowest cell (cy, cx) of the window, or None.
+        first: cell (cy, cx) of the window with the smallest indices, or None.
         memory: arrays of MEMORY by name.
         state: state except the cells.
     """

@@ -45,7 +45,7 @@ class OdomCells:
         resolution: cell edge [m].
         side: number n of rows and columns of the window.
         memory: arrays (n * n,) of MEMORY by name.
-        first: lowest cell (cy, cx) of the window, None before the window is placed.
+        first: cell (cy, cx) of the window with the smallest indices, None before the window is placed.
     """
 
     def __init__(self, resolution: float, reach: float) -> None:
@@ -92,7 +92,7 @@ class OdomCells:
 
         Args:
             name: name of the layer in MEMORY.
-            first: (cy, cx) of the rectangle's lowest cell.
+            first: (cy, cx) of the first cell of the rectangle, which has the smallest indices.
             shape: (rows, columns) of the rectangle.
             outside: value of cells outside the window.
         """
@@ -118,7 +118,7 @@ class OdomCells:
         ]
 
     def restore(self, memory: Mapping[str, Array], first: tuple[int, int] | None) -> None:
-        """Copy the memory and the lowest cell of another window of the same size."""
+        """Copy the memory and `first` of another window of the same size."""
         for name, values in self.memory.items():
             np.copyto(values, memory[name])
         self.first = first
@@ -151,7 +151,7 @@ class Squares:
     """Squares over a grid, for reductions over the cells touched by each square.
 
     Attributes:
-        first: (iy, ix) of the lowest cell of the block that contains all touched cells.
+        first: (iy, ix) of the first cell of the block that contains all touched cells.
         shape: number of rows and columns of the block.
         most: largest numbers of rows and columns touched by one square.
         entry: (n,) flat index of each square in the table of `joined`.

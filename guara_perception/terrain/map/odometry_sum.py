@@ -32,14 +32,15 @@ from guara_perception.arrays import Float
 from guara_perception.fields import Fields
 from kinematics.arrays import FrozenArrays
 
-# Number of earlier pauses that are compared, after which the hind feet reach the ground that came into view first.
+# Number of earlier pauses that are compared: over so many, the hind feet reach ground first seen at the oldest pause.
 EARLIER_PAUSES = 24
 # Bound of a sum. A walk over still ground that exceeds it loses its corrections and continues with odometry; with 2
 # sigmas this happened in one of six walks.
 MOST_SIGMAS = 3.0
-# Sigma of slip along and across the displacement, relative to it, that is accepted if texture over the whole view shows
-# it: position servos without feed-forward slide by 4 to 13 % along the way in physics, and by less than 1 % across.
-# Ground that fills the view and moves sideways by more is not followed. The distance of the feet converts slip to yaw.
+# Accepted sigma of slip along and across the displacement, relative to it, if texture over the whole view shows the
+# slip; and distance of the feet, which converts slip to yaw. In a simulation with physics, robots with position servos
+# without feed-forward slip by 4 to 13 % along the way and by less than 1 % across. Ground that fills the view and moves
+# sideways by more is not followed.
 SHOWN_SLIP_ALONG, SHOWN_SLIP_ASIDE, LEVER_M = 0.06, 0.02, 0.3
 
 

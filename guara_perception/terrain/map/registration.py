@@ -242,7 +242,7 @@ class _Ground:
 
     Attributes:
         layers: (4, ny, nx) smoothed heights, NaN where unusable, slopes along x and y, and variances.
-        first: lowest cell (cy, cx).
+        first: (cy, cx) of `layers[:, 0, 0]`.
         resolution: cell edge [m].
     """
 

@@ -9,10 +9,10 @@ heights belong to one pose of the camera, an error of this pose moves all corner
 where p is the corner relative to the footprint, s the spread of the corners that agree, and P the prior covariance by
 odometry. Errors of neighbouring corners are correlated, so their information is divided by n.
 
-A pixel keeps the texture with which it was first seen, at the pose of the walk at that time, so errors accumulate when
-texture leaves the view, not at each pause. Let f be the fraction of the ground in view that is new at each pause. The
-mean age of the texture is then (1/f + 1)/2 pauses. Half of the noise C of a motion is in the texture, where each part
-has 1/f times the noise of the whole. So the variance of the walk grows by
+A pixel keeps the texture with which it was first seen, at the pose of the walk at that time. Errors therefore
+accumulate only as texture leaves the view. Let f be the fraction of the ground in view that is new at each pause. The
+mean age of the texture is then (1/f + 1)/2 pauses. Half of the noise C of a motion is due to the texture, of which each
+part has 1/f times the noise of the whole. The variance of the walk therefore grows by
 
     (1/2 + 1/(2f)) C / ((1/f + 1)/2)^2 = 2 f / (1 + f) C
 
@@ -50,8 +50,9 @@ MOST_RETURN_PX = 0.3
 # Least number of agreeing corners, least fraction of the corners found that agree, and largest contradiction of their
 # motion to odometry [sigmas]; otherwise the pause is refused.
 LEAST_CORNERS, LEAST_AGREEING, MOST_SIGMAS = 25, 0.5, 3.0
-# Fraction of agreeing corners above which, and standard deviation of their positions in every direction above which
-# (that of a whole view is at least 0.13 m), they are not a part of the view that moves by itself.
+# Corners show the motion of the whole view if more than WHOLE of them agree, and if the standard deviation of their
+# positions exceeds LEAST_EXTENT_M in every direction (it is at least 0.13 m over a whole view). Otherwise they may be
+# on a part of the view that moves by itself.
 WHOLE, LEAST_EXTENT_M = 0.8, 0.08
 # Largest deviation of an agreeing corner, in units of the spread, and bounds of the spread: above half a pixel of an
 # image, the agreement would be accidental.
@@ -62,7 +63,8 @@ AGREEING_SIGMAS, LEAST_SPREAD_M, MOST_SPREAD_M = 3.0, 0.0003, 0.0006
 LEAST_SIGMA_M, CORNERS_THAT_COUNT_AS_ONE = 0.0001, 2.0
 # Sigmas of a view as a whole, due to heights and lens [m, m, rad].
 VIEW_SIGMA = np.array([5e-5, 5e-5, 5e-5])
-# Fraction of the ground in view with old texture below which texture begins anew, after pauses that it could not hold.
+# After a pause that texture could not correct, texture begins anew if at most this fraction of the ground in view has
+# old texture.
 LEAST_LEFT = 0.3
 ROUNDS = 5
 SIDEWAYS = [0, 1, 5]
@@ -80,7 +82,7 @@ class VisualMotion:
         inherited: fraction of the covariance that later pauses inherit.
         refused: reason why the motion is not used, None if it is used.
         denied: (3,) motion shown by most corners but contradicted by odometry, zero if there is none.
-        part: what agreed, in words, if that is not the whole view; empty otherwise.
+        part: text on the part of the view that agrees; empty if it is the whole view, or if there is no result.
     """
 
     motion: Float
@@ -99,7 +101,7 @@ class SeenTexture(FrozenArrays):
 
     Attributes:
         texture: (ny, nx) contrast of each pixel as a grey level relative to GREY, 0 where unknown.
-        first: (2,) index of the lowest pixel (y, x); pixel 0 begins at the origin.
+        first: (2,) indices (y, x) of `texture[0, 0]`; pixel 0 begins at the origin.
     """
 
     texture: Grey
@@ -158,7 +160,7 @@ class GroundView:
         return GroundView(picture, terrain, placed, np.asarray(255 * known, np.uint8), level, median)
 
     def pixels(self, transform: Float) -> tuple[Index, tuple[int, int]]:
-        """Lowest pixel (y, x) in odom and number of pixels (y, x) of the ground in view from a pose (4, 4)."""
+        """First pixel (y, x) in odom and number of pixels (y, x) of the ground in view from a pose (4, 4)."""
         ny, nx = self.terrain.geometry.shape
         origin = np.array(self.terrain.geometry.origin)
         size = np.array((nx, ny)) * self.terrain.resolution
@@ -302,7 +304,7 @@ def _found_again(now: Grey, before: Grey) -> tuple[Float, Float]:
 
 def _agreed(about: Float, shifts: Float) -> tuple[Float, float, Mask]:
     """Motion (3,) on which most corners agree, sigma of a corner per axis [m], and mask (n,) of these corners."""
-    # A start from a common shift without rotation would, at 20 mrad, only keep corners close to each other.
+    # Starting from a common shift without rotation would, for a yaw of 20 mrad, keep only corners near each other.
     limit = AGREEING_SIGMAS * MOST_SPREAD_M
     start, _ = cv2.estimateAffinePartial2D(about, about + shifts, method=cv2.RANSAC, ransacReprojThreshold=limit)
     motion = np.zeros(3) if start is None else np.append(start[:, 2], np.arctan2(start[1, 0], start[0, 0]))
@@ -312,7 +314,7 @@ def _agreed(about: Float, shifts: Float) -> tuple[Float, float, Mask]:
         turned = about @ np.array([[cosine, sine], [-sine, cosine]])
         left = about + shifts - turned - motion[:2]
         off = np.linalg.norm(left, axis=1)
-        # The median of the length of two normal errors is 1.18 sigma.
+        # The median length of a vector of two normal errors is 1.18 sigma.
         spread = float(np.clip(np.median(off) / 1.18, LEAST_SPREAD_M, MOST_SPREAD_M))
         agreeing = off < AGREEING_SIGMAS * spread
         if agreeing.sum() < LEAST_CORNERS:

@@ -11,16 +11,16 @@ import numpy as np
 from guara_perception.arrays import Float, Mask
 from guara_perception.terrain.map.support_feet import SoleError
 
-# Least depth of a sole below the map at which it sank, in metres and in sigmas of legs and map. Legs bend and maps
-# drift by less; snow, foam and loose gravel give way by more.
+# Depth below the map above which a sole counts as sunk, in metres and in sigmas of legs and map; both must be exceeded.
+# Legs bend and maps drift by less; snow, foam and loose gravel give way by more.
 SINK_M, SINK_SIGMAS = 0.008, 4.0
-# Distance [m] by which a standing foot must move farther than the others to have slid, plus SLIP_SIGMAS of two readings
-# of its position; soles that rock on stiff ankles creep by as much in MuJoCo.
+# A standing foot slid if it moved farther than the others by more than CREEP_M, plus SLIP_SIGMAS of two readings of its
+# position; soles that rock on stiff ankles creep by as much in MuJoCo.
 CREEP_M, SLIP_SIGMAS = 0.020, 4.0
 # The surface continues up to REACH_M from the foothold, over neighbouring cells that differ in height by less than
 # STEP_M.
 REACH_M, STEP_M = 0.30, 0.005
-# Largest number of footholds in memory, as many as a walk of 5 m has; the oldest are forgotten first.
+# Largest number of footholds in memory, those of 4.5 m of walk; the oldest are forgotten first.
 MOST_FOOTHOLDS = 128
 ALIKE = 2
 # Distance below which two footholds count as one.
@@ -51,6 +51,7 @@ def sunk_feet(soles: Mapping[str, SoleError], variance: float, tilt: Float) -> d
         arms = np.array([sole.arm for sole in standing.values()])
         own = np.diag([sole.variance for sole in standing.values()])
         weights = np.linalg.inv(own + arms @ tilt @ arms.T + variance)
+        # Leave-one-out residuals (W r)_i / W_ii, whose variance is 1 / W_ii.
         told = np.diag(weights)
         depths = -(weights @ [sole.residual for sole in standing.values()]) / told
         # Near an edge that is misplaced in the map, a sole may stand lower although the ground is hard.
@@ -62,7 +63,7 @@ def sunk_feet(soles: Mapping[str, SoleError], variance: float, tilt: Float) -> d
         # diagonally opposite one appears as deep and is removed too.
         farthest = int(np.where(apart, np.abs(depths), -np.inf).argmax())
         alike = apart & (np.abs(depths) > abs(depths[farthest]) - 1.0 / np.sqrt(told[farthest]))
-        # A sole far above the map stands on what the map lacks: the others did not sink relative to it.
+        # A sole far above the map stands on ground that the map lacks; the others did not sink relative to it.
         deep = alike & (depths > 0)
         for row, leg in enumerate(list(standing)):
             if deep[row]:
@@ -78,7 +79,8 @@ def slid_feet(slips: Mapping[str, float], slipped: tuple[str, ...], variances: M
     Args:
         slips: leg -> distance by which each standing foot moved since the last pause [m].
         slipped: feet that, according to odometry, moved relative to the others.
-        variances: leg -> variance of its horizontal position in one pause [m^2]; other feet did not carry the body.
+        variances: leg -> variance of its horizontal position in one pause [m^2]; feet without an entry did not carry
+            the body and are ignored.
     """
     common = float(np.median([distance for leg, distance in slips.items() if leg not in slipped] or [0.0]))
     ways = {leg: slips[leg] - common for leg in slipped if leg in slips and leg in variances}
@@ -100,7 +102,7 @@ def soft_cells(
 
     Args:
         heights: (ny, nx) heights of cells in odom [m], NaN where unknown.
-        first: (cy, cx) of the lowest cell.
+        first: (cy, cx) of `heights[0, 0]` in the lattice of odom.
         resolution: cell edge [m].
         soft: soft footholds.
         sole: distance from the centre of a foothold within which all known cells are soft [m].

@@ -10,8 +10,8 @@ Without W all of m would count as drift: the noise of one pause, which is larger
 move all later pauses. The map's record contains correction and sigmas.
 
 Moving ground drags a registered walk along, a little at each pause. The sum of the corrections is therefore compared
-with the accumulated drift of odometry (`OdometrySum`). If they contradict each other, the corrections since are undone,
-those of the following pauses are not used, and all sigmas grow by the correction that was undone.
+with the accumulated drift of odometry (`OdometrySum`). If they contradict each other, these corrections are undone,
+registrations at the following pauses are not used, and all sigmas grow by the correction that was undone.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ HEIGHT_SIGMA_M = 0.003
 TILT_SIGMA = 0.001
 # Lower bounds of the sigmas of a motion; they keep the covariances positive definite.
 LEAST_SIGMA_M, LEAST_SIGMA_RAD = 1e-4, 3e-5
-# Sigma of the registered motion above which few objects show it, and these may be the ones that move: ribs all along
-# the way show it to 0.8 to 1.2 mm, a board or a door mostly to 2 mm or worse. Then a correction is not used while the
-# motions from scan to scan contradict odometry by more than SUSPICIOUS_SIGMAS.
+# Largest sigma of a motion that many objects show: 0.8 to 1.2 mm with ribs all along the way, but mostly 2 mm or more
+# with a board or a door. If only few objects show the motion, they may be moving themselves, so the correction is not
+# used while the motions from scan to scan contradict odometry by more than SUSPICIOUS_SIGMAS.
 FEW_THINGS_SIGMA_M = 0.0015
 SUSPICIOUS_SIGMAS = 1.0
 # Distance to the centre of the scanned area, the lever arm of yaw.
@@ -50,7 +50,7 @@ TEXTURE_IN_DOUBT = "texture that was seen has moved"
 # Path length after which the slip shown by texture has the same weight as the value of robot.toml, and length after
 # which its weight no longer grows.
 LEARNING_M, LEARNED_M = 0.3, 1.0
-# Attributes (2,) in x and y that earlier files lack.
+# Attributes (2,) that earlier files lack.
 WAYS = ("unheld", "off_way", "slip", "begun", "learned")
 # Names in files of the attributes that have another name there.
 FILE_KEYS = {"pause_transform": "here", "pause_covariance": "left", "noise": "own", "own": "pause_own"}
@@ -216,7 +216,7 @@ class WalkCorrection:
             view = TEXTURE_IN_DOUBT if self.unseen else view
             visual = visual_motion(view, texture, here, prior, off_texture + noise, shown_slip(off_way))
             here, prior, visual_refused = moved(visual.motion, here) @ here, visual.covariance, visual.refused
-            # Either the feet slid or the ground, so this contradiction adds to the uncertainty of the pose.
+            # Either the feet slid or the ground moved, so this contradiction adds to the uncertainty of the pose.
             doubt = np.outer(visual.denied, visual.denied)
             growth, drift, predicted = growth + doubt, drift + doubt, predicted + doubt
             prior[np.ix_(SIDEWAYS, SIDEWAYS)] += doubt
@@ -238,7 +238,7 @@ class WalkCorrection:
         if visual is not None and visual_refused is None:
             kept, own, slip = visual.inherited * posterior, posterior, self.begun
         elif visual is not None:
-            # The part of the slip that heights did not correct.
+            # Only the part of the slip that heights did not correct is added.
             along = np.append(way, 0.0)
             left = np.sqrt((along @ posterior @ along) / max(along @ predicted @ along, 1e-30))
             slip = slip + share * left * way
@@ -309,7 +309,7 @@ def _slip_growth(before: Float, now: Float, slip_share: float) -> Float:
 
 
 def _shown_sigma(prior: Float, posterior: Float) -> float:
-    """Sigma of a position LEVER_M ahead according to the heights alone, along the axis that they show best [m]."""
+    """Sigma [m] of a position LEVER_M ahead by the heights alone, along the axis that they determine best."""
     scale = np.diag([1.0, 1.0, 1.0 / LEVER_M])
     before, after = (np.linalg.inv(each[np.ix_(SIDEWAYS, SIDEWAYS)]) for each in (prior, posterior))
     return float(1.0 / np.sqrt(max(float(np.linalg.eigvalsh(scale @ (after - before) @ scale)[-1]), 1e-6)))
