@@ -25,7 +25,7 @@ from kinematics import BodyTrack, RobotModel, Stance, load_robot
 
 # [s] Period of the stripes of a stepped scan; largest error of a flash's time; stream before and after the scan.
 STRIPE_PERIOD, INSTANT_ERROR, AROUND = 0.035, 0.001, 0.3
-# [1/s] Sampling rates of the joint stream; without a stream, the gait still reads joints for BEGIN.
+# [1/s] Sampling rates of the joint stream. Without a stream, joints are simulated at STREAM_HZ but used for BEGIN only.
 NO_STREAM, STREAM_HZ = 0.0, 200.0
 # Amplitude of the shift [m] and frequency [1/s] of the demo's sway.
 SHIFT, FREQUENCY = 0.005, 1.0
@@ -80,7 +80,8 @@ def swaying_scan(
         seed: seed of all noise.
         mode: pattern of the stripes.
         light: light and sensor effects; None = those of the world.
-        clock_sigma: standard deviation of an error that all instants share, known to the scan [s].
+        clock_sigma: standard deviation of a clock error common to all flashes [s]; the scan is given this value, not the
+            error.
     """
     rng = np.random.default_rng(seed)
     view = SimulatedRangefinder(world, calibration, robot, seed, light=light)

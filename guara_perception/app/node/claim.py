@@ -1,7 +1,7 @@
-"""Claim of a journal: the walk at a confirmed pause. A restarted node checks it before it continues the walk.
+"""State of a walk at a confirmed pause, as kept in the journal. A restarted node checks it before continuing the walk.
 
 Joints alone cannot tell a robot that was carried with stiff legs, or turned on flat ground, from one that stood. So the
-walk continues only if the gait reports which feet never left the ground, and joints, gravity, the first scan and its
+walk continues only if the gait reports which feet have not left the ground, and joints, gravity, the first scan and its
 laser-off image all fit.
 """
 
@@ -35,7 +35,7 @@ from kinematics.transforms import transform_points
 FORMAT = "guara-journal/1"
 # [byte] A journal has 1 to 4 MB.
 LARGEST_JOURNAL = 64 * 1024 * 1024
-# Identity of the machine's present run; `transport.clock` starts again with the next.
+# Identifier of the current boot; `transport.clock` restarts at every boot.
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 # Files of a robot folder on which a map depends.
 ROBOT_FILES = {".urdf", ".srdf", ".toml"}
@@ -59,7 +59,7 @@ class Seal:
         instance: instance name.
         robot: digest of the robot's folder.
         calibration: hash of the calibration.
-        boot: identity of the machine's present run.
+        boot: identifier of the current boot.
     """
 
     instance: str
@@ -83,9 +83,9 @@ class Claim:
 
     Attributes:
         epoch: identity of the walk, given by the gait.
-        step, stance: the pause.
+        step, stance: number and stance of the pause.
         time: end of its scan by `transport.clock` [s].
-        odometry, map: state of both.
+        odometry, map: leg odometry and terrain map after the pause.
         restarts: reasons of the map's restarts so far.
     """
 
@@ -159,17 +159,20 @@ class Claim:
         time: float,
         picture: GroundPicture | str | None,
     ) -> tuple[str, bool]:
-        """Reason why the first scan of a restarted node does not fit, empty if it does; and if a later scan may yet.
+        """Compare the first scan after a restart with the claim.
 
-        A scan without all of its stripes, of a pause that ended early, shows too little to refuse a walk by it.
+        An incomplete scan, of a pause that ended early, is not sufficient evidence to reject the walk.
 
         Args:
             stance: stance of its pause.
             terrain: grid of the scan alone.
             odometry: leg odometry of this robot before any pause; it is set to the claim and updated with this pause.
-            standing: feet that never left the ground since the pause of the claim, as the gait reports.
+            standing: feet that have not left the ground since the pause of the claim, as reported by the gait.
             time: end of the scan by `transport.clock` [s].
             picture: laser-off image of the scan, as `TerrainMap.update` takes it.
+
+        Returns:
+            Reason why the scan does not fit, empty if it does; and True if a later scan may still fit.
         """
         robot = self.map.robot
         age, validity = time - self.time, Settings.of(robot).validity_seconds

@@ -12,12 +12,12 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.record import MapRecord
 from transport import Health
 
-# Most landings that are judged together, and fewest: two cycles.
+# Largest number of landings in the statistics, and smallest for a warning (two cycles).
 MOST_LANDINGS, FEWEST_LANDINGS = 40, 8
 
 
 class ContactWatch:
-    """Status items `contact` (bias, sigma and last worst of the landings) and `ground` (feet that sank or slid)."""
+    """Status items `contact` (bias, sigma and worst of the latest landings) and `ground` (feet that sank or slid)."""
 
     def __init__(self, status: NodeStatus) -> None:
         """Start without a landing."""

@@ -17,13 +17,13 @@ from kinematics.robot_settings import PauseLimits
 from kinematics.tree import checked_positions
 from transport import StancePause
 
-# A position further beyond a joint's limits was not measured: encoders are offset by a few degrees, not by thirty.
+# Largest distance of a plausible position beyond a joint's limits: encoder offsets are a few degrees, not thirty.
 BEYOND_LIMITS_RAD = 0.5
 # Largest position of a joint without limits: sixteen turns.
 LARGEST_POSITION_RAD = 100.0
-# Longest announced pause, to which longer ones are limited; the gait sends HOLD long before it ends.
+# Upper bound of an announced length; longer ones are clipped. HOLD renews the announcement long before [s].
 LONGEST_S = 3600.0
-# A stamp further ahead of its arrival is not of the reported clock; smaller differences are rounding [s].
+# Largest time by which rounding can put a stamp ahead of its arrival [s]; a larger one means another clock.
 AHEAD_S = 0.005
 
 UNKNOWN_END = (
@@ -34,7 +34,7 @@ UNKNOWN_END = (
 
 @dataclass
 class Pause:
-    """Stance pause, begun and perhaps ended. Instants are by `transport.clock` [s], stamps by the gait's clock [ns].
+    """Stance pause, from its BEGIN on. Instants are read on `transport.clock` [s], stamps on the gait's clock [ns].
 
     A frame is confirmed by joints that were read after it and show that the robot stood as at BEGIN: the frame is then
     no later than `still_until`. The stamp of a message counts, not its arrival: it is converted to the earliest instant
@@ -62,7 +62,7 @@ class Pause:
         end_stance: stance read at the end; None before, and if it was unusable.
         newest_stamp: latest stamp of this pause's announcements.
         broken: reason why the robot is not known to have stood still to the end; empty otherwise.
-        moved: the robot moved, or cannot be shown to have stood still.
+        moved: a reading shows motion or could not be tested; False if readings are merely missing.
     """
 
     step: int
@@ -107,13 +107,16 @@ class Pause:
 
     @property
     def is_clock_known(self) -> bool:
-        """True if stamps can be compared with frames; False if one is ahead (other or adjusted clock)."""
+        """True if the gait's clock is known and no stamp is later than its arrival, as after a clock change."""
         instants = [(self.earliest(stamp), arrival) for stamp, arrival in ((self.stamp, self.begun), self._still)]
         return all(earliest is not None and earliest <= arrival + AHEAD_S for earliest, arrival in instants)
 
     @property
     def planned_end(self) -> float:
-        """Announced instant at which the gait moves on; no frame is taken after it."""
+        """Instant at which the gait is expected to move on; no frame is taken after it.
+
+        It is `time_limit` after the last message if no length was announced.
+        """
         stamp, arrival, length = self._plan
         if not length:
             return arrival + self.limits.time_limit
@@ -152,7 +155,7 @@ class Pause:
             self.ended.set()
 
     def begin_again(self, stance: Stance, now: float, stamp: int) -> bool:
-        """Handle a second BEGIN of this pause: True if it repeats the first, else the pause ends."""
+        """Handle a second BEGIN of this pause; False, which ends the pause, if it shows motion and there is no stream."""
         if self._add(stance, now, stamp):
             return True
         self.broken = f"a second BEGIN of step {self.step} came with other joints: {self.broken}"
@@ -160,7 +163,7 @@ class Pause:
 
     def leave_stream(self) -> None:
         """Ignore the stream from now on: the readings must show that the robot stood still."""
-        # In this order, since `_add` runs on another thread: it sees that there is no stream, or this sees its motion.
+        # The order matters, because `_add` runs on another thread: either it finds no stream, or its motion is found here.
         self.stream = None
         if self._motion:
             self._break(self._motion, moved=True)

@@ -1,4 +1,4 @@
-"""Sweep of one pause: a fixed pattern, or a coarse one and then the stripes between where there is an obstacle."""
+"""Sweep of one pause: a fixed pattern, or a coarse one followed by intermediate stripes where there is an obstacle."""
 
 from __future__ import annotations
 
@@ -31,11 +31,12 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 ADAPTIVE = "adaptive"
 SWEEPS = (*MODES, ADAPTIVE)
-# [s] Added to the measured time from the last frame to the published grid, for other load of the machine.
+# [s] Margin for other load on the machine, added to the measured time from the last frame to the published grid.
 MARGIN_S = 0.1
-# Most sweeps of one pause, if foreign light spoils them.
+# Largest number of sweeps in one pause when foreign light spoils them.
 MOST_SWEEPS = 4
-# [s] Least duration of a sweep assumed for the wait before its repetition; interval of the checks that the pause lasts.
+# [s] Least sweep duration from which the wait before a repetition is computed; interval at which the wait checks that
+# the pause still lasts.
 LEAST_WAIT_S, WAIT_SLICE_S = 0.2, 0.02
 
 
@@ -77,7 +78,7 @@ class Swept:
         terrain: grid of the sweep.
         scan: record of the devices.
         processor: processor that made the grid.
-        coarse: processor of the coarse stripes alone, if stripes between them were fired too; else None.
+        coarse: processor of the coarse stripes alone, None if no intermediate stripes were fired.
         is_cut: True if `until` removed stripes.
     """
 
@@ -130,7 +131,7 @@ def retry_delay(took: float) -> float:
 
 
 class Sweeper:
-    """Sweeps the patterns of pauses; its policy remembers how long the path has been clear."""
+    """Sweeper of the stripe patterns of pauses; its policy remembers how long the path has been clear."""
 
     def __init__(self, calibration: Calibration, rangefinder: Rangefinder, settings: Settings, policy: ScanPolicy):
         """Store the parts; `calibration` has the mirror angles of `rangefinder`."""
@@ -237,7 +238,7 @@ class Sweeper:
         return scan
 
     def _flash(self, stream: PauseStream, offset: float, stamp: float) -> tuple[float, float]:
-        """Instant of the light in a frame since BEGIN and its sigma [s]; NaN where it is not known.
+        """Time of a frame's flash from the BEGIN of the pause, and its sigma [s]; NaN if it is not known.
 
         Args:
             stream: joints of the pause.

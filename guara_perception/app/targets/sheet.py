@@ -113,7 +113,7 @@ def _cut(sheet: Sheet, paper_mm: tuple[float, float]) -> Iterator[Page]:
 
 
 def _joining_marks(axes: Axes, page: Page) -> None:
-    """Small crosses on the centre line of each overlap: those of two pages coincide when the pages are joined."""
+    """Draw small crosses on the centre line of each overlap; the crosses of two pages coincide when they are joined."""
     (x, y), (width, height) = page.corner_mm, page.size_mm
     half = OVERLAP_MM / 2
     along_x = [x + half] * (page.column > 0) + [x + width - half] * (page.column < page.columns - 1)
