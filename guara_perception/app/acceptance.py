@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 
 FORMAT: Final = "guara-acceptance/1"
 REPORT_FILE: Final = "report.html"
-# Lowest block that counts as an obstacle of a grid, and highest that a robot may step on.
+# Lowest block that is detected as an obstacle of a grid, and highest block allowed [m].
 LOWEST_M, HIGHEST_M = 0.008, 0.5
-# Least difference of heights, since blocks are identified by height; and most blocks.
+# Least difference between heights [m], by which blocks are identified; and largest number of blocks.
 LEAST_APART_M, MOST_BLOCKS = 0.005, 6
 # Cells closer than this to the outline of a block may contain its edge.
 RIM_M = 0.010

@@ -15,8 +15,8 @@ from guara_perception.exceptions import InvalidInput, PerceptionError
 DARK = ("5", "6")
 RECORD = "bring_up.json"
 TRIES = 3
-# [s] Time beyond the board's watchdog after which the laser must be dark; period of commands; time before the board's
-# limit at which a light that is watched is turned off.
+# [s] Time beyond the board's watchdog after which the laser must be dark; period of commands; lead by which a light
+# that is watched is turned off before the board's time limit.
 LATE, PERIOD, BEFORE_LIMIT = 0.06, 0.1, 2.0
 HOMINGS = 10
 
@@ -26,7 +26,7 @@ class PointFailed(PerceptionError):
 
 
 class BringUp:
-    """First power-up, with an operator who is guided and questioned on the terminal."""
+    """First power-up, in which an operator follows instructions and answers questions on the terminal."""
 
     def __init__(self, board: LaserBoard, folder: Path, ask: Callable[[str], str], tell: Callable[[str], None]) -> None:
         """Prepare; nothing is opened yet.

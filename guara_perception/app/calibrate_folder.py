@@ -32,7 +32,7 @@ def calibrate(
         distortion: lens coefficients to estimate: "k1k2", "k1k2p1p2" or "k1k2p1p2k3".
         camera_info: file of a known lens (OpenCV, ROS or Kalibr): pictures of the board then only check it, and may
             be left out.
-        square: edge of the board's squares [m]; None = that of the session.
+        square: edge of the board's squares [m]; None = as in the session.
         not_mirrored: assert that the images are not mirrored, whatever the colours of the board.
         force: return a calibration whose verdict is `refused` instead of raising.
 

@@ -47,21 +47,21 @@ KNOWN = {
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """Camera and board of a robot, and the settings that they had when it was calibrated.
+    """Camera and board of a robot, and their settings at its calibration.
 
     Attributes:
         source: source of the camera: number, device path, GStreamer pipeline, "aravis" or "aravis:NAME" for GigE and
             USB3 Vision, "v4l2:/dev/video0" for V4L2 with the kernel's frame numbers, or "package.module:Class" of a
             `drivers.Camera`.
-        size: picture width and height [px], or None for the camera's own.
-        fps: frames per second to ask for, or None.
+        size: picture width and height [px], or None for the camera's default.
+        fps: frame rate to request [1/s], or None.
         lag: measured `drivers.Camera.lag` [s], or None.
         settings: exposure [s], gain, white_balance [K], gamma: locked when the camera is opened and read back.
         board: vendor_id, product_id, serial of the laser board; defaults are those of the protocol. Or source, the
             "package.module:Class" of a `drivers.Board`.
         trigger: camera line wired to the board's TRIGGER, for sweeps run by the board; None = the camera runs freely.
         exposure_output: camera line that is active during an exposure, or None.
-        pixel_format: pixel format to ask for, or None for the camera's best.
+        pixel_format: pixel format to request, or None for the camera's best.
         off_frames: frames with the laser off, one of OFF_FRAMES.
         identity: `drivers.Camera.identity`, compared when the camera is opened; empty if unknown.
         folder: folder of devices.toml, also searched for user-defined classes.
@@ -165,15 +165,15 @@ def devices_of(
 
     Args:
         path: devices.toml, or None.
-        camera: as `Devices.source`; None = that of the file.
-        trigger, fps, off_frames: as in `Devices`; None = those of the file.
+        camera: as `Devices.source`; None = as in the file.
+        trigger, fps, off_frames: as in `Devices`; None = as in the file.
 
     Raises:
         MissingFile, FileFormatError: see `load_devices`.
     """
     known = Devices() if path is None else load_devices(path)
     if camera is not None:
-        # The identity in the file is that of another camera.
+        # The identity in the file belongs to another camera.
         known = replace(known, identity="")
     given: dict[str, Any] = {"source": camera, "trigger": trigger, "fps": fps, "off_frames": off_frames}
     return replace(known, **{name: value for name, value in given.items() if value})

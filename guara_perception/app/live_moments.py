@@ -42,7 +42,7 @@ ROUTER_TIMEOUT_S = 2.0
 
 
 class LiveMoments(AbstractContextManager["LiveMoments"]):
-    """Receives grids, points and pictures of one robot and shows each pause with all that has arrived of it.
+    """Receiver of grids, points and pictures of one robot; it shows each pause with all that has arrived of it.
 
     Messages with equal stamps belong together. Once maps arrive, a scan is shown with its map, in odom.
     """
@@ -87,7 +87,7 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
         self._client.close()
 
     def missing(self) -> str:
-        """Text on what is missing for the first moment, with the robots on this router; empty once one was shown.
+        """Messages missing for the first moment, as text with the robots on this router; empty once one was shown.
 
         Asking the router can take `ROUTER_TIMEOUT_S`.
         """

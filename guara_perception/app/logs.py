@@ -1,4 +1,4 @@
-"""Log lines of the command line: as text or JSON, with priorities for journald, and limited in rate."""
+"""Log lines of the command line: as text or JSON, with priorities for journald, and with a rate limit."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from typing import Any, TextIO
 
 STYLES = ("text", "json")
 TEXT = "%(levelname)s %(name)s: %(message)s"
-# Records of one message within the time [s]; further ones are counted, not logged.
+# Largest number of records of one message within WITHIN_S [s]; further ones are counted, not logged.
 MOST, WITHIN_S = 10, 60.0
-# Different messages that are counted at a time: those with values in their text would fill the memory over months.
+# Largest number of messages that are counted separately: those with values in their text would fill the memory over
+# months.
 MOST_MESSAGES = 1000
 # Priorities of syslog(3) by level, as sd-daemon(3) prefixes them to lines on standard error.
 PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
@@ -27,7 +28,7 @@ def json_line(level: str, name: str, message: str, **more: Any) -> str:
 
 
 class JsonFormatter(logging.Formatter):
-    """Formats a record as `json_line` does, with its traceback where it has one."""
+    """Formatter of records as `json_line` writes them, with the traceback if there is one."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the line of a record."""
@@ -36,7 +37,7 @@ class JsonFormatter(logging.Formatter):
 
 
 class JournalFormatter(logging.Formatter):
-    """Formats lines for journald, each with the priority of its record as a prefix."""
+    """Formatter of lines for journald, each with the priority of its record as a prefix."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the lines of a record."""
@@ -45,7 +46,7 @@ class JournalFormatter(logging.Formatter):
 
 
 class RateLimit(logging.Filter):
-    """Passes MOST records of one message within WITHIN_S; the first one later reports how many were dropped."""
+    """Filter that passes MOST records of one message within WITHIN_S; the next to pass reports the number dropped."""
 
     def __init__(self) -> None:
         """Start with nothing logged."""
@@ -53,7 +54,7 @@ class RateLimit(logging.Filter):
         self._windows: dict[tuple[str, int, str], list[float]] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Return False to drop a record; append the number of records dropped before to one that passes."""
+        """Return False to drop a record; a record that passes gets the number of those dropped before it."""
         now, key = time.monotonic(), (record.name, record.levelno, str(record.msg))
         if len(self._windows) >= MOST_MESSAGES:
             self._windows.clear()

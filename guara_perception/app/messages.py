@@ -164,7 +164,7 @@ def _obstacles(terrain: TerrainGrid) -> tuple[ObstacleMessage, ...]:
 
 
 def add_samples(track: BodyTrack, robot: RobotModel, batch: StanceStream, begin: int) -> None:
-    """Add a batch of joint samples to a track with times relative to `begin` [ns].
+    """Add a batch of joint samples to a track, with times relative to `begin` [ns].
 
     Samples that are not later than the last one of the track are dropped.
 

@@ -45,7 +45,7 @@ class StatusCollector(Collector):
     """
 
     def __init__(self, robot: str, items: Callable[[], list[StatusItem]]) -> None:
-        """`items` returns the status items of `robot`."""
+        """Create the collector; `items` returns the status items of `robot`."""
         self._robot, self._items = robot, items
 
     def collect(self) -> Iterator[Metric]:

@@ -30,13 +30,13 @@ class DeviceOptions:
     """Robot, calibration and devices selected by the options of a live command.
 
     Attributes:
-        calibration: calibration file; may be left out for simulated devices, and for scans to calibrate with.
+        calibration: calibration file; may be left out for simulated devices, and for scans from which to calibrate.
         robot: name or folder; None = the calibration's, or the Guara.
         devices: devices.toml as `guara record` writes it.
-        camera: as `Devices.source`; None = that of `devices`, or 0.
-        trigger: line of the camera that the board triggers; None = that of `devices`, or none.
-        fps: frames per second to ask for; None = those of `devices`, or the camera's own.
-        off_frames: "one", "per stripe" or "none"; None = that of `devices`, or "one".
+        camera: as `Devices.source`; None = as in `devices`, or 0 without them.
+        trigger: line of the camera that the board triggers; None = as in `devices`, or none.
+        fps: frame rate to request [1/s]; None = as in `devices`, or the camera's default.
+        off_frames: "one", "per stripe" or "none"; None = as in `devices`, or "one".
     """
 
     calibration: Path | None = None

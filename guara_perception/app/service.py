@@ -21,7 +21,7 @@ logger = logging.getLogger(__name__)
 WATCHDOG_S = 20
 # [s] Time to stop; devices get 30 s to close before the node ends without them.
 STOP_S = 40
-# A node that starts more often than this within the time [s] stays down until somebody looks at it.
+# A node that starts more than BURST times within BURST_S [s] stays down until it is started by hand.
 BURST, BURST_S = 5, 120
 # Template of the unit.
 UNIT = Path(__file__).with_suffix(".unit")
@@ -75,18 +75,18 @@ def notify(*states: str) -> None:
 
 
 class ServiceManager:
-    """Notifies systemd of readiness, watchdog and stop of a node while the `with` block runs."""
+    """Notifications of readiness, life and stop of a node to systemd, sent while the `with` block runs."""
 
     def __init__(self, is_well: Callable[[], bool]) -> None:
         """Prepare the notifications.
 
         Args:
-            is_well: returns True while the node works; else no notification is sent, and systemd restarts it.
+            is_well: returns True while the node works; if not, no notification is sent, and systemd restarts the node.
         """
         self._is_well = is_well
         self._ended = threading.Event()
         microseconds = os.environ.get("WATCHDOG_USEC", "")
-        # As sd_watchdog_enabled(3) advises: twice within the time.
+        # Half the watchdog's time, as sd_watchdog_enabled(3) advises.
         self._period = int(microseconds) * 1e-6 / 2.0 if microseconds.isdigit() else None
         self._thread = supervised("guara-watchdog", self._run)
 

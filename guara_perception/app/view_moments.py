@@ -34,8 +34,8 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
     Args:
         path: a grid (.npz), a recording (.mcap) or a scan folder.
         robot: model of the robot that recorded it.
-        calibration: with it, scans are processed again and their stripes are shown; None = that of the recording, if
-            it holds one.
+        calibration: with it, scans are processed again and their stripes are shown; None = the one in the recording, if
+            any.
 
     Raises:
         MissingFile: the path does not exist.

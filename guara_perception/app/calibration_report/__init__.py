@@ -1,4 +1,4 @@
 """Calibration report: an HTML file with figures, and a summary for the terminal.
 
-Only the commands of `app` import it; it computes nothing that is not in the CalibrationResult.
+Only the commands and `acceptance` import it; everything in it is derived from the CalibrationResult.
 """

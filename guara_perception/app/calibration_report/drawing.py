@@ -78,7 +78,7 @@ def board_before_after(result: CalibrationResult, name: str) -> bytes:
 
 
 def corner_residuals(result: CalibrationResult) -> bytes:
-    """Residuals of the corners as arrows, and rms error of each view."""
+    """Draw the residuals of the corners as arrows, and the rms error of each view."""
     figure, (field, bars) = new_figure(10.5, 4.2, columns=2, width_ratios=(1.35, 1))
     corners = np.concatenate([view.corners_px for view in result.intrinsics.views])
     errors = -np.concatenate(result.fit.residuals_px)
@@ -105,7 +105,7 @@ def corner_residuals(result: CalibrationResult) -> bytes:
 
 
 def coverage_and_sigma(result: CalibrationResult) -> bytes:
-    """Corners seen in each part of the picture, and standard deviation of a floor point."""
+    """Draw the corners seen in each part of the picture, and the standard deviation of a floor point."""
     figure, (cells, sigma) = new_figure(10.5, 4.2, columns=2)
     width, height = result.fit.camera.size
     cells.imshow(result.coverage, cmap="Greens", vmin=0, extent=(0, width, height, 0), aspect="equal")
@@ -169,7 +169,7 @@ def _picture_axes(axes: Any, result: CalibrationResult) -> None:
 
 
 def side_view(result: CalibrationResult) -> bytes:
-    """Camera, mirror, laser planes and plates from the side."""
+    """Draw camera, mirror, laser planes and plates from the side."""
     figure, (axes,) = new_figure(9.5, 4.8)
     stripes, mirror = result.laser.stripes, result.laser.sweep.mirror
     camera_position = result.fit.transform_camera_to_footprint[:3, 3]
@@ -209,7 +209,7 @@ def stripes_over_plate(result: CalibrationResult) -> bytes:
 
 
 def plate_errors(result: CalibrationResult) -> bytes:
-    """Height error of every stripe on every plate, and of each plate by the laser planes fitted to the others."""
+    """Draw the height error of every stripe on every plate, and of each plate by planes fitted to the others."""
     columns = 2 if result.laser.leave_one_out else 1
     figure, axes = new_figure(10.5, 3.8, columns=columns)
     for number, plate in enumerate(result.session.plates):
@@ -246,7 +246,7 @@ def plate_errors(result: CalibrationResult) -> bytes:
 
 
 def mirror_steps(result: CalibrationResult) -> bytes:
-    """Deviation of each stripe's laser plane from that of an ideal mirror."""
+    """Draw the deviation of each stripe's laser plane from the plane of an ideal mirror."""
     figure, (axes,) = new_figure(9.5, 3.4)
     sweep = result.laser.sweep
     axes.plot(sweep.indices, np.rad2deg(2 * sweep.step_errors), ".-", color=BLUE, linewidth=0.8)

@@ -162,7 +162,7 @@ def value_text(check: Check) -> str:
 
 
 def limits_text(check: Check) -> str:
-    """Limits that a value must meet to be good, and not to be refused, with the comparison."""
+    """Text of the two limits of a value: beyond the first it is not good, beyond the second it is refused."""
     side = ">=" if check.higher_is_better else "<="
     return f"({side} {check.usable_from:g}, {side} {check.refused_from:g})"
 

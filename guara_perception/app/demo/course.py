@@ -46,7 +46,7 @@ class CourseDrawing:
         self._known = np.where(inside, np.where(is_free, FREE, np.where(is_unknown, UNKNOWN, REFUSED)), self._known)
 
     def step(self, leg: str, sole: Float, body: Float) -> None:
-        """Add the position of a sole that was set down, and that of the body, in the world [m]."""
+        """Add the positions of a sole that was set down and of the body, in the world [m]."""
         self._feet.append((leg, float(sole[0]), float(sole[1])))
         self._bodies.append(body)
 

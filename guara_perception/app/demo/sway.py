@@ -31,7 +31,7 @@ NO_STREAM, STREAM_HZ = 0.0, 200.0
 SHIFT, FREQUENCY = 0.005, 1.0
 # Height error above which a free cell is wrong [m].
 WRONG_M = 0.005
-# Least number of known cells with a stream, as a fraction of that of the still scan; size of the camera pictures [px].
+# Least ratio of known cells with a stream to known cells of the still scan; size of the camera pictures [px].
 KEPT, SIZE = 0.9, (640, 512)
 
 
@@ -80,7 +80,7 @@ def swaying_scan(
         seed: seed of all noise.
         mode: pattern of the stripes.
         light: light and sensor effects; None = those of the world.
-        clock_sigma: standard deviation of a clock error common to all flashes [s]; the scan is given this value, not the
+        clock_sigma: standard deviation of a clock error common to all flashes [s]. The scan knows this value, not the
             error.
     """
     rng = np.random.default_rng(seed)

@@ -41,10 +41,10 @@ JPEG_QUALITY = 85
 # the gait for standing still.
 RECORDED_PAUSES = 8
 PAUSES_PER_CYCLE = 4
-# Two rounds in which no foot swings: the robot is stuck on its course.
+# Pauses without a swing after which the robot is stuck on its course: two cycles.
 STUCK_PAUSES = 8
 START_TIMEOUT_S = 60.0
-# Longer than the planner waits for the two grids of a step, so that the planner's own error is reported.
+# Longest wait for an answer: longer than the planner waits for the two grids of a step, so that its error is reported.
 ANSWER_TIMEOUT_S = 130.0
 STOP_TIMEOUT_S = 10.0
 
@@ -89,7 +89,7 @@ def demo_walk(
         seed: seed of specimen and noise.
         robot_name: name or folder of the robot.
         world: name of a world of the package, or a world file.
-        is_course: whether strides are fitted to the ground; the walk then ends behind all features, or where stuck.
+        is_course: True to fit strides to the ground; the walk then ends beyond all features or when no foot can swing.
 
     Yields:
         One DemoPause per stance pause.
@@ -167,7 +167,7 @@ def demo_walk(
 
 
 def goal_of(world: World) -> float:
-    """Find the x beyond which a course has no more features [m].
+    """Position along x beyond which a course has no features [m].
 
     Raises:
         InvalidInput: the course has no features.
@@ -242,7 +242,7 @@ class PlannerProcess(AbstractContextManager["PlannerProcess"]):
         self._stdout.close()
 
     def _read(self, timeout: float) -> dict[str, Any]:
-        """Read the next answer, of which the planner writes one line for each request."""
+        """Read the next answer; the planner writes one line for each request."""
         if not select.select([self._stdout], [], [], timeout)[0]:
             self._process.kill()
             raise PlannerFailed(f"the planner process did not answer within {timeout:g} s")

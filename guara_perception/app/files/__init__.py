@@ -1,4 +1,4 @@
 """Scans, sessions and range images in folders and recordings: opened, written, converted.
 
-The commands and the node import it; it imports neither.
+Most of `app` imports it; it imports neither the commands nor the node.
 """

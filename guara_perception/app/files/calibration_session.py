@@ -26,7 +26,7 @@ def open_session(folder: str | Path, square: float | None = None) -> Calibration
 
     Args:
         folder: the session's folder.
-        square: edge of the board's squares [m]; None = that of the session.
+        square: edge of the board's squares [m]; None = as in the session.
 
     Raises:
         MissingFile: the folder, its session.json, or an image or scan named there does not exist.

@@ -1,4 +1,4 @@
-"""Files of camera models: reading of those of ROS (`camera_info`), OpenCV and Kalibr, writing for ROS."""
+"""Files of camera models: reader for ROS (`camera_info`), OpenCV and Kalibr, and writer for ROS."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ def open_scan(path: str | Path, step: int | None = None, *, missing_ok: bool = F
             while `step` is None.
     """
     scans = open_scans(path, missing_ok=missing_ok)
-    # A pause may have two scans, a coarse one and the same with the stripes between: the later one has more stripes.
+    # A pause may have two scans, a coarse one and the same with intermediate stripes added: the later one is taken.
     scans = list({scan.step: scan for scan in scans}.values())
     chosen = scans if step is None else [scan for scan in scans if scan.step == step]
     if len(chosen) == 1:

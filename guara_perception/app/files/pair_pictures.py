@@ -14,7 +14,7 @@ from guara_perception.exceptions import InvalidInput, MissingFile
 # Words that mark a picture without the laser.
 OFF_WORDS = {"off", "dark", "background", "bg", "ambient", "without"}
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
-# Most names that a message lists.
+# Largest number of names listed in a message.
 MOST_NAMES = 6
 
 
@@ -34,7 +34,7 @@ class PicturePair:
 
 
 def picture_files(given: Sequence[Path]) -> list[Path]:
-    """List the given pictures, with the pictures of a folder in place of it.
+    """List the given pictures; a folder is replaced by the pictures in it.
 
     Raises:
         MissingFile: a picture does not exist, or a folder has none.
@@ -58,7 +58,8 @@ def pair_pictures(pictures: Sequence[Path], off: str = "", number: int | None = 
     Args:
         pictures: all pictures, in any order.
         off: pattern of the names without the laser, as in a shell; empty = those with a word such as off or dark.
-        number: which number of a name gives the order, 1 the first, -1 the last; None = any, if the order is clear.
+        number: position of the number in a name that gives the order, 1 the first, -1 the last; None = any, if the
+            order is clear.
 
     Raises:
         InvalidInput: the order is not clear, or a picture has no partner; the message names the pictures.

@@ -22,7 +22,7 @@ IMAGES = ("range_image_mm", "ortho_image_mm")
 
 
 def write_range_images(folder: Path, terrain: TerrainGrid) -> list[Path]:
-    """Write both range images in 16 and 8 bits, the causes of the orthorectified one, and a key to the values.
+    """Write both range images in 16 and 8 bits, the causes of unknown pixels in the orthorectified one, and a key.
 
     Pixel (r, c) is row r along x, column c along y, as in the grid file; nothing is flipped for display here.
     """

@@ -28,8 +28,8 @@ MAGIC = b"\x89MCAP0\r\n"
 class RecordingFiles:
     """Successive files of a recording: `w.mcap`, `w-2.mcap` ..., or `<robot>-000001.mcap` ... in a folder.
 
-    Existing files are never written to. Only files of a folder with these names are removed, and none that a process is
-    still writing.
+    Existing files are never written to. In a folder, only files with these names are removed, and none that a process
+    is still writing.
 
     Attributes:
         file_size: size at which the next file is started [byte]; None for never.

@@ -21,7 +21,7 @@ from kinematics import BodyTrack, KinematicsError, RobotModel
 from transport import TerrainMessage, TransportError
 from transport.recording import FrameReference, Recording, ScanRecord, StripeRecord, open_recording
 
-# [ns] Longest times before the beginning of a scan and after its last stripe within which its samples were written.
+# [ns] Joint samples are read from BEFORE_NS before the beginning of a scan to AFTER_NS after its last stripe.
 BEFORE_NS, AFTER_NS = 5_000_000_000, 10_000_000_000
 
 
@@ -54,7 +54,7 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
     return [
         _scan(recording, record, path, withdrawn.get(index, ""), identity)
         for index, record in enumerate(recording.scans)
-        # A pause that ended before its first stripe is no reason to refuse the others.
+        # A pause that ended before its first stripe does not make the recording invalid.
         if any(stripe.on is not None for stripe in record.stripes)
     ]
 
@@ -70,7 +70,7 @@ def _reasons(scans: Sequence[ScanRecord], taken_back: list[TerrainMessage]) -> d
     for grid in taken_back:
         of_step = [index for index, scan in enumerate(scans) if scan.step == grid.step]
         before = [index for index in of_step if scans[index].stamp <= grid.stamp]
-        # After a clock was set back, no scan may seem to have begun before: then all scans of the step are withdrawn.
+        # If the clock was set back, no scan may appear to have begun earlier: then all scans of the step are withdrawn.
         last = before[-1:] or of_step
         while last and last[0] > 0 and scans[last[0] - 1].step == grid.step:
             last.insert(0, last[0] - 1)
@@ -141,7 +141,7 @@ def _scan(recording: Recording, record: ScanRecord, path: Path, withdrawn: str, 
 
 
 def _instant(stripe: StripeRecord) -> tuple[float, float]:
-    """Instant of a stripe's flash since BEGIN and its standard deviation [s]; NaN where it was not recorded."""
+    """Instant of a stripe's flash since BEGIN and its standard deviation [s]; NaN if it was not recorded."""
     if stripe.flash is None:
         return math.nan, 0.0
     return (stripe.flash.stamp - stripe.flash.begin) * 1e-9, stripe.flash.sigma * 1e-9

@@ -39,7 +39,7 @@ LARGEST_JOURNAL = 64 * 1024 * 1024
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 # Files of a robot folder on which a map depends.
 ROBOT_FILES = {".urdf", ".srdf", ".toml"}
-# Fewest feet that must have stood; with fewer, the motion since the claim is not known.
+# Least number of feet that must have stood; with fewer, the motion since the claim is not known.
 LEAST_STANDING = 2
 # Largest offset of the first image from its pose by odometry [m, rad]: sliding feet and joint noise cause a third of it
 # in two pauses.

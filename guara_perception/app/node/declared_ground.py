@@ -10,10 +10,10 @@ from guara_perception.terrain.map.known_ground import KnownGround
 from transport import StancePause
 
 FRAME = "base_footprint"
-# Most patches: two for each of four feet, with a factor of two in reserve.
+# Largest number of patches: two for each of four feet, with a factor of two in reserve.
 MAXIMUM_PATCHES = 16
 MAXIMUM_CORNERS = 16
-# [m] Largest distance, far beyond any step; ground outside the map is clipped.
+# [m] Largest coordinate of a corner, far beyond any step; ground outside the map is clipped.
 FURTHEST = 20.0
 # [m] Largest sigma of known ground.
 LARGEST_SIGMA = 0.1

@@ -30,7 +30,7 @@ class Rig:
 
     Attributes:
         robot: model of the robot.
-        known_calibration: calibration of the rangefinder; None for a scan to calibrate with.
+        known_calibration: calibration of the rangefinder; None for a scan from which to calibrate.
         rangefinder: board and camera, not yet open.
         simulation: simulated robot behind the rangefinder, None for real devices.
     """
@@ -65,7 +65,7 @@ def choose_rig(
     Args:
         chosen: robot, calibration and devices given by the options.
         simulated: True for a simulated robot, world and devices.
-        needs_calibration: False for a scan to calibrate with.
+        needs_calibration: False for a scan from which to calibrate.
         on_the_move: True if footholds will be chosen from the grids; the safety-related keys of robot.toml must then be
             measured.
         world: name or file of the simulated world.

@@ -23,7 +23,7 @@ logger = logging.getLogger(__name__)
 
 # Steps of the least-squares fit of the body to the ground below its feet, which is not flat.
 FIT_STEPS = 8
-# Distance of a sole from the ground beyond what joint biases and the terrain below it explain [m].
+# Distance of a sole from the ground above which joint biases and the terrain below it are no explanation [m].
 HANGING_M = 0.020
 # Noise of a reading of a joint at its limit [rad].
 LIMIT_ERROR_RAD = 0.01
@@ -32,7 +32,7 @@ TILT_ERROR_RAD = 0.06
 
 
 class ExternalGait:
-    """Places a simulated robot by the stance pauses of a gait in another process, and reports contradictions.
+    """Simulated robot placed by the stance pauses of a gait in another process; contradictions are reported.
 
     Position and heading follow from leg odometry, height and tilt from the support feet, which rest on the ground. The
     joints in the messages are readings of encoders with a constant bias, as on a robot. A new walk begins at the

@@ -18,11 +18,12 @@ from transport.supervision import supervised
 logger = logging.getLogger(__name__)
 # At INFO, so that the log reports that a walk continues, not only that it does not.
 logger.setLevel(logging.INFO)
-# Number of files: the last journal twice, in case one is damaged, and the one before for a pause that is scanned again.
+# Number of files: two copies of the last journal, in case one is damaged, and the journal before it, for a pause that
+# is scanned again.
 SLOTS = 3
 # [s] Longest wait for the last journal when the node ends.
 CLOSE_S = 5.0
-# [s] Longest wait of a confirmed map for its journal, which takes 0.1 s, on a busy machine several times that.
+# [s] Longest wait of a confirmed map for its journal; writing takes 0.1 s, several times that on a busy machine.
 CONFIRM_S = 2.0
 
 
@@ -72,22 +73,22 @@ class Journal:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Write the claim that waits, and end the thread."""
+        """Write the waiting claim, and end the thread."""
         with self._has_news:
             self._is_closing = True
             self._has_news.notify_all()
         self._thread.join(CLOSE_S)
 
     def write(self, claim: Claim | None) -> None:
-        """Queue a claim, if any, for the temporary file; returns at once. It replaces a claim that still waits."""
+        """Queue a claim, if any, for the temporary file; returns at once. It replaces a claim still waiting."""
         with self._has_news:
             self._last = self._next = claim
             self._has_news.notify_all()
 
     def confirm(self) -> None:
-        """Replace the older file by the newest claim; wait for it, on a slow disk for CONFIRM_S at most.
+        """Replace the oldest file by the newest claim, and wait up to CONFIRM_S until it is done.
 
-        A pause that is then published as confirmed is not lost with the node.
+        A pause published as confirmed afterwards is not lost if the node is killed.
         """
         with self._has_news:
             self._confirmed = self._last

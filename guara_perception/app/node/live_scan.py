@@ -13,7 +13,7 @@ from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.stripes.band import FramePair
 from transport import clock
 
-# Number of stripes that remain when work on the grid begins: they take longer than that work, even on a computer
+# Number of stripes still to be fired when work on the grid begins. They take longer than that work, even on a computer
 # three times slower than a desktop.
 STRIPES_AFTER = 3
 
@@ -62,7 +62,7 @@ def live_scan(
         rangefinder: open devices.
         processor: takes the stripes; made for the stance of this pause.
         firing_order: (index, mirror angle [rad]) in firing order.
-        should_stop: True ends the scan, for instance when the pause ends.
+        should_stop: returns True to end the scan, for instance when the pause ends.
         on_stripe: called after each stripe, for recording and progress.
         flash: returns `FramePair.instant` and its sigma from the stamp of a frame; None = no stripe has an instant.
     """
@@ -82,7 +82,7 @@ def live_scan(
                 # Otherwise the frames of the group would stay in memory until the next one is complete.
                 del group
                 if 0 < len(firing_order) - len(instants) <= STRIPES_AFTER and not worked_ahead:
-                    # The mirror still has to turn to the last stripes; afterwards the gait would wait for this.
+                    # Work now, while the mirror turns to the last stripes; after the scan, the gait would have to wait.
                     worked_ahead = True
                     processor.work_ahead()
     except DriverError as error:
@@ -102,7 +102,7 @@ def live_scan(
 
 
 def _instant(capture: StripeCapture, rangefinder: Rangefinder) -> float:
-    """Instant at which the host had all frames of a stripe; the present one without stamps of a real clock."""
+    """Instant at which the host had all frames of a stripe; the present if they have no stamp of a real clock."""
     stamps = [stamp for stamp in (capture.on_stamp, capture.off_stamp, capture.dark_stamp) if not math.isnan(stamp)]
     if not stamps or rangefinder.clock is not None:
         return clock.now()

@@ -58,7 +58,7 @@ SCAN_THREAD = "guara-scans"
 # [s] A scan thread that works this long without reaching the next stripe counts as hung. Drivers take up to 15 s to
 # give up a disconnected camera.
 HANG_TIME_S = 30.0
-# Walk of an unusable pause with which a gait without epochs has restarted its step count.
+# Epoch of an unusable pause at which a gait without epochs has restarted its step count.
 UNKNOWN_WALK = "unknown"
 # Longest wait of the scan thread for work [s].
 LONGEST_WAIT_S = 3600.0
@@ -97,12 +97,12 @@ class PerceptionNode:
             calibration: calibration of this rangefinder.
             rangefinder: open devices.
             server: the node's side of the transport.
-            mode: mode of the scans at pauses: "coarse", "standard", or "adaptive" (coarse, then the stripes between
+            mode: mode of the scans at pauses: "coarse", "standard", or "adaptive" (coarse, then intermediate stripes
                 where there is an obstacle).
             method: method of stripe extraction.
             threshold: binarisation threshold of the paper's methods; None = chosen for each frame.
             recorder: writes every scan, or None.
-            status: collects what the status messages report; None = a new one.
+            status: collector of the status items; None = a new one.
             mirror: publishes each pause for ROS 2 tools, or None.
             journal: stores the walk at each confirmed pause, for a restart of the node; or None.
 
@@ -141,7 +141,7 @@ class PerceptionNode:
         self._is_asked = False
         self._closing = threading.Event()
         self._thread = supervised(SCAN_THREAD, self._run)
-        # Last progress of the scan thread; infinite while it waits for work.
+        # Time of the scan thread's last progress; infinite while it waits for work.
         self._progress_at = math.inf
         self.status.follow(self._thread_item)
         self.status.follow(self._pause_item)
@@ -293,7 +293,7 @@ class PerceptionNode:
         """End the pause and its scan, since the robot is no longer known to stand still.
 
         Args:
-            failure: failure of another thread of this process, which then calls this.
+            failure: failure of another thread of this process that caused this call, if any.
         """
         with self._changed:
             current = self._standing()
@@ -310,7 +310,7 @@ class PerceptionNode:
         return clock.now() - self._progress_at > HANG_TIME_S
 
     def _thread_item(self) -> StatusItem:
-        """State of the scan thread: it must run and make progress."""
+        """Status item of the scan thread: an error if it has ended or makes no progress."""
         name = f"thread {SCAN_THREAD}"
         is_due = self._thread.ident is not None and not self._closing.is_set()
         if not is_due or (self._thread.is_alive() and not self._is_hung()):

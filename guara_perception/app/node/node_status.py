@@ -97,7 +97,7 @@ class NodeStatus:
         self.on_change()
 
     def withdrawn(self, cause: str) -> None:
-        """Count a grid that was withdrawn, by its cause: "moved", "clock" (of the gait unknown) or "late"."""
+        """Count a grid that was withdrawn, by its cause: "moved", "clock" (that of the gait is unknown) or "late"."""
         with self._lock:
             self._withdrawn[cause] += 1
             self._items["withdrawn"] = StatusItem(
@@ -169,7 +169,7 @@ class NodeStatus:
 
 
 def pause_item(pause: Pause | None, is_scanned: bool, gait_clock: tuple[float, float] | None = None) -> StatusItem:
-    """Status item: phase of the walk, and when to expect the next grid.
+    """Status item: phase of the walk, and the event that brings the next grid.
 
     Args:
         pause: the newest pause, None before the first.

@@ -155,7 +155,7 @@ class Pause:
             self.ended.set()
 
     def begin_again(self, stance: Stance, now: float, stamp: int) -> bool:
-        """Handle a second BEGIN of this pause; False, which ends the pause, if it shows motion and there is no stream."""
+        """Handle a second BEGIN; False, which ends the pause, if its joints differ and there is no stream."""
         if self._add(stance, now, stamp):
             return True
         self.broken = f"a second BEGIN of step {self.step} came with other joints: {self.broken}"
@@ -163,7 +163,7 @@ class Pause:
 
     def leave_stream(self) -> None:
         """Ignore the stream from now on: the readings must show that the robot stood still."""
-        # The order matters, because `_add` runs on another thread: either it finds no stream, or its motion is found here.
+        # The order matters, because `_add` runs on another thread: it finds no stream, or its motion is found here.
         self.stream = None
         if self._motion:
             self._break(self._motion, moved=True)

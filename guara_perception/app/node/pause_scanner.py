@@ -32,12 +32,12 @@ from transport import TerrainMessage, clock
 from transport.server import PerceptionServer
 
 logger = logging.getLogger(__name__)
-# The next scan is expected to take as long from last frame to published grid as the slowest of this many scans.
+# Number of scans whose longest time from last frame to published grid is assumed for the next scan.
 TAILS = 5
 
 
 class PauseScanner:
-    """Scans pauses one after the other; used from one thread.
+    """Scanner of successive pauses; used from one thread.
 
     Attributes:
         map: fused map of the walk.
@@ -174,7 +174,7 @@ class PauseScanner:
         self._status.note("stream_use", f"the joint stream is not used: {why}" if why else "")
 
     def _await_joints(self, pause: Pause, processor: ScanProcessor, last_frame: float) -> None:
-        """Wait for the joint samples that locate the stripes; without them, process the scan as of a still body."""
+        """Wait for the joint samples that locate the stripes; without them, the body is taken to stand still."""
         stream = pause.stream
         if stream is None:
             return

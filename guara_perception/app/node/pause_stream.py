@@ -16,7 +16,7 @@ from transport.messages.stance_stream import ANY_WALK
 from transport.recording import FlashRecord
 from transport.stance_link import GaitClock
 
-# [s] Longest wait of a scan for the gait's clock; and for the samples about its last flash once they are due.
+# [s] Longest wait of a scan for the gait's clock; and for the samples around its last flash, once they are due.
 CLOCK_WAIT, SAMPLE_WAIT = 0.5, 0.5
 
 
@@ -109,7 +109,7 @@ class PauseStream:
         return FlashRecord(self.begin, self.begin + round(1e9 * flash[0]), round(1e9 * flash[1]))
 
     def wait(self, is_enough: Callable[[], bool]) -> None:
-        """Wait for enough samples, at most until SAMPLE_WAIT after the samples about the last flash are due."""
+        """Wait for enough samples, at most until SAMPLE_WAIT after those around the last flash are due."""
         ahead = max(self._last_flash - clock.now(), 0.0)
         with self._added:
             self._added.wait_for(is_enough, ahead + HALF_WINDOW + SAMPLE_WAIT)

@@ -44,9 +44,9 @@ class Published:
         swept: the scan and its processors.
         terrain: grid of the scan alone.
         fused: map with this scan, None while it is not in the map.
-        is_confirmed: the pause has confirmed it.
+        is_confirmed: later joint readings of the pause have confirmed it.
         was_sent_provisional, was_map_provisional: grid and map were published as provisional.
-        will_be_refined: a finer grid of the same pause follows, which is confirmed in its place.
+        will_be_refined: a finer grid of the same pause follows and is confirmed instead.
     """
 
     pause: Pause
@@ -60,7 +60,7 @@ class Published:
 
 
 class PublishedScans:
-    """Publishes the grids and maps of successive pauses; used from one thread.
+    """Publisher of the grids and maps of successive pauses; used from one thread.
 
     Attributes:
         newest: scan whose grid was published last, None if it was withdrawn.
@@ -160,7 +160,7 @@ class PublishedScans:
             self._cut(newest)
 
     def record_cut(self, pause: Pause, messages: list[TerrainMessage]) -> None:
-        """Record that some frames of a scan may not be used: replays leave it out, like a withdrawn one."""
+        """Record that some frames of a scan must not be used; replays then skip the scan, as if withdrawn."""
         if self._recorder is not None:
             nothing = self._nothing_seen(pause, TOO_LITTLE)
             number = self._server.next_sequence("footprint")
@@ -241,7 +241,7 @@ class PublishedScans:
         """Publish a grid as provisional or confirmed; a provisional one is valid no longer than its pause may last."""
         pause, scan = published.pause, published.swept.scan
         is_provisional = published.will_be_refined or pause.still_until < scan.last_frame
-        # A map is told as confirmed when its journal is in place: a node that is killed then has not lost it.
+        # A map is reported as confirmed once its journal is written, so that a node killed afterwards can continue.
         is_map = terrain is published.fused
         is_provisional |= is_map and self._journal is not None and not published.is_confirmed
         published.was_map_provisional |= is_map and is_provisional

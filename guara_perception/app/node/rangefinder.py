@@ -122,16 +122,16 @@ class Rangefinder:
         )
 
     def flash(self, stamp: float) -> tuple[float, float] | None:
-        """Middle of the light in a frame with this stamp, by the machine's monotonic clock, and its sigma [s].
+        """Middle of the flash in a frame with this stamp, on the machine's monotonic clock, and its sigma [s].
 
-        None where the camera's `lag` is not known.
+        None if the camera's `lag` is not known.
         """
         lag = self.camera.lag
         if not lag:
             return None
         exposure = None if self._locked is None else self._locked.exposure
         if exposure is None:
-            # The flash was at any time between the earliest that the frame can show and the frame's stamp.
+            # The flash was at any time from `lag` before the frame's stamp up to the stamp, with equal probability.
             return stamp - lag / 2, math.hypot(lag / math.sqrt(12.0), LAG_SIGMA)
         if self.options is not None and self.options.sweep is not None:
             exposure = min(exposure, self.options.sweep.flash)

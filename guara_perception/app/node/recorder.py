@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 JPEG_444 = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
-# Most memory of data that waits for a slow disk [byte]: 614 single-channel frames of 640x512 pixels.
+# Largest amount of data that waits for a slow disk [byte]: 614 single-channel frames of 640x512 pixels.
 MAXIMUM_WAITING = 192 * 1024 * 1024
 # Longest wait for the disk when the recorder closes [s].
 CLOSE_TIMEOUT_S = 30.0
@@ -194,7 +194,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         return True
 
     def status_item(self) -> StatusItem:
-        """Status item: numbers of recorded and lost scans, and why the last one was lost."""
+        """Status item: numbers of recorded and lost scans, and the present problems."""
         with self._counted:
             return StatusItem(
                 name="recording",
@@ -330,7 +330,7 @@ class ScanRecording:
             self._post(0, lambda: self._fail("the disk is too slow, frames were left out"))
 
     def extend(self, mode: str | None) -> None:
-        """Continue with the stripes between those recorded so far.
+        """Continue with the intermediate stripes of the sweep.
 
         Args:
             mode: mode of the whole scan, which is then recorded as a second scan of this pause that refers to the
@@ -377,7 +377,7 @@ class ScanRecording:
     def _begin_again(self, mode: str) -> None:
         self._recorder.writer.end_scan(stamp=time.time_ns())
         self._recorder.writer.begin_scan(dataclasses.replace(self._record, mode=mode))
-        # No topic's time may go back for readers: all stripes get the stamp of the last one; frames keep their own.
+        # Times within a topic must not decrease: all stripes get the stamp of the last one; frames keep their own.
         for stripe in self._stripes:
             self._write(dataclasses.replace(stripe, stamp=self._stripes[-1].stamp))
 
@@ -415,7 +415,7 @@ class ScanRecording:
     def _frame(self, pixels: Image, stamp: int) -> FrameRecord:
         if self._quality is None:
             return FrameRecord(pixels=pixels, stamp=stamp)
-        # 4:4:4, since the red stripe is mostly in the colour channels, whose resolution 4:2:0 would halve.
+        # 4:4:4, since a red stripe is mostly in the chroma channels, whose resolution 4:2:0 would halve.
         options = (cv2.IMWRITE_JPEG_QUALITY, self._quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, JPEG_444)
         return FrameRecord(data=cv2.imencode(".jpg", pixels, options)[1].tobytes(), format="jpeg", stamp=stamp)
 

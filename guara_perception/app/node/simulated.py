@@ -27,7 +27,7 @@ from transport.stance_link import StancePublisher
 
 # The terrain that comes with the package.
 DEMO_WORLD = Path(__file__).parents[2] / "simulation" / "worlds" / "demo.toml"
-# Time from the end of an exposure to the frame's arrival, as of a camera on a fast link.
+# Time from the end of an exposure to the frame's arrival on a fast link [s].
 LATENCY_S = 0.001
 
 
@@ -100,13 +100,13 @@ class SimulatedRobot:
 
 
 def standing_pauses(pause: WalkPause, before: Mapping[str, int]) -> dict[str, int]:
-    """Number of previous pauses through which each foot has stood, from that of the last pause, by leg."""
+    """Number of previous pauses through which each foot has stood, by leg; `before` has those of the last pause."""
     swung = None if pause.last_footstep is None else pause.last_footstep.leg
     return {leg: 0 if leg == swung else before.get(leg, -1) + 1 for leg in pause.stance.support_feet}
 
 
 class SimulatedGait:
-    """Announces the pauses of one simulated walk as a gait controller would: it reads the joints for every message.
+    """Simulated gait controller that announces the pauses of one walk, with joint readings in every message.
 
     Attributes:
         epoch: identity of the walk.

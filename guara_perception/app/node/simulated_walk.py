@@ -23,7 +23,7 @@ SCAN_TIMEOUT_S = 60.0
 STOP_POLL_S = 0.2
 # Pause after each scan, for planners that are slow to subscribe.
 REST_S = 1.0
-# Cycles that the world of the demo has room for.
+# Number of gait cycles that fit into the demo's world.
 CYCLES = 11
 
 

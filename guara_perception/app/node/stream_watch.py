@@ -16,18 +16,18 @@ from transport.messages.stance_stream import ANY_WALK
 
 # [1/s] Allowed sampling rates; more samples would take computing time from the scans.
 LOWEST_RATE, HIGHEST_RATE = 50.0, 1000.0
-# Factor by which a measured rate may be outside them, since sampling is not exact.
+# Factor by which a measured rate may exceed these bounds, since sampling is not exact.
 RATE_SLACK = 1.1
 # [s] Longest time between samples that does not count as a gap; time over which rates are measured.
 LONGEST_GAP, RATE_TIME = 0.1, 1.0
-# [s] Silence that the status warns of; time after which warnings are cleared and a silent stream counts as ended.
+# [s] Silence after which the status warns; time after which warnings are cleared and a silent stream counts as ended.
 SILENT, FORGOTTEN = 1.0, 10.0
 # [s] Greatest age of the newest batch at BEGIN with which a pause uses the stream.
 FRESH = 0.25
 
 
 class StreamWatch:
-    """Status item `stance_stream`; batches come on the receiver's thread, the status is asked for on another."""
+    """Status item `stance_stream`; batches arrive on the receiver's thread, the item is read on another."""
 
     def __init__(self, robot: RobotModel, name: str) -> None:
         """Watch for a stream of the robot with the instance name `name`."""
@@ -68,10 +68,10 @@ class StreamWatch:
             return True
 
     def begin(self, make: Callable[[], PauseStream], epoch: str) -> PauseStream | None:
-        """Stream of a new pause, beginning with the samples of the last second; None unless its walk has a fresh one.
+        """Begin the stream of a new pause with the samples of the last second; None if its walk has no usable stream.
 
         Args:
-            make: creates it without samples; raises KinematicsError if there cannot be one.
+            make: creates the stream without samples; raises KinematicsError if the pause cannot have one.
             epoch: walk of the pause.
         """
         with self._lock:

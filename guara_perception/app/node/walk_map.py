@@ -41,7 +41,7 @@ class _WalkState:
     restarts: list[str] = field(default_factory=list)
     # Sole positions in the map's `odom`; None if the images of the last pause did not locate it.
     soles: Mapping[str, Float] | None = None
-    # It began beside the walk of the journal, which the scans since could not judge.
+    # True if this walk began although the walk in the journal was neither continued nor rejected: no scan could decide.
     is_beside: bool = False
 
     def copy(self) -> _WalkState:
@@ -59,7 +59,7 @@ class WalkMap:
     """
 
     def __init__(self, robot: RobotModel, calibration: Calibration, journal: Journal | None = None) -> None:
-        """Start before the first pause; the walk continues from a claim of the journal if that pause fits it."""
+        """State before the first pause, which continues the walk of the journal if its scan fits a claim."""
         self._robot, self._journal = robot, journal
         odometry = LegOdometry(robot, transform_camera_to_base=calibration.transform_camera_to_base)
         self._state = _WalkState(odometry, TerrainMap(robot))
@@ -95,7 +95,7 @@ class WalkMap:
         """
         state = self._state
         if state.last is not None and (epoch, step) == (state.epoch, state.step) and stance == state.stance:
-            # Another scan of the same pause, on request: its ground was fused with the first one.
+            # Another scan of the same pause, on request: its ground was already fused with the first scan.
             return state.last
         refused, standing = "", None
         if (state.step is None or state.is_beside) and self._journal is not None and self._journal.claims:
@@ -154,7 +154,7 @@ class WalkMap:
             self._journal.claims = ()
 
     def claim(self, time: float) -> Claim | None:
-        """Claim for the journal after a pause whose scan ended at `time` [s].
+        """Claim for the journal after the last pause, whose scan ended at `time` [s].
 
         None before the first pause, and while the journal found at the start has not been judged.
         """
@@ -181,7 +181,7 @@ class WalkMap:
         began_again = self._state.map is not self._kept.map
         self._state = self._kept
         if self._state.last is None:
-            # No pause was kept: the map has only what is withdrawn.
+            # No pause was kept: the map holds withdrawn scans only.
             self._state.map = TerrainMap(self._robot)
         else:
             self._state.map.take_back()
@@ -238,7 +238,7 @@ class WalkMap:
         return "", standing
 
     def _slips(self, pose: OdometryPose, fused: TerrainGrid) -> dict[str, float] | None:
-        """Distance by which each standing foot slid since the last pause [m]; None if images did not locate both."""
+        """Distance that each standing foot slid since the last pause [m]; None unless images located both pauses."""
         told, before = fused.metadata, self._state.soles
         is_shown = self._state.step is None or "visual_corners" in told
         if not is_shown or "visual_refused" in told or "transform_base_to_footprint" not in told:

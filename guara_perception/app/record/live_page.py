@@ -52,7 +52,7 @@ class LivePage:
                 self.wfile.write(content)
 
             def log_message(self, format: str, *args: object) -> None:
-                """Log nothing: every picture would be a line."""
+                """Log nothing: every picture would add a line."""
 
         try:
             self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)

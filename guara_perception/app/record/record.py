@@ -39,7 +39,7 @@ FARTHEST_CROSS_M: Final = 5.0
 
 
 class RecordingFailed(PerceptionError, RuntimeError):
-    """The session could not be recorded; its pictures are kept, and the same command continues."""
+    """The session could not be recorded; its pictures are kept, and the same command resumes it."""
 
 
 def record_session(

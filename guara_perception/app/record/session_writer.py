@@ -29,7 +29,7 @@ PARTS = {"plates": ("plate_*",), "board": ("board_[0-9][0-9].png", FLOOR_PICTURE
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionPlan:
-    """Contents of a session; it must be the same when a recording is continued.
+    """Planned contents of a session; a recording can only be continued with the same plan.
 
     Attributes:
         robot: name of the robot.
@@ -73,7 +73,7 @@ def read_plan(folder: Path) -> SessionPlan:
 
 
 class SessionWriter:
-    """Writes a session folder picture by picture, each whole or not at all."""
+    """Writer of a session folder, picture by picture, each whole or not at all."""
 
     def __init__(self, folder: str | Path, plan: SessionPlan, redo: Sequence[str] = ()) -> None:
         """Begin, or continue an earlier recording with the same plan.

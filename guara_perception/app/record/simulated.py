@@ -114,7 +114,7 @@ class SimulatedWorkshop:
         ray = self._camera_to_footprint[:3, :3] @ np.array([0.0, 0.0, 1.0])
         start = self._camera_to_footprint[:3, 3]
         centre = to_camera @ np.append(start - ray * start[2] / ray[2], 1.0)
-        # The board faces up, so its y axis is opposite to that of the floor.
+        # The board faces up, so its y axis is opposite to the floor's.
         flat = to_camera[:3, :3] @ rotation([np.pi, 0, 0]) @ rotation([0, 0, np.pi / 2])
         self._still(self._targets.board(self._board, self._board_pose(centre[:3], flat)))
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from guara_perception.app.record.session_writer import PLAN_FILE
 from guara_perception.exceptions import CalibrationRefused
 
-# Advice by a word in the text of the refusal; the first word found counts.
+# Advice by a phrase in the text of the refusal; the first phrase found counts.
 WAYS = (
     ("wrong square size", "`guara calibrate {session} -o {out} --square METRES` with the size measured again"),
     (

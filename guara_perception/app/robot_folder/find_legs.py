@@ -33,7 +33,7 @@ class FoundLeg:
 
 
 def find_legs(urdf: Urdf) -> tuple[FoundLeg, ...]:
-    """Find the legs: chains of three or more moving joints that no other leg has, in pairs left and right.
+    """Find the legs: chains of three or more moving joints that no other leg has, in left and right pairs.
 
     Raises:
         InvalidInput: fewer than three legs, or legs that share joints; the message says what was found.
@@ -68,7 +68,7 @@ def find_legs(urdf: Urdf) -> tuple[FoundLeg, ...]:
 
 def _leg(urdf: Urdf, chain: tuple[Joint, ...], below: dict[str, list[Joint]]) -> FoundLeg:
     x, y, z = urdf.transform_at_zero(chain[0].child)[:3, 3].tolist()
-    # Along the fixed links: the foot is the last one that has a shape, or has no further link.
+    # Follow fixed links up to a branch. The foot is the last one with a shape, else a child named as a foot, if any.
     foot, link = chain[-1].child, chain[-1].child
     links = {item.name: item for item in urdf.links}
     while len(below.get(link, [])) == 1:

@@ -9,7 +9,7 @@ from typing import Any
 from guara_perception.app.robot_folder.postures import FoundPosture
 from guara_perception.app.robot_folder.propose import Proposal, kind_of
 
-# Wave gait: advance and pauses of a cycle, its duration without scans at the slowest pace, and that of a scan.
+# Wave gait: advance, pauses, and duration of a cycle without scans at the slowest pace; duration of a scan.
 CYCLE_M, PAUSES, CYCLE_S, SCAN_S = 0.140, 4, 18.7, 7.0
 SWING_HEIGHT_M = 0.060
 

@@ -111,7 +111,7 @@ class LegSolver:
 
 
 def with_frame(urdf: Urdf, parent: str, name: str, transform: Float) -> Urdf:
-    """URDF with one more link fixed to `parent`; its rotation is the one that a reader of the written file gets."""
+    """URDF with one more link fixed to `parent`; its rotation is rounded as in the written file."""
     placed = np.array(transform)
     placed[:3, :3] = rotation_from_rpy(*rpy_from_rotation(placed[:3, :3]))
     link = Link(name, None, np.zeros(3), np.zeros((3, 3)), ())

@@ -45,7 +45,7 @@ class FoundPosture:
 
 
 def stand(legs: tuple[LegSolver, ...], hip_height: float) -> FoundPosture | None:
-    """Posture with the hips at a height above the soles, which are below the hips; None = out of reach."""
+    """Posture with the hips at this height above the soles, each sole below its hip; None = out of reach."""
     top = float(np.mean([leg.pitch_joint[2] for leg in legs]))
     floor = top - hip_height
     joints: dict[str, float] = {}
@@ -71,7 +71,7 @@ def stand(legs: tuple[LegSolver, ...], hip_height: float) -> FoundPosture | None
 def choose_height(legs: tuple[LegSolver, ...]) -> tuple[float, float]:
     """Choose the hip height; return it with the fraction of the gait's foot positions within reach (1 = all).
 
-    It is the highest from which the feet reach all positions; if there is none, the one from which they reach most.
+    It is the greatest height from which the feet reach all positions, or else the one from which they reach most.
 
     Raises:
         InvalidInput: the robot cannot stand at any height.

@@ -37,7 +37,7 @@ class Proposal:
         legs: legs as found, with the foot and the solver of each.
         soles: name of the sole's frame, by leg.
         sole: length and width of a sole [m].
-        sole_radius: of round feet [m], 0 for flat ones.
+        sole_radius: radius of round feet [m], 0 for flat ones.
         scan, standing: postures; joints outside the legs are as close to zero as their limits allow.
         reach: fraction of the gait's foot positions that are within reach, 1 = all.
         mounts: camera, laser, area.
@@ -152,7 +152,7 @@ def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> 
 
 
 def _sole(feet: list[Foot]) -> tuple[float, float]:
-    """Length and width of a sole [m], least over all feet: longest sides of a flat foot, width of a round one twice."""
+    """Length and width of the smallest sole [m]: the longest sides of a flat foot, a round foot's width for both."""
     lengths: list[tuple[float, ...]] = []
     for foot in feet:
         if not foot.shapes:

@@ -1,4 +1,4 @@
 """ROS messages of a pause for viewers: clouds, transforms, markers, grids and camera.
 
-Recorder and publisher of the program import it; it imports grids, the robot, `files` and transport's messages.
+The node, the demo and the views import it; it imports none of them.
 """

@@ -30,7 +30,7 @@ NEAR = 2
 
 
 class LiveView:
-    """Collects points and a picture of each scan and passes them to the sender without blocking the scan."""
+    """Collector of points and a picture of each scan, which it passes to the sender without blocking the scan."""
 
     def __init__(self, views: ViewSender, centre: int) -> None:
         """State before the first scan.

@@ -1,4 +1,4 @@
-"""Scene of a recording for Rerun: what its importer draws, in the right colours, and a blueprint."""
+"""Scene of a recording for the Rerun viewer: imported data, clouds and markers in their colours, and a blueprint."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def save_rerun_scene(path: Path, out: Path) -> Path:
 
 
 def blueprint(robot: str, model: str, position: Float) -> Any:
-    """Layout of the viewer: robot and terrain in odom, the camera's pictures beside them, following the newest.
+    """Layout of the viewer: robot and terrain in odom, the camera's pictures beside them, following the newest data.
 
     Args:
         robot: instance name.
@@ -144,7 +144,7 @@ def _model_of(description: str) -> str:
 
 
 def solid_shapes(description: str) -> Iterator[tuple[str, Any]]:
-    """Yield the entity of each plain visual of a URDF, with a setting that draws it solid, as the importer does not."""
+    """Yield the entity of each primitive visual of a URDF, and a component that draws it solid, unlike the importer."""
     rerun: Any = optional_library("rerun", "rerun", PURPOSE)
     shapes = {"box": rerun.Boxes3D, "cylinder": rerun.Cylinders3D, "sphere": rerun.Ellipsoids3D}
     try:

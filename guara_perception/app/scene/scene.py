@@ -40,7 +40,7 @@ Fields = dict[str, Array]
 
 
 class Scene:
-    """Makes the messages of one robot's scenes; stamps are [ns] since the epoch."""
+    """Scenes of one robot as messages; stamps are [ns] since the epoch."""
 
     def __init__(self, robot: RobotModel, calibration: Calibration) -> None:
         """Create the scene of a robot and its rangefinder.
@@ -76,7 +76,7 @@ class Scene:
         yield "scan/points", point_cloud_message(stripe_cloud(points), BASE_FOOTPRINT, stamp)
 
     def of_grid(self, message: TerrainMessage, *, unknown: int = 100) -> Iterator[Named]:
-        """Messages made from a grid: occupancy and grid map; from a map also cells as points, markers, odom.
+        """Messages of a grid: occupancy and grid map; for a map also points, markers and the robot's pose in odom.
 
         Args:
             message: message of the grid as it was sent.
@@ -102,7 +102,7 @@ class Scene:
     def _placed(self, message: TerrainMessage) -> list[TransformMessage]:
         """Frames of the robot at the scan of a map, in `odom`."""
         base = self._robot.config.base_frame
-        # Only the transforms of the body; that of the camera is among the fixed ones.
+        # Transforms of the body only; the camera's is among the fixed ones.
         body = [
             dataclasses.replace(item, source_frame=base if item.source_frame == "base_link" else item.source_frame)
             for item in message.transforms
@@ -138,7 +138,7 @@ class RobotFrames:
         return self._between_links(joint_positions, of_fixed_joints=False)
 
     def standing(self, stance: Stance) -> list[TransformMessage]:
-        """Transforms of moving joints, and that of the body to base_footprint.
+        """Transforms of the moving joints, and of the body to base_footprint.
 
         Raises:
             kinematics.KinematicsError: the stance does not fit the robot.

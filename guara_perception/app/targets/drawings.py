@@ -80,7 +80,7 @@ def calibration_board(board: BoardSpec) -> Sheet:
 
 
 def _runs(ink: Mask) -> Iterator[tuple[int, int, int, int]]:
-    """Column, row, width and height of runs of inked cells, along the rows and along the columns.
+    """Yield column, row, width and height of runs of inked cells, along the rows and along the columns.
 
     Touching cells are in one run, so that no white hairline shows between them.
     """
@@ -216,7 +216,7 @@ def _centre_lines(axes: Axes, x: float, y: float, width: float, height: float) -
 
 
 def parse_board(size: str, square: float, pattern: str = CHECKERBOARD) -> BoardSpec:
-    """Parse a board from "COLUMNSxROWS" of inner corners; add the edge of its squares [m] and its pattern.
+    """Board of "COLUMNSxROWS" inner corners with the given edge of its squares [m] and pattern.
 
     Raises:
         InvalidInput: not of this form, or a size out of range.
@@ -234,7 +234,7 @@ def parse_board(size: str, square: float, pattern: str = CHECKERBOARD) -> BoardS
 
 
 def parse_heights(text: str) -> tuple[float, ...]:
-    """Parse heights of plates [m] with commas between.
+    """Parse heights of plates [m], separated by commas.
 
     Raises:
         InvalidInput: not numbers, more than 20, not all within 0.5 m of the floor, or all nearly the same.
