@@ -198,7 +198,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
             timeout: longest wait [s]; None = no limit.
             extent: "footprint" or "map".
             after: number of a sample; only later ones are considered.
-            takes_back: also return a message that withdraws an earlier grid, whatever is accepted.
+            takes_back: also return a message that withdraws an earlier grid, whatever `accepted` says.
             accepted: as in `latest`.
 
         Raises:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-# Linux: as CLOCK_MONOTONIC, but including the time for which the machine was suspended.
+# Linux clock like CLOCK_MONOTONIC that also counts the time for which the machine was suspended.
 BOOT_CLOCK = getattr(time, "CLOCK_BOOTTIME", None)
 
 

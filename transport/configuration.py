@@ -14,12 +14,12 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 # A peer that is silent for this long is considered dead [ms]; a hung node is noticed within 2.5 s.
 LEASE_MS = 2000
 
-# A sample that a link cannot accept within this time is dropped for that link [us]. All other readers wait meanwhile.
+# Longest wait for room on a link before a sample is dropped for that link [us]; all other readers wait meanwhile.
 WAIT_BEFORE_DROP_US = 20_000
 
-# The same for a client, which has only one link, and for a site router, whose robots have their planners beside them
-# [us]. It covers the time that a busy machine takes to run the threads of a hundred links; with less, maps sent in
-# bursts were lost between router and planner.
+# The same for a client, which has only one link, and for a site router, since a robot's planner usually runs next to
+# its node [us]. It covers the time that a busy machine takes to run the threads of a hundred links; with less, maps
+# sent in bursts were lost between router and planner.
 PATIENT_WAIT_US = 100_000
 
 # Length of a link's queue by priority, in batches of 64 KiB (default 2, maximum 16). The grid of a scan fits, as do the
@@ -128,7 +128,7 @@ def node_configuration(
 
 
 def router_configuration(listen: Sequence[str], *, uplink: str | None = None) -> dict[str, Any]:
-    """Configuration of a site router: that of a node, with a longer wait before samples are dropped."""
+    """Configuration of a site router: as for a node, but with a longer wait before samples are dropped."""
     return {**node_configuration(listen, uplink=uplink), **_base(shared_memory=False, patient=True)}
 
 

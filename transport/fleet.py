@@ -43,7 +43,7 @@ class RobotState:
 
 
 def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float = 2.0) -> tuple[RobotState, ...]:
-    """Query the state of all robots, or of those named, once; no grids are transferred.
+    """Query the state of all robots, or of the given ones, once; no grids are transferred.
 
     Args:
         session: open session of a client of the router.

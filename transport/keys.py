@@ -27,10 +27,10 @@ def check_name(name: str, what: str = "robot") -> str:
 
     Args:
         name: instance name of a robot, or name of a role.
-        what: what the name belongs to, for the error message.
+        what: owner of the name, for the error message.
 
     Raises:
-        KeyNameError: the name is empty or contains characters other than letters, digits, `_` and `-`.
+        KeyNameError: the name is not made of ASCII letters, digits, `_` and `-`, or begins with `-`.
     """
     if not isinstance(name, str) or NAME.fullmatch(name) is None:
         raise KeyNameError(
@@ -79,19 +79,19 @@ def perception_key(name: str, robot: str = DEFAULT_ROBOT) -> str:
     return f"{perception_prefix(robot)}/{name}"
 
 
-# Keys of nav_msgs/OccupancyGrid and grid_map_msgs/GridMap of the last scan,
+# nav_msgs/OccupancyGrid and grid_map_msgs/GridMap of the last scan.
 occupancy_key = partial(perception_key, "occupancy")
 grid_map_key = partial(perception_key, "grid_map")
-# steppable regions of the newest map, and its summary for slow links,
+# Steppable regions of the newest map, and its summary for slow links.
 regions_key = partial(perception_key, "regions")
 summary_key = partial(perception_key, "summary")
-# queryables that take scan requests, and that return the newest grid or a region of it,
+# Queryables for scan requests, and for the newest grid or a region of it.
 scan_key = partial(perception_key, "scan")
 query_key = partial(perception_key, "query")
-# diagnostic_msgs/DiagnosticArray of the node, and its liveliness token,
+# diagnostic_msgs/DiagnosticArray of the node, and its liveliness token.
 status_key = partial(perception_key, "status")
 alive_key = partial(perception_key, f"@alive/{NODE_ROLE}")
-# sensor_msgs/PointCloud2 and sensor_msgs/CompressedImage of one stripe of the last scan, for viewers.
+# Points of the last scan, and the camera image of one of its stripes, for viewers.
 points_key = partial(perception_key, "points")
 picture_key = partial(perception_key, "picture")
 

@@ -20,8 +20,8 @@ from transport.messages.terrain_message import Health
 from transport.security.folder import configured_endpoints, role_folder
 
 logger = logging.getLogger(__name__)
-# Longest wait for another node to disappear [s]: a killed node does at once, a hung one within two seconds; the rest is
-# for a busy machine.
+# Longest wait for another node to disappear [s]. A killed node disappears at once, a hung one within two seconds; the
+# rest is for a busy machine.
 NAME_TIMEOUT = 15.0
 # Interval of checks [s].
 POLL = 0.25

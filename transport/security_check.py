@@ -47,7 +47,7 @@ EXPECTED: dict[str, tuple[str, ...]] = {
 
 # Longest wait for a message that should arrive [s].
 WAIT = 2.0
-# Wait for a message that should not arrive [s]; it would take milliseconds.
+# Time to listen for a message that should not arrive [s]; if it did, it would take milliseconds.
 QUIET = 0.5
 # Reply to a scan request.
 DONE = b"done"

@@ -46,7 +46,7 @@ REPORTED_FOR = 60.0
 
 
 class PerceptionServer(Resource):
-    """Transport of the node of one robot; its methods do not block the scan thread.
+    """Transport of the node of one robot. Publishing does not block the calling thread.
 
     Attributes:
         robot: instance name.
@@ -174,7 +174,7 @@ class PerceptionServer(Resource):
         return terrain.step != self._step or (terrain.epoch or self._epoch) != self._epoch
 
     def _answer(self, extent: str) -> TerrainMessage | None:
-        """Newest grid for a query, counted; also if it may not be used any more, which the asker judges."""
+        """Return the newest grid for a query and count the answer. The client decides whether it may use the grid."""
         with self._lock:
             terrain = self._newest.get(extent)
             is_old = terrain is None or terrain.withdrawn or self._is_other_pause(terrain)
@@ -192,14 +192,14 @@ class PerceptionServer(Resource):
             self.mirror(lambda: draw(terrain), lane=terrain.extent)
 
     def _empty(self, terrain: TerrainMessage) -> None:
-        """Withdraw occupancy and grid map: their messages do not name the pause, whose frame is no longer valid."""
+        """Withdraw occupancy and grid map, whose frame is no longer valid: their messages do not name their pause."""
         nothing = terrain.emptied(time.time_ns(), f"the pause of step {terrain.step} is over")
         self._post_derived(nothing, np.full(nothing.shape, 100, np.int8))
 
     def draw_with(self, draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]]) -> None:
-        """Send the messages that `draw` makes of each grid to ROS 2: pairs of topic and message object, as in `mirror`.
+        """Send to ROS 2 what `draw` makes of each grid: pairs of topic and message object, as in `mirror`.
 
-        They then include occupancy and grid map, which are no longer sent to ROS 2 by `publish`.
+        `publish` then no longer sends occupancy and grid map to ROS 2, so `draw` should make them too.
         """
         self._draw = draw
 
@@ -243,7 +243,7 @@ class PerceptionServer(Resource):
         self._scans = ScanServer(self._session, run, robot=self.robot, admission=admission)
 
     def gait_clock(self, on_news: Callable[[], None]) -> GaitClock:
-        """Make the clock of the gait controller of this robot; `on_news` as in `GaitClock`."""
+        """Make and return the `GaitClock` of this robot, with `on_news` as its callback."""
         self._gait = GaitClock(self._session, self.robot, on_news)
         return self._gait
 
@@ -253,8 +253,8 @@ class PerceptionServer(Resource):
             self._step, self._epoch, self._standing = step, epoch or self._epoch, True
             newest = self._newest.get("footprint")
             if newest is not None and not self._is_other_pause(newest):
-                # The newest grid is of an earlier pause with the same number. A skipped sequence makes receivers
-                # reject it.
+                # The newest grid is of an earlier pause with the same number. Receivers reject it, because a sequence
+                # number is skipped.
                 self._sequences["footprint"] += 1
                 self._given_up = self._sequences["footprint"]
             derived, self._derived = self._derived, None

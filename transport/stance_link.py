@@ -21,7 +21,8 @@ from transport.queries.remote_clock import ClockBound, RemoteClock
 
 # Interval of queries of the gait's clock [s]; a clock that is set in between is noticed at the next reply.
 CLOCK_PERIOD = 2.0
-# After this time without a reply [s] a gait controller that replied before is lost: it may have begun the next pause.
+# Time without a reply after which a gait controller that replied before counts as lost [s]: it may have begun the next
+# pause.
 GAIT_SILENT = 4.0
 
 
@@ -51,7 +52,7 @@ class StancePublisher(Sender):
         super().__init__(session, self._answerer, self._holds, self._publisher)
 
     def publish(self, pause: StancePause) -> None:
-        """Announce a pause; returns immediately. All are sent in order, but a newer HOLD replaces a waiting one.
+        """Announce a pause; returns immediately. Announcements are sent in order; a newer HOLD replaces a waiting one.
 
         Raises:
             SessionClosed: the session is closed.
@@ -131,7 +132,7 @@ class StanceReceiver(OrderedReceiver[StancePause]):
             robot: instance name.
             on_pause: called with each announcement, on a background thread.
             on_refused: called on that thread when an announcement is invalid, which leaves the state of the robot
-                unknown. Several in a row are reported once.
+                unknown; called once for several that wait in a row.
         """
         super().__init__(session, stance_key(robot), decode_stance_pause, on_pause, on_refused)
 

@@ -51,7 +51,7 @@ class StanceStreamPublisher(Sender):
 
     Args:
         session: open session.
-        legs: legs of the robot; each sample tells which of them support it.
+        legs: legs of the robot; each sample states which of them carry weight.
         robot: instance name.
         epoch: identity of the walk, as in `StancePause`.
     """
@@ -144,7 +144,7 @@ class StanceStreamReceiver(OrderedReceiver[StanceStream]):
             session: open session.
             robot: instance name.
             on_batch: called with each batch, on a thread of its own.
-            on_refused: called on that thread when a batch is not valid; several in a row are reported once.
+            on_refused: called on that thread when a batch is not valid, once for several that wait in a row.
         """
         key = stance_stream_key(robot)
         super().__init__(session, key, decode_stance_stream, on_batch, on_refused, latched=False)

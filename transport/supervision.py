@@ -16,12 +16,13 @@ from transport.messages.status_message import StatusItem
 from transport.messages.terrain_message import Health
 
 logger = logging.getLogger(__name__)
-# Number of restarts of a thread within the period [s]; a further failure in it is final.
+# Largest number of restarts of a thread within a period, and that period [s]; the next failure in it is final.
 RESTARTS = 3
 RESTART_PERIOD = 60.0
 # Delay before a restart [s], so that a short disturbance does not use up all restarts.
 RESTART_DELAY = 0.1
-# Time for which a failure is an error in the status [s]; then it is a warning until the process ends.
+# Time for which a failure that is not final is an error in the status [s]; afterwards it is a warning. A final one
+# remains an error.
 ERROR_TIME = 60.0
 # Name of the status item.
 THREADS_NAME = "threads"
@@ -172,7 +173,7 @@ def guarded(callback: Callable[..., None]) -> Callable[..., None]:
 
 
 class FailureLog:
-    """Failures of this process since its start, for the status."""
+    """Failures of this process since this log was created, for the status."""
 
     def __init__(self, on_change: Callable[[], None]) -> None:
         """Follow until `close`; `on_change` is called after each failure, on the failed thread."""

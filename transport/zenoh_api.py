@@ -78,7 +78,7 @@ def declare_publisher(session: Any, key: str, priority: str, encoding: str | Non
 
 
 def source_of(publisher: Any) -> str:
-    """Identity of a publisher as two chunks of a key: the ids of its session and of itself."""
+    """Identity of a publisher as two chunks of a key: the id of its session and its own id."""
     return _chunks(publisher.id)
 
 
@@ -121,7 +121,7 @@ def put(
 
 
 def number_of(sample: Any) -> tuple[str, int] | None:
-    """Source, as in `source_of`, and number of a received sample; None if it has none."""
+    """Source, as in `source_of`, and number of a received sample; None if it carries neither."""
     info = sample.source_info
     return None if info is None else (_chunks(info.source_id), int(info.source_sn))
 

@@ -26,9 +26,10 @@ class Board(ABC):
 
     - The laser is off at power-up, after opening, after closing, and when the host is gone.
     - It turns the laser off by itself after `identity.watchdog` (at most 0.4 s) without a call of `status` or another
-      method that reaches the board, and after `identity.laser_limit` of light without a rest. Nothing on the host feeds
-      its watchdog in the background.
-    - `status` reports the light seen by a sensor (flag LASER_SENSED), not the command, if it has one (HAS_SENSOR).
+      method that reaches the board, and after the laser has been on for `identity.laser_limit` without a rest. Nothing
+      on the host feeds its watchdog in the background.
+    - `status` reports the light seen by the sensor (flag LASER_SENSED), not the command, on a board with a sensor
+      (HAS_SENSOR).
     - After `home`, until power is lost, `identity.angle_of(step)` is the angle of the mirror to within half a step.
       MOVING is reported until the mirror has settled.
 

@@ -64,7 +64,7 @@ class LaserBoard(BoardSession):
         return super().ensure_ready(timeout)
 
     def clear_faults(self) -> BoardStatus:
-        """Clear every fault whose cause is gone and return the status, with those that remain."""
+        """Clear every fault whose cause is gone; return the status, with the faults that remain."""
         return self.command(Request.CLEAR_FAULTS, EVERY_FAULT)
 
     def laser_on(self) -> BoardStatus:

@@ -25,7 +25,7 @@ BAYER = ("BayerRG8", "BayerGR8", "BayerGB8", "BayerBG8")
 PIXEL_FORMATS = (MONO, *BAYER)
 # Block ids of GigE Vision 1.x run from 1 to 65535 and wrap to 1.
 SHORT_IDS = 65535
-# Least time from the end of an exposure to the start of the next, if the camera reports no highest frame rate [s].
+# Minimum time from the end of an exposure to the start of the next [s]; a reported maximum frame rate may require more.
 READ_OUT = 0.0002
 
 
@@ -35,7 +35,7 @@ class AravisCamera(Camera):
     The red pixels form an image of half the width and height. A red laser is visible in these alone; interpolation
     between them costs time and increases the errors (`python -m benchmarks light mosaics`).
 
-    Frames are returned in the order of exposure, without skipping; a frame with lost packets shows as a gap in the
+    Complete frames are returned in the order of exposure. A frame with lost packets is dropped and leaves a gap in the
     counter.
 
     Attributes:

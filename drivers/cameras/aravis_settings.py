@@ -9,8 +9,8 @@ from drivers.errors import CameraSettingRefused
 
 # Absolute tolerance of gain and gamma, which cameras round.
 ROUNDING = 0.05
-# Setting -> name in Aravis's methods, unit there, and relative and absolute tolerance of the value: cameras round
-# exposure to rows or clock ticks, gain to fractions of a decibel.
+# Setting -> (name in Aravis's methods, its unit, relative tolerance, absolute tolerance). Cameras round exposure to
+# rows or clock ticks, and gain to fractions of a decibel.
 FEATURES = {"exposure": ("exposure_time", 1e-6, 0.05, 0.0), "gain": ("gain", 1.0, 0.02, ROUNDING)}
 
 

@@ -24,7 +24,7 @@ from drivers.errors import (
 from drivers.frame import Frame
 
 logger = logging.getLogger(__name__)
-# Longest wait for a running read on closing [s]; V4L2 aborts a read after 10 s.
+# Longest wait for a read in progress when closing [s]; V4L2 aborts a read after 10 s.
 LONGEST_READ = 15.0
 BACKENDS = {"any": "CAP_ANY", "v4l2": "CAP_V4L2", "gstreamer": "CAP_GSTREAMER", "ffmpeg": "CAP_FFMPEG"}
 BACKENDS |= {"images": "CAP_IMAGES", "firewire": "CAP_FIREWIRE"}
@@ -33,7 +33,7 @@ FIREWIRE_HELP = (
     "for alternatives"
 )
 V4L2_MANUAL_EXPOSURE = 1.0
-# Setting -> property, its unit, name in messages, property of the automatic mode, and the value that switches that off.
+# Setting -> (property, its unit, name in messages, property of the automatic mode, value that turns that mode off).
 CONTROLS = {
     "exposure": ("CAP_PROP_EXPOSURE", 1e-4, "exposure [100 us]", "CAP_PROP_AUTO_EXPOSURE", V4L2_MANUAL_EXPOSURE),
     "gain": ("CAP_PROP_GAIN", 1.0, "gain", "", 0.0),

@@ -27,7 +27,7 @@ DAMAGED, NUMBERS = 0x40, 1 << 32
 # Unit of the exposure control [s], and relative tolerance of a value that the driver has rounded.
 EXPOSURE_UNIT, TOLERANCE = 1e-4, 0.05
 MANUAL_EXPOSURE = 1
-# Setting -> control, its unit, control of the automatic mode, and the value that switches that off.
+# Setting -> (control, its unit, control of the automatic mode, value that turns that mode off).
 CONTROLS: dict[str, tuple[str, float, str, int]] = {
     "exposure": ("exposure_time_absolute", EXPOSURE_UNIT, "auto_exposure", MANUAL_EXPOSURE),
     "gain": ("gain", 1.0, "", 0),
@@ -37,9 +37,9 @@ CONTROLS: dict[str, tuple[str, float, str, int]] = {
 
 
 class V4l2Camera(Camera):
-    """Camera of the Linux video interface. Frames are (height, width) uint8, returned in order without skipping.
+    """Camera of the Linux video interface. Frames are (height, width) uint8 and are returned in order.
 
-    Their numbers and monotonic stamps are the kernel's, so that lost frames show as gaps.
+    Numbers and monotonic stamps come from the kernel. Lost and damaged frames show as gaps.
     """
 
     counts_frames = True

@@ -41,7 +41,7 @@ class StripeVerdict(enum.Enum):
 
     @property
     def in_step(self) -> bool:
-        """True unless the frames contradict the commands; a dark stripe does not."""
+        """True unless a frame is missing or contradicts the commands; a dark stripe does not contradict them."""
         return self in IN_STEP
 
 

@@ -6,7 +6,8 @@ import secrets
 from collections.abc import Sequence
 from itertools import pairwise
 
-# Number of stripes per random dark flash: three in a standard sweep, one in a coarse one, at most 6 % more frames.
+# Number of stripes per random dark flash. A standard sweep has three, a coarse one has one; with the last flash that is
+# 6 % more frames.
 STRIPES_OF_PART = 23
 # Shorter sweeps have only the last flash.
 FEWEST_STRIPES = 8

@@ -11,7 +11,7 @@ from drivers.errors import CameraTimeout
 from drivers.frame import Frame
 from drivers.sweep.options import AcquireOptions
 
-# Longest wait for a frame between two reads of the status, which feed the board's watchdog (0.4 s) [s].
+# Longest wait for a frame before the status is read, which feeds the board's watchdog [s].
 SLICE = 0.1
 
 

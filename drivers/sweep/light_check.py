@@ -21,7 +21,7 @@ CLIPPED_STRIPE = 0.85
 # Least stripe brightness, as a fraction of full scale; a darker stripe is close to the noise of cheap cameras. Metering
 # aims at 0.7.
 DARK_STRIPE = 0.1
-# Most stripes examined in search of one that shows the laser; over holes and black ground none does.
+# Largest number of stripes examined in search of one that shows the laser; over holes and black ground none does.
 MOST_STRIPES = 4
 WHAT_TO_DO = "(`guara record` meters the exposure and writes it to devices.toml)"
 

@@ -17,7 +17,7 @@ class SweepOptions:
     Attributes:
         flash: longest flash of a stripe [s].
         period: shortest time between two triggers [s].
-        tolerance: allowed difference between intervals of trigger times and of the camera's own times [s].
+        tolerance: allowed difference between an interval of triggers and the same interval by the camera's clock [s].
         repeats: number of further sweeps for stripes whose frames could not be verified.
 
     Raises:
@@ -67,9 +67,9 @@ class AcquireOptions:
         queue_size: number of stripes that may wait for the caller, rounded up to whole groups of `together`; if the
             queue is full, the scan waits with the laser off.
         together: number of stripes per group that is handed to the caller. Groups shrink towards the end, to at most
-            twice the number of remaining stripes, and the last stripe is alone, so that it need not wait for a caller
-            that takes at most half a frame's time per stripe. Processing in groups takes less time, but each stripe
-            takes the memory of a frame.
+            twice the number of remaining stripes, and the last stripe is alone. A caller that takes at most half a
+            frame's time per stripe is then ready for the last stripe when it arrives. Processing in groups takes less
+            time, but each stripe takes the memory of a frame.
         limits: thresholds for differences between frames.
         dark_after: indices of the stripes that are followed by a frame with the laser off, see `draw_code`. A stripe
             whose dark frame is lost counts as lost.

@@ -14,9 +14,9 @@ from drivers.arrays import Array, Float, Image, Mask
 from drivers.sweep.capture import StripeEvidence, StripeVerdict
 from drivers.sweep.firing_order import RowRange
 
-# Number of sampled columns: the median row of 80 columns is accurate to a fraction of a pixel, in 0.2 ms.
+# Least number of sampled columns. The median row of 80 columns is accurate to a fraction of a pixel and takes 0.2 ms.
 COLUMNS = 80
-# Number of sampled rows: finer than half a stripe's width at any image size.
+# Least number of sampled rows; their spacing is less than half a stripe's width at any image size.
 ROWS = 512
 # Strides in the sampled rows and columns for offset and noise.
 COARSE_STRIDES = (32, 4)
@@ -115,7 +115,7 @@ class StripeProof:
             if moved is not None:
                 import cv2
 
-                # Motion of the scene is not a leak: the light of a pixel may now be in the one beside it.
+                # Motion of the scene is not a leak: the light of a pixel may have moved to a neighbouring pixel.
                 near = np.ones((3, 3), np.uint8)
                 least = moved.copy()
                 cv2.erode(moved, near, least)
@@ -285,7 +285,8 @@ class _SampleGrid:
     def light(self, image: Image, rows: tuple[int, int] | None = None) -> Array:
         """Sum over channels (rows, columns) at the sampled columns and rows (first, end); None = all rows.
 
-        The sum responds to a laser of any colour, and a difference of sums has the right sign, unlike that of maxima.
+        The sum responds to a laser of any colour. A difference of sums has the right sign, unlike a difference of
+        maxima.
         """
         first, end = (0, None) if rows is None else (rows[0] * self.row_stride, rows[1] * self.row_stride)
         pixels = self._pixels(image, slice(first, end, self.row_stride))

@@ -27,7 +27,7 @@ class ScanWorker(StripeWorker):
     """
 
     def __init__(self, task: ScanTask) -> None:
-        """Prepare; `start` begins."""
+        """Prepare the thread; `start` begins the scan."""
         super().__init__(task, groups=-(-task.options.queue_size // task.options.together))
         self._lost_in_row = 0
         self._group: list[StripeCapture] = []
@@ -36,7 +36,7 @@ class ScanWorker(StripeWorker):
 
     def _take(self) -> None:
         self.grabber.restart()
-        # Computed in advance: between frames, after a sleep, each call takes many times as long.
+        # Computed in advance: after a sleep, as between frames, each call takes many times as long.
         self._steps = [self._board.step_at(stripe.mirror_angle) for stripe in self._firing_order]
         try:
             if self._options.off is OffFrames.PER_STRIPE:
@@ -105,7 +105,7 @@ class ScanWorker(StripeWorker):
         """Make the stripe; take the frame of its dark flash if one is due, with the laser already off."""
         if stripe.index not in self._options.dark_after:
             return StripeCapture.of(stripe, reached, on, off)
-        # If that frame is lost, the next one serves as well.
+        # If the first frame is lost, the next one serves as well.
         dark = self.grabber.after(timing.monotonic()) or self.grabber.after(timing.monotonic())
         return StripeCapture.of(stripe, reached, None if dark is None else on, off, dark)
 
@@ -115,7 +115,7 @@ class ScanWorker(StripeWorker):
         return frame
 
     def _lit_and_still(self) -> float:
-        """Wait until the mirror is still; return the time since which it is still with the laser on [s]."""
+        """Wait until the mirror is still; return a time from which on it was still and the laser on [s]."""
         status, since = self._board.still_since()
         if status.laser_commanded:
             return since
@@ -133,7 +133,7 @@ class ScanWorker(StripeWorker):
         return frame
 
     def _collect(self, number: int, stripe: StripeCapture) -> None:
-        """Hand over a group when it is full, earlier near the end of the scan, where groups get smaller.
+        """Add a stripe to the group and hand the group over when it is full; groups shrink near the end of the scan.
 
         In a scan with dark flashes the newest stripe is held back, since a scan that is stopped early ends with a dark
         flash of its last stripe.
@@ -152,7 +152,7 @@ class ScanWorker(StripeWorker):
                 self.grabber.restart()
 
     def _put(self, item: tuple[StripeCapture, ...] | None) -> bool:
-        """Wait for room in the queue; False when the scan was cancelled instead."""
+        """Put an item into the queue when there is room; False if the scan is cancelled first."""
         while not self._cancelled.is_set():
             try:
                 self.items.put(item, timeout=QUEUE_SLICE)

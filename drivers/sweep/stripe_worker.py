@@ -57,7 +57,7 @@ class LaserSwitch:
 
     @property
     def may_stay_on(self) -> bool:
-        """True if the laser was commanded on, and is far from the board's time limit."""
+        """True if the laser was commanded on, at most half the board's time limit ago."""
         since = self._lit_since
         return since is not None and timing.monotonic() - since <= 0.5 * self._board.identity.laser_limit
 
@@ -83,7 +83,7 @@ class LaserSwitch:
                 self._lit_since = timing.monotonic()
 
     def off(self) -> None:
-        """Switch off; does nothing when off."""
+        """Switch off, even if the laser was not switched on."""
         with self._lock:
             self._lit_since = None
             self._board.laser_off()

@@ -9,12 +9,12 @@ import numpy as np
 from drivers.arrays import Float
 from drivers.board.protocol import WAIT_UNIT_US
 
-# Places of a sweep before whose triggers the board waits. Each reveals a shift of the frames relative to the triggers:
-# the first ones with few frames, the last ones if a camera has missed a third of a sweep. Their distances are uneven,
-# since with equal distances a shift by one distance would match all but the outermost.
+# Positions in a sweep at which the board waits before the trigger. Each wait reveals a shift of the frames relative to
+# the triggers: the first ones with few frames, the last ones if a camera has missed a third of a sweep. Their distances
+# are uneven: with equal distances, a shift by one distance would match all but the outermost.
 WAITING_PLACES = (1, 3, 4, 8, 10, 15, 21, 27, 34)
 WAIT_UNIT = WAIT_UNIT_US * 1e-6
-# Number of frames by which the true shift must explain more than any other.
+# Least number of frames that the true shift must explain beyond any other shift.
 MARGIN = 3
 # Fraction of the triggers so far whose frames must have arrived.
 LEAST_SHARE = 0.5
@@ -23,7 +23,7 @@ CLOCK_ERROR = 2e-4
 
 
 def uneven_waits(count: int, tolerance: float) -> list[int]:
-    """Waits before the triggers of a sweep [0.5 ms], by place, that make any shift by whole triggers detectable.
+    """Waits before the triggers of a sweep, in units of 0.5 ms, that make any shift by whole triggers detectable.
 
     Each wait is twice the tolerance within which frames of one offset agree, so an interval with a wait never matches
     one without. With nine waits any wrong shift mismatches ten or more frames, so any two triggers may be missed,

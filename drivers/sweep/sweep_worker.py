@@ -68,7 +68,7 @@ class Sweep:
 
 
 class SweepWorker(StripeWorker):
-    """Thread with the attributes of `ScanWorker`; a stripe without a verified frame is lost."""
+    """Thread with the attributes of `ScanWorker`; stripes without a verified frame are repeated, then lost."""
 
     _board: LaserBoard
 
@@ -145,7 +145,7 @@ class SweepWorker(StripeWorker):
         return frozenset({*places, first + len(stripes) - 1})
 
     def _waits(self, steps: Sequence[int]) -> list[int]:
-        """Waits before the triggers [0.5 ms]: uneven ones until the clocks are matched, then none.
+        """Waits before the triggers, in units of 0.5 ms: uneven until the clocks are matched, then zero.
 
         A wait is extended if the camera's period is longer than the motion and would otherwise absorb the wait.
         """

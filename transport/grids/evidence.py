@@ -19,8 +19,8 @@ from transport.messages.terrain_message import TerrainMessage
 
 # Frame of all grids of this major version.
 FRAME = "base_footprint"
-# A node reports once a second and on change. After three missing reports it may be gone, and the next pause may have
-# begun [s].
+# Longest silence of a node that still confirms grids [s]. It reports once a second and on change; after three missing
+# reports it may be gone, or the next pause may have begun.
 SILENT = 3.0
 # Number of ended runs that are remembered, and rejected.
 REMEMBERED = 64
@@ -126,7 +126,7 @@ def objections(
     Args:
         grid: the grid.
         word: last report of the current or last run; None if there was none.
-        step: newest step of the grid's walk known from grids.
+        step: newest step of the grid's walk among all grids received.
         age: time since the end of the scan [s].
         limit: allowed age [s].
         silence: time since the report [s].
@@ -242,7 +242,7 @@ class Evidence:
             return refusal
 
     def against(self, grid: Grid, *, age: float, limit: float, now: float, was_lost: bool) -> tuple[Objection, ...]:
-        """`objections` from this evidence; `was_lost` is True if the node's token, of any run, has disappeared."""
+        """Objections to a grid by this evidence; `was_lost`: the token of some run of the node has disappeared."""
         with self._lock:
             word, step = self.word, self._steps.get(grid.epoch)
         is_gone = grid.run in self._seen and grid.run not in self.live if grid.run else was_lost

@@ -97,7 +97,7 @@ class GridJudge:
 
     def _report(self, status: Status) -> str:
         word = read_word(status, clock.now())
-        # A status that waited in a queue is older than its arrival.
+        # A status that waited in a queue was made before it arrived.
         heard = clock.now() if word is None else min(word.heard, self.clock.latest(word.run, word.clock))
         return self._evidence.report(status, heard)
 
@@ -128,7 +128,7 @@ class GridJudge:
         patience: float = 0.0,
         is_superseded: Callable[[], bool] = lambda: False,
     ) -> G:
-        """Return the grid if it may be used; with `allow_stale` any grid, with the objections to it.
+        """Return the grid if `terms` accept it; objections that `allow_stale` overrides are listed in `stale_because`.
 
         Args:
             received: grid with its arrival.

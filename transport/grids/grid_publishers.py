@@ -20,7 +20,8 @@ from transport.messages.standard import grid_map_message, occupancy_message
 from transport.messages.terrain_message import EXTENTS, LAYERS, TerrainMessage, encode_compact, encode_terrain
 from transport.messages.typestore import GRID_MAP, OCCUPANCY, REGIONS, SUMMARY, TERRAIN, cdr, compact
 
-# Layers of the GridMap, whose only type is float32: the float32 layers, and the flags, which are exact below 2^24.
+# Layers of the GridMap, whose only type is float32: the float32 layers except `ceiling`, and the hazard flags, which
+# are exact below 2^24.
 GRID_MAP_LAYERS = (*(name for name, kind in LAYERS.items() if kind.dtype == np.float32 and name != "ceiling"), "hazard")
 
 

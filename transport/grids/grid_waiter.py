@@ -22,8 +22,8 @@ from transport.messages.terrain_message import TerrainMessage
 # Longest time from subscribing until the last grid and the node's liveliness token arrive [s]: below 0.1 s on an idle
 # machine, more on a busy one. Only a wait for a grid that does not exist takes that long.
 SETTLE = 2.0
-# A grid of a later pause than requested may be of a walk that has ended: if the robot is not standing, wait this long
-# for the BEGIN of the next walk [s].
+# Longest wait for the BEGIN of the next walk [s] when the robot is not standing and a grid is of a later pause than
+# requested: it may be of a walk that has ended.
 NEWS = 1.0
 
 

@@ -36,7 +36,7 @@ class ViewSender(Sender):
         """Send message objects, sensor_msgs/PointCloud2 and sensor_msgs/CompressedImage; returns immediately.
 
         Args:
-            make: returns the message objects; called on a thread of the outbox, only the newest if several wait.
+            make: returns the message objects; called on a thread of the outbox. A newer one replaces a waiting one.
         """
 
         def put() -> None:
@@ -49,7 +49,7 @@ class ViewSender(Sender):
         """Send the sensor_msgs/Image messages of RANGE_IMAGES; returns immediately.
 
         Args:
-            make: returns the messages by name; called only if one is subscribed to or queried later.
+            make: returns the messages by name; called only if an image has subscribers or is queried later.
         """
 
         def payload(name: str) -> bytearray:

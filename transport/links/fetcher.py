@@ -42,7 +42,7 @@ class Patience:
     """Estimate of the delay of published messages after their announcement.
 
     An announcement is small and overtakes the message. On a quick link the message follows within milliseconds, so a
-    loss is noticed soon; on a slow one it takes as long as its transfer.
+    loss is noticed soon; on a slow link the message follows only after its transfer.
     """
 
     def __init__(self) -> None:
@@ -240,7 +240,7 @@ class Fetcher:
         number: int,
         on_piece: Callable[[str, tuple[int, int, int], bytes], None],
     ) -> None:
-        """Query one piece and wait until its replies, if any, have ended."""
+        """Query one piece and wait for the end of its replies, at most until the timeout."""
         finished = threading.Event()
         timeout = LARGE_PIECE_TIMEOUT if size > FIRST_PIECE else PIECE_TIMEOUT
 

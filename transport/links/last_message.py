@@ -1,11 +1,11 @@
 """Last message of a publisher, kept for late subscribers and for slow links, which query it in pieces.
 
-Keys and heartbeat are those of Zenoh's advanced publisher, so that advanced subscribers (also those of rmw_zenoh) are
-served too. Zenoh's own publisher replies to late joiners on the thread and under the lock of its puts, so that one slow
+Keys and heartbeat are the same as in Zenoh's advanced publisher, so advanced subscribers (including rmw_zenoh) are
+served too. Zenoh's own publisher replies to late joiners on the thread and under the lock of its puts, so one slow
 joiner delays all readers for seconds. Here every query is answered on a thread of its own.
 
 A reply cannot carry the number of the message (Zenoh's Python API has no argument for it), so an advanced subscriber
-may get a message twice: published, by number, and as a reply. A `stamped` publisher identifies messages by timestamps,
+may get a message twice: once published and once as a reply. A `stamped` publisher identifies messages by timestamps,
 which replies do carry, so each is delivered once; its subscribers query again when the token is declared anew.
 """
 

@@ -36,7 +36,7 @@ class OrderedReceiver(NewestReceiver[T]):
         Args:
             session, key, decode, latched: as in `NewestReceiver`.
             on_message: called with each message.
-            on_refused: called when a message is not valid; several in a row are reported once.
+            on_refused: called when a message is not valid, once for several that wait in a row. Requires `on_message`.
         """
         self._on_message, self._on_refused = on_message, on_refused
         self._waiting: deque[T | MessageError] = deque()

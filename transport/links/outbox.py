@@ -14,7 +14,7 @@ logger = logging.getLogger(__name__)
 
 
 class Outbox:
-    """Runs actions on background threads: those of a lane in order, different lanes in parallel.
+    """Runs actions on background threads, in order within a lane and in parallel across lanes.
 
     At most one action per key and lane waits: a newer one replaces it. The thread of an empty lane ends.
 

@@ -21,7 +21,7 @@ LARGEST = "BACKGROUND"
 class Publisher(Resource):
     """Publisher of one key; a latched one keeps the last payload for late subscribers.
 
-    On a congested link a payload is dropped for that reader alone. A latched publisher keeps it, and `NewestReceiver`
+    A payload is dropped only for readers whose link is congested. A latched publisher keeps it, and `NewestReceiver`
     fetches it in pieces.
 
     Attributes:

@@ -23,16 +23,16 @@ T = TypeVar("T")
 class NewestReceiver(Resource, Generic[T]):
     """Receiver of one key that keeps only the newest message.
 
-    Zenoh's thread copies each payload over the one before, and the reading thread decodes it. A slow reader therefore
-    never sees an old message and never delays another reader. Messages published earlier, or lost on a slow link, are
-    fetched.
+    Zenoh's thread copies each payload over the one before; the reading thread decodes it, unless `refusal` needs it
+    earlier. A slow reader therefore never sees an old message and never delays another reader. A latched receiver
+    fetches messages that were published earlier or lost on a slow link.
 
     Attributes:
         key: key of the messages.
         received: number of samples that arrived.
         superseded: number of samples replaced by a newer one before they were read.
         missed: number of samples published but lost.
-        rejected: number of samples that were not a valid message.
+        rejected: number of samples that proved invalid when read.
         refused: number of samples from another sender, or out of order.
     """
 
@@ -92,8 +92,8 @@ class NewestReceiver(Resource, Generic[T]):
         return 0 if self._fetcher is None else self._fetcher.fetched
 
     def _on_sample(self, sample: Any) -> None:
-        # Copied here and not when read: the payload may be in memory shared with the publisher, which would have
-        # overwritten it by the time a suspended process continues.
+        # Copied on arrival, not when read: the payload may be in shared memory, which the publisher may overwrite while
+        # this process is suspended.
         payload = sample.payload.to_bytes()
         number = zenoh_api.number_of(sample)
         if self._fetcher is None or number is None:

@@ -218,7 +218,7 @@ def open_client(
     """Open the session of a client: a planner, a viewer, the gait controller.
 
     Args:
-        endpoint: endpoint of the node or router. None = the default on this machine, or that of the security folder.
+        endpoint: endpoint of the node or router. None = the default on this machine, or the one in the security folder.
         security: folder of a role, such as `DIR/planner`, or `DIR` itself, made by `guara security init`.
         role: role whose folder is used if `security` has several.
         shared_memory: as in `open_node`.

@@ -184,7 +184,7 @@ class RegionMessage:
     """Convex area in which a sole may be centred, in the frame of the message that contains it.
 
     Attributes:
-        halfspaces: (n, 3) a, b, c of a x + b y <= c, (a, b) of length 1 [m].
+        halfspaces: (n, 3) rows a, b, c of a x + b y <= c, with a^2 + b^2 = 1 and c in [m].
         vertices: (m, 3) corners on the plane, counter-clockwise [m].
         plane: (3,) p of z = p[0] x + p[1] y + p[2].
         sigma: standard deviation of the ground about the plane [m].

@@ -64,7 +64,7 @@ class ScanReply:
         stripes_done: stripes scanned so far.
         stripes_total: stripes of the pattern.
         step: with DONE, number of the pause.
-        sequence: with DONE, sequence of the terrain message, which was published before.
+        sequence: with DONE, sequence of the terrain message, which was published before this reply.
         stamp: with DONE, stamp of the terrain message [ns].
         code: with FAILED, short name of the cause.
         message: with FAILED, the cause as text.

@@ -1,6 +1,6 @@
 """Compression of arrays for slow links: byte shuffle, then zstd.
 
-The shuffle is that of HDF5 and Blosc: the first bytes of all elements, then all second bytes, and so on; bytes after
+The shuffle, as in HDF5 and Blosc, stores the first bytes of all elements, then all second bytes, and so on; bytes after
 the last whole element are appended unchanged.
 """
 

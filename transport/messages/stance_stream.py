@@ -37,7 +37,7 @@ class StanceStream:
         joint_positions: (n, j) [rad].
         supports: (n, l) True where the leg carries weight.
         gravity_in_base: (n, 3) direction of gravity in `base_link`, pointing down; None without an IMU.
-        angular_velocity: (n, 3) of the body, in `base_link` [rad/s]; None where it is not measured.
+        angular_velocity: (n, 3) of the body, in `base_link` [rad/s]; None if not measured.
         epoch: identity of the walk, as in `StancePause`.
         frame_id: `base_link`.
     """

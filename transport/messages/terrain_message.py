@@ -41,12 +41,13 @@ MAXIMUM_IDENTITY = 100
 # Units of rounding, powers of two so that multiples are exact float32: heights (noise 0.1 mm or more), differences of
 # heights and clearance [m]; slope [rad].
 HEIGHT_UNIT, RELIEF_UNIT, CLEARANCE_UNIT, SLOPE_UNIT = 2.0**-13, 2.0**-12, 2.0**-10, 2.0**-9
-# Mantissa bits that are kept: a variance may grow by an eighth, a local one double, a score shrink by a 32nd.
+# Mantissa bits kept when rounding: a variance grows by at most 1/8, a local variance at most doubles, a score shrinks
+# by at most 1/32.
 VARIANCE_BITS, LOCAL_BITS, SCORE_BITS = 3, 0, 5
-# Larger multiples of a unit are not rounded: they may not fit the 23 bits of a float32.
+# Multiple of a unit from which values are not rounded, since it may not fit the 23 mantissa bits of a float32.
 WHOLE_NUMBERS = 2.0**23
 MANTISSA_BITS = 23
-# Dtypes of layers, by the field of their values; the first has number 1.
+# Dtype of a layer by the message field that holds its values; types are numbered from 1 in this order.
 FIELDS = {f"{name}_values": np.dtype(name) for name in ("float32", "uint16", "uint8")}
 TYPES = {dtype: number for number, dtype in enumerate(FIELDS.values(), start=1)}
 
@@ -144,7 +145,7 @@ class TerrainMessage:
         refinement_follows: from the metadata, True if a finer grid of the same pause follows.
         withdrawn: from the metadata, True if it withdraws another grid; all its cells are unknown.
         scan_end_clock: from the metadata, end of the scan by the node's monotonic clock [s]; may be None.
-        stale_because: set by the client, not sent: objections despite which the grid was returned.
+        stale_because: objections despite which the client returned the grid; set by the client, not sent.
     """
 
     robot: str
@@ -205,7 +206,7 @@ class TerrainMessage:
         origin = checked_origin(self.origin)
         given = dict(self.layers)
         if "variance" in given:
-            # Earlier nodes send the total alone.
+            # Nodes of earlier versions send only the total variance; scans have no ceiling.
             given.setdefault("variance_local", given["variance"])
             given.setdefault("ceiling", np.full(np.shape(given["variance"]), np.nan, np.float32))
         missing = [name for name in LAYERS if name not in given]
@@ -284,7 +285,8 @@ class TerrainMessage:
 def crop_terrain(terrain: TerrainMessage, region: tuple[float, float, float, float]) -> TerrainMessage:
     """Crop a grid to the cells that a region touches.
 
-    Values are those of the whole grid, for example of `clearance` to its border. All obstacles are kept.
+    Values are not recomputed: `clearance`, for example, still refers to the border of the whole grid. All obstacles are
+    kept.
 
     Args:
         terrain: the whole grid.
@@ -409,7 +411,7 @@ def encode_compact(terrain: TerrainMessage) -> bytes:
 
 
 def rounded(terrain: TerrainMessage) -> TerrainMessage:
-    """Message with every layer rounded to its safe side; idempotent."""
+    """Copy with elevations rounded to the nearest unit and the other float32 layers to their safe side; idempotent."""
     layers = {name: ROUND[name](array) if name in ROUND else array for name, array in terrain.layers.items()}
     metadata = {**json.loads(terrain.metadata), "rounding": dict(ROUNDING)}
     return dataclasses.replace(terrain, layers=layers, metadata=json.dumps(metadata))

@@ -42,7 +42,7 @@ TIME = "builtin_interfaces/msg/Time"
 MARKERS = "visualization_msgs/msg/MarkerArray"
 QUATERNION = "geometry_msgs/msg/Quaternion"
 
-# Kinds of fields in a definition of rosbags.
+# Kinds of fields in a message definition of rosbags.
 SUBMESSAGE, ARRAYS = 2, (3, 4)
 # Default values of the types that are not integers.
 ZEROS = {"string": "", "bool": False, "float32": 0.0, "float64": 0.0}
@@ -203,12 +203,12 @@ def _number(value: float) -> str:
 
 NAME, WORD, SENTENCE = (Range(characters=most) for most in (100, 200, 10_000))
 METRES = Range(low=-FURTHEST, high=FURTHEST, unit="m")
-# Cells of the largest grid; obstacles in it, or corners of one.
+# Largest number of cells in a grid; of obstacles in a grid, or of corners of an obstacle.
 CELLS, PARTS = Range(entries=4_000_000), Range(entries=100_000)
 # Compressed bytes; decompression has a limit of its own.
 PACKED = Range(entries=64 * 1024 * 1024)
 
-# Ranges by field name, which has the same meaning in every message but for EXCEPTIONS.
+# Ranges by field name. A name has the same meaning in every message, except in EXCEPTIONS.
 FIELDS: Mapping[str, Range] = {
     **dict.fromkeys(("robot", "run", "epoch", "extent", "mode", "method", "attitude_source", "unit", "code"), NAME),
     **dict.fromkeys(("calibration_hash", "name", "hardware_id", "key", "id", "on_topic", "off_topic"), WORD),
@@ -315,9 +315,10 @@ def check_gravity(vector: tuple[float, float, float]) -> None:
 
 @cache
 def _checked_fields(type_name: str) -> tuple[tuple[str, str, Range | None, bool], ...]:
-    """Fields of a type with a range or submessages, in the order of its definition.
+    """Fields of a type that have a range or hold submessages, in the order of the definition.
 
-    Each with its description in errors, its range, and True if it holds submessages.
+    Returns:
+        For each field its name, its description in errors, its range, and True if it holds submessages.
     """
     message, fields = type_name.rpartition("/")[2], typestore().get_msgdef(type_name).fields
     found = ((name, ranges(type_name).get(name), bool(inner_type(*form))) for name, form in fields)

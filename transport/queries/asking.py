@@ -24,7 +24,7 @@ class Answer:
     """Event of an open query.
 
     Attributes:
-        key: key of a reply; access rules restrict it, so it identifies the sender.
+        key: key of a reply, which identifies the sender, since access rules restrict who may use it.
         payload: payload of a reply, or None.
         error: payload of an error reply, or None.
         timed_out: True if the deadline passed.
@@ -56,7 +56,7 @@ def ask(
         session: open session.
         key: key of the queryable.
         payload: payload of the query.
-        timeout: longest wait [s]; Ctrl-C ends it.
+        timeout: time granted to the server [s]; the wait is at most `GRACE` longer. Ctrl-C ends it.
         is_alive: returns True while the server is alive; called while waiting.
         priority: priority of the query and its replies on congested links.
         encoding: Zenoh encoding of the payload.

@@ -32,7 +32,7 @@ Provider = Callable[[str], TerrainMessage | None]
 
 
 class QueryServer(Answerer):
-    """Answers queries for the newest grid of one robot."""
+    """Server of queries for the newest grid of one robot."""
 
     def __init__(self, session: Session, provider: Provider, *, robot: str = DEFAULT_ROBOT) -> None:
         """Declare the queryable; `provider(extent)` returns the newest message or None without blocking."""

@@ -40,7 +40,7 @@ class ClockBound:
         return self.answered + since + DRIFT * abs(since)
 
     def at(self, time: float) -> tuple[float, float]:
-        """Reading of the other clock at a time of this machine's, and the bound of its error [s]."""
+        """Reading of the other clock at `time` by this machine's clock, and the bound of its error [s]."""
         middle = (self.asked + self.answered) / 2
         return self.reading + (time - middle), (self.answered - self.asked) / 2 + DRIFT * abs(time - middle)
 

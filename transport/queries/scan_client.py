@@ -59,7 +59,7 @@ def request_scan(
         is_alive: returns True while the node is alive, to notice a hung one before the timeout.
 
     Returns:
-        The DONE reply, with step and sequence of the terrain message, which was published before.
+        The DONE reply, with step and sequence of the terrain message, which was published before it.
 
     Raises:
         MessageError: the mode or the timeout is not allowed.

@@ -108,7 +108,7 @@ class ScanServer(Answerer):
         return self._work is not None
 
     def _reply(self, query: Any, reply: ScanReply) -> None:
-        """Post a reply: those to one query are sent in order, and none waits for the link of another query."""
+        """Post a reply. Replies to one query are sent in order; none waits for the link of another query."""
         payload = encode_scan_reply(reply)
         is_last = reply.state in (ScanState.DONE, ScanState.FAILED)
 

@@ -12,9 +12,9 @@ from transport.exceptions import RecordingError
 
 # Largest decompressed chunk [bytes]: usually 1 MiB, or a single frame (12 Mpx of three channels at 16 bit: 72 MB).
 MAXIMUM_CHUNK = 96 * 1024 * 1024
-# Largest decompressed size of a file [bytes]: this constant plus its own size times the ratio.
+# Largest decompressed size of a file [bytes]: MAXIMUM_UNPACKED plus MAXIMUM_RATIO times the size of the file.
 MAXIMUM_UNPACKED, MAXIMUM_RATIO = 256 * 1024 * 1024, 100
-# Largest number of records in a file: this constant plus its own size divided by the bytes for each.
+# Largest number of records in a file: MAXIMUM_RECORDS plus the size of the file divided by BYTES_PER_RECORD.
 MAXIMUM_RECORDS, BYTES_PER_RECORD = 100_000, 64
 
 

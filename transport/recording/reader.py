@@ -167,7 +167,8 @@ class Recording(AbstractContextManager["Recording"]):
     ) -> Iterator[tuple[int, Any]]:
         """Iterate over the messages of chunks that may contain these channels and times, in order, or of one chunk.
 
-        Each with the offset of its chunk in the file; 0 in a file without a chunk index.
+        Yields:
+            Offset of the chunk in the file, 0 without a chunk index; and the message.
         """
         from mcap.data_stream import ReadDataStream
         from mcap.records import Chunk, Message
@@ -185,7 +186,7 @@ class Recording(AbstractContextManager["Recording"]):
             is_there = chunk in (None, at) and since <= index.message_end_time
             is_there &= until is None or index.message_start_time <= until
             if is_there and (not index.message_index_offsets or channels & index.message_index_offsets.keys()):
-                # After the opcode and the length of the record.
+                # Skip the opcode and the length of the record.
                 self._file.seek(at + 9)
                 for record in unpacker.records(Chunk.read(ReadDataStream(cast(Any, self._file)))):
                     if isinstance(record, Message):

@@ -96,7 +96,7 @@ def _records(stream: Any, counts: Counter[str], path: Path) -> Iterator[Any]:
         if not isinstance(record, Chunk):
             yield record
             continue
-        # A chunk is copied completely or not at all: a message may be meaningless without those before it.
+        # A chunk is copied completely or not at all: a message may be meaningless without the messages before it.
         try:
             inner = list(unpacker.records(record))
         except Exception:  # errors of the decompressor and of MCAP

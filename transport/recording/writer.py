@@ -80,7 +80,7 @@ class RecordingWriter(TopicFile):
     def add_frame(self, frame: FrameRecord, *, laser_on: bool) -> FrameReference:
         """Add a frame and return the reference for `add_stripe`.
 
-        A frame without a stamp gets that of the open scan; stamps are increased by nanoseconds to be unique.
+        A frame without a stamp gets the stamp of the open scan; stamps are increased by nanoseconds to be unique.
         """
         kind = "on" if laser_on else "off"
         short = f"camera/{kind}" if frame.pixels is not None else f"camera/{kind}/compressed"
@@ -107,7 +107,7 @@ class RecordingWriter(TopicFile):
             mirror_angle: commanded mirror angle [rad].
             on: frame with the laser on; None if it was lost.
             off: frame with the laser off; a reference to share one between stripes.
-            stamp: time [ns]; None = that of the frame, or of the scan.
+            stamp: time [ns]; None = stamp of the frame with the laser on, or of the scan if that frame was lost.
 
         Raises:
             RecordingError: no scan is open.
@@ -125,7 +125,7 @@ class RecordingWriter(TopicFile):
         """Add the dark flash after a stripe of the open scan; call it right after `add_stripe`.
 
         Args:
-            index, mirror_angle: those of the stripe.
+            index, mirror_angle: as in `add_stripe`.
             frame: frame of the dark flash; None if it was lost.
             stamp: time [ns].
 
@@ -138,7 +138,7 @@ class RecordingWriter(TopicFile):
             self.add("scan/dark", encode(_stripe_message(scan.step, index, mirror_angle, None, at, stamp)))
 
     def add_flash(self, index: int, flash: FlashRecord) -> None:
-        """Add the instant of a stripe's flash of the open scan; call it after `add_stripe`.
+        """Add the time of a stripe's flash to the open scan; call it after `add_stripe`.
 
         Raises:
             RecordingError: no scan is open.
@@ -174,7 +174,7 @@ class RecordingWriter(TopicFile):
         self._put("stance", encode_stance_pause(pause))
 
     def add_stance_stream(self, stream: StanceStream) -> None:
-        """Add a batch of stances; acknowledged with the next message that is."""
+        """Add a batch of stances without acknowledging it; the next acknowledgement covers it."""
         self.add("stance_stream", encode_stance_stream(stream))
 
     def add_message(self, short: str, message: Any) -> None:
@@ -201,7 +201,7 @@ class RecordingWriter(TopicFile):
             self.flush()
 
     def add_status(self, payload: bytes | bytearray) -> None:
-        """Add the CDR payload of a status of the node; acknowledged with a later message."""
+        """Add the CDR payload of a node's status without acknowledging it; the next acknowledgement covers it."""
         self.add("status", payload)
 
     def _open_scan(self) -> ScanRecord:

@@ -24,7 +24,7 @@ from transport.keys import (
 # Roles of a robot with a certificate each; the node is the router that enforces the rules.
 ROLES = ("node", "gait", "planner", "viewer")
 
-# Roles outside robots: a site router, and a fleet member, which may see the live robots and their status.
+# Roles outside robots: a site router, and a fleet member, which may list the live robots and read their status.
 ROUTER, FLEET = "router", "fleet"
 
 LOOKING = ("liveliness_query", "declare_liveliness_subscriber")
@@ -33,8 +33,8 @@ QUERYING = (*SUBSCRIBING, "query")
 SERVING = ("put", "reply", "declare_queryable", "liveliness_token")
 FLEET_KEYS = (FLEET_STATUS, FLEET_ALIVE)
 
-# Rules of each role for one robot. A router that reads from a node may neither request scans nor announce stances,
-# because its certificate stands for all clients behind it.
+# Rules of each role for one robot. A router that reads from a node may not announce stances, and may request scans only
+# if explicitly permitted, because its certificate stands for all clients behind it.
 READING = ("read", "history", "send", "ask")
 POLICIES = {"planner": (*READING, "trigger"), "viewer": READING, "gait": ("stance_in", "stance_out")}
 THIN = ("thin_read", "thin_ask", "thin_send")
@@ -103,13 +103,14 @@ def access_control(
 
     Only the following is allowed: planner and viewer read everything under `<robot>/perception/v1` and query the newest
     grid and the status; the planner also requests scans; the gait publishes stance pauses and its clock; a second node
-    declares that it waits for the name; a router that the node connects to reads like a viewer.
+    declares that it waits for the name; a router that the node connects to reads like a viewer, or like a planner if it
+    is one of `scanning_routers`.
 
     Args:
         robot: instance name.
-        members: common names of the members with each role; None = the role's own name.
+        members: common names of the members by role; None = one member per role, named like the role.
         routers: common names of routers that may read what the node publishes.
-        scanning_routers: those of them that may also request scans for the clients behind them.
+        scanning_routers: routers that may also request scans, for the clients behind them.
     """
     rules = _Rules()
     _write_reading(rules, robot)
@@ -135,7 +136,7 @@ def router_access_control(
     Args:
         robots: instance name -> role -> common names of its members.
         neighbours: other routers.
-        fleet: common names of the members that may see the live robots and their status.
+        fleet: common names of the members that may list the live robots and read their status.
     """
     rules = _Rules()
     _write_watching(rules)
@@ -170,13 +171,13 @@ def _alive(robot: str) -> str:
 
 
 def _stance_keys(robot: str) -> list[str]:
-    """Keys of the stance pauses, of the stream of joints and of the clock of the gait."""
+    """Keys of the gait's stance pauses, joint stream and clock."""
     stance = stance_key(robot)
     return [stance, f"{stance}/@adv/**", stance_stream_key(robot), gait_clock_key(robot)]
 
 
 def _write_reading(rules: _Rules, robot: str, label: str = "") -> None:
-    """Add rules for reading what a robot publishes, querying grids and scans, and announcing stance pauses."""
+    """Add rules for reading what a robot publishes, querying grids, requesting scans and announcing stance pauses."""
     perception, stance_keys = _perception(robot), _stance_keys(robot)
     rules.write(f"{label}read", "ingress", SUBSCRIBING, perception)
     rules.write(f"{label}history", "ingress", ["query"], [f"{perception_prefix(robot)}/**/@adv/**"])
@@ -208,7 +209,7 @@ def _write_thin(rules: _Rules, robot: str) -> None:
 
 
 def _write_watching(rules: _Rules) -> None:
-    """Add rules for members that may see the live robots and their status."""
+    """Add rules for members that may list the live robots and read their status."""
     rules.write("fleet_read", "ingress", SUBSCRIBING, FLEET_KEYS)
     rules.write("fleet_ask", "ingress", ["query"], FLEET_KEYS[:1])
     rules.write("fleet_send", "egress", SERVING, FLEET_KEYS)

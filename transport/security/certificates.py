@@ -99,7 +99,9 @@ def _has_current_rules(node: Path) -> bool:
 
 
 def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Renew keys and certificates of members with the same CA; empty `names` renews all. Common names are kept.
+    """Renew keys and certificates of members, signed by the same CA; empty `names` renews all that are not revoked.
+
+    Common names are kept.
 
     Also updates configurations of earlier versions: access rules of nodes and routers, queues of links.
 
@@ -147,7 +149,7 @@ def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = ()) ->
         hosts: host names and addresses of its node for clients.
 
     Returns:
-        The folder of the robot, which contains those of its roles.
+        The folder of the robot, which contains the folders of its roles.
 
     Raises:
         SecurityError: the name is taken, or the folder lacks its CA.
@@ -171,7 +173,8 @@ def add(folder: str | Path, name: str, role: str) -> Path:
     Args:
         folder: folder made by `init_security`.
         name: name of the member; with several robots `<robot>.<name>`.
-        role: "planner", "viewer" or "gait" of the robot; or "fleet", which may see the live robots of routers.
+        role: "planner", "viewer" or "gait" of the robot; or "fleet", which may list the live robots on a router and
+            read their status.
 
     Returns:
         Its folder. The folders of the node and of its routers change too; copy them to their machines again.
@@ -191,7 +194,7 @@ def add(folder: str | Path, name: str, role: str) -> Path:
     target = own.folder / own_name
     if own_name in own.revoked or own_name in (*RESERVED, ROUTER, FLEET) or target.exists():
         raise SecurityError(f"the name {own_name!r} is taken or was revoked; names are never used again")
-    # The prefix of the robot's other members, empty in folders of an earlier version.
+    # Prefix of the common names of the robot's members, empty in folders of an earlier version.
     prefix = common_name(own.folder / "node" / "node.pem").removesuffix("node")
     full = prefix + own_name
     _check_length(full)

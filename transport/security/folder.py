@@ -166,7 +166,10 @@ def own_hosts(hosts: Sequence[str]) -> list[str]:
 def write_member(
     own: Path, authority: Credentials, common_name: str, hosts: Sequence[str], configuration: dict[str, Any]
 ) -> None:
-    """Write certificate, key and configuration of a member into its new, empty folder, which gives their names."""
+    """Write certificate, key and configuration of a member into its new, empty folder.
+
+    Certificate and key are named after the folder.
+    """
     credentials = make_certificate(authority, common_name, hosts)
     write_file(own / "ca.pem", authority.certificate)
     write_file(own / f"{own.name}.pem", credentials.certificate)

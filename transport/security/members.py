@@ -64,8 +64,8 @@ class Members:
     Attributes:
         root: the folder.
         robots: instance name -> members of that robot.
-        routers: name of the router and its folder -> router.
-        fleet: names of the members that may see the live robots.
+        routers: name -> router; its folder has the same name.
+        fleet: names of the members that may list the live robots and read their status.
         revoked: names of revoked routers and fleet members.
     """
 
@@ -77,7 +77,7 @@ class Members:
 
     @property
     def everybody(self) -> dict[str, Path]:
-        """Name of each member in commands -> its folder; members of a single robot are named by role alone."""
+        """Folder of each member by its name in commands; with a single robot, names have no prefix `<robot>.`."""
         found = {
             (name if len(self.robots) == 1 else f"{robot}.{name}"): own.folder / name
             for robot, own in self.robots.items()
@@ -94,7 +94,9 @@ class Members:
         return frozenset(name for name, folder in self.everybody.items() if folder in gone)
 
     def find(self, name: str) -> tuple[str, Path]:
-        """Full name and folder of a member; the name of a single robot may be given too.
+        """Full name and folder of a member.
+
+        The endings `.router` and `.fleet` may be omitted; the prefix `<robot>.` of a single robot may be added.
 
         Raises:
             SecurityError: there is no such member.
@@ -107,7 +109,7 @@ class Members:
         raise SecurityError(f"{self.root} has no member {name!r}; members: {', '.join(everybody)}")
 
     def names_of(self, robot: str) -> dict[str, list[str]]:
-        """Common names of the members with each role of a robot, without revoked ones."""
+        """Common names of a robot's members by role, without revoked ones."""
         own = self.robots[robot]
         roles = {**{role: role for role in ROLES}, **own.added}
         named: dict[str, list[str]] = {role: [] for role in ROLES}
@@ -117,7 +119,7 @@ class Members:
         return named
 
     def routers_of(self, robot: str, *, scanning: bool = False) -> list[str]:
-        """Common names of the routers that serve a robot, or (scanning) of those that may request scans."""
+        """Common names of the routers that serve a robot; if `scanning`, only of routers that may request scans."""
         return [
             f"{name}.{ROUTER}"
             for name, router in self.routers.items()

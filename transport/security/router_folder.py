@@ -39,8 +39,8 @@ def make_router(
 ) -> Path:
     """Make a router's folder, and add it to the rules of its robots' nodes and of the router above.
 
-    It gets only the rights it needs: at a node it reads like a viewer, and to the router above it sends the grids of
-    its own robots. Its certificate stands for all clients behind it.
+    The router gets only the rights it needs: at a node it reads like a viewer (with `scans`, like a planner), and to
+    the router above it sends the grids of its own robots. Its certificate stands for all clients behind it.
 
     Args:
         folder: folder made by `init_security`; if it does not exist, it is made with all robots.
