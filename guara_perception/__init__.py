@@ -1,15 +1,15 @@
 """Terrain perception for walking robots from one camera and a swept laser stripe.
 
-Starting points, each with its own `help(gp.TerrainGrid)`:
+Starting points, each of which `help` describes, as in `help(gp.TerrainGrid)`:
 
     load_terrain, TerrainGrid     a grid from a file; its queries: check_foothold, best_foothold, swing, explain
     TerrainClient                 the grids of a running node; `guara run --simulated` is one without hardware
-    open_scan, process_scan       a recorded scan, and the grid made of it
+    open_scan, process_scan       a recorded scan, and the grid made from it
     open_recording                a recorded walk: its scans and grids
     TerrainMap                    the scans of a walk in one map
     calibrate, load_calibration   the calibration of a rangefinder
     terrain_from_points           a grid from another sensor
-    Hazard                        flags of a cell: why it is unknown, or no place for a foot
+    Hazard                        flags of a cell: causes of unknown ground, and hazards of known ground
 
 Public names, listed in `__init__.pyi`, are loaded when first used, so that importing the package costs little.
 """
@@ -57,7 +57,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Public names for completion, and what every module has."""
+    """Public names for completion, and the special attributes of the module."""
     return sorted([*__all__, *(name for name in globals() if name.startswith("__"))])
 
 

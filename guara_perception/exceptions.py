@@ -45,7 +45,7 @@ class CalibrationRefused(PerceptionError, RuntimeError):
 
 
 class UnsafeGrid(PerceptionError, RuntimeError):
-    """A grid that breaks the safety invariant; it must not leave the process."""
+    """A grid that violates the safety invariant; it must not be sent or used."""
 
 
 class PlannerFailed(PerceptionError, RuntimeError):
@@ -57,7 +57,7 @@ class MirrorSlipped(PerceptionError, RuntimeError):
 
 
 class DamagedInstallation(PerceptionError, ImportError):
-    """A file of the installed package is missing or damaged; the message says how to install it anew."""
+    """A file of the installed package is missing or damaged; the message says how to reinstall it."""
 
 
 class MissingExtra(PerceptionError, ImportError):
@@ -65,7 +65,7 @@ class MissingExtra(PerceptionError, ImportError):
 
 
 def optional_library(name: str, extra: str | None, purpose: str) -> Any:
-    """Import a library that belongs to an extra, or that the distribution guara-client does without.
+    """Import a library that belongs to an extra, or that the distribution guara-client does not include.
 
     Args:
         name: name of the module.

@@ -14,7 +14,7 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import FileFormatError, MissingFile
 from guara_perception.files import LARGEST_TEXT, existing_file, read_bounded
 
-# Largest number of objects in one list: a scan has 70 stripes, a session some hundred pictures.
+# Largest number of objects in one list: a scan has 70 stripes, a session about a hundred pictures.
 MOST_ITEMS = 10_000
 KINDS: dict[type, str] = {
     dict: "an object",
@@ -45,7 +45,7 @@ def parse_json(content: bytes, source: str) -> Fields:
 
     Args:
         content: content of the file.
-        source: where it came from, for messages.
+        source: name of the source, for messages.
 
     Raises:
         FileFormatError: it is not JSON, not an object, or holds NaN or infinity anywhere.

@@ -19,7 +19,7 @@ from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFi
 
 # Largest text file [byte]: a calibration of 70 stripes with all covariances takes less than 1 MB.
 LARGEST_TEXT = 16 * 1024 * 1024
-# Largest size of all arrays of a grid file together [byte]: all layers of the largest grid take 160 MB.
+# Largest size of all arrays of a grid file together [byte]: all layers of the largest grid take 192 MB.
 LARGEST_ARRAYS = 192 * 1024 * 1024
 # Largest header of one array [byte].
 LARGEST_HEADER = 10_000
@@ -57,7 +57,7 @@ def read_toml(path: Path, largest: int) -> dict[str, Any]:
 def read_arrays(
     path: Path, wanted: Sequence[str], kind: str = "terrain", largest: int = LARGEST_ARRAYS
 ) -> dict[str, Array]:
-    """Read the wanted arrays of an .npz file as far as it has them; others are not unpacked.
+    """Read those of the wanted arrays that an .npz file contains; others are not unpacked.
 
     Args:
         path: path of the file.

@@ -28,7 +28,7 @@ class GroundPicture(FrozenArrays):
 
 
 def grey_picture(picture: Image) -> Grey:
-    """Grey levels (h, w) of 8 bits of a camera's picture; always a copy."""
+    """8-bit grey levels (h, w) of a camera picture; always a copy."""
     grey: Image = picture
     if picture.ndim == 3:
         grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)) if picture.shape[2] == 3 else picture[:, :, 0]

@@ -10,7 +10,7 @@ import numpy as np
 from guara_perception.arrays import Image
 from guara_perception.exceptions import FileFormatError
 
-# Largest picture file [byte], and most pixels in it: the largest cameras of this kind have 12 Mpx.
+# Largest picture file [byte], and largest number of pixels in it: the largest cameras of this kind have 12 Mpx.
 LARGEST_PICTURE = 128 * 1024 * 1024
 MOST_PIXELS = 16_000_000
 # Formats of pictures, as Pillow names them; PPM includes PGM.

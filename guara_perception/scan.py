@@ -23,9 +23,9 @@ class ScanStripe:
         mirror_angle: commanded mirror angle [rad].
         on: name of the frame with the laser on.
         off: name of the frame with the laser off (may be shared), or None.
-        stamp: time of the frame [ns since the epoch], or None.
+        stamp: time of the frame [ns since the Unix epoch], or None.
         dark: name of the frame of the dark flash that came after the stripe, or None.
-        instant: time of the flash [s], by the clock of the scan's track; NaN where it is not known.
+        instant: time of the flash on the clock of the scan's track [s]; NaN if unknown.
         instant_sigma: standard deviation of that time [s].
     """
 
@@ -46,11 +46,11 @@ class Scan:
     Attributes:
         robot: name of the robot.
         mode: "coarse" or "standard".
-        stamp: beginning of the scan [ns since the epoch].
+        stamp: beginning of the scan [ns since the Unix epoch].
         step: number of the stance pause.
         stripes: the stripes, in recorded order.
         stance: stance at the beginning.
-        stance_end: stance at the end, or None where it was not recorded.
+        stance_end: stance at the end, or None if it was not recorded.
         calibration_hash: hash of the calibration that was in use, or None.
         source: file or folder that the scan came from, for messages.
         read_frame: function that returns the picture, (h, w) or (h, w, 3), of a frame by its name.
@@ -98,7 +98,7 @@ class Scan:
 
     @property
     def end(self) -> int:
-        """Stamp of the last stripe [ns since the epoch]; `stamp` where the stripes have none."""
+        """Stamp of the last stripe [ns since the Unix epoch]; `stamp` if the stripes have none."""
         return max(self.stamp, *(stripe.stamp or 0 for stripe in self.stripes))
 
     def frames(self) -> Iterator[tuple[ScanStripe, Image, Image | None]]:

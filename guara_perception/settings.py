@@ -17,7 +17,8 @@ from kinematics.findings import Findings
 from kinematics.toml_table import Table
 
 MODES = ("coarse", "standard")
-# Largest limits, of lengths [m] and of the others; a larger value is a mistake of units (degrees, millimetres).
+# Largest values of limits: of all lengths [m], and of others by name. A larger value is in the wrong unit (degrees,
+# millimetres).
 LARGEST_LENGTH = 1.0
 LARGEST_LIMIT = {"slope": np.pi / 2, "confidence": 10.0}
 RobotLike: TypeAlias = RobotModel | str | Path

@@ -27,14 +27,14 @@ from kinematics.tree import RobotState
 HALF_WINDOW = 0.08
 # Longest gap between the samples before and after an instant [s]: three lost samples at 50 Hz.
 LONGEST_GAP = 0.08
-# Largest standard deviation of an instant [s]. Within a longer one the body may reverse its motion, but the covariance
+# Largest standard deviation of an instant [s]. Over a longer time the body may reverse its motion, but the covariance
 # assumes a constant speed.
 MOST_TIME_SIGMA = 0.015
 # Least number of samples for a parabola: three to fit it and one to contradict it.
 LEAST_SAMPLES = 4
-# Number of samples kept when the buffer is full, the newest: a minute at 1 kHz.
+# Number of newest samples kept when the buffer is full: a minute at 1 kHz.
 MOST_SAMPLES = 60_000
-# Steps of the fit: at a turn of 0.1 rad the third is below a micrometre.
+# Iterations of the fit: at a rotation of 0.1 rad, the third moves the body by less than a micrometre.
 STEPS = 3
 
 
@@ -44,8 +44,9 @@ class BodyPlace:
 
     Attributes:
         transform_base_to_begin: (4, 4) from `base_link` now to `base_link` at BEGIN.
-        covariance: (6, 6) of this motion, in REP-103 order in `base_link`: translation of the optical centre [m],
-            rotation [rad]. Excludes errors that all instants of a pause share, such as the noise of BEGIN's joints.
+        covariance: (6, 6) covariance of this motion, REP-103 order in `base_link`: translation of the optical centre
+            [m], rotation [rad]. Errors that all instants of a pause share, such as the noise of BEGIN's joints, are
+            excluded.
         state: state of the robot with the smoothed joint positions.
     """
 
@@ -84,7 +85,7 @@ class BodyTrack:
         """Add n samples.
 
         Args:
-            times: (n,) ascending, later than those of earlier samples [s], by any clock.
+            times: (n,) ascending, later than those of earlier samples [s], on any clock.
             joint_positions: (n, j) in the order of the robot's joints [rad].
             supports: (n, l) true where a leg carries weight, in the order of the robot's legs.
 
@@ -137,7 +138,7 @@ class BodyTrack:
         """Place of the body at a time.
 
         Args:
-            time: instant, by the clock of the samples [s].
+            time: instant on the clock of the samples [s].
             time_sigma: standard deviation of `time` [s].
 
         Returns:

@@ -60,7 +60,7 @@ class ArgumentError(KinematicsError, ValueError):
 
 
 class CameraMoved(KinematicsError, RuntimeError):
-    """The camera moved between start and end of a scan by more than robot.toml allows."""
+    """The camera moved during a scan by more than robot.toml allows, or standing feet moved relative to each other."""
 
 
 class OdometryLost(KinematicsError, RuntimeError):
@@ -68,7 +68,7 @@ class OdometryLost(KinematicsError, RuntimeError):
 
 
 class JointLimitWarning(UserWarning):
-    """Joints beyond their limits; one message lists them and by how much."""
+    """Joints beyond their limits; the message gives the excess of the first three and counts the others."""
 
 
 class RobotFileWarning(UserWarning):

@@ -23,7 +23,7 @@ import numpy as np
 
 from kinematics.arrays import Float, read_only
 
-# Huber's limit [sigmas]: beyond it the influence of a residual is constant; costs 5 % of precision if nothing slips.
+# Huber's limit [sigmas]: beyond it the influence of a residual is constant; costs 5 % of efficiency if nothing slips.
 HUBER_LIMIT = 1.5
 
 # Chi-square per degree of freedom exceeds 1 + this / sqrt(freedom) by chance at most once in 100.
@@ -105,7 +105,7 @@ class Footholds:
             weights = _pull(errors, prior + noise)
         misfit = _misfit(errors, prior + _blocks(rotation @ covariances[now] @ rotation.T))
         if misfit > 1.0:
-            # Feet slipped in this motion: its noise is larger, and the drift of the walk so far is not.
+            # Feet slipped in this motion: only its noise is larger, not the drift of the walk so far.
             inverse = np.linalg.inv(prior + misfit * noise)
             pose_covariance = np.linalg.inv(by_pose.T @ inverse @ by_pose)
         residual_weight = inverse - inverse @ by_pose @ pose_covariance @ by_pose.T @ inverse

@@ -5,11 +5,11 @@ errors of the joints, every reading of a standing leg satisfies
 
     R_k c_i(q_k - b) + t_k - p = e,
 
-where p is the same in all pauses in which the foot stays. A flat sole also has the slope of its foothold (the z
-component of its x axis), and an IMU gives the vertical of R_k. Poses, footholds and slopes are unknown and eliminated
-by least squares; the residual is compared with the one that an error of each joint would cause. With A the Jacobian
-with respect to the unknowns, B that with respect to one joint, r the residual, all whitened, and P the projection onto
-the complement of A's range,
+where e is noise and p is the same in all pauses in which the foot stays. A flat sole also measures the slope of its
+foothold, as the z component of its x axis in the world, and an IMU gives the vertical of R_k. Poses, footholds and
+slopes are unknown and eliminated by least squares; the residual is compared with the one that an error of each joint
+would cause. With A and B the Jacobians with respect to the unknowns and to one joint, r the residual, all whitened, and
+P the projection onto the orthogonal complement of the range of A,
 
     b = -(P B) . r / |P B|^2,   sigma_b = 1 / |P B|.
 
@@ -37,7 +37,8 @@ from kinematics.tree import RobotState
 
 # Longest and shortest window of pauses in which wrong zeros are sought: two cycles of four legs, and one.
 LONGEST, SHORTEST = 9, 5
-# Creep of a standing foot between two pauses, per horizontal axis [m]: 4 % of the body's 35 mm (cycle of 140 mm).
+# Creep of a standing foot between two pauses, per horizontal axis [m]: 4 % of the 35 mm by which the body moves
+# (cycle of 140 mm).
 SLIP_SIGMA = 0.0015
 # Sinkage of a standing foot between two pauses [m].
 SINK_SIGMA = 0.0005
@@ -46,10 +47,10 @@ LEAST_ERROR, LEAST_SIGMAS = 0.045, 4.5
 # A wrong zero is also reported above this many standard deviations at the noise stated in robot.toml; noise exceeds it
 # once in 10,000 tests. LEAST_SIGMAS must be larger, because the noise estimated over one cycle is uncertain by a sixth.
 STATED_SIGMAS = 3.9
-# Largest jump that is sought [rad], and largest uncertain zero that is named: a foot that swings along its leg's arc
-# looks like a larger jump.
+# Largest jump that is sought, and largest uncertain zero error that is named [rad]: a foot that swings along the arc of
+# its leg looks like a larger jump.
 LARGEST_JUMP = 0.35
-# A foot that moved by more than this many `swing_least` was lifted, if the other feet are consistent without it.
+# A foot that moved by more than this multiple of `swing_least` was lifted, if the other feet are consistent without it.
 MOST_SWING = 1.25
 # Joints whose chi^2 exceeds the least one by more than this are not named.
 AS_LIKELY = 9.0
@@ -188,7 +189,7 @@ class _Chains:
                 design[:, 6 * k + 3 : 6 * k + 6] = -skew(down)[:2]
                 blocks.append((design / noise.imu_sigma, np.zeros((2, joints)), down[:2] / noise.imu_sigma))
             last += [k == len(pauses) - 1] * sum(len(values) for *_, values in blocks[before:])
-        # The first pose is free except for its tilt, which has the terrain's prior, as all slopes have.
+        # The first pose is free except for its tilt, which has the same prior as the slopes of the footholds.
         priors = np.zeros(width)
         priors[:6] = 1 / UNKNOWN
         priors[3:5] = priors[6 * len(pauses) + 3 :: 4] = 1 / noise.terrain_slope_sigma
@@ -311,7 +312,10 @@ class JointCheck:
         return [] if fault is None else [fault]
 
     def _zeros(self, chains: _Chains) -> dict[str, tuple[float, float, float, float]]:
-        """For each joint: chi^2 without its zero error, that error, its sigma at the remaining noise, its `bars`."""
+        """By joint: chi^2 without its zero error, the error, its sigma scaled to the residual noise, and the threshold.
+
+        The threshold is the least error that is reported, as in `bars`.
+        """
         found = {}
         errors, sigmas = chains.errors(since_last=False)
         for name, error, sigma in zip(self._robot.joint_names, errors.tolist(), sigmas.tolist(), strict=True):

@@ -14,8 +14,8 @@ leg's plane:
 psi(v) is the angle about y that turns "straight down" onto v. Everything is vectorised over soles.
 
 Where the closed form does not fit, `NumericLeg` runs damped Gauss-Newton on a Pinocchio model of that leg alone. Three
-joints can only place the sole centre; legs of four joints or more also solve for the sole's pitch. It solves one sole
-at a time, starting from the solution before: a grid takes seconds, not milliseconds.
+joints can only place the sole centre; legs of four joints or more also solve for the sole's pitch. Soles are solved one
+at a time, each from the solution of the last: a grid takes seconds, not milliseconds.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from kinematics.tree import KinematicTree, build_model
 ITERATIONS = 40
 # Damping of the normal equations [m^2 / rad^2]: keeps the step finite when the leg is stretched.
 DAMPING = 1e-6
-# Weight of pitch against position [m / rad]: half a foot's height.
+# Weight of pitch against position [m / rad]: the height of the ankle of the stock robot guara.
 LENGTH = 0.1
 # Weighted error [m] below which the iteration has converged.
 TOLERANCE = 1e-9
@@ -106,7 +106,7 @@ class LegGeometry:
 
 
 def _turned(vector: Float, angle: Float) -> Float:
-    """Vector (x, z) rotated about y by each of the angles (...), (..., 2)."""
+    """Vector (x, z) rotated about y by angles (...), as an array (..., 2)."""
     sine, cosine = np.sin(angle), np.cos(angle)
     return np.stack([vector[0] * cosine + vector[1] * sine, vector[1] * cosine - vector[0] * sine], axis=-1)
 
@@ -236,7 +236,8 @@ class NumericLeg:
             self._model, data, configuration, self._sole, pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )[:, self._order]
         placement = data.oMf[self._sole]
-        # As `soles_in_base` has it; the small change of that with the joints is left to the next iterations.
+        # As in `soles_in_base`. The small derivative with respect to the joints is neglected; the next iterations
+        # correct its effect.
         lifted = self._sole_radius * (1.0 - placement.rotation[2, 2])
         error, jacobian = sole - placement.translation + (0.0, 0.0, lifted), full[:3]
         if not self.seeks_pitch:

@@ -13,14 +13,14 @@ from kinematics.srdf import Posture
 from kinematics.tree import KinematicTree, RobotState
 from kinematics.urdf import Joint, Shape, Urdf
 
-# Heights in robot.toml are given to the millimetre [m].
+# Tolerance of heights [m], which robot.toml states to the millimetre.
 HEIGHT_TOLERANCE = 0.0005
 
-# Left and right legs match to this [m]; a larger difference is a mistake in the file.
+# Tolerance between left and right legs [m]; a larger difference is a mistake in the file.
 PAIR_TOLERANCE = 0.0005
 
-# Largest difference in height between a sole frame and the lowest point of its foot [m]; it shifts every foothold by as
-# much. The frame of a round foot of 20 mm that is aligned with a tilted shank is 4 mm off.
+# Largest difference in height between a sole frame and the lowest point of its foot [m]; every foothold is off by this
+# difference. A frame aligned with a tilted shank is 4 mm off on a round foot of 20 mm.
 SOLE_TOLERANCE = 0.005
 
 
@@ -203,7 +203,7 @@ def _axis(tree: KinematicTree, joint: Joint) -> Float:
 
 
 def _lengths(tree: KinematicTree, leg: LegConfig) -> Float:
-    """Distances between the origins of successive joints of a leg and its sole [m]."""
+    """Distances between the origins of successive joints of a leg, and from the last joint to the sole [m]."""
     lengths, transform = [], np.eye(4)
     for joint in tree.urdf.path_to(leg.sole):
         transform = transform @ joint.transform_child_to_parent

@@ -50,13 +50,13 @@ class OdometryPose(PoseInOdom):
 
     Attributes:
         step: number of the pause since the start, from 0.
-        pose: the stance pose of the pause (attitude source `odometry` where no IMU gives gravity).
+        pose: the stance pose of the pause (attitude source `odometry` if gravity was carried from the last pause).
         transform_footprint_to_odom: (4, 4), a rotation about z and a translation.
         covariance: (6, 6) covariance relative to the first pause, REP-103 order; roll and pitch are exact by definition
             (both frames are gravity-aligned; the error of that alignment is in `pose.covariance`).
         covariance_since_last: (6, 6) covariance of the motion since the last pause, expressed in the last footprint,
-            REP-103 order; zeros at the first pause. Pauses share feet, so it is far less than the difference of their
-            covariances suggests and cannot be computed from them.
+            REP-103 order; zeros at the first pause. The two poses share errors, so it cannot be computed from their
+            covariances.
         own_covariance: (6, 6) covariance of the error of this footprint alone, along the axes of `odom`, REP-103 order:
             the noise of readings and vertical that no other pause shares; zeros at the first pause. The rest of the
             error is drift, which later pauses inherit.
@@ -66,7 +66,7 @@ class OdometryPose(PoseInOdom):
         slipped_feet: feet that carried the body at both pauses and moved by less than a swing.
         residual: rms horizontal distance of the feet that stayed from their footholds [m].
         foot_slips: leg -> distance that each standing foot moved since the last pause [m]. Leg odometry cannot observe
-            a slide common to all feet; only a map that measured it in its images includes it.
+            a slide common to all feet; it is included only after the map measured it in images.
     """
 
     step: int
@@ -151,7 +151,7 @@ class LegOdometry:
         Args:
             stance: stance of the pause.
             standing: feet that may have stayed since the last pause; None = all. After missed pauses, the joints alone
-                cannot distinguish feet that stood from two that swung alike, which keep their distance too.
+                cannot distinguish feet that stood from two that swung alike and so kept their distance.
 
         Raises:
             OdometryLost: fewer than two feet stayed since the last pause; the odometry is unchanged, `reset` restarts

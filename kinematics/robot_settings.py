@@ -63,7 +63,7 @@ class PauseLimits:
         camera_rotation_limit: largest rotation of the camera during a scan [rad].
         time_limit: a pause without an announced end is over this long after the last message about it [s].
         grace_share, grace_least, grace_most: allowed delay of the message that ends a pause: a fraction of the
-            announced length [-], and its lower and upper bound [s]. The laser is off by then.
+            announced length [-], and its lower and upper bound [s]. No frame is taken in this time.
         stance_sway: largest amplitude of a sway of the body about its feet during a scan, around any horizontal axis,
             that joints and images do not detect [rad]; 0, the default, states that the body does not sway.
     """

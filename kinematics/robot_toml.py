@@ -53,7 +53,7 @@ class RobotToml:
         path: the file's path.
         name: the robot's name.
         sole: length and width of a sole [m].
-        sole_radius: of the ball of a round foot, above its sole frame [m]; 0 for flat soles.
+        sole_radius: radius of the ball of a round foot, which touches the sole frame from above [m]; 0 for flat soles.
         scan_posture: name of the posture in which the robot scans.
         base_frame, camera_frame, laser_frame: names of links of the URDF.
         imu_frame: name of the IMU's link, None without one.

@@ -31,7 +31,8 @@ class SelfFilter:
         state: the robot's state.
         margin: added to every shape on all sides [m]; default robot.toml's `[self_filter] margin`.
         ignore: links to leave out; default robot.toml's `[self_filter] ignore`.
-        transform_base_to_frame: (4, 4) to the frame of the points; default `base_link`.
+        transform_base_to_frame: (4, 4) to another frame in which all points and origins are then given, instead of
+            `base_link`.
 
     Raises:
         UnknownName: an ignored link that the robot does not have.

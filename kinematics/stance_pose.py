@@ -38,7 +38,7 @@ ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
 LEAST_UP_Z = 0.5
 
 # Default white noise of a joint [rad]: 0.05 degrees, plus the quantisation of a 12-bit encoder. If the true noise is
-# larger, scans are withdrawn; if it is smaller, motions of 1.5 mm are still detected.
+# several times larger, scans are withdrawn; if it is smaller, motions of 1.5 mm are still detected.
 ENCODER_NOISE = 0.001
 
 

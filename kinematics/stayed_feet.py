@@ -2,11 +2,12 @@
 
 Feet that stay keep their distances to each other however the body moves, so the feet that stayed are the largest set
 whose mutual distances did not change. A swing can preserve a distance by chance (a foot that passes another), so the
-line between two feet must not have rotated by more than the body can turn either.
+line between two feet must also not have rotated by more than the body can turn.
 
-A flat sole that carries the body keeps its pitch to a degree: a larger change is noise of the leg's joints. The
-same noise displaces the sole, and the covariance of pitch and position relates the two. A round foot has no meaningful
-pitch; legs of fewer than four joints are assumed to have round feet, since they cannot keep a flat sole level.
+A flat sole that carries the body keeps its pitch to within a degree or two: a larger change is noise of the leg's
+joints. The same noise displaces the sole, and the covariance of pitch and position relates the two. A round foot has no
+meaningful pitch; legs of fewer than four joints are assumed to have round feet, since they cannot keep a flat sole
+level.
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ def sole_readings(pose: StancePose, legs: Sequence[str], noise: StanceNoise) -> 
 
     Returns:
         Readings (n, 4): x, y, z of the centre [m] and pitch of the sole from the horizontal [rad]; and their
-        covariances (n, 4, 4) from encoders and contact, excluding the shift common to all from an error of the
+        covariances (n, 4, 4) from encoders and contact, excluding the common shift caused by an error of the
         vertical.
     """
     rotation = pose.transform_base_to_footprint[:3, :3]

@@ -8,9 +8,9 @@ gives
 
 from which xi follows by generalised least squares. The bias of a joint is constant and cancels. At every reading, the
 mean over the last 1, 2, 4 ... readings is compared with the means of all earlier readings, of the preceding window and
-of the first window of the pause, to detect a step, a pulse and a ramp. The residual is the part of dq that no motion of
-the body explains. It gives the noise; sway is a motion of the body and does not affect it. A residual far above the
-noise means that feet moved.
+of the first window of the pause, to detect a step, a pulse and a ramp. The noise is estimated from the residual, the
+part of dq that no motion of the body explains; sway is such a motion and does not affect the residual. A residual far
+above the noise means that feet moved.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ LEAST_NOISE = 1e-4
 # moving one.
 PRIOR_READINGS = 1
 
-# Added to J J^T [m^2/rad^2] to keep it regular for a stretched leg: a thousandth of its usual size.
+# Added to J J^T [m^2/rad^2] to keep it regular for a stretched leg. In the scan posture of the stock robot guara, the
+# eigenvalues of J J^T are 0.004 and more.
 LEAST_LEVER = 1e-6
 
 
@@ -145,7 +146,7 @@ class Stillness:
         Args:
             robot: the model.
             stance: the stance of BEGIN.
-            time: stamp of its joints [s], by the gait's clock.
+            time: stamp of its joints on the gait's clock [s].
             transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
 
         Raises:
@@ -159,7 +160,7 @@ class Stillness:
         self._names = stance.support_feet
         self._feet: StandingFeet | None = None
         # Row k: sum of joint changes since BEGIN over the first k readings; rows in the middle of a long pause are
-        # dropped (`_add_sum`). BEGIN is the first reading, its change is zero.
+        # dropped (`_add_sum`). BEGIN is the first reading, with a change of zero.
         self._sums = np.zeros((4 * LONGEST, len(self._first)))
         self._row = self._count = 1
         self._times = deque([_checked_time(time)], maxlen=2 * LONGEST + 1)
@@ -198,7 +199,7 @@ class Stillness:
 
     @property
     def motion(self) -> str:
-        """Detected motion of the camera and its limits in one line; empty if there is none."""
+        """Description in one line of a detected motion of the camera or of standing feet; empty if there is none."""
         return self._motion
 
     @property
@@ -241,7 +242,7 @@ class Stillness:
         return CameraMotion(float(shift), float(turn), not self._motion)
 
     def _learn(self, feet: StandingFeet, change: Float) -> None:
-        """Update the white noise from the residual of successive readings; at least that stated in robot.toml."""
+        """Update the estimate of the white noise from successive readings; at least the noise stated in robot.toml."""
         stated = self._robot.noise.encoder_noise**2
         self._energies.append(float(np.sum((feet.residual @ change) ** 2)) / 2.0)
         degrees = len(feet.residual)
@@ -303,7 +304,7 @@ class Stillness:
                 f"encoder_noise of robot.toml ({math.degrees(self._robot.noise.encoder_noise):.3f} degrees): scan again"
             )
         if worst is not None:
-            # The motion began no earlier than the preceding window, or than the first one if that was compared.
+            # Earliest start of the motion: start of the preceding window, or end of the first one if that was compared.
             window = int(of[worst])
             is_first = len(windows) <= worst < len(windows) + len(pairs)
             began = self._head_times[window - 1] if is_first else self._times[-min(2 * window, len(self._times))]
@@ -333,7 +334,8 @@ class Stillness:
         chances = []
         for size, units in zip(sizes, self._feet.units, strict=True):
             x = np.multiply.outer(np.square(np.multiply(size, scales)) / variances, units)
-            # Noncentral chi^2 approximated by the normal, and that by the logistic distribution: to 1 % near POWER.
+            # Normal approximation of noncentral chi^2, with the logistic function for the normal distribution; accurate
+            # to 1 % near POWER.
             sigmas = (x + 6.0 - threshold) / np.sqrt(12.0 + 4.0 * x)
             chances.append(np.mean(1.0 / (1.0 + np.exp(-1.702 * sigmas)), axis=-1))
         return np.minimum(*chances)
@@ -359,10 +361,10 @@ def camera_motion(
 def check_camera_still(
     robot: RobotModel, begin: Stance, end: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
 ) -> CameraMotion:
-    """Return `camera_motion`; raise if the camera moved.
+    """Return `camera_motion`; raise if a motion was detected.
 
     Raises:
-        CameraMoved: the message gives both motions and their limits.
+        CameraMoved: the camera moved, or standing feet moved relative to each other; the message says which.
         StanceError: as `camera_motion`.
     """
     stillness = _of_two(robot, begin, end, transform_camera_to_base)
@@ -381,7 +383,7 @@ def _threshold(count: int) -> float:
     """Least chi^2 of six degrees of freedom that is reported after this many readings.
 
     Half of the false alarms are allotted to the second reading, the rest to all later ones in proportion to
-    1 / ((n - 1)(n - 2)), which sums to one for a pause of any length. Tests at the same reading share equally.
+    1 / ((n - 1)(n - 2)), whose sum over a pause of any length is below one. Tests at the same reading share equally.
     """
     from scipy.special import chdtri
 
@@ -393,7 +395,7 @@ def _threshold(count: int) -> float:
 def most_apart(degrees: int) -> float:
     """Largest chi^2 of the residual attributed to noise.
 
-    Corresponds to three times the assumed sigma, plus 18, which noise of that sigma does not exceed in a pause.
+    The mean at three times the assumed sigma, plus 18, a sum that noise of the assumed sigma does not reach in a pause.
     """
     return 9.0 * degrees + 18.0
 

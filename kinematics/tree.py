@@ -218,8 +218,8 @@ class RobotState:
     def soles_in_base(self, legs: Iterable[str] | None = None) -> Float:
         """Sole centres in `base_link`, (n, 3) [m], in the order of `legs` (default: all legs).
 
-        Of a round foot it is the point of the ball that a sole frame marks, as deep as the ball reaches. When the ball
-        rolls that point stays where it is, but for 0.2 mm, while the frame rises with it.
+        For a round foot, x and y are those of the sole frame and z is that of the lowest point of the ball. When the
+        ball rolls, this point stays in place to 0.2 mm, while the frame rises.
         """
         names = tuple(self.tree.legs) if legs is None else tuple(legs)
         places = [self._data.oMf[self.tree.frame_id(self.tree.leg(leg).sole)] for leg in names]
@@ -314,7 +314,7 @@ def refuse_not_finite(values: Float, names: Sequence[str], kind: str) -> None:
 
 
 def _refuse_other_units(tree: KinematicTree, positions: Float) -> None:
-    """Reject positions half a turn beyond the limits of a joint of less than one turn: they are not in radians."""
+    """Reject positions beyond the limits by half a turn, for joints of less than one turn: they are not in radians."""
     lower, upper = tree.lower_limits, tree.upper_limits
     turning = {joint.name for joint in tree.urdf.joints if joint.kind == "revolute"}
     far = (positions < lower - np.pi) | (positions > upper + np.pi)
@@ -328,9 +328,9 @@ def _refuse_other_units(tree: KinematicTree, positions: Float) -> None:
 
 
 def beyond_limits(tree: KinematicTree, positions: Float) -> dict[str, float]:
-    """Joints beyond their limits and by how much [rad]; one `JointLimitWarning` lists them.
+    """Excess over the limits of each joint beyond them [rad]; one `JointLimitWarning` reports all.
 
-    They are accepted: encoders have offsets, and the limits in a URDF are nominal.
+    Such positions are accepted: encoders have offsets, and the limits in a URDF are nominal.
     """
     beyond: dict[str, float] = {}
     complaints = []

@@ -12,9 +12,9 @@ import numpy as np
 from kinematics.findings import Findings
 from kinematics.urdf import Joint, Urdf
 
-# Tolerance of an axis written with three decimals.
+# Tolerance of the length of an axis, for components written with three decimals.
 AXIS_TOLERANCE = 1e-3
-# The announcement of a stance has room for 256 joints; a chain of 3,000 would take minutes and 700 MB to load.
+# Limit of the messages that announce a stance. A chain of 3,000 joints would take minutes and 700 MB to load.
 MOST_JOINTS = 256
 
 
@@ -26,7 +26,8 @@ def check_urdf(urdf: Urdf, root: str | None = None) -> None:
         root: the link that must be the root of the tree; None = any one.
 
     Raises:
-        RobotFileError: naming each finding with file, line, link or joint, what was given and what is allowed.
+        RobotFileError: there are findings; the message names file, line and link or joint of each, the given and the
+            allowed value.
     """
     findings = Findings(urdf.path)
     moving = sum(joint.kind != "fixed" for joint in urdf.joints)

@@ -149,7 +149,7 @@ def _assess_discs(
     Args:
         raster, resolution, limits, attitude_sigma: as in `assess_layers`.
         flags: initial flags, with a cause in exactly the unknown cells.
-        kernel: the disc; cells within its radius of the border differ from those of a larger grid.
+        kernel: the disc. Cells closer to the border than its radius get other values than in a larger grid.
     """
     known = (flags & UNKNOWN_MASK) == 0
     # Only known cells are computed, often a quarter of a map. Results are stored in single precision at once, which

@@ -59,7 +59,7 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     """
     known = np.isfinite(elevation)
     index = np.flatnonzero(known)
-    # Integers, which are summed exactly in float32, and in half the time.
+    # In float32, which sums these integers exactly and in half the time.
     mask = known.astype(np.float32)
     height = np.where(known, elevation, 0.0)
     half = kernel.shape[0] // 2

@@ -62,9 +62,8 @@ class SurfaceSamples:
     A swath is the surface of one stripe, or the surface between two neighbouring stripes.
 
     Attributes:
-        points: (3, n) points in base_footprint, coordinate by coordinate; NaN samples are ignored. float64 when they
-            are rasterised.
-        variance: (n,) variance of the heights [m^2]; float64 when they are rasterised.
+        points: (3, n) points in base_footprint, coordinate by coordinate; NaN samples are ignored.
+        variance: (n,) variance of the heights [m^2].
         runs: (swath, number of samples) of each run, with at least one sample per run and n in all. A swath may have
             any number of runs.
     """
@@ -125,7 +124,7 @@ def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry
     """
     if not samples.runs:
         return [NO_SAMPLES] * count
-    from guara_perception.stripes.kernel.library import addresses, kernel  # The client holds this file without it.
+    from guara_perception.stripes.kernel.library import addresses, kernel  # Not in guara-client, which has this module.
 
     points, variance = (np.ascontiguousarray(values, np.float64) for values in (samples.points, samples.variance))
     cell, columns = _cells(points, geometry)
@@ -146,7 +145,9 @@ def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry
 
 
 def _cells(points: Float, geometry: GridGeometry) -> tuple[npt.NDArray[np.int32], Index]:
-    """Cells (n,) of points (3, n), as in `CellSamples`, those of `GridGeometry.indices`; first and last column of them.
+    """Cell (n,) of each point (3, n), numbered as in `CellSamples`; and the first and last column that holds points.
+
+    A point is in the same cell as by `GridGeometry.indices`.
 
     Points that are unknown or outside the grid are assigned to the ring of cells around it.
     """

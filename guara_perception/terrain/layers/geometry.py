@@ -11,10 +11,10 @@ from guara_perception.arrays import Codes, Float, Index, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import TraversabilityLimits
 
-# Largest number of cells, as in a Terrain message (docs/messages.md); all layers of so many cells take 160 MB.
+# Largest number of cells, as in a Terrain message (docs/messages.md); all layers of so many cells take 192 MB.
 MOST_CELLS = 4_000_000
 Kernel = Codes
-# Least known fraction of a disc for a plane fit; whether a cell is safe is decided by EDGE.
+# Least known fraction of a disc for a plane fit. EDGE decides if a cell is safe.
 KNOWN_SHARE = 0.6
 # Largest radius of the disc [cells]; a finer grid would not show more than the stripe spacing allows.
 MOST_RADIUS_CELLS = 24
@@ -78,7 +78,10 @@ class GridGeometry:
         return self.shape[0] * self.shape[1]
 
     def indices(self, x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[Index, Index]:
-        """Cell indices (iy, ix) of points; not clipped, -1 for NaN. Cells are half open: [low, high)."""
+        """Cell indices (iy, ix) of points on the grid or off it; -1 for NaN. Cells are half open: [low, high).
+
+        Indices are clipped to -1 ... 2**31; both ends are off any grid.
+        """
         fx = (np.asarray(x, np.float64) - self.origin[0]) / self.resolution
         fy = (np.asarray(y, np.float64) - self.origin[1]) / self.resolution
         # With a tolerance to rounding, so that a point at 0.50 + 3 * 0.005 is not in the cell below.
@@ -165,7 +168,7 @@ def disc_kernel(radius_cells: float, half_cell: float = 0.0) -> Kernel:
             square is within the radius. 0 = the centre only, TOUCHED = the whole cell.
 
     Raises:
-        InvalidInput: the disc is larger than MOST_RADIUS_CELLS cells.
+        InvalidInput: the radius is larger than MOST_RADIUS_CELLS cells.
     """
     if not radius_cells < MOST_RADIUS_CELLS + 1:
         raise InvalidInput(

@@ -115,7 +115,7 @@ class LayeredGrid(Gridded):
         geometry: origin, resolution and shape.
         record: record of the scan or the map; a record of the other kind is converted.
         frame: "base_footprint".
-        stamp: time of the scan [ns since the epoch].
+        stamp: time of the scan [ns since the Unix epoch].
         step: number of the stance pause.
         extent: "footprint" (this scan alone) or "map" (fused).
         pictures: range images (512, 640) float32 by name [mm], if the scan was processed with them.
@@ -210,7 +210,7 @@ class LayeredGrid(Gridded):
         return self.layers[name]
 
     def to_occupancy(self, unknown: int = 100) -> npt.NDArray[np.int8]:
-        """Occupancy (ny, nx) int8 as in nav_msgs/OccupancyGrid, whose data are `.ravel()` of this.
+        """Occupancy (ny, nx) int8 as in nav_msgs/OccupancyGrid; `.ravel()` gives the `data` of that message.
 
         Args:
             unknown: value of unknown cells, 100 (as a hazard) or -1.
@@ -224,7 +224,7 @@ class LayeredGrid(Gridded):
 
 
 def asked(terrain: G, allow_stale: bool) -> G:
-    """Return the grid that a query uses: a stale one without its mark if `allow_stale` is set.
+    """Return the grid for a query, with `stale_because` cleared if `allow_stale` is set.
 
     Raises:
         transport.StaleTerrain: the grid is stale and `allow_stale` is not set.

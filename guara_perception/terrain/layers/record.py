@@ -27,7 +27,7 @@ Sole: TypeAlias = Float
 Run: TypeAlias = tuple[int, int, int]
 LIMITS = TraversabilityLimits.__slots__
 R = TypeVar("R", bound="GridRecord")
-# Order of the fields in JSON: POSE, which a map copies from its scan; STATED, which the node adds.
+# Fields in the order of the JSON object. A map copies POSE from its scan; the node adds STATED.
 POSE = (
     *("robot", "robot_description", "mode", "method", "calibration_hash", "calibration_verdict", "stance"),
     *("attitude_source", "attitude_sigma", "support_feet_used", "support_soles", "transform_base_to_footprint"),
@@ -63,7 +63,8 @@ class Rounding:
 
     Attributes:
         elevation: largest error of an elevation [m].
-        variance: largest relative error of a variance: before rounding it was at least the grid's value / (1 + this).
+        variance: largest relative error of a variance. Before rounding, it was at least the grid's value divided by
+            1 plus this error.
     """
 
     elevation: float = 0.0
@@ -199,7 +200,7 @@ class GridRecord(FrozenArrays):
         pose_covariance: (6, 6) covariance of the pose in base_footprint.
         limits: traversability limits of the assessment.
         newer_limits, limit_flags: limits unknown to this version, and the flags that they set, by name.
-        validity_pauses, validity_seconds: validity of an observation.
+        validity_pauses, validity_seconds: age up to which an observation may be used [pauses, s].
         coverage, known: fraction of the expected cells, and of all cells, that are known.
         hazard_cells: number of cells by flag.
         health: verdict on the grid.
@@ -338,8 +339,8 @@ class GridRecord(FrozenArrays):
     def other_limits(self) -> dict[str, tuple[Hazard, float]]:
         """Limits of a newer version: name -> flag set by the limit, and its value.
 
-        All hazard bits are in use, so a new limit sets the existing flag that fits best, which is stated in
-        `limit_flags`. A cell with this flag is a hazard like any other.
+        A new limit adds no flag but sets the existing one that fits best, as stated in `limit_flags`. A cell with this
+        flag is a hazard like any other.
         """
         self.check("limit_flags")
         return {
@@ -382,7 +383,7 @@ class ScanRecord(GridRecord):
         stripes_missing: stripes that were not fired.
         frames_bad, off_pictures_unused: stripe index -> reason why its frame or laser-off image was not used.
         points, points_used: number of image columns by status, and number of those used.
-        coverage_regions: coverage of each ninth of the area.
+        coverage_regions: coverage of each ninth of the area, by names such as "far left".
         seconds: computing time by stage [s].
         lost_cells: cells that only lost frames could have shown, as runs (ix, first iy, end iy).
         dark_flashes: number of dark flashes whose frames were compared; None for a sweep without dark flashes.
@@ -418,7 +419,7 @@ class MapRecord(GridRecord):
         transform_footprint_to_odom, odometry_covariance: pose (4, 4) of this pause and its covariance (6, 6).
         scans: number of fused scans.
         disagreeing_cells: number of heights of the last scan that disagreed with the map.
-        support_residuals: leg -> height of its sole above the map [m], None if too little of the map is known there.
+        support_residuals: leg -> height of its sole above the map [m]; None if too little of the map is known there.
         sunk_feet, slid_feet: leg -> distance by which the foot sank below the map, or slid relative to the other feet
             [m]; None if no foot did.
         height_correction, height_correction_sigma: height correction of the walk and its standard deviation [m].

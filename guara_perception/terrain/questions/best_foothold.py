@@ -23,7 +23,7 @@ from kinematics.arrays import FrozenArrays
 VALUE_AT_RIM = 0.5
 # Factor of the value beside an edge.
 VALUE_AT_EDGE = 0.5
-# Least relative gain of value over the previous choice, without which the choice would alternate.
+# Least relative gain in value that replaces the previous choice; it keeps the choice from alternating.
 HYSTERESIS = 1 / 3
 
 
@@ -35,8 +35,8 @@ class Foothold(FrozenArrays):
         x, y: centre of the sole in base_footprint [m].
         z: height of the ground there [m].
         normal: (3,) unit normal of the ground.
-        score: traversability of the position, above 0 ... 1.
-        value: objective of the choice, above 0 ... 1: product of score, nearness and clearance factors.
+        score: traversability of the position, greater than 0, at most 1.
+        value: objective of the choice, greater than 0, at most 1: product of score, nearness and clearance factors.
         leg: leg of the query, or None.
     """
 
@@ -190,7 +190,7 @@ def _candidates(terrain: LayeredGrid, x: float, y: float, radius: float) -> tupl
 def _values(terrain: LayeredGrid, verdicts: FootholdVerdicts, distance: Float, radius: float) -> Float:
     enough = enough_clearance(terrain, terrain.record.required_limits)
     clearance = np.asarray(look_up(terrain, "clearance", verdicts.x, verdicts.y, np.float32(0)), dtype=np.float64)
-    # The value increases up to twice the clearance that is always sufficient.
+    # The value increases with the clearance, up to twice the clearance that is always sufficient.
     openness = np.clip(clearance / (2 * enough), 0.0, 1.0)
     nearness = 1 - (1 - VALUE_AT_RIM) * (distance / radius) ** 2 if radius > 0 else np.ones(distance.shape)
     return np.asarray(verdicts.score * nearness * (VALUE_AT_EDGE + (1 - VALUE_AT_EDGE) * openness))

@@ -16,7 +16,7 @@ import numpy as np
 from guara_perception.arrays import Float, Index
 
 MOST_ROUNDS = 4
-# Least relative gain of area of a round that is followed by another one.
+# Least relative gain in area after which another round follows.
 LEAST_GAIN = 0.01
 # Distance of the half-planes from the squares, for rounding and because cells contain their lower edges.
 OFF_M = 2e-6
@@ -83,7 +83,7 @@ def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float
 
 
 def _nearest(offset: Float, reach: float) -> Float:
-    """Coordinate of the nearest point of each square along one axis, from that of its centre, relative to an origin."""
+    """Coordinate, along one axis, of the nearest point of each square to the origin; `offset` locates its centre."""
     return np.asarray(offset - np.minimum(np.maximum(offset, -reach), reach))
 
 

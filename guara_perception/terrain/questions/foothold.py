@@ -21,7 +21,7 @@ from kinematics.arrays import FrozenArrays
 
 # Number of positions per block, which bounds the memory for whole grids of positions.
 CHUNK = 4096
-# Tolerance by which a sole that only shares an edge with a cell does not cover it.
+# Overlap up to which a sole does not cover a cell [cells]: rounding may let a sole overlap a cell that it only touches.
 TOLERANCE_CELLS = 1e-6
 
 
@@ -49,11 +49,11 @@ class FootholdVerdicts(FrozenArrays):
 
     Attributes:
         terrain: grid that was queried.
-        x, y: (n,) positions in base_footprint [m].
-        ok: (n,) mask of the positions where a sole may be set.
-        score: (n,) float64 traversability, 0 where not ok.
+        x, y: (...) positions in base_footprint [m].
+        ok: (...) mask of the positions where a sole may be set.
+        score: (...) float64 traversability, 0 where not ok.
         leg: leg of the query, or None.
-        beyond: (n,) excess of the leg's joints over their limits [rad], NaN if no joint positions reach; zeros without
+        beyond: (...) excess of the leg's joints over their limits [rad], NaN if no joint positions reach; zeros without
             a leg.
     """
 

@@ -30,7 +30,7 @@ class StandingSole:
 
 # Robots that are given by name or folder are loaded once per process.
 _loaded = lru_cache(maxsize=4)(robot_model)
-# Largest excess of a joint position, at a height between two tested heights, over those at both [rad].
+# Largest amount by which a joint position at a height between two tested heights exceeds the positions at both [rad].
 BETWEEN_HEIGHTS = 1e-6
 
 
@@ -59,7 +59,7 @@ def beyond_reach(
         terrain: grid with the stance in its record.
         leg: name of the leg.
         soles_in_footprint: (n, 3) sole centres on the ground [m].
-        robot: model, name or folder of the robot; None = use the description in the grid, or the robot of that name.
+        robot: model, name or folder of the robot; None = the description in the grid or, without one, the name in it.
         margin: angle to keep from the limits [rad].
 
     Raises:

@@ -18,7 +18,7 @@ LEAST_HEIGHT_M = 0.006
 LEAST_SIGMAS = 4.0
 # Least area of an object, 2 x 2 cells on the default grid; smaller things are noise.
 LEAST_AREA_M2 = 1e-4
-# Quantile of the cells' heights from which the depth of the top is measured: noise may raise one cell in ten.
+# Quantile of an object's heights that counts as its highest point, because noise may raise one cell in ten.
 TOP_QUANTILE = 0.9
 # Depth of the top below that quantile, in addition to three sigmas; cells above it form the top plane.
 TOP_DEPTH_M = 0.004
@@ -38,7 +38,7 @@ JUDGES = 250
 LEAST_TOLERANCE_M = 0.002
 REFINEMENTS = 10
 SEED = 2024
-# Least extent of points across a line that determines a plane.
+# Least rms extent of points across their main direction for which a plane through them is determined.
 LEAST_WIDTH_M = 1e-3
 
 

@@ -74,8 +74,8 @@ def check_path(
         clearance: required distance from the ground [m].
 
     Raises:
-        InvalidInput: the points have another shape, are not finite or extend over more than 20 m, or the clearance is
-            not 0 ... 1 m.
+        InvalidInput: the points have another shape or are not finite, the path is longer or reaches farther than 20 m,
+            or the clearance is not 0 ... 1 m.
     """
     terrain = asked(terrain, allow_stale)
     path = checked_points(points, (2, 3), 1, "points of a path")
@@ -250,7 +250,7 @@ class SwingGround:
         top: (ny, nx) highest sample of each cell [m].
         variance: (ny, nx) variance of the heights [m^2].
         confidence: number of sigmas that are added to `top`.
-        rounding: largest relative error of `variance` due to rounding: before, it was at least variance / (1 + this).
+        rounding: largest relative error of `variance`, which was at least variance / (1 + rounding) before rounding.
     """
 
     geometry: GridGeometry

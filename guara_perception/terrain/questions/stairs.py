@@ -24,8 +24,8 @@ LEAST_TREAD_M2, LEAST_TREAD_CELLS = 0.0015, 20
 # Level regions belong to one tread if their mean heights differ by less than SAME_OF_RISE of the rise; a first rise
 # must exceed SAME_SIGMAS of both regions.
 SAME_SIGMAS, SAME_OF_RISE = 3.0, 0.2
-# Noise of the grid adds SLOPE_SIGMAS to the largest slope of a tread, and raises the largest step within it to
-# STEP_SIGMAS of the height.
+# On a noisy grid, the slope of a tread may be larger by SLOPE_SIGMAS standard deviations of the slope, and the step
+# within it may reach STEP_SIGMAS standard deviations of the height.
 SLOPE_SIGMAS, STEP_SIGMAS = 1.0, 4.0
 # Least and largest rise from one tread to the next.
 LEAST_RISE_M, MOST_RISE_M = 0.012, 0.30
@@ -39,8 +39,8 @@ LANDING = 2.0
 STRIP_M = 0.010
 LEAST_STRIPS = 8
 OF_TREAD = 0.35
-# Widest gap between the known cells of two treads whose middle is the edge, at least 2.2 cells; across a wider gap, the
-# edge is the border of the upper tread.
+# Widest gap between the known cells of two treads, at least 2.2 cells, that has the edge in its middle; across a wider
+# gap, the edge is the border of the upper tread.
 WIDEST_GAP_M = 0.030
 # Largest rms deviation of an edge from a straight line, at least one cell.
 EDGE_STRAIGHT_M = 0.010

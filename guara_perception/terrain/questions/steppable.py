@@ -23,7 +23,7 @@ from kinematics.arrays import FrozenArrays
 PLANE_TOLERANCE_M = 0.006
 # Radius of the ground around the seed to which the initial plane is fitted.
 SEED_RADIUS_M = 0.03
-# Least relative gain of area over the region around the previous choice, without which the choice would alternate.
+# Least relative gain in area that replaces the region around the previous choice; it keeps the choice from alternating.
 HYSTERESIS = 1 / 3
 # Distance by which the corners that a leg must reach are outside the cell.
 CORNER_OUTSIDE_M = 1e-4
@@ -230,7 +230,7 @@ def _reached(
 def _grow(window: _Window, iy: int, ix: int, leg: str | None) -> SteppableRegion:
     """Grow the region around a free cell of a window."""
     plane, ground = _plane_of(window, iy, ix)
-    # Only the rim of the window and the cells next to the ground bound the region; all other cells are behind them.
+    # The rim of the window and the cells next to the ground bound the region; all other cells are behind these.
     padded = np.pad(ground, 1)
     by, bx = np.nonzero(with_neighbours(padded) & ~padded)
     resolution = window.resolution
@@ -274,7 +274,7 @@ def _region(window: _Window, polygon: ConvexPolygon, plane: Float, ground: Mask,
     inside = ground[rows, columns].copy()
     for a, b, c in polygon.halfspaces.tolist():
         inside &= a * x + b * y <= c
-    # A polygon that contains no cell centre is between centres of the ground; then all of the ground is used.
+    # A small polygon may lie between the cell centres; then all of the ground is used.
     part, cells = ((rows, columns), inside) if inside.any() else ((slice(None), slice(None)), ground)
     iy, ix = np.nonzero(cells)
     height, variance = window.height[part][cells], window.variance[part][cells]

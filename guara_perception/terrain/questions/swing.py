@@ -66,7 +66,7 @@ def swing(
     *,
     allow_stale: bool = False,
 ) -> Swing:
-    """Plan a path for a foot from one foothold to another that `check_path` accepts.
+    """Plan a path, accepted by `check_path`, for a foot from one foothold to another.
 
     The path goes straight up, along the upper hull of the ground between start and end (highest samples plus
     confidence plus clearance), and straight down. If this is refused, a horizontal path at the height of the hull's
