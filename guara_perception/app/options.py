@@ -189,7 +189,7 @@ def read_node_file(context: click.Context, parameter: click.Parameter, path: Pat
 
 
 def refuse_mistakes(context: click.Context, parameter: click.Parameter, is_check: bool) -> bool:
-    """Reject a node.toml with mistakes; with --check, go on to find the mistakes outside the file too.
+    """Reject a node.toml with mistakes; with --check, continue, to find mistakes outside the file too.
 
     Raises:
         FileFormatError: all mistakes of the file.

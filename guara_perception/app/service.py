@@ -75,7 +75,7 @@ def notify(*states: str) -> None:
 
 
 class ServiceManager:
-    """Notifications of readiness, life and stop of a node to systemd, sent while the `with` block runs."""
+    """Readiness, watchdog and stop notifications of a node to systemd, sent while the `with` block runs."""
 
     def __init__(self, is_well: Callable[[], bool]) -> None:
         """Prepare the notifications.

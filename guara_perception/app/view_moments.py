@@ -34,8 +34,7 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
     Args:
         path: a grid (.npz), a recording (.mcap) or a scan folder.
         robot: model of the robot that recorded it.
-        calibration: with it, scans are processed again and their stripes are shown; None = the one in the recording, if
-            any.
+        calibration: used to process scans without recorded grid or points; None = the one in the recording, if any.
 
     Raises:
         MissingFile: the path does not exist.

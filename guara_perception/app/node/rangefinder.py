@@ -37,7 +37,7 @@ FiringOrder = Sequence[tuple[int, float]]
 # milliseconds, and transfer times vary by about as much.
 LAG_SIGMA = 0.002
 
-# Number of stripes that are processed together: that takes a fifth less processor time than one by one.
+# Number of stripes processed together, which takes a fifth less processor time than one by one.
 STRIPES_TOGETHER = 2
 
 
@@ -48,7 +48,7 @@ class Rangefinder:
     Attributes:
         board: the laser board.
         camera: the camera.
-        options: acquisition options; None = one off frame per scan, STRIPES_TOGETHER.
+        options: acquisition options; None = one off frame per scan, stripes processed in groups of STRIPES_TOGETHER.
         settings: settings that are locked and read back when the camera is opened; None = leave the camera unchanged.
         identity: identity of the calibrated camera, which the opened one must have; empty if unknown.
         clock: clock of all devices of this process while these are open; None = the machine's clock. On the clock of
@@ -100,7 +100,7 @@ class Rangefinder:
         return self._locked
 
     def setting_changes(self) -> tuple[str, ...]:
-        """Changes of locked settings, each with what to do; empty if they cannot be read.
+        """Changes of locked settings, each with its remedy; or the error if they could not be read.
 
         Reading the settings takes some milliseconds.
         """

@@ -148,7 +148,7 @@ class StreamWatch:
         return sum(counts[1:]) / max(self._arrivals[-1][0] - self._arrivals[0][0], RATE_TIME / 4)
 
     def _follow(self, batch: StanceStream, now: float) -> None:
-        """Count lost batches and gaps between the last batch and this one."""
+        """Count the batches lost before this one, and a gap before or within it."""
         last = self._last
         if last is None or last.epoch != batch.epoch or batch.sequence <= last.sequence:
             return

@@ -92,7 +92,7 @@ class BoardAdvice:
 
 
 def _moved(view: BoardView, other: BoardView) -> Float:
-    """Distances (n, 2) of the corners that both views show [px]."""
+    """Absolute differences (n, 2) in x and y of the corners that both views show [px]."""
     _, here, there = np.intersect1d(view.corners, other.corners, return_indices=True)
     return np.abs(view.corners_px[here] - other.corners_px[there])
 

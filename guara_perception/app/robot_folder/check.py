@@ -29,7 +29,7 @@ from kinematics.srdf import allowed_pairs
 from kinematics.tree import RobotState
 from kinematics.urdf import Link
 
-# Largest distance of a sole frame from its foot [m]: more than this exceeds the noise of a cell's height.
+# Largest height of a sole frame above or below its foot [m]; more would exceed the noise of a cell's height.
 SOLE_OFF_M = 0.002
 # Least distance of a joint from its limit, to follow the tilt of the body on uneven ground [rad].
 LIMIT_MARGIN = 0.05

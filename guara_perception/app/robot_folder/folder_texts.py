@@ -71,8 +71,8 @@ joints = [{", ".join(f'"{joint}"' for joint in leg.joints)}]
         maximum=2 * SWING_HEIGHT_M + 0.01,
         step=SWING_HEIGHT_M / 2,
         swing=1e3 * SWING_HEIGHT_M,
-        # The body tips by 3 degrees when a foot falls this far.
         minimum=-1.5 * SWING_HEIGHT_M - 0.01,
+        # The body tips by 3 degrees when a foot falls this far.
         drop=min(round(0.055 * p.scan.hip_height, 3), 0.020),
         disc=max(0.015, round(min(p.sole) / 4.0, 3)),
         pauses=min(cycles * PAUSES, 255),

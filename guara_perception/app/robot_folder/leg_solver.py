@@ -37,7 +37,7 @@ class LegSolver:
         pitch_joint: (3,) origin of the first joint that swings the foot fore and aft, in the base, with all joints at
             zero [m].
         hip: link moved by that joint.
-        side: the tip's y with the hip's roll at zero [m].
+        side: the tip's y in the base, with all joints at zero [m].
         length: length of the stretched leg from the pitch joint to the tip [m].
     """
 
@@ -146,7 +146,7 @@ class Foot:
         link: the last moving link.
         tip: (3,) centre of the foot, or of the round end of the bone [m].
         shapes: shapes that move rigidly with it, each with transform_shape_to_link (4, 4).
-        is_round: the foot is a ball or the end of a bone, and touches in a point.
+        is_round: the foot touches in a point: a ball, the end of a bone, or any short foot of a leg with three joints.
         size: (3,) extents of the foot along its own axes; a ball's diameter, a bone's width [m].
     """
 
@@ -167,7 +167,7 @@ class Foot:
 
 
 def find_foot(urdf: Urdf, leg: FoundLeg) -> Foot:
-    """Find the foot of a leg: the shape on its last moving link that extends farthest from the last joint."""
+    """Find the foot of a leg: of the shapes that move with its last link, the one farthest from the last joint."""
     link = next(joint.child for joint in urdf.joints if joint.name == leg.joints[-1])
     frames = dict(frames_fixed_to(urdf, link))
     shapes = tuple(

@@ -13,7 +13,8 @@ from kinematics.leg import NumericLeg
 from kinematics.tree import KinematicTree
 
 # Footholds of the wave gait relative to the standing foot [m]: on level ground half a swing fore and aft plus the
-# search radius of the planner; half a swing on lower ground; more above an obstacle. All also 40 mm to the side.
+# search radius of the planner; half a swing on lower ground; 30 mm more than that on an obstacle. All of these 40 mm
+# to either side.
 FOOT_OFFSETS = np.array(
     [
         (x, y, z)

@@ -39,7 +39,7 @@ class Proposal:
         sole: length and width of a sole [m].
         sole_radius: radius of round feet [m], 0 for flat ones.
         scan, standing: postures; joints outside the legs are as close to zero as their limits allow.
-        reach: fraction of the gait's foot positions that are within reach, 1 = all.
+        reach: fraction of the gait's foot positions that are within reach; 1 if the hip height was given, not chosen.
         mounts: camera, laser, area.
         mirror_angles: first and last mirror angle of the scan pattern [rad].
         stripes: number of stripes of the pattern.

@@ -46,7 +46,7 @@ class TrialWalk:
 
 
 def trial_world(robot: RobotModel) -> World:
-    """Ground for ten pauses: a box in the left track, a dark patch in the right one, a pit and a box beside them."""
+    """Ground for ten pauses: a box in the left track, a dark patch in the right one, a pit beside, a box between."""
     gait = WaveGait.of(robot)
     hips = np.array(list(gait.hips.values()))
     front, track = float(hips[:, 0].max()), float(np.abs(hips[:, 1]).max())

@@ -19,7 +19,7 @@ OF_THE_ROBOT = ("/tf", "/tf_static", "/robot_description")
 
 
 class SceneMirror:
-    """Source of the server's mirror. Methods return at once; the server's threads make the messages."""
+    """Sender of scenes to the server's mirror. Methods return at once; the server's threads make the messages."""
 
     def __init__(self, server: PerceptionServer, scene: Scene, *, unknown: int = 100, with_tf: bool = False) -> None:
         """Mirror every grid that the server publishes from now on.
