@@ -15,7 +15,7 @@ BLUR_SIGMA_PX = 0.8
 # Half width of the window of the sub-pixel refinement, relative to the smallest square: wide, but without a second
 # corner.
 WINDOW_OF_SQUARE = 0.35
-# Points beside the detected corners count as corners if their contrast exceeds this share of the detected corners'.
+# Points beside the detected corners count as corners if they have at least this share of their contrast.
 CROSSING_SHARE = 0.5
 # Largest misfit of a homography, relative to a square: lens distortion bends a board by a few per cent, the markers of
 # another board are off by a whole square.

@@ -213,7 +213,7 @@ def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> st
 
     Leaving out a plate changes all heights, so a correct plate often has the largest error. But the remaining plates
     agree only without the wrong one. Of four or more plates, the remaining ones then fit their planes; of three, the
-    remaining two always fit, but only then does the mirror turn evenly.
+    remaining two always fit, but the mirror turns evenly only without the wrong one.
 
     Args:
         entries: fits that each left one plate out, three or more.

@@ -25,7 +25,8 @@ MOVED = f"{CAMERA_MOVED}: the ground in its image is not where it should be if t
 MOST_RISE_M, LEAST_SIGMAS = 0.003, 5.0
 # Images are reduced to about this width before tracking [px].
 FOLLOWED_PX = 320
-# Mean level up to which an image is brightened, mean level after that [grey levels of 255], and largest gain.
+# Mean level up to which an image counts as dim, mean level to which it is then brightened [grey levels of 255], and
+# largest gain.
 DIM_LEVEL, BRIGHT_LEVEL, MOST_GAIN = 32.0, 100.0, 16.0
 # Corners: largest number, quality relative to the best one, least distance [px]. An estimate needs LEAST_CORNERS, of
 # which LEAST_SHARE must agree.
@@ -53,7 +54,7 @@ def grey(picture: Image, gain: float) -> Image:
         gain: factor of brightness; see `gain_of`.
     """
     given, factor = pictures_of(picture, None)[0], max(round(picture.shape[1] / FOLLOWED_PX), 1)
-    # Neither red nor blue: of three channels the one with the least noise.
+    # Green if there are three channels, because it has the least noise.
     channel = given.channels // 2
     out = np.empty((given.rows // factor, given.columns // factor), np.uint8)
     line, sums = np.empty(given.columns, np.uint16), np.empty((2, given.columns), np.uint32)

@@ -35,7 +35,7 @@ WITHIN_PX = 1
 # Light in at least this fraction of the columns or rows is a line. Smaller light, such as a lamp, only makes its pixels
 # unusable.
 LINE_SHARE = 0.08
-# Least fraction of the columns or rows in which a spot of light is compared with the next dark frame.
+# Least extent of a spot of light that is compared with the next dark frame, as a fraction of the columns or rows.
 SPOT_SHARE = 0.01
 # Spots in two successive dark frames that overlap in less than this fraction of the smaller one are moving light.
 LEAST_OVERLAP = 0.3

@@ -206,7 +206,7 @@ class ScanProcessor:
 
     @property
     def track_fault(self) -> str:
-        """Reason why the track does not place the stripes added so far; empty if it does, or there is none."""
+        """Reason why the track does not place the stripes added so far; empty if it does, or without a track."""
         return "" if self._places is None else self._places.missing
 
     def leave_track(self) -> None:

@@ -314,7 +314,8 @@ def lost_cells(
     last = len(planes_in_footprint) - 1
     for stripe in np.flatnonzero(is_lost).tolist():
         before, after = max(stripe - 1, 0), min(stripe + 1, last)
-        # Between the two laser planes at the lowest or highest height, or on different sides at the two heights.
+        # Cells between the two laser planes at the lowest or the highest height, or on different sides of the first
+        # plane at the two heights.
         lost |= (low[:, before] != low[:, after]) | (high[:, before] != high[:, after])
         lost |= low[:, before] != high[:, before]
     not_looked_at = (hazard & np.uint16(Hazard.UNSCANNED | Hazard.OCCLUDED)) != 0

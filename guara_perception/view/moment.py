@@ -59,7 +59,7 @@ class Moment:
 
     @property
     def walk(self) -> str:
-        """Identity of the walk; positions in odom are comparable within one walk only."""
+        """Identifier of the walk; positions in odom are comparable within one walk only."""
         return self.record.epoch or ""
 
     @property

@@ -19,7 +19,7 @@ from kinematics.transforms import transform_points
 
 # Height above the soles above which a bound is useless for a swing.
 HIGHEST_M = 0.14
-# Margin around the scanned area in which ground below light is also bounded.
+# Margin around the scanned area in which ground below rays is bounded too.
 BESIDE_CELLS = 20
 # A bound must also hold in all cells up to this distance from its cell, in the map up to the drift plus this distance.
 AROUND_CELLS = 1
@@ -41,10 +41,10 @@ class LinesOfSight:
     is lower than the rays, and the ground at the point is no higher than the point. A bound never makes ground safe for
     a foot; it lets a swing pass over ground that was never observed, or that gave no return since.
 
-    Bounds are conservative. A ray starts at the highest sample of its cell, and its height in a cell is that at the far
-    edge. The bound of a cell is the highest bound of the cell and all its neighbours. The light may diverge from any
-    point on the mirror or in front of it; a bound holds for all. Objects that no scan can see are not bounded: those
-    thinner than the gap between two stripes, and new ones that return no light.
+    Bounds are conservative. A ray starts at the highest sample of its cell, and its height in a cell is taken at the
+    far edge. The bound of a cell is the highest bound of the cell and all its neighbours. The light may diverge from
+    any point on the mirror or in front of it; a bound holds for all. Objects that no scan can see are not bounded:
+    those thinner than the gap between two stripes, and new ones that return no light.
 
     Attributes:
         bounds: upper bounds of the ground, NONE where there is no bound.

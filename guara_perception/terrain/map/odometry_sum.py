@@ -17,8 +17,8 @@ heights and of the noise now, for the second sum only. Then the covariance of d 
 If d' S^-1 d exceeds a bound for any j, either the ground moved or odometry is worse than it states. It cannot be
 decided which, so all corrections since the earliest such j are discarded. Earlier corrections are kept: had the ground
 moved before, sums since earlier pauses would exceed the bound as well. If only the second sum exceeds the bound, and
-texture holds the map closer to odometry than to the heights of the scans, the heights moved: corrections are kept, and
-heights are no longer used.
+the corrections of a walk with texture agree better with odometry than with the scans, the heights moved: corrections
+are kept, and heights are no longer used.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ class OdometrySum(FrozenArrays):
             odometry: (4, 4) current transform_footprint_to_odom by odometry.
             noise: (3, 3) covariance of the noise of the current pause alone.
             slip_share: sigma of odometry along the displacement, relative to its length.
-            textured: True if texture holds the walk.
+            textured: True if texture corrects the walk.
         """
         if not len(self.transforms):
             return None

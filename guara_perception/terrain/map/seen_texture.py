@@ -207,7 +207,7 @@ def visual_motion(
         seen: texture of earlier pauses, None if there is none.
         transform: (4, 4) transform_footprint_to_odom by odometry.
         prior: (6, 6) covariance of the pose error relative to the texture, in REP-103 order.
-        since: (3, 3) covariance of the error of odometry since texture last held the walk or began.
+        since: (3, 3) covariance of the error of odometry since texture last corrected the walk or began anew.
         slip: (3, 3) covariance of slip that is accepted if the whole view shows it.
     """
 

@@ -69,18 +69,18 @@ class WalkCorrection:
         noise: (3, 3) pose noise of the last pause, not carried to the next.
         last: transform_footprint_to_odom of the last pause by odometry, None before the first.
         growth: (3, 3) covariance of the last motion after registration.
-        own: (3, 3) covariance of the error of texture at the last pause alone, zero if texture does not hold the walk.
+        own: (3, 3) covariance of the error of texture at the last pause alone, zero if texture did not correct it.
         shift, turn: variances of all motions since the start [m^2, rad^2].
         refused: reason why the last registration was not used, None if it was used.
         sum: corrections since earlier pauses, and the drift of odometry since.
         distrusted: number of future pauses whose registration is not used.
-        unheld: (2,) displacement since texture last held the walk [m].
-        off_texture: (3, 3) covariance of the pose relative to the texture, due to motions since texture last held the
-            walk or began.
+        unheld: (2,) displacement since texture last corrected the walk [m].
+        off_texture: (3, 3) covariance of the pose relative to the texture, due to motions since texture last corrected
+            the walk or began anew.
         off_way: (2,) displacement since then [m].
         unseen: number of future pauses whose texture is not used, because corrections were undone.
-        slip: (2,) sigma of the displacement since the start by slip, always along the way and with the same sign, minus
-            the part that texture corrected [m].
+        slip: (2,) sigma of the displacement by slip since the start, minus the part that texture corrected; slip is
+            along the way and always has the same sign [m].
         begun: (2,) `slip` at the pause at which the texture in view began.
         learned: (2,) slip along the way shown by texture, and length of that way [m].
         is_denied: True if odometry contradicted the texture at the last pause, so that texture begins anew.
@@ -299,7 +299,7 @@ def _slip_growth(before: Float, now: Float, slip_share: float) -> Float:
     """Increase (3, 3) of the covariance in one motion due to slip along the way, always with the same sign.
 
     Args:
-        before, now: (2,) displacements since texture last held the walk, before and after the motion [m].
+        before, now: (2,) displacements since texture last corrected the walk, before and after the motion [m].
         slip_share: sigma of slip relative to the displacement.
     """
     gained, directions = np.linalg.eigh(np.outer(now, now) - np.outer(before, before))
@@ -334,7 +334,7 @@ class SidewaysDrift(FrozenArrays):
     Attributes:
         pauses: (k,) numbers of the pauses, ascending.
         total: (k, 3, 3) sums from the start to each pause [m, rad].
-        own: (k, 3, 3) covariance of each pause's own error, which is added to that of all motions from or to the pause.
+        own: (k, 3, 3) covariance of each pause's own error, added to the covariance of motions from or to the pause.
         slip: (k, 2) sigma of slip from the start to each pause, along x and y of odom; slip has one sign in all pauses
             [m].
     """
