@@ -310,7 +310,7 @@ class ScanProcessor:
 
     @property
     def light_margins(self) -> dict[str, float]:
-        """Margins of brightness and steadiness to the limits of the light diagnosis; see `FrameSamples.margins`."""
+        """Margins of the light to the limits of its diagnosis, and height of the stripe; see `FrameSamples.margins`."""
         return self._samples.margins()
 
     def _mirrored_points(self) -> dict[int, StripePoints]:

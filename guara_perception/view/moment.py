@@ -85,7 +85,7 @@ class Moment:
 
 
 class Timeline:
-    """Moments in order, and the number of the moment shown, which follows the newest one.
+    """Moments in order, and the number of the moment shown, which advances with new ones while it is the newest.
 
     Attributes:
         number: number of the moment shown.

@@ -28,7 +28,7 @@ MEMORY: dict[str, tuple[Any, Any]] = {
     "stamp": (np.int64, 0),  # time when last seen [ns]
     "looks": (np.uint8, 0),  # number of scans that saw the cell
     "rise": (np.float64, 0.0),  # drift of the odometry when last seen: variance of z [m^2]
-    "shift": (np.float64, 0.0),  # variance of x and y [m^2]
+    "shift": (np.float64, 0.0),  # upper bound of the horizontal variance [m^2]
     "turn": (np.float64, 0.0),  # variance of the heading [rad^2]
 }
 # Shrinkage of squares, so that a square that only shares an edge with a cell does not touch it.

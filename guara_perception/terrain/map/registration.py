@@ -40,7 +40,7 @@ ROUNDS = 8
 # Step below which the iteration ends [m, rad].
 SMALLEST_STEP = 1e-5
 HUBER_SIGMAS = 2.0
-# Least slope that is used, in sigmas of a slope: 0.06 with cells of 5 mm and a height sigma of 0.3 mm.
+# Least slope that is used, in sigmas of a slope: 0.09 with cells of 5 mm and a height sigma of 0.3 mm.
 SLOPE_SIGMAS = 6.0
 # Number n of neighbouring cells that count as one, because their heights come from the same stripes and poses.
 CELLS_THAT_COUNT_AS_ONE = 32.0
@@ -121,7 +121,7 @@ class SeenGround(FrozenArrays):
 
     Attributes:
         layers: (2, ny, nx) float32 elevation [m] and local variance [m^2], NaN where unknown.
-        origin: (2,) lowest corner [m].
+        origin: (2,) corner with the smallest x and y [m].
     """
 
     layers: Float32
@@ -182,8 +182,8 @@ def _refused(prior: Float, weights: Float, reason: str) -> Registration:
 def _surprise(motion: Float, prior: Float, covariance: Float) -> float:
     """Motion in sigmas, in the worst direction.
 
-    The covariance of the motion is the reduction of the prior's covariance by the heights. Directions in which the
-    heights hardly reduce it are omitted.
+    If prior and heights are consistent, the covariance of the motion is the reduction of the prior covariance by the
+    heights. Directions in which it is hardly reduced are omitted.
     """
     root = np.linalg.cholesky(prior)
     half = np.linalg.solve(root, covariance)

@@ -106,7 +106,7 @@ def sole_error(cells: OdomCells, foot: FootMeasurement) -> SoleError | None:
 
 
 def fill_under_foot(cells: OdomCells, foot: FootMeasurement, now: MapPause) -> None:
-    """Set cells under a sole to its height if no scan observed them.
+    """Fuse the height of a sole into cells under it that no scan observed, or whose observations conflict.
 
     Scanned ground keeps its height, because a sole does not measure the relief under it, and the height anchor corrects
     the error common to all soles.
@@ -133,7 +133,7 @@ class SoleError:
         variance: variance of the residual, without the errors of odometry and attitude [m^2].
         arm: as in `FootMeasurement`.
         relief: height range of the map under the sole, by which the sole may stand lower near an edge [m].
-        pause: number of the last pause that saw the ground under the sole.
+        pause: number of the earliest of the pauses at which the cells under the sole were last seen.
     """
 
     residual: float
