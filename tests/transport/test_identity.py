@@ -59,7 +59,7 @@ FOREIGN: dict[str, tuple[dict[str, object], str]] = {
     "another robot": ({"robot": "other"}, "of robot 'other', not 'guara'"),
     "another extent": ({"extent": "map"}, "of extent 'map', not 'footprint'"),
     "another frame": ({"frame_id": "odom"}, "of frame 'odom', not 'base_footprint'"),
-    "another run": ({"metadata": {"run": "other"}}, "of run 'other'"),
+    "another run": ({"metadata": {"run": "other"}}, "from run 'other'"),
     "an older sequence": ({}, "its sequence 2 comes after 3"),
 }
 

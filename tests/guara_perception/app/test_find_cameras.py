@@ -75,7 +75,7 @@ def test_doctor_says_what_the_chosen_camera_proves() -> None:
     assert free.level == triggered.level == doctor.OK, (free.message, triggered.message)
     assert "320x256 px; it runs freely" in free.message and "detected by the camera's counter" in free.message
     assert "320x256 px; it waits for the board's trigger" in triggered.message
-    assert wrong.level == doctor.FAIL and "'Line9', it has Line0, Line1" in wrong.message
+    assert wrong.level == doctor.FAIL and "'Line9'; allowed: Line0, Line1" in wrong.message
 
 
 def test_a_webcam_cannot_be_triggered() -> None:

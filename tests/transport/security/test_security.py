@@ -93,7 +93,7 @@ def test_roles_work_end_to_end(start, endpoint: str, folder: Path, peer) -> None
         client = transport.PerceptionClient(session)
         assert client.wait_for_step(1, timeout=180.0) is client.latest()
         assert client.query().sequence == 1
-        with pytest.raises(transport.ScannerUnavailable, match="the role of its certificate"):
+        with pytest.raises(transport.ScannerUnavailable, match="the role of this client's certificate"):
             client.request_scan(timeout=5.0)
     with transport.open_client(secure, security=folder / "gait", timeout=180.0) as session:
         publisher = transport.StancePublisher(session)
