@@ -114,7 +114,7 @@ class Scan:
 
 
 class FrameReader:
-    """Reads the frames of a scan stripe by stripe."""
+    """Reader of the frames of a scan, stripe by stripe."""
 
     def __init__(self, scan: Scan) -> None:
         self._read_frame = scan.read_frame

@@ -232,7 +232,7 @@ class _Reader:
 
 
 def check_words(element: Element, where: str, findings: Findings) -> None:
-    """Check the attribute and element names of an element and all below it, except links and joints below it.
+    """Check the names of attributes and elements in an element and its descendants, except in links and joints below.
 
     Args:
         element: an element that is read.

@@ -24,7 +24,7 @@ LARGEST_FILE = 1024 * 1024
 DEEPEST = 16
 BETWEEN_KEYS = re.compile(r"[,=\[\]{}#]")
 BRACKET = re.compile(r"[\[\]{}]")
-# Lines that open a table or set a key, for bare names only, which is what robots' files use.
+# Lines that open a table or set a key, with bare names only; robot files use no others.
 HEADER = re.compile(r"\s*\[+\s*([\w.\-]+)\s*\]")
 KEY = re.compile(r"\s*([\w.\-]+)\s*=")
 

@@ -39,8 +39,8 @@ def assess_layers(
 ) -> dict[str, Array]:
     """Compute all layers of a grid from its heights.
 
-    Every test reads a fixed window. A cell gets EDGE if its window, or that of any cell under its sole, contains an
-    unknown cell. So the loss of an observation never makes another cell safe.
+    Every test reads a fixed window. A cell gets EDGE if the window of any cell under a sole centred on it contains an
+    unknown cell, so the loss of an observation never makes another cell safe.
 
     Args:
         raster: heights, variances not shared by neighbours, lowest and highest samples.

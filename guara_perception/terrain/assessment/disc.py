@@ -48,8 +48,9 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     """Fit a plane to the known cells of the disc around each known cell.
 
     Slope and roughness are defined as in the filters of grid_map, but with least squares instead of principal
-    components (equal on planes). Sums are float64, because in float32 the roughness would be lost to cancellation. The
-    result of a cell depends only on its disc, to the last bit, so no mean height of the grid is subtracted.
+    components; on planes, both give the same result. Sums are float64, because in float32 the roughness would be lost
+    to cancellation. The result of a cell depends only on its disc, to the last bit, so no mean height of the grid is
+    subtracted.
 
     Args:
         elevation: (ny, nx) [m], NaN where unknown.

@@ -21,7 +21,7 @@ from kinematics.arrays import FrozenArrays
 
 # Factor of the value at the rim of the search, relative to the nominal position, which the gait prefers.
 VALUE_AT_RIM = 0.5
-# Factor of the value beside an edge.
+# Factor of the value at zero clearance, relative to open ground.
 VALUE_AT_EDGE = 0.5
 # Least relative gain in value that replaces the previous choice; it keeps the choice from alternating.
 HYSTERESIS = 1 / 3
