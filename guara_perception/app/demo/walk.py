@@ -41,7 +41,7 @@ JPEG_QUALITY = 85
 # the gait for standing still.
 RECORDED_PAUSES = 8
 PAUSES_PER_CYCLE = 4
-# Pauses without a swing after which the robot is stuck on its course: two cycles.
+# Pauses without a swing after which the robot counts as stuck on its course: two cycles.
 STUCK_PAUSES = 8
 START_TIMEOUT_S = 60.0
 # Longest wait for an answer: longer than the planner waits for the two grids of a step, so that its error is reported.

@@ -23,7 +23,7 @@ logger = logging.getLogger(__name__)
 
 # Steps of the least-squares fit of the body to the ground below its feet, which is not flat.
 FIT_STEPS = 8
-# Distance of a sole from the ground above which joint biases and the terrain below it are no explanation [m].
+# Largest distance of a sole from the ground that joint biases and the terrain below it explain [m].
 HANGING_M = 0.020
 # Noise of a reading of a joint at its limit [rad].
 LIMIT_ERROR_RAD = 0.01

@@ -21,7 +21,7 @@ from transport import StancePause
 BEYOND_LIMITS_RAD = 0.5
 # Largest position of a joint without limits: sixteen turns.
 LARGEST_POSITION_RAD = 100.0
-# Upper bound of an announced length; longer ones are clipped. HOLD renews the announcement long before [s].
+# Upper bound of an announced length [s]; longer ones are clipped. HOLD renews the announcement long before.
 LONGEST_S = 3600.0
 # Largest time by which rounding can put a stamp ahead of its arrival [s]; a larger one means another clock.
 AHEAD_S = 0.005
@@ -107,7 +107,7 @@ class Pause:
 
     @property
     def is_clock_known(self) -> bool:
-        """True if the gait's clock is known and no stamp is later than its arrival, as after a clock change."""
+        """True if the gait's clock is known and shows no stamp in the future, as a changed clock would."""
         instants = [(self.earliest(stamp), arrival) for stamp, arrival in ((self.stamp, self.begun), self._still)]
         return all(earliest is not None and earliest <= arrival + AHEAD_S for earliest, arrival in instants)
 

@@ -241,7 +241,7 @@ class PublishedScans:
         """Publish a grid as provisional or confirmed; a provisional one is valid no longer than its pause may last."""
         pause, scan = published.pause, published.swept.scan
         is_provisional = published.will_be_refined or pause.still_until < scan.last_frame
-        # A map is reported as confirmed once its journal is written, so that a node killed afterwards can continue.
+        # A map is confirmed only once its journal is written, so that a node killed afterwards can continue.
         is_map = terrain is published.fused
         is_provisional |= is_map and self._journal is not None and not published.is_confirmed
         published.was_map_provisional |= is_map and is_provisional

@@ -41,7 +41,7 @@ class _WalkState:
     restarts: list[str] = field(default_factory=list)
     # Sole positions in the map's `odom`; None if the images of the last pause did not locate it.
     soles: Mapping[str, Float] | None = None
-    # True if this walk began although the walk in the journal was neither continued nor rejected: no scan could decide.
+    # True if this walk began while the scans so far neither confirm nor reject the walk of the journal.
     is_beside: bool = False
 
     def copy(self) -> _WalkState:

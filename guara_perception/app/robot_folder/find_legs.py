@@ -68,7 +68,7 @@ def find_legs(urdf: Urdf) -> tuple[FoundLeg, ...]:
 
 def _leg(urdf: Urdf, chain: tuple[Joint, ...], below: dict[str, list[Joint]]) -> FoundLeg:
     x, y, z = urdf.transform_at_zero(chain[0].child)[:3, 3].tolist()
-    # Follow fixed links up to a branch. The foot is the last one with a shape, else a child named as a foot, if any.
+    # Follow fixed links up to a branch. The foot is the last one with a shape, else a child named foot, toe or tip.
     foot, link = chain[-1].child, chain[-1].child
     links = {item.name: item for item in urdf.links}
     while len(below.get(link, [])) == 1:

@@ -216,7 +216,7 @@ def _centre_lines(axes: Axes, x: float, y: float, width: float, height: float) -
 
 
 def parse_board(size: str, square: float, pattern: str = CHECKERBOARD) -> BoardSpec:
-    """Board of "COLUMNSxROWS" inner corners with the given edge of its squares [m] and pattern.
+    """Parse a board of "COLUMNSxROWS" inner corners, with the edge of its squares [m] and its pattern.
 
     Raises:
         InvalidInput: not of this form, or a size out of range.
