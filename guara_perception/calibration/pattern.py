@@ -72,7 +72,7 @@ def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Cal
 
 
 def stored_mirror(calibration: Calibration) -> tuple[MirrorModel, Float, Float]:
-    """Mirror model in the camera frame, indices, and step errors [rad] stored in a calibration.
+    """Mirror model in the camera frame, and indices and step errors [rad] of its stripes, as stored in a calibration.
 
     Raises:
         CalibrationMismatch: the calibration has no mirror model.

@@ -15,7 +15,7 @@ from kinematics.arrays import FrozenArrays
 
 # Prior standard deviation of one position of the mirror's stepper [rad].
 STEP_ERROR_SIGMA = float(np.deg2rad(0.02))
-# Scatter of one point of a line, an average over a few dozen columns.
+# Scatter of one point of a line, which is an average over neighbouring columns.
 POINT_SIGMA_M = 5e-5
 ROBUST_SIGMAS = 3.0
 ITERATIONS = 25

@@ -16,7 +16,7 @@ from guara_perception.terrain.map.known_ground import KnownGround
 from kinematics import RobotModel, Stance
 from kinematics.stance_pose import ENCODER_NOISE
 
-# Foothold x and y [m], and advance of the body before the swing [m], by default that of the gait; None = no foothold.
+# Foothold x and y [m], and advance of the body before the swing [m] (None or omitted: as the gait); None: no foothold.
 Choice = tuple[float, float] | tuple[float, float, float | None] | None
 
 # Margins of the declared ground around the first stance: backwards for slip, ahead to the scanned area.

@@ -83,8 +83,8 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
         )
     light = remove_background(grey, background)
     mask = binarise(light, threshold)
-    # Of a line whose thickness is an even number of pixels, thinning always leaves the same one of the two middle rows,
-    # half a pixel off. So the skeleton is averaged with that of the image upside down.
+    # If a line is an even number of pixels thick, thinning always leaves the same one of the two middle rows, half a
+    # pixel off. Its skeleton is therefore averaged with the skeleton of the image turned upside down.
     (above, extent_above), (below, extent_below) = mean_rows(skeleton(mask)), mean_rows(skeleton(mask[::-1])[::-1])
     row = (above + below) / 2
     peak = light.max(axis=0).astype(np.float32)

@@ -128,7 +128,7 @@ def _height_scale(elevation: Float32) -> Scale:
 
 
 def drawn_heights(terrain: TerrainGrid) -> Float32:
-    """Heights (ny, nx) of all cells [m]; unknown cells, drawn or not, have that of the nearest known cell, or 0."""
+    """Heights (ny, nx) of all cells [m]; unknown cells, drawn or not, are as high as the nearest known cell, or 0."""
     from scipy.ndimage import distance_transform_edt
 
     elevation = terrain.elevation

@@ -256,7 +256,7 @@ def visual_motion(
 def seen_after(
     view: GroundView | str, seen: SeenTexture | None, transform: Float, *, held: bool
 ) -> tuple[SeenTexture | None, bool]:
-    """Texture of the ground in view after a pause: the old texture, extended by that of the pause's image.
+    """Texture of the ground in view after a pause: the old texture, extended by the image of the pause.
 
     Args:
         view: as in `visual_motion`.
