@@ -52,7 +52,7 @@ class BoardTransferFailed(BoardError, ConnectionError):
 
 
 class BadReply(BoardError, ValueError):
-    """The board's reply has a wrong length, is damaged, or belongs to another request."""
+    """The board's reply has a wrong length, is damaged or invalid, or belongs to another request."""
 
 
 class ProtocolMismatch(BoardError, RuntimeError):
@@ -60,7 +60,7 @@ class ProtocolMismatch(BoardError, RuntimeError):
 
 
 class BoardTooOld(BoardError, NotImplementedError):
-    """The board's firmware lacks the requested function."""
+    """The board or its firmware lacks the requested function."""
 
 
 class LaserRefused(BoardError, RuntimeError):
@@ -68,7 +68,7 @@ class LaserRefused(BoardError, RuntimeError):
 
 
 class LaserStuckOn(BoardError, RuntimeError):
-    """The laser is still on after it was switched off: cut its power by hand."""
+    """The laser did not go off on command: cut its power by hand, unless the board has done so."""
 
 
 class LaserDead(BoardError, RuntimeError):
@@ -120,7 +120,7 @@ class CameraEnded(CameraError, EOFError):
 
 
 class CameraSettingRefused(CameraError, ValueError):
-    """The camera rejected a setting: the value read back differs from the requested one."""
+    """The camera lacks a setting, does not allow a value, or reads back another one."""
 
 
 class AcquisitionError(DriverError):
@@ -140,4 +140,4 @@ class StripeClipped(AcquisitionError, ValueError):
 
 
 class LaserNotSeen(AcquisitionError, RuntimeError):
-    """Images with the laser on and off do not differ."""
+    """Images with the laser on and off do not differ as they should."""

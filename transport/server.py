@@ -225,7 +225,7 @@ class PerceptionServer(Resource):
         self._outbox.flush(timeout)
 
     def serve_scans(self, handler: Handler, *, admission: Admission | None = None) -> None:
-        """Serve scan requests; see `ScanServer`. The grid that the handler publishes is sent before the DONE reply.
+        """Serve scan requests; see `ScanServer`. DONE waits up to `SEND_TIMEOUT` until the handler's grid is sent.
 
         Raises:
             SessionClosed: the session is closed.

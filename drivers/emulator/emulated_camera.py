@@ -24,7 +24,7 @@ class Exposes(Protocol):
 class EmulatedCamera(Camera):
     """Camera that exposes at a fixed rate; a slow reader gets only the newest frame.
 
-    Frame n is exposed from `start + n / fps` for `exposure` and arrives `latency` later.
+    Frame n is exposed for `exposure` from `start + n / fps` on, and arrives `latency` after the exposure.
     """
 
     def __init__(

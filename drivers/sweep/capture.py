@@ -134,8 +134,9 @@ class ScanReport:
         verdicts: (index, verdict) of each stripe handed over, in order.
         stopped_early: True if `should_stop` ended the scan.
         failure: the error that ended the scan, or None.
-        frames_used: number of frames handed over; shared off frames count once.
-        frames_skipped: number of frames dropped because they were exposed before a command had taken effect.
+        frames_used: number of frames handed over; shared off frames count once. In a sweep, number of stripes instead.
+        frames_skipped: number of frames dropped because they were exposed before a command had taken effect; in a
+            sweep, because they have no device time.
         frames_dropped: number of frames that the camera counted but did not deliver while one was expected.
         frames_repeated: number of frames delivered twice.
         duration: time from the first command to the arrival of the last frame [s].

@@ -57,8 +57,9 @@ class ProofLimits:
 class StripeProof:
     """Verifier of the stripes of one scan, in the order of scanning.
 
-    The first stripe is compared with an off frame over the whole frame. If it was in step, later ones are compared in
-    their bands only, at a tenth of the cost; any that is not clearly in step there is compared over the whole frame.
+    The first stripe is compared with an off frame over the whole frame. If it is in step, later stripes that share this
+    off frame are compared in their bands only, at a tenth of the cost; a stripe that is not clearly in step there is
+    compared over the whole frame.
     """
 
     def __init__(self, limits: ProofLimits | None = None, align: Align | None = None) -> None:

@@ -38,7 +38,7 @@ NO_LASER = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERA
 
 @dataclass
 class FrameCounts:
-    """Counts of frames, as in `FrameGrabber`."""
+    """Counts as in `FrameGrabber`, except `used`: stripes handed over, and `skipped`: frames without a device time."""
 
     used: int = 0
     skipped: int = 0

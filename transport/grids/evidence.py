@@ -226,7 +226,7 @@ class Evidence:
         Args:
             grid: the grid.
             extent: extent that was requested.
-            is_newest: True if it must be newer than all before, as published grids must; replies need not be.
+            is_newest: True if the grid must be newer than all earlier ones, as published grids must but replies need not.
         """
         for what, given, wanted in (
             ("robot", grid.robot, self._robot),

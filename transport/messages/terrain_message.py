@@ -108,7 +108,7 @@ def _check_layer(name: str, array: Array, shape: tuple[int, int]) -> Array:
 class TerrainMessage:
     """One scan of the terrain (extent "footprint"), or a snapshot of the fused map (extent "map").
 
-    Cell (0, 0) is the corner at minimum x and y; the centre of cell (iy, ix) is
+    Cell (0, 0) is at the corner of minimum x and y; the centre of cell (iy, ix) is
     `origin + (ix + 0.5, iy + 0.5) * resolution` in `frame_id`.
 
     Attributes:

@@ -21,7 +21,7 @@ from transport.keys import (
     summary_key,
 )
 
-# Roles of a robot with a certificate each; the node is the router that enforces the rules.
+# Roles of a robot, each with its own certificate; the node is the router that enforces the rules.
 ROLES = ("node", "gait", "planner", "viewer")
 
 # Roles outside robots: a site router, and a fleet member, which may list the live robots and read their status.

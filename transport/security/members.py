@@ -218,7 +218,7 @@ def open_members(folder: str | Path) -> Members:
 
 
 def take_in(folder: Path, write: Callable[[Path], None], larger: Callable[[], Members]) -> Path:
-    """Make the folder of a new member by `write`, then save all members; remove the folder if that fails.
+    """Make the folder of a new member by `write`, then save the members `larger()`; remove the folder if that fails.
 
     Raises:
         SecurityError: the folder cannot be written, or as in `Members.save`.
