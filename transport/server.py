@@ -192,7 +192,7 @@ class PerceptionServer(Resource):
             self.mirror(lambda: draw(terrain), lane=terrain.extent)
 
     def _empty(self, terrain: TerrainMessage) -> None:
-        """Withdraw occupancy and grid map, whose frame is no longer valid: their messages do not name their pause."""
+        """Withdraw occupancy and grid map. They name no pause, so readers cannot tell that their frame has ended."""
         nothing = terrain.emptied(time.time_ns(), f"the pause of step {terrain.step} is over")
         self._post_derived(nothing, np.full(nothing.shape, 100, np.int8))
 
@@ -225,7 +225,7 @@ class PerceptionServer(Resource):
         self._outbox.flush(timeout)
 
     def serve_scans(self, handler: Handler, *, admission: Admission | None = None) -> None:
-        """Serve scan requests; see `ScanServer`. DONE waits up to `SEND_TIMEOUT` until the handler's grid is sent.
+        """Serve scan requests; see `ScanServer`. The DONE reply waits up to `SEND_TIMEOUT` for the grid to be sent.
 
         Raises:
             SessionClosed: the session is closed.

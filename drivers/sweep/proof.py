@@ -16,7 +16,7 @@ from drivers.sweep.firing_order import RowRange
 
 # Least number of sampled columns. The median row of 80 columns is accurate to a fraction of a pixel and takes 0.2 ms.
 COLUMNS = 80
-# Least number of sampled rows; their spacing is less than half a stripe's width at any image size.
+# Least number of sampled rows, if the image has as many; their spacing is less than half a stripe's width at any size.
 ROWS = 512
 # Strides in the sampled rows and columns for offset and noise.
 COARSE_STRIDES = (32, 4)

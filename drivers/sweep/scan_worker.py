@@ -115,7 +115,7 @@ class ScanWorker(StripeWorker):
         return frame
 
     def _lit_and_still(self) -> float:
-        """Wait until the mirror is still; return a time from which on it was still and the laser on [s]."""
+        """Wait until the mirror is still; return a time since which it has been still with the laser on [s]."""
         status, since = self._board.still_since()
         if status.laser_commanded:
             return since

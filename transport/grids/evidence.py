@@ -19,8 +19,8 @@ from transport.messages.terrain_message import TerrainMessage
 
 # Frame of all grids of this major version.
 FRAME = "base_footprint"
-# Longest silence of a node that still confirms grids [s]. It reports once a second and on change; after three missing
-# reports it may be gone, or the next pause may have begun.
+# Longest silence during which the last report of a node still confirms a grid [s]. Nodes report once a second and on
+# change; after three missing reports the node may be gone, or the next pause may have begun.
 SILENT = 3.0
 # Number of ended runs that are remembered, and rejected.
 REMEMBERED = 64
@@ -226,7 +226,7 @@ class Evidence:
         Args:
             grid: the grid.
             extent: extent that was requested.
-            is_newest: True if the grid must be newer than all earlier ones, as published grids must but replies need not.
+            is_newest: True if the grid must be newer than all earlier ones, as published grids must; replies need not.
         """
         for what, given, wanted in (
             ("robot", grid.robot, self._robot),
@@ -242,7 +242,7 @@ class Evidence:
             return refusal
 
     def against(self, grid: Grid, *, age: float, limit: float, now: float, was_lost: bool) -> tuple[Objection, ...]:
-        """Objections to a grid by this evidence; `was_lost`: the token of some run of the node has disappeared."""
+        """Objections to a grid by this evidence; `was_lost` is True if the node was alive and has disappeared."""
         with self._lock:
             word, step = self.word, self._steps.get(grid.epoch)
         is_gone = grid.run in self._seen and grid.run not in self.live if grid.run else was_lost

@@ -203,7 +203,7 @@ def _number(value: float) -> str:
 
 NAME, WORD, SENTENCE = (Range(characters=most) for most in (100, 200, 10_000))
 METRES = Range(low=-FURTHEST, high=FURTHEST, unit="m")
-# Largest number of cells in a grid; of obstacles in a grid, or of corners of an obstacle.
+# CELLS: cells of a grid. PARTS: obstacles in a grid, or corners of an obstacle.
 CELLS, PARTS = Range(entries=4_000_000), Range(entries=100_000)
 # Compressed bytes; decompression has a limit of its own.
 PACKED = Range(entries=64 * 1024 * 1024)

@@ -31,12 +31,12 @@ CONFIGURATION = "zenoh.json5"
 # Endpoint of a secured node: all interfaces, because clients need a certificate.
 DEFAULT_LISTEN = "tls/0.0.0.0:7447"
 
-# Limits of size [bytes] and nesting of a configuration; that generated for a node has 7 kB and seven levels. Deep
-# nesting overflows the stack of Zenoh's parser, which ends the process.
+# Limits of size [bytes] and nesting of a configuration; the one made for a node has 7 kB and seven levels. Deep nesting
+# overflows the stack of Zenoh's parser, which ends the process.
 LARGEST_CONFIGURATION = 256 * 1024
 DEEPEST_CONFIGURATION = 32
 
-# Longest name of a robot or member [characters]: a common name joins two by a dot and has at most 64.
+# Longest name of a robot or member [characters]: a common name consists of two names and a dot, 64 characters at most.
 LONGEST_NAME = 31
 # Folders in a security folder that do not belong to a robot.
 RESERVED = (*ROLES, "ca")
