@@ -11,23 +11,23 @@ class TransportError(Exception):
 
 
 class MessageError(TransportError, ValueError):
-    """A payload or message that violates its type: wrong length, type, shape, name or value."""
+    """A payload or message violates its type: wrong length, type, shape, name or value."""
 
 
 class VersionError(MessageError):
-    """A message of a major version that this package does not support."""
+    """A message has a major version that this package does not support."""
 
 
 class UnknownPhase(MessageError):
-    """A stance pause with a phase of a later version; it has no effect."""
+    """A stance pause has a phase of a later version; the pause is ignored."""
 
 
 class KeyNameError(TransportError, ValueError):
-    """A name of a robot or role that cannot be part of a key."""
+    """A name, extent or encoding cannot be part of a key."""
 
 
 class ConfigurationError(TransportError, ValueError):
-    """Settings that contradict each other or are not safe, such as an open port without security."""
+    """Settings are not valid, contradict each other or are not safe, such as an open port without security."""
 
 
 class NameTaken(TransportError, ConnectionError):
@@ -83,11 +83,11 @@ class ScanTimeout(TransportError, TimeoutError):
 
 
 class RecordingError(TransportError, ValueError):
-    """A recording that cannot be read or written as requested."""
+    """A recording cannot be read or written as requested."""
 
 
 class SecurityError(TransportError, ValueError):
-    """A security folder that is incomplete, or must not be overwritten."""
+    """A security folder is incomplete or unreadable, or does not permit the requested change."""
 
 
 @contextmanager

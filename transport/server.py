@@ -236,7 +236,7 @@ class PerceptionServer(Resource):
             try:
                 self._outbox.flush(SEND_TIMEOUT, lane=terrain.extent)
             except ReceiveTimeout as error:
-                # The scan is done all the same, and the client waits for the grid too.
+                # The scan is done anyway, and the client waits for the grid too.
                 logger.warning("grid of step %d: %s", terrain.step, error)
             return terrain
 

@@ -179,7 +179,7 @@ def get_replies(
         timeout: time after which Zenoh ends the query with an error reply [s].
         on_reply: called on Zenoh's thread with each reply. The key of a reply identifies the sender, since access rules
             restrict who may use it.
-        on_finished: called on Zenoh's thread after the last reply, also if there was none.
+        on_finished: called on Zenoh's thread after the last reply, even if there was none.
         payload: payload of the query.
         encoding: Zenoh encoding of the payload.
         priority: priority of the query, which Zenoh also uses for the replies.

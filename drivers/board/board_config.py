@@ -17,7 +17,7 @@ class BoardConfig:
         product_id: USB product id, 0 ... 0xFFFF.
         serial: serial number, needed only if several boards are plugged in.
         timeout: timeout of a transfer [s]; must be short, since the watchdog allows 0.4 s of silence. A command is
-            repeated for at most half of these 0.4 s.
+            repeated for at most half of this time.
         attempts: number of attempts of a transfer that times out, stalls or returns damaged data.
         motion_timeout: longest duration of a motion [s].
         home_timeout: longest duration of homing [s].

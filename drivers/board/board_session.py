@@ -69,7 +69,7 @@ class BoardSession(Board):
 
         Args:
             config: ids and timeouts; None = defaults.
-            backend: pyusb backend, for example that of an emulated board; None = libusb.
+            backend: pyusb backend, for example of an emulated board; None = libusb.
         """
         self.config = config or BoardConfig()
         self._link = UsbLink(self.config, backend)
@@ -130,7 +130,7 @@ class BoardSession(Board):
 
         Raises:
             LaserStuckOn: the laser did not go off on command.
-            BoardError: the command failed; the device is released all the same.
+            BoardError: the command failed; the device is released anyway.
         """
         if not self._link.is_open:
             return

@@ -76,7 +76,7 @@ class EmulatedCamera(Camera):
         self._start = None
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Accept all settings; an exposure longer than the frame period is reduced to it, as by real cameras."""
+        """Accept all settings; an exposure longer than the frame period is reduced to it, as in real cameras."""
         self._started()
         given = settings.given()
         if "exposure" in given:

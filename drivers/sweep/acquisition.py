@@ -62,7 +62,7 @@ def acquire(
 
     With `options.together`, `stripes.groups()` iterates over tuples of stripes.
 
-    The laser is off when the block is left, also by an exception.
+    The laser is off after the block, even if an exception was raised in it.
 
     Args:
         board: an open board.

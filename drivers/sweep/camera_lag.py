@@ -47,7 +47,7 @@ def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: flo
     """Measure a camera's lag by switching the laser at different phases of the frame period.
 
     Set `camera.lag` to the result; this function does not change the camera. Meter the exposure first, so that the
-    stripe is not clipped. The laser is off on return, also after an exception.
+    stripe is not clipped. The laser is off on return, even after an exception.
 
     Args:
         board: an open board, its mirror at rest at an angle at which the camera sees the stripe.

@@ -24,7 +24,7 @@ class StripeVerdict(enum.Enum):
             command.
         OUT_OF_BAND: the stripe is outside the rows where it can be.
         REPEATED: the frame is identical to the previous one, although laser or mirror changed.
-        RESIZED: the frame has another size or dtype than those before.
+        RESIZED: the size or dtype of the frame differs from earlier frames.
         LOST: no frame arrived.
     """
 

@@ -52,7 +52,7 @@ def meter_exposure(
 ) -> MeteringResult:
     """Set the exposure so that the ridge of one stripe is within `levels` of full scale.
 
-    The laser is off on return, also after an exception.
+    The laser is off on return, even after an exception.
 
     Args:
         board: an open board, ready for a scan.

@@ -150,7 +150,7 @@ class StripeWorker(threading.Thread, ABC):
         self.switch.close()
 
     def run(self) -> None:
-        """Run the scan; the laser is off afterwards, also after an exception."""
+        """Run the scan; the laser is off afterwards, even after an exception."""
         self.begun = timing.monotonic()
         try:
             self._take()

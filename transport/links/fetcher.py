@@ -82,7 +82,7 @@ class Fetcher:
         Args:
             session: open session.
             key: key of the publishers.
-            deliver: called with each payload that is newer than those before, on Zenoh's thread or the fetcher's.
+            deliver: called with each payload that is newer than all earlier ones, on Zenoh's or the fetcher's thread.
             on_lost: called with the number of messages that were lost for good.
             subscribe: called on the fetcher's thread with False when the link is too slow for a subscription, and with
                 True when it is quick again.

@@ -1,4 +1,4 @@
-"""Receiver that hands on every message of one key, in the order of arrival."""
+"""Receiver that passes every message of one key to a callback, in the order of arrival."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ class Outbox:
                 thread.start()
 
     def flush(self, timeout: float, *, lane: str | None = None) -> None:
-        """Wait until all actions, or those of one lane, have run.
+        """Wait until all actions have run, or all actions of one lane.
 
         Raises:
             ReceiveTimeout: it took longer than `timeout` [s].

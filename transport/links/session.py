@@ -127,7 +127,7 @@ class Session(AbstractContextManager["Session"]):
             self.close()
 
     def attempt(self, action: Callable[[], Any], what: str) -> Any:
-        """Call Zenoh and convert its errors into those of this package.
+        """Call Zenoh and convert its errors into errors of this package.
 
         Raises:
             SessionClosed: the session is closed.

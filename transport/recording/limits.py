@@ -19,7 +19,7 @@ MAXIMUM_RECORDS, BYTES_PER_RECORD = 100_000, 64
 
 
 class BoundedFile(BufferedReader):
-    """File whose reads are limited to the bytes that remain, whatever lengths it states."""
+    """File whose reads are limited to the remaining bytes, whatever lengths its records claim."""
 
     def __init__(self, path: Path) -> None:
         """Open for reading; OSError if that fails."""

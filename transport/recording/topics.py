@@ -23,7 +23,7 @@ from transport.messages.typestore import (
 )
 
 # Types of topics by short name: the part after `/<robot>/`, or the full name of topics without a robot.
-# Volatile topics, of which late subscribers get only later messages.
+# Volatile topics: late subscribers get only later messages.
 STREAMED = {
     "scan/start": SCAN_START,
     "scan/stripe": STRIPE,
@@ -38,7 +38,7 @@ STREAMED = {
     "stance_stream": STANCE_STREAM,
     "/tf": FRAMES,
 }
-# All topics: those above, and transient local ones, of which late subscribers also get the last message.
+# All topics: the volatile ones, and transient local ones, whose last message late subscribers also get.
 TYPES = STREAMED | {
     "terrain": TERRAIN,
     "map": TERRAIN,
