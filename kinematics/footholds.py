@@ -103,10 +103,14 @@ class Footholds:
             update = pose_covariance @ by_pose.T @ inverse @ errors
             shift, angle = shift + np.append(update[:3], 0.0), angle + float(update[3])
             weights = _pull(errors, prior + noise)
-        misfit = _misfit(errors, prior + _blocks(rotation @ covariances[now] @ rotation.T))
+        unweighted = _blocks(rotation @ covariances[now] @ rotation.T)
+        misfit = _misfit(errors, prior + unweighted)
         if misfit > 1.0:
-            # Feet slipped in this motion: only its noise is larger, not the drift of the walk so far.
-            inverse = np.linalg.inv(prior + misfit * noise)
+            # Feet slipped in this motion: its noise, not the drift of the walk so far, grows until it explains them.
+            growth = misfit
+            for _ in range(ITERATIONS):
+                growth *= _chi_square(errors, prior + growth * unweighted)
+            inverse = np.linalg.inv(prior + growth * noise)
             pose_covariance = np.linalg.inv(by_pose.T @ inverse @ by_pose)
         residual_weight = inverse - inverse @ by_pose @ pose_covariance @ by_pose.T @ inverse
         transform = np.eye(4)
@@ -229,11 +233,15 @@ def _pull(errors: Float, covariance: Float) -> Float:
     return np.asarray(np.minimum(1.0, HUBER_LIMIT / np.maximum(distances, HUBER_LIMIT)))
 
 
+def _chi_square(errors: Float, covariance: Float) -> float:
+    """Chi-square per degree of freedom of the residuals of a fit."""
+    return float(errors @ np.linalg.solve(covariance, errors)) / (len(errors) - 4)
+
+
 def _misfit(errors: Float, covariance: Float) -> float:
     """Chi-square per degree of freedom of the residuals, or 1 if noise explains them."""
-    freedom = len(errors) - 4
-    misfit = float(errors @ np.linalg.solve(covariance, errors)) / freedom
-    return misfit if misfit > 1.0 + MISFIT_LIMIT / np.sqrt(freedom) else 1.0
+    misfit = _chi_square(errors, covariance)
+    return misfit if misfit > 1.0 + MISFIT_LIMIT / np.sqrt(len(errors) - 4) else 1.0
 
 
 def _closed_form(soles: Float, positions: Float) -> tuple[float, Float]:

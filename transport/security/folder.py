@@ -33,7 +33,7 @@ DEFAULT_LISTEN = "tls/0.0.0.0:7447"
 
 # Limits of size [bytes] and nesting of a configuration; the one made for a node has 7 kB and seven levels. Deep nesting
 # overflows the stack of Zenoh's parser, which ends the process.
-LARGEST_CONFIGURATION = 256 * 1024
+LARGEST_CONFIGURATION = 1024 * 1024
 DEEPEST_CONFIGURATION = 32
 
 # Longest name of a robot or member [characters]: a common name consists of two names and a dot, 64 characters at most.

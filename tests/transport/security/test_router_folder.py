@@ -15,7 +15,7 @@ from transport.links.publisher import Publisher
 from transport.security.access_rules import ROLES
 from transport.security.authority import Credentials, make_certificate
 from transport.security.certificates import add, add_robot, renew, revoke
-from transport.security.folder import CONFIGURATION, init_security
+from transport.security.folder import CONFIGURATION, configured_endpoints, init_security
 from transport.security.router_folder import make_router
 from transport.security_check import check_router, check_security
 
@@ -254,3 +254,8 @@ def test_role_folders_of_an_earlier_version_go_on_working(tmp_path: Path) -> Non
     assert names == "CN=planner-2" and '"planner-2"' in path.read_text()
     make_router(folder, ["guara", "rex"])
     assert _wrong(check_security(folder, robot="guara")) == _wrong(check_router(folder, "router")) == set()
+
+
+def test_a_router_of_a_hundred_robots_is_made(tmp_path: Path) -> None:
+    folder = make_router(tmp_path / "keys", [f"robot{number:03d}" for number in range(100)])
+    assert configured_endpoints(folder, "listen")
