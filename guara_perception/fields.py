@@ -32,7 +32,7 @@ def read_json(path: str | Path) -> Fields:
 
     Raises:
         MissingFile: there is no such file.
-        FileFormatError: it is not JSON, not an object, or holds NaN or infinity anywhere.
+        FileFormatError: it cannot be read, is too large, is not JSON, not an object, or holds NaN or infinity anywhere.
     """
     path = Path(path)
     if path.is_dir():
@@ -61,7 +61,7 @@ def parse_json(content: bytes, source: str) -> Fields:
 
 
 def refuse_not_finite(data: Any, source: str, path: str = "") -> None:
-    """Refuse NaN and infinity anywhere in parsed JSON, also in fields that are not read yet.
+    """Refuse NaN and infinity anywhere in parsed JSON, including fields that this version does not read.
 
     Raises:
         FileFormatError: a value is not finite; the message names `source`, path and value.
@@ -172,7 +172,7 @@ class Fields:
         return found
 
     def _of_type(self, name: str, kind: type) -> Any:
-        """The field, of one type. A whole number is a number too; true and false are neither."""
+        """Value of a field, checked to be of a type. Integers count as numbers; booleans do not."""
         value = self.raw(name)
         if isinstance(value, bool) or not isinstance(value, (int, float) if kind is float else kind):
             raise FileFormatError(f"{self.path_to(name)} is {_kind(value)}, it must be {KINDS[kind]}")

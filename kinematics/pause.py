@@ -17,7 +17,7 @@ class PauseReport:
     """Result of pause detection: a stance pause, or the reason why there is none yet.
 
     Attributes:
-        is_pause: True if the robot stands still.
+        is_pause: True if all conditions of a pause hold.
         reason: "" in a pause, else the unmet condition, with value and limit.
         still_for: time for which all joints have been slow with the same feet down [s].
     """
@@ -28,7 +28,7 @@ class PauseReport:
 
 
 class PauseDetector:
-    """Detector of stance pauses: all joints have been slow for long enough with the same feet on the ground."""
+    """Detector of stance pauses: enough feet on the ground, unchanged, and all joints slow for a minimum time."""
 
     def __init__(self, robot: RobotModel) -> None:
         self._robot = robot

@@ -14,7 +14,7 @@ from drivers.sweep.metering import brightness_of
 INTERVAL = 8
 # Fraction of full scale at which a pixel counts as clipped.
 CLIPPED = 0.996
-# Allowed fraction of clipped background pixels; lamps and reflections clip less in a well-exposed image.
+# Allowed fraction of clipped background pixels; in a well-exposed image, lamps and reflections clip fewer.
 CLIPPED_PICTURE = 0.05
 # Allowed fraction of clipped stripe columns. Bright floors clip three quarters of them and are still measured well.
 CLIPPED_STRIPE = 0.85
@@ -27,10 +27,10 @@ WHAT_TO_DO = "(`guara record` meters the exposure and writes it to devices.toml)
 
 
 class LightCheck:
-    """Check of the light of one scan from its first stripes.
+    """Light check on the first stripes of a scan.
 
     Attributes:
-        problems: descriptions of problems, each with what to do.
+        problems: descriptions of problems, each with a remedy.
     """
 
     def __init__(self) -> None:

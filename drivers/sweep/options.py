@@ -73,8 +73,8 @@ class AcquireOptions:
         limits: thresholds for differences between frames.
         dark_after: indices of the stripes that are followed by a frame with the laser off, see `draw_code`. A stripe
             whose dark frame is lost counts as lost.
-        sweep: let the board run the sweep and trigger the camera, see `SweepOptions`; None = the host moves the mirror
-            and the camera runs freely. A sweep does not wait for a slow caller: all its frames may be queued.
+        sweep: options of a sweep run by the board, which triggers the camera; None = the host moves the mirror and the
+            camera is free-running. A sweep does not wait for a slow caller: all its frames may be queued.
 
     Raises:
         ValueError: a value is not allowed.

@@ -14,10 +14,10 @@ STYLES = ("text", "json")
 TEXT = "%(levelname)s %(name)s: %(message)s"
 # Largest number of records of one message within WITHIN_S [s]; further ones are counted, not logged.
 MOST, WITHIN_S = 10, 60.0
-# Largest number of messages that are counted separately: those with values in their text would fill the memory over
-# months.
+# Largest number of distinct messages tracked; messages formatted before logging are all distinct and would accumulate
+# for months.
 MOST_MESSAGES = 1000
-# Priorities of syslog(3) by level, as sd-daemon(3) prefixes them to lines on standard error.
+# Priorities of syslog(3) by level, which prefix lines on standard error in the format of sd-daemon(3).
 PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
 
 
@@ -75,7 +75,9 @@ class StderrHandler(logging.StreamHandler[TextIO]):
 
 
 def log_to_stderr(style: str = "text") -> None:
-    """Log to standard error, in this style from now on; does nothing if a calling program handles the log.
+    """Log to standard error in `style`, replacing an earlier handler of this function.
+
+    Adds no handler if the calling program has installed one.
 
     Args:
         style: one of STYLES; text lines have priorities if standard error goes to the journal.

@@ -34,8 +34,8 @@ TELL_HANDEDNESS = (
 # Largest rms misfit of correct points: detected crosses fit within 0.1 px, pixels given by hand within 1 or 2 px.
 MAX_RESIDUAL_PX = {"found": 1.0, "given": 3.0}
 GIVEN_SIGMA_PX = 0.5
-# Any three crosses fit some pose, so a wrong cross is found only with four or more others: the fit without it must be
-# better than the fit without any other cross by this factor.
+# Any three crosses fit some pose, so a wrong cross can be identified only among five or more: leaving it out must give
+# a misfit CLEARER times smaller than leaving out any other.
 LEAST_OTHERS = 4
 CLEARER = 2.0
 # Crosses reach a correlation of 0.8, the texture of a floor hardly 0.6.

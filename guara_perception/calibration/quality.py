@@ -122,7 +122,8 @@ def projection_uncertainty(fit: CameraFit) -> tuple[Float, Float]:
     The joint covariance of lens and mount is propagated to the floor.
 
     Returns:
-        Pixels (63, 2), and the standard deviation (63,) of the floor point seen by each [m], NaN above the horizon.
+        Pixels (63, 2), and the standard deviation (63,) of the floor point seen by each [m], meaningless above the
+        horizon.
     """
     pixels = picture_grid(fit.camera.size)
     floor = to_floor(fit.camera, fit.transform_camera_to_footprint, pixels)
@@ -135,7 +136,7 @@ def projection_uncertainty(fit: CameraFit) -> tuple[Float, Float]:
 def cross_validation(
     views: Sequence[BoardView], board: BoardSpec, size: tuple[int, int], distortion: str, distance: float
 ) -> tuple[Float, Float] | None:
-    """Difference in projection between lenses calibrated from every other view.
+    """Difference in projection between lenses calibrated from the even and from the odd views.
 
     A rotation and a translation between the two cameras, which the mount would compensate, are removed by aligning
     points at floor distance, as in mrcal.
@@ -148,7 +149,7 @@ def cross_validation(
         distance: height of the camera above the floor [m].
 
     Returns:
-        Pixels (n, 2) and differences (n, 2) [px]; None if the views are too few for two halves.
+        Pixels (n, 2) and differences (n, 2) [px]; None if a half has fewer than three views or cannot be calibrated.
     """
     halves = views[0::2], views[1::2]
     if min(len(half) for half in halves) < 3:

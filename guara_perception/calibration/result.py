@@ -34,12 +34,13 @@ class CalibrationResult:
         fit: lens and mount from boards and fiducials.
         surface: the paper's homography.
         lines: laser lines on the plates.
-        lost: stripes of plate scans without a line.
+        lost: stripes in plate scans on which no laser line was found.
         laser: planes and mirror model.
         checks: figures behind the verdict.
         coverage: (6, 8) number of board corners in each cell of the image.
-        cross_validation: pixels and differences of the two halves, or None.
-        floor_sigma: pixels and standard deviations of the floor points seen by them [m].
+        cross_validation: pixels (n, 2), and differences there (n, 2) between the lenses calibrated from either half of
+            the views [px]; None if not computed.
+        floor_sigma: pixels (n, 2), and the standard deviations (n,) of their floor points [m].
     """
 
     calibration: Calibration
@@ -110,7 +111,10 @@ def covariance_record(fit: CameraFit, laser: LaserFit) -> dict[str, Any]:
 
 
 def paper_record(surface: SurfaceMap, fit: CameraFit, lines: Sequence[PlateLine]) -> dict[str, Any]:
-    """Object `paper`: homography, H, nadir, and n, d, k of each stripe in rectified floor coordinates."""
+    """Object `paper` of calibration.json, in rectified floor coordinates.
+
+    Contains homography, camera height, nadir, and the constants n, d, k of each stripe (eqs. 17 to 19).
+    """
     camera_position = fit.transform_camera_to_footprint[:3, 3]
     seen: dict[int, list[tuple[float, float]]] = {}
     for line in lines:
@@ -145,7 +149,7 @@ def warnings(
     lost: Sequence[LostLine],
     missing: Sequence[int],
 ) -> list[str]:
-    """Texts on faults that were corrected: views omitted, lines not found, planes filled in."""
+    """Warnings: omitted views, laser lines not found, and planes taken from the mirror model."""
     said = [f"view {view.name} was left out: {view.reason}" for view in views if not view.is_usable]
     said += [f"view {name} was left out: {reason}" for name, reason in intrinsics.outliers]
     faults = [one for one in lost if not one.is_beside]

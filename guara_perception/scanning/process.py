@@ -121,7 +121,7 @@ def _check_still(scan: Scan, calibration: Calibration, robot: RobotModel) -> Non
 
 
 def _check_fit(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
-    """Reject a scan of another robot or rangefinder, and warn of a possible one."""
+    """Reject a scan of another robot, camera or pattern; warn if mirror angles or the calibration hash differ."""
     if scan.robot != robot.name:
         raise CalibrationMismatch(
             f"{scan.source}: robot is {scan.robot!r}, the model given is {robot.name!r}: use the robot of the scan"

@@ -1,4 +1,4 @@
-"""Places of camera and body at the flashes of a scan's stripes, for a body that sways."""
+"""Poses of camera and body at the flash of each stripe, for a body that sways."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from kinematics.transforms import inverse, transform_points
 
 NO_PLACE = "the pose of the body at its flash is unknown: joint samples are missing, feet moved, or it has no instant"
 # Two neighbouring stripes are joined only if the body motion between their flashes displaces the ground by at most
-# this much in any direction: half the spacing of coarse stripes, so that no stripe lies where another should.
+# this much in any direction: half the spacing of coarse stripes, so that no stripe falls where another should be.
 MOST_BETWEEN_M = 0.006
 # Largest standard deviation of the height difference between two stripes that are joined.
 MOST_SIGMA_M = 0.0015
 
 
 class StripePlaces:
-    """Places of the stripes by index, found as samples of the track arrive.
+    """Poses of camera and body at the stripes' flashes, found as samples of the track arrive.
 
     Attributes:
-        flashes: instants of the flashes on the clock of the track, and their standard deviations [s].
-        places: places known so far.
+        flashes: instants of the flashes on the clock of the track, and their standard deviations [s], by index.
+        places: poses known so far, by index.
         left: reason why the track is ignored; empty if it is used.
     """
 
@@ -38,14 +38,14 @@ class StripePlaces:
         Args:
             track: poses of the body relative to the stance of `pose`.
             pose: pose of the body at that stance.
-            transform_camera_to_base: (4, 4) calibrated placement of the camera.
+            transform_camera_to_base: (4, 4) calibrated pose of the camera.
         """
         self._track, self._pose = track, pose
         self._camera_to_base = transform_camera_to_base
         self.flashes: dict[int, tuple[float, float]] = {}
         self.places: dict[int, StripePlace] = {}
         self.left = ""
-        # Stripes that the samples cover but that have no place: later samples do not help.
+        # Stripes that the samples cover but that have no pose: later samples do not help.
         self._lost: set[int] = set()
 
     def expect(self, pairs: Collection[FramePair]) -> None:
@@ -54,7 +54,10 @@ class StripePlaces:
 
     @property
     def missing(self) -> str:
-        """Text on a gap or the end of the joint stream at these flashes; empty if the stream covers them."""
+        """Description of a gap in the joint stream around the flashes, or of a stream that starts late or ends early.
+
+        Empty if the stream covers the flashes.
+        """
         if not self.flashes:
             return ""
         instants = [instant for instant, _ in self.flashes.values()]
@@ -65,10 +68,13 @@ class StripePlaces:
         return f"the joint stream {what} during the scan, which is treated as one without a stream: check the gait"
 
     def update(self) -> int:
-        """Place the stripes that the samples cover by now; return the number of stripes placed or lost.
+        """Compute the poses of the stripes that the samples cover by now.
 
-        A stripe is placed only when all samples that affect its place have arrived, so that a recorded scan yields the
-        same places.
+        A pose is computed only when all samples that affect it have arrived, so that a recorded scan yields the same
+        poses.
+
+        Returns:
+            Number of stripes whose pose is known or lost.
         """
         for index, (instant, sigma) in self.flashes.items():
             if index in self.places or index in self._lost or not self._track.covers(instant):
@@ -81,7 +87,7 @@ class StripePlaces:
         return len(self.places) + len(self._lost)
 
     def now(self) -> StripePlace | None:
-        """Latest place that follows from the samples; None if there is none."""
+        """Latest pose that follows from the samples; None if there is none."""
         return self._at(self._track.latest - HALF_WINDOW)
 
     def _at(self, instant: float, sigma: float = 0.0) -> StripePlace | None:
@@ -96,10 +102,10 @@ class StripePlaces:
 
 
 def parted_pairs(places: Mapping[int, StripePlace], stride: int, ground: Float) -> frozenset[Key]:
-    """Neighbouring stripes that are not joined: the body moved too far between their flashes, or too uncertainly.
+    """Neighbouring stripes not to be joined: the body moved too far between flashes, or its pose is too uncertain.
 
     Args:
-        places: places by index.
+        places: poses by index.
         stride: index difference of neighbours in the pattern.
         ground: (n, 3) corners of the scanned area in base_footprint.
     """
@@ -111,7 +117,7 @@ def parted_pairs(places: Mapping[int, StripePlace], stride: int, ground: Float) 
 
 
 def _agree(one: StripePlace, other: StripePlace, ground: Float) -> bool:
-    # Apparent displacement of the ground if the camera were thought to stay at the first stripe's place.
+    # Displacement of the ground if the second stripe were computed with the camera pose of the first.
     change = other.transform_camera_to_footprint @ inverse(one.transform_camera_to_footprint)
     moved = np.linalg.norm(transform_points(change, ground) - ground, axis=1).max()
     variance = one.height_variance(ground.T) + other.height_variance(ground.T)

@@ -11,7 +11,7 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from kinematics import RobotModel, Stance
 
-# Sigma of the white noise of one joint reading, and of the bias of a joint that is constant in a pause [rad].
+# Sigmas of the white noise of a joint reading, and of a joint's bias, which is constant during a pause [rad].
 WHITE_RAD, BIAS_RAD = np.radians(0.05), np.radians(0.2)
 
 
@@ -20,7 +20,7 @@ class Sway:
     """Motion of the body over its feet, which begins at the stance at time 0.
 
     Attributes:
-        turn: amplitude of the rotation, of which roll is half as large as pitch [rad].
+        turn: amplitude of the rotation [rad]; the roll amplitude is half the pitch amplitude.
         shift: amplitude of the shift along x, y and z together [m].
         frequency: frequency of the pitch [1/s]; roll and shift are slower, so that the motion does not soon repeat.
         speed: constant additional speed along x [m/s].
@@ -43,7 +43,11 @@ class Sway:
 
 
 def joints_of(robot: RobotModel, transform_base_to_begin: Float) -> Float:
-    """True joint positions (j,) [rad] after a motion of the body from scan posture over fixed soles."""
+    """True joint positions (j,) [rad] after a motion of the body from scan posture over fixed soles.
+
+    Raises:
+        InvalidInput: a sole is out of reach of its leg.
+    """
     state = robot.state(robot.posture(robot.config.scan_posture))
     joints = np.array(state.positions)
     soles = state.soles_in_base(robot.legs)
@@ -70,7 +74,9 @@ def stream_of(
     white: float = WHITE_RAD,
     bias: float = BIAS_RAD,
 ) -> tuple[Float, Stance]:
-    """Joint readings (n, j) at times (n,) [s] with independent noise, and the stance read at time `begin` [s].
+    """Joint readings (n, j) at times (n,) [s], and the stance read at time `begin` [s].
+
+    The white noise is independent in each reading; the biases of the joints are the same in all.
 
     Args:
         robot: the robot, in scan posture at time 0.

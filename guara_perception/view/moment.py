@@ -37,7 +37,8 @@ class Moment:
 
     Attributes:
         grids: grids by extent, "footprint" and "map"; at least one, all of one pause.
-        stripes: returns the measured points (n, 3) of each stripe in base_footprint [m]; called when first shown.
+        stripes: returns the measured points (n, 3) of each stripe in base_footprint [m]; called whenever they
+            are drawn anew.
         footholds: planned footholds by leg, (3,) in base_footprint [m].
         picture: returns the camera image of one stripe, (h, w) or (h, w, 3) BGR; called whenever the moment is drawn.
     """
@@ -85,7 +86,9 @@ class Moment:
 
 
 class Timeline:
-    """Moments in order, and the number of the moment shown, which advances with new ones while it is the newest.
+    """Moments in order, one of which is shown.
+
+    While the newest is shown, a new moment replaces it on display.
 
     Attributes:
         number: number of the moment shown.
@@ -132,7 +135,7 @@ class Timeline:
         return self.number != before
 
     def poses(self) -> list[Float]:
-        """Poses (4, 4) of base_footprint in odom, in the walk of the moment shown and up to it."""
+        """Poses (4, 4) of base_footprint in odom along the walk of the moment shown, up to that moment."""
         shown = self.shown
         until = self._moments[: self.number + 1]
         return [item.transform_footprint_to_odom for item in until if shown is not None and item.walk == shown.walk]

@@ -17,9 +17,9 @@ SIGNS = np.array([[1.0, -1.0, -1.0, 1.0], [-1.0, 1.0, -1.0, 1.0], [-1.0, -1.0, 1
 def quaternion_from_matrix(rotation: Float) -> Quaternion:
     """Unit quaternion (x, y, z, w), w >= 0, of a (3, 3) rotation matrix.
 
-    The component of largest magnitude is computed first, which avoids division by a small number (Shepperd's method).
+    The row of 4 q q^T with the largest diagonal element is normalised; its norm is far from zero (Shepperd's method).
     """
-    # 4 q q^T: off-diagonal elements of x, y, z; products with w; squares.
+    # products = 4 q q^T: R + R^T gives xy, xz and yz; R - R^T the products with w; the diagonal of R the squares.
     products = np.empty((4, 4))
     products[:3, :3] = rotation + rotation.T
     turn = rotation - rotation.T

@@ -111,7 +111,7 @@ def grid_map_message(
     )
     array_class = message_class("std_msgs/msg/Float32MultiArray")
     data = [array_class(layout, np.asarray(array, dtype=np.float32)[::-1, ::-1].ravel()) for array in layers.values()]
-    # The pose of a GridMap is its centre.
+    # The pose of a GridMap is that of its centre.
     info = message_class("grid_map_msgs/msg/GridMapInfo")(
         edge, nx * edge, ny * edge, _make_pose(x + 0.5 * nx * edge, y + 0.5 * ny * edge)
     )
@@ -184,8 +184,8 @@ def markers_message(
 ) -> Any:
     """Make a visualization_msgs/MarkerArray message object that replaces everything drawn before.
 
-    Namespaces are `obstacles` (edges from the surroundings to the top, or to the bottom of a hole), `heights` (labels
-    in millimetres), `footholds` (a sole for each leg) and `regions` (outlines).
+    Namespaces are `obstacles` (wireframes between the surroundings and the top, or the bottom of a hole), `heights`
+    (labels in millimetres), `footholds` (a sole for each leg) and `regions` (outlines).
 
     Args:
         obstacles: obstacles and holes.
@@ -223,7 +223,7 @@ def _sides(corners: npt.NDArray[np.float64]) -> list[tuple[Point, Point]]:
 
 
 def _edges(item: ObstacleMessage) -> list[Point]:
-    """Pairs of points: upper outline, lower outline, and the vertical edges between them."""
+    """Pairs of points: outlines at the top (or the bottom of a hole) and at the surroundings, and vertical edges."""
     top, bottom = item.position[2], item.position[2] - item.height
     corners = np.asarray(item.outline)
     points: list[Point] = []

@@ -1,4 +1,4 @@
-"""Messages that are parts of others, checked on construction: stance, transform, obstacle, declared ground."""
+"""Parts of messages (stance, transform, obstacle, declared ground), and the checks that they share."""
 
 from __future__ import annotations
 

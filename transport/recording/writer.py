@@ -80,7 +80,8 @@ class RecordingWriter(TopicFile):
     def add_frame(self, frame: FrameRecord, *, laser_on: bool) -> FrameReference:
         """Add a frame and return the reference for `add_stripe`.
 
-        A frame without a stamp gets the stamp of the open scan; stamps are increased by nanoseconds to be unique.
+        A frame without a stamp gets the stamp of the open scan. A stamp that is not later than the previous one on its
+        topic becomes the previous one plus 1 ns.
         """
         kind = "on" if laser_on else "off"
         short = f"camera/{kind}" if frame.pixels is not None else f"camera/{kind}/compressed"
@@ -106,7 +107,7 @@ class RecordingWriter(TopicFile):
             index: index in the standard pattern.
             mirror_angle: commanded mirror angle [rad].
             on: frame with the laser on; None if it was lost.
-            off: frame with the laser off; a reference to share one between stripes.
+            off: frame with the laser off, or the reference of one that several stripes share; None if there is none.
             stamp: time [ns]; None = stamp of the frame with the laser on, or of the scan if that frame was lost.
 
         Raises:
@@ -145,6 +146,7 @@ class RecordingWriter(TopicFile):
         """
         with self._lock:
             message = _stripe_message(self._open_scan().step, index, 0.0, None, None, flash.begin)
+            # Messages of this topic hold the time of the flash and its sigma in place of frame stamps.
             message.on_stamp, message.off_stamp = make_time(flash.stamp), make_time(flash.sigma)
             self.add("scan/flash", encode(message))
 
@@ -178,7 +180,7 @@ class RecordingWriter(TopicFile):
         self.add("stance_stream", encode_stance_stream(stream))
 
     def add_message(self, short: str, message: Any) -> None:
-        """Add a message object of any other topic in `TYPES`, such as "occupancy" or "/tf", and acknowledge it.
+        """Add a message object of any topic in `TYPES`, such as "occupancy" or "/tf", and acknowledge it.
 
         Raises:
             RecordingError: unknown topic, or a message of another type.

@@ -13,7 +13,7 @@ from transport.exceptions import SecurityError, errors_as
 
 T = TypeVar("T")
 
-# Lifetime of a CA [days]; it is not renewed, but replaced with the whole security folder.
+# Lifetime of a CA [days]; a CA is not renewed; it is replaced together with the whole security folder.
 AUTHORITY_DAYS = 3650
 
 # Longest lifetime that common TLS libraries accept for a server's certificate [days].
@@ -90,7 +90,7 @@ def read_certificate(path: Path, take: Callable[[Any], T]) -> T:
 
 
 def make_authority(common_name: str) -> Credentials:
-    """Make a CA: self-signed, P-256, for signing certificates only."""
+    """Make a self-signed P-256 CA that may sign only certificates and revocation lists."""
     from cryptography import x509
 
     others = ("digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_agreement")

@@ -59,8 +59,8 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
     """Check a security folder for keys that others can read, expiring certificates and outdated access rules.
 
     Returns:
-        ERROR for a key that others can read or an expired certificate; WARN for a certificate that expires within
-        `WARNING_DAYS` or access rules of another version; else OK. And a description.
+        Health and its description: ERROR for a key that others can read or an expired certificate; WARN for a
+        certificate that expires within `WARNING_DAYS` or access rules of another version; else OK.
 
     Raises:
         SecurityError: there is no certificate, or a file cannot be read.
@@ -113,7 +113,7 @@ def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
         Names of the renewed members.
 
     Raises:
-        SecurityError: no such member, or the folder lacks its CA.
+        SecurityError: no such member, a revoked member, or the folder lacks its CA.
     """
     authority, members = open_authority(folder), open_members(folder)
     gone = members.shut_out
@@ -180,7 +180,7 @@ def add(folder: str | Path, name: str, role: str) -> Path:
         Its folder. The folders of the node and of its routers change too; copy them to their machines again.
 
     Raises:
-        SecurityError: the name is taken or was revoked, the role cannot be shared, or the folder lacks its CA.
+        SecurityError: the name is taken or was revoked, the role is unknown or `node`, or the folder lacks its CA.
     """
     authority, members = open_authority(folder), open_members(folder)
     allowed = (*(other for other in ROLES if other != "node"), FLEET)
@@ -248,7 +248,7 @@ def revoke(folder: str | Path, name: str) -> tuple[Path, ...]:
         only at start.
 
     Raises:
-        SecurityError: no such member, or it is the node itself.
+        SecurityError: no such member, the member is the node itself, or the folder lacks its CA.
     """
     open_authority(folder)
     members = open_members(folder)

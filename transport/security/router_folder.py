@@ -37,7 +37,7 @@ def make_router(
     summary_only: bool = False,
     place: str | None = None,
 ) -> Path:
-    """Make a router's folder, and add it to the rules of its robots' nodes and of the router above.
+    """Make a router's folder, and grant the router access at its robots' nodes and at the router above.
 
     The router gets only the rights it needs: at a node it reads like a viewer (with `scans`, like a planner), and to
     the router above it sends the grids of its own robots. Its certificate stands for all clients behind it.

@@ -1,4 +1,4 @@
-"""Simulated robot for a gait in development, placed by the gait's stance pauses."""
+"""Placement of a simulated robot at the stance pauses of a gait in development."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from transport import MessageError, PausePhase, StancePause
 
 logger = logging.getLogger(__name__)
 
-# Steps of the least-squares fit of the body to the ground below its feet, which is not flat.
+# Iterations of the least-squares fit of the body to the ground; more than one, because the ground is not flat.
 FIT_STEPS = 8
-# Largest distance of a sole from the ground that joint biases and the terrain below it explain [m].
+# Tolerated gap between a sole and the ground [m]; covers joint biases and uneven ground under the sole.
 HANGING_M = 0.020
-# Noise of a reading of a joint at its limit [rad].
+# Tolerance for joint readings beyond the limits [rad]; covers encoder noise.
 LIMIT_ERROR_RAD = 0.01
 # Largest difference between the reported gravity and the tilt of the body on its feet [rad].
 TILT_ERROR_RAD = 0.06
 
 
 class ExternalGait:
-    """Simulated robot placed by the stance pauses of a gait in another process; contradictions are reported.
+    """Link that places a simulated robot at the stance pauses of another process's gait and reports contradictions.
 
     Position and heading follow from leg odometry, height and tilt from the support feet, which rest on the ground. The
     joints in the messages are readings of encoders with a constant bias, as on a robot. A new walk begins at the
@@ -47,7 +47,7 @@ class ExternalGait:
 
         Args:
             robot: simulated robot; the devices of `node` are its own.
-            node: running node, which gets every announcement after the robot was placed.
+            node: running node; receives each announcement after any placement, or its refusal if it is invalid.
             tell: called with a line of text for each pause with a contradiction.
         """
         self._robot, self._node, self._tell = robot, node, tell
@@ -61,7 +61,7 @@ class ExternalGait:
         self.placed = 0
 
     def on_pause(self, announcement: StancePause) -> None:
-        """Place the robot at each BEGIN, then hand the announcement to the node."""
+        """Place the robot at a BEGIN that is not late, then hand the announcement, or its refusal, to the node."""
         walk = self._walk
         is_late = walk is not None and walk[0] == announcement.epoch != "" and announcement.step < walk[1]
         if announcement.phase is PausePhase.BEGIN and not is_late:
@@ -78,7 +78,7 @@ class ExternalGait:
         self._node.on_pause(announcement)
 
     def _place(self, announcement: StancePause, stance: Stance) -> list[str]:
-        """Place the robot; return a description of contradictions."""
+        """Place the robot; return descriptions of contradictions."""
         walk, self._walk = self._walk, (announcement.epoch, announcement.step)
         if walk is None or announcement.epoch != walk[0] or (not walk[0] and announcement.step < walk[1]):
             self._odometry.reset()
@@ -129,7 +129,9 @@ class ExternalGait:
 def stand_on_ground(
     world: World, transform_base_to_world: Float, soles_in_base: Float, sole: tuple[float, float]
 ) -> tuple[Float, Float]:
-    """Fit a body pose whose soles rest on the ground, at the same position and heading.
+    """Fit height, roll and pitch of the body so that its soles rest on the ground.
+
+    The centroid of the soles keeps its horizontal position; the heading stays the same to first order.
 
     Args:
         world: the terrain.

@@ -20,15 +20,15 @@ STRIPES_AFTER = 3
 
 @dataclass(frozen=True, slots=True)
 class LiveScan:
-    """Record of the devices during a live scan.
+    """Times and faults of the devices during a live scan.
 
     Attributes:
         start: instant before the first frame [ns since the epoch].
         end: instant at which the host received the last frame [ns since the epoch].
         last_frame: the same instant by `transport.clock` [s].
         problems: faults of the devices; empty for a good scan.
-        stopped_early: the pause ended before the scan.
-        failed: a device failed; the processor holds the stripes scanned before.
+        stopped_early: True if the pause ended before the scan.
+        failed: True if a device failed; the processor holds the stripes scanned before.
         instants: instant by `transport.clock` at which the host received the last frame of each stripe [s], by index.
     """
 
@@ -102,7 +102,10 @@ def live_scan(
 
 
 def _instant(capture: StripeCapture, rangefinder: Rangefinder) -> float:
-    """Instant at which the host had all frames of a stripe; the present if they have no stamp of a real clock."""
+    """Instant at which the host had received all frames of a stripe.
+
+    Now, if the frames have no stamps or the devices do not run on the machine's clock.
+    """
     stamps = [stamp for stamp in (capture.on_stamp, capture.off_stamp, capture.dark_stamp) if not math.isnan(stamp)]
     if not stamps or rangefinder.clock is not None:
         return clock.now()

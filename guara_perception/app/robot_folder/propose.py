@@ -152,7 +152,10 @@ def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> 
 
 
 def _sole(feet: list[Foot]) -> tuple[float, float]:
-    """Length and width of the smallest sole [m]: the longest sides of a flat foot, a round foot's width for both."""
+    """Length and width of a sole [m], each the smallest over all feet.
+
+    A flat foot gives its two longer sides, a round foot its smallest extent for both.
+    """
     lengths: list[tuple[float, ...]] = []
     for foot in feet:
         if not foot.shapes:
@@ -168,7 +171,7 @@ def _sole(feet: list[Foot]) -> tuple[float, float]:
 def _sole_radius(feet: list[Foot]) -> float:
     """Radius of round feet [m], 0 if a foot is flat or has no shape.
 
-    Half of their largest extent, since a mesh may be no more than the lower half of a ball.
+    Half the largest extent of the smallest foot; a mesh may show only the lower half of a ball.
     """
     if not all(foot.is_round and foot.shapes for foot in feet):
         return 0.0

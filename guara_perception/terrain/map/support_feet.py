@@ -21,8 +21,8 @@ from kinematics import RobotModel
 from kinematics.stance_pose import sole_covariances
 from kinematics.transforms import transform_points
 
-# Quantile of the cells under a sole that bears it: a level sole rests on the highest ground, but noise may raise one
-# cell in ten.
+# Quantile of the heights under a sole that is taken as the height of its support: a level sole rests on the highest
+# ground, but noise may raise one cell in ten.
 BEARING_QUANTILE = 0.9
 # Sigma of the height of unscanned ground under a sole.
 UNSEEN_RELIEF_M = 0.003
@@ -39,7 +39,8 @@ class FootMeasurement:
         centre: (3,) sole centre in odom [m].
         arm: (2,) changes of the sole's height with roll and pitch of the footprint [m].
         variance, aside: variances of the sole's height, and of its horizontal position in the worst direction [m^2].
-        slot, distance: cells of the map wholly under the sole, and their distance from the robot [m].
+        slot, distance: map cells wholly under the sole, and the distance of the sole from the robot, repeated for each
+            cell [m].
     """
 
     leg: str

@@ -7,7 +7,7 @@ P + W to C. The drift is then corrected by K m, and its covariance is updated to
     P - K (P + W - C) K',        K = P (P + W)^-1.
 
 Without W all of m would count as drift: the noise of one pause, which is larger than the drift of one motion, would
-move all later pauses. The map's record contains correction and sigmas.
+move all later pauses. The map's record contains the correction and its sigmas.
 
 Moving ground drags a registered walk along, a little at each pause. The sum of the corrections is therefore compared
 with the accumulated drift of odometry (`OdometrySum`). If they contradict each other, these corrections are undone,
@@ -37,9 +37,9 @@ HEIGHT_SIGMA_M = 0.003
 TILT_SIGMA = 0.001
 # Lower bounds of the sigmas of a motion; they keep the covariances positive definite.
 LEAST_SIGMA_M, LEAST_SIGMA_RAD = 1e-4, 3e-5
-# Largest sigma of a motion that many objects show: 0.8 to 1.2 mm with ribs all along the way, but mostly 2 mm or more
-# with a board or a door. If only few objects show the motion, they may be moving themselves, so the correction is not
-# used while the motions from scan to scan contradict odometry by more than SUSPICIOUS_SIGMAS.
+# Sigma of a registered motion above which too few objects determine it: ribs all along the way give 0.8 to 1.2 mm, a
+# single board or door mostly 2 mm or more. Those few may be moving themselves, so the correction is then not used
+# while the motions from scan to scan contradict odometry by more than SUSPICIOUS_SIGMAS.
 FEW_THINGS_SIGMA_M = 0.0015
 SUSPICIOUS_SIGMAS = 1.0
 # Distance to the centre of the scanned area, the lever arm of yaw.
@@ -52,7 +52,7 @@ TEXTURE_IN_DOUBT = "texture that was seen has moved"
 LEARNING_M, LEARNED_M = 0.3, 1.0
 # Attributes (2,) that earlier files lack.
 WAYS = ("unheld", "off_way", "slip", "begun", "learned")
-# Names in files of the attributes that have another name there.
+# Keys in files of attributes that are stored under another name.
 FILE_KEYS = {"pause_transform": "here", "pause_covariance": "left", "noise": "own", "own": "pause_own"}
 
 
@@ -113,7 +113,9 @@ class WalkCorrection:
     visual_refused: str | None = None
 
     def check_kind(self, scans: int, *, is_registered: bool, step: int) -> None:
-        """Refuse a pause of another kind than the `scans` before it, because the drift in between is unknown.
+        """Refuse a pause with covariance_since_last after pauses without it, or vice versa.
+
+        The drift in between would be unknown.
 
         Raises:
             InvalidInput: covariance_since_last is given now but was not given before, or vice versa.
@@ -309,7 +311,7 @@ def _slip_growth(before: Float, now: Float, slip_share: float) -> Float:
 
 
 def _shown_sigma(prior: Float, posterior: Float) -> float:
-    """Sigma [m] of a position LEVER_M ahead by the heights alone, along the axis that they determine best."""
+    """Smallest sigma [m] over the directions of (x, y, LEVER_M * yaw), from the heights alone."""
     scale = np.diag([1.0, 1.0, 1.0 / LEVER_M])
     before, after = (np.linalg.inv(each[np.ix_(SIDEWAYS, SIDEWAYS)]) for each in (prior, posterior))
     return float(1.0 / np.sqrt(max(float(np.linalg.eigvalsh(scale @ (after - before) @ scale)[-1]), 1e-6)))
@@ -375,8 +377,8 @@ class SidewaysDrift(FrozenArrays):
             return np.zeros((2, len(seen)))
         entry = np.clip(np.searchsorted(self.pauses, seen, side="right") - 1, 0, None)
         axes = transform_footprint_to_odom[:2, :2]
-        # J C J' with J = [[1, 0, -y], [0, 1, x]]; terms of each pause are computed first, so that a cell takes only
-        # three products per axis.
+        # J C J' with J = [[1, 0, -y], [0, 1, x]]; the terms of each pause are computed once, so that each cell costs
+        # only a few products per axis.
         since = self.total[-1] - self.total
         since[:-1] += self.own[:-1] + self.own[-1]
         slipped = self.slip[-1] - self.slip

@@ -28,9 +28,9 @@ class StandingSole:
     covariance: Float
 
 
-# Robots that are given by name or folder are loaded once per process.
+# Cache of the four robots used last, by name or folder.
 _loaded = lru_cache(maxsize=4)(robot_model)
-# Largest amount by which a joint position at a height between two tested heights exceeds the positions at both [rad].
+# Bound on the overshoot of a joint position between two tested heights over its values at both [rad].
 BETWEEN_HEIGHTS = 1e-6
 
 
@@ -63,7 +63,7 @@ def beyond_reach(
         margin: angle to keep from the limits [rad].
 
     Raises:
-        InvalidInput: the grid's record lacks robot, stance or transform.
+        InvalidInput: the grid's record lacks robot, stance or transform, or names a robot other than `robot`.
         kinematics.KinematicsError: no such robot or leg.
     """
     pose = pose_of(terrain, robot)
@@ -80,7 +80,7 @@ def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotLike | None = None
     """Sole centre (3,) of a leg when the grid was made, in base_footprint of the grid [m].
 
     Raises:
-        InvalidInput: the grid's record lacks robot, stance or transform.
+        InvalidInput: the grid's record lacks robot, stance or transform, or names a robot other than `robot`.
         kinematics.KinematicsError: no such robot or leg.
     """
     return _soles(pose_of(terrain, robot), [leg])[0]
@@ -112,7 +112,7 @@ def pose_of(terrain: LayeredGrid, robot: RobotLike | None) -> StancePose:
     """Pose of the body and joint positions when the grid was made.
 
     Raises:
-        InvalidInput: the grid's record lacks robot, stance or transform.
+        InvalidInput: the grid's record lacks robot, stance or transform, or names a robot other than `robot`.
         kinematics.KinematicsError: no such robot.
     """
     record, needed = terrain.record, ("robot", "stance", "transform_base_to_footprint")
@@ -138,7 +138,7 @@ def _model_of(terrain: LayeredGrid, robot: RobotLike | None) -> RobotModel:
 
 @lru_cache(maxsize=4)
 def _robot(name: str, description: str | None) -> RobotModel:
-    """Robot of a description, or of a name if there is no description, loaded once per process."""
+    """Robot of a description, or of a name if there is no description; the four used last are cached."""
     if description is not None:
         return robot_from_description(description)
     try:
