@@ -66,6 +66,8 @@ def command(
     from guara_perception.app.demo.pictures import draw_demo
     from guara_perception.app.demo.walk import PAUSES_PER_CYCLE, demo_walk, first_recorded
 
+    if course is not None and sway is not None:
+        raise click.UsageError("--course and --sway were both given; allowed: one of them")
     check_folder(out)
     out.mkdir(parents=True, exist_ok=True)
     if sway is not None:

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import guara_perception as gp
+from guara_perception.app.commands.demo import command as demo_command
 from guara_perception.app.demo.check import CheckedFoothold, DemoCheck
 from guara_perception.app.demo.walk import first_recorded
 from guara_perception.app.files.open_scan import open_scans
@@ -227,3 +229,10 @@ def test_a_walk_as_promised_has_no_failures() -> None:
 def test_each_broken_promise_is_a_failure(changes: dict[str, object], said: str) -> None:
     """The check can fail, and its message says what is wrong."""
     assert any(said in problem for problem in check(**changes).failures(41))
+
+
+def test_a_course_and_a_body_that_sways_are_two_demos(tmp_path: Path) -> None:
+    arguments = ["--course", "stones", "--sway", "0.5", "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(demo_command, arguments)
+    assert result.exit_code == 2 and "--course and --sway were both given; allowed: one of them" in result.output
+    assert not (tmp_path / "out").exists()
