@@ -56,7 +56,7 @@ def sunk_feet(soles: Mapping[str, SoleError], variance: float, tilt: Float) -> d
         depths = -(weights @ [sole.residual for sole in standing.values()]) / told
         # Near an edge that is misplaced in the map, a sole may stand lower although the ground is hard.
         reliefs = np.array([sole.relief for sole in standing.values()])
-        apart = np.abs(depths) - np.maximum(SINK_M, SINK_SIGMAS / np.sqrt(told)) - reliefs > 0
+        apart = np.abs(depths) > np.maximum(SINK_M, SINK_SIGMAS / np.sqrt(told)) + reliefs
         if not apart.any():
             break
         # The sole that is farthest off is removed first, because it affects the others; if the tilt is uncertain, the

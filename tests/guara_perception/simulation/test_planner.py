@@ -11,7 +11,8 @@ import guara_perception as gp
 from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.planner import plan_foothold, plan_swing, refusals
 from guara_perception.terrain.layers.record import ScanRecord
-from kinematics import RobotModel, Stance, load_robot
+from kinematics import RobotModel, load_robot
+from tests.guara_perception.terrain.map.poses import stance_metadata
 
 WISH = (0.405, -0.18)
 
@@ -29,14 +30,7 @@ def ground(robot: RobotModel, *holes: tuple[float, float, float, float]) -> gp.T
         rows = slice(round((y0 + 0.35) / 0.005), round((y1 + 0.35) / 0.005))
         elevation[rows, columns] = np.nan
     terrain = gp.assess_terrain(elevation, 0.005, origin=(-0.6, -0.35))
-    stance = Stance(robot.posture("scan"), robot.legs, (0, 0, -1))
-    pose = robot.stance_pose(stance)
-    metadata = {
-        **terrain.metadata,
-        "robot": robot.name,
-        "stance": stance.to_dict(),
-        "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),
-    }
+    metadata = {**terrain.metadata, "robot": robot.name, **stance_metadata(robot)}
     return dataclasses.replace(terrain, record=ScanRecord.from_json(metadata))
 
 

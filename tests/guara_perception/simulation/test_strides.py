@@ -12,21 +12,15 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.gait import stand_on
 from guara_perception.simulation.strides import LONGEST_STEP, SHORTEST_STEP, StridePlanner
 from guara_perception.terrain.layers.record import ScanRecord
-from kinematics import RobotModel, Stance
+from kinematics import RobotModel
+from tests.guara_perception.terrain.map.poses import stance_metadata
 
 
 def level(robot: RobotModel, soles: dict[str, tuple[float, float]]) -> gp.TerrainGrid:
     """A map of level ground on which the robot stands with its soles there, body at x = 0."""
     terrain = gp.assess_terrain(np.zeros((140, 320)), 0.005, origin=(-0.6, -0.35))
     _, joints = stand_on(robot, {leg: np.array([*xy, 0.0]) for leg, xy in soles.items()}, (0.0, 0.0), 0.36)
-    stance = Stance(joints, robot.legs, (0, 0, -1))
-    pose = robot.stance_pose(stance)
-    metadata = {
-        **terrain.metadata,
-        "robot": robot.name,
-        "stance": stance.to_dict(),
-        "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),
-    }
+    metadata = {**terrain.metadata, "robot": robot.name, **stance_metadata(robot, joints)}
     return dataclasses.replace(terrain, record=ScanRecord.from_json(metadata))
 
 

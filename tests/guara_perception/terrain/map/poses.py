@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -36,11 +37,11 @@ def only(flag: Hazard, scan_grid: Any, box: tuple[float, float, float, float]) -
 AROUND = (0.68, 0.72, -0.02, 0.02)
 
 
-def stance_metadata(robot: RobotModel) -> dict[str, Any]:
-    """Metadata of the scan posture on level ground."""
+def stance_metadata(robot: RobotModel, joints: Mapping[str, float] | None = None) -> dict[str, Any]:
+    """Metadata of a stance on level ground, by default the scan posture."""
     from kinematics import Stance
 
-    stance = Stance(robot.posture("scan"), robot.legs, (0, 0, -1))
+    stance = Stance(robot.posture("scan") if joints is None else joints, robot.legs, (0, 0, -1))
     pose = robot.stance_pose(stance)
     return {
         "stance": stance.to_dict(),
