@@ -1,10 +1,10 @@
 """Months in hours: a gait that walks on, a node that records and keeps a journal, two planners, a viewer, and faults.
 
-`python -m benchmarks endurance [--minutes 240] [--period 20] [--large]`. Each is a process of its own over real Zenoh;
-robot and devices are simulated, the devices on an emulated clock, so that a pause takes no longer than it is computed.
-Node and second planner are killed or stopped for some seconds; the node's disk takes no more for some seconds; the node
-is ended and finds journals of another version, as after an upgrade or on the way back. Router, gait, first planner and
-viewer live on. In the second half no node ends, so that its own growth shows.
+`python -m benchmarks endurance [--minutes 240] [--period 20] [--large]`, after `make install-extras`. Each is a process
+of its own over real Zenoh; robot and devices are simulated, the devices on an emulated clock, so that a pause takes no
+longer than it is computed. Node and second planner are killed or stopped for some seconds; the node's disk takes no
+more for some seconds; the node is ended and finds journals of another version, as after an upgrade or on the way back.
+Router, gait, first planner and viewer live on. In the second half no node ends, so that its own growth shows.
 A contradiction is a footprint handed out for a pause after which its planner has heard of another one for 4 s, or a map
 with scans of another walk.
 """
@@ -352,13 +352,15 @@ def endure(
                     if share >= (NODE_WARM if name == "node" else WARM):
                         outcome.sizes.setdefault(name, []).append(each)
                 machine.look(outcome)
+                heard = machine.lasting.last.get("counts", {})
                 drawn = chance.choice(FAULTS if share < KILLS_END else FAULTS[2:])
                 # Each once, in order; then at random.
                 fault = next((each for each in FAULTS if not outcome.faults[each]), drawn)
                 outcome.faults[fault] += 1
                 machine.gait.struck += 1
                 _strike(machine, fault, chance, outcome.counts)
-                pauses = f"{outcome.counts['pauses']} pauses"
+                wrong = outcome.counts["contradictions"] + heard.get("contradictions", 0)
+                pauses = f"{outcome.counts['pauses']} pauses, {wrong} contradictions"
                 tell(f"{gone:6.0f} s  {pauses}  {fault:<16} {'; '.join(f'{n}: {s}' for n, s in sizes.items())}")
             outcome.counts += Counter(machine.lasting.last.get("counts", {}))
             outcome.counts += Counter(machine.other.last.get("counts", {}))
