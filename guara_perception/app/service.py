@@ -17,9 +17,9 @@ from guara_perception.exceptions import InvalidInput
 from transport.supervision import supervised
 
 logger = logging.getLogger(__name__)
-# [s] systemd restarts a node without a notification for this long. A scan thread counts as hung after 30 s.
+# Time without a notification after which systemd restarts a node [s]. A scan thread counts as hung after 30 s.
 WATCHDOG_S = 20
-# [s] Time to stop; devices get 30 s to close before the node ends without them.
+# Time for stopping [s]; devices get 30 s to close before the node ends without them.
 STOP_S = 40
 # A node that starts more than BURST times within BURST_S [s] stays down until it is started by hand.
 BURST, BURST_S = 5, 120
@@ -28,7 +28,7 @@ UNIT = Path(__file__).with_suffix(".unit")
 
 
 def unit(name: str, node: Path, user: str) -> str:
-    """Text of the unit of a node.
+    """Text of the systemd unit of a node.
 
     Args:
         name: name of the service, and of its folders below /var/lib and /var/cache.
@@ -36,7 +36,7 @@ def unit(name: str, node: Path, user: str) -> str:
         user: user that the node runs as; not root.
 
     Raises:
-        InvalidInput: a name with characters special to systemd; root as the user.
+        InvalidInput: the name or the user contains characters other than letters, digits, - and _, or the user is root.
     """
     for what, value in (("--name", name), ("--user", user)):
         if not value.replace("-", "").replace("_", "").isalnum() or not value.isascii():
@@ -64,7 +64,7 @@ def notify(*states: str) -> None:
     address = os.environ.get("NOTIFY_SOCKET")
     if not address:
         return
-    # An address that begins with @ is in Linux' abstract namespace.
+    # An address that begins with @ is in the abstract namespace of Linux.
     address = "\0" + address[1:] if address.startswith("@") else address
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as link:
@@ -81,7 +81,8 @@ class ServiceManager:
         """Prepare the notifications.
 
         Args:
-            is_well: returns True while the node works; if not, no notification is sent, and systemd restarts the node.
+            is_well: returns True while the node works. Otherwise no notification is sent, and systemd restarts the
+                node.
         """
         self._is_well = is_well
         self._ended = threading.Event()

@@ -34,7 +34,7 @@ def facts(terrain: TerrainGrid) -> dict[str, Any]:
 
 
 def summary(terrain: TerrainGrid) -> str:
-    """One line: step, mode, size, shares known and traversable, the four most frequent flags, reasons of its health."""
+    """One-line summary of a grid, with the four most frequent flags and the reasons of its health."""
     found, record = facts(terrain), terrain.record
     hazards: dict[str, int] = found["hazards"]
     most = sorted(hazards, key=lambda name: -hazards[name])[:4]

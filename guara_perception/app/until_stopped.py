@@ -42,7 +42,7 @@ class StopEvent(threading.Event):
 
 @contextmanager
 def stop_event() -> Iterator[threading.Event]:
-    """Event that SIGINT and SIGTERM set while the block runs; the previous handlers are restored afterwards."""
+    """Yield an event that SIGINT and SIGTERM set while the block runs; previous handlers are restored afterwards."""
     stop = StopEvent()
     # A handler runs in the main thread, which may hold the event's lock at that moment, so it must not set the event.
     # It puts an item into this queue, and another thread sets the event.

@@ -1,4 +1,4 @@
-"""Moments of the view from files: a grid, a recorded scan, a recorded walk."""
+"""Moments for the viewer, loaded from a grid file, a recorded scan or a recorded walk."""
 
 from __future__ import annotations
 
@@ -29,17 +29,19 @@ logger = logging.getLogger(__name__)
 
 
 def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration | None = None) -> list[Moment]:
-    """Moments of a file or folder.
+    """Load the moments of a file or folder.
 
     Args:
         path: a grid (.npz), a recording (.mcap) or a scan folder.
         robot: model of the robot that recorded it.
-        calibration: used to process scans without recorded grid or points; None = the one in the recording, if any.
+        calibration: used to process scans without a recorded grid or points; None = the calibration in the recording,
+            if any.
 
     Raises:
         MissingFile: the path does not exist.
-        InvalidInput: a scan folder without calibration; a file of another kind.
-        FileFormatError: the file is damaged, or holds neither grids nor scans.
+        InvalidInput: the file is of another kind, or there is no calibration for a scan folder or a recording without
+            grids.
+        FileFormatError: the file is damaged, or contains neither grids nor scans.
     """
     path = Path(path)
     if not path.exists():
@@ -71,12 +73,12 @@ def _processed(scan: Scan, robot: RobotModel, calibration: Calibration) -> Momen
 
 
 def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) -> list[Moment]:
-    """Moments of a recording: its grids by walk and step; scans without grids are processed."""
+    """Moments of a recording: its grids by walk and step. With a calibration, scans without grids are processed."""
     from guara_perception.app.files.open_scan import open_scans
     from guara_perception.app.files.scan_recording import file_errors
     from transport.recording import open_recording
 
-    # Walks by their epoch, in the order of their first grids, with the first frame of each.
+    # Walks by epoch, in the order of their first grids, with the time of the first frame of each.
     walks: dict[str, int] = {}
     grids: dict[tuple[int, int], dict[str, TerrainGrid]] = {}
     with file_errors(), open_recording(path) as recording:
@@ -85,7 +87,7 @@ def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) ->
                 walks.setdefault(message.epoch, message.scan_start)
                 pause = list(walks).index(message.epoch), message.step
                 grids.setdefault(pause, {})[extent] = message_to_terrain(message)
-        # Each grid is recorded as it was first sent; the images of a scan follow once its pause has confirmed it.
+        # Each grid is recorded as it was first sent; the range images of a scan follow once the pause has confirmed it.
         confirmed = {read_time(image.header.stamp) for image in recording.messages("range_image")}
         clouds = {read_time(cloud.header.stamp): cloud_points(cloud) for cloud in recording.messages("scan/points")}
         if calibration is None and recording.calibration is not None:
@@ -134,7 +136,7 @@ def _measured(scan: Scan, robot: RobotModel, calibration: Calibration) -> list[F
 
 
 def _picture(scan: Scan) -> Image | None:
-    """Picture of the median stripe."""
+    """Camera image of the median stripe; None if it cannot be read."""
     in_order = sorted(scan.stripes, key=lambda stripe: stripe.mirror_angle)
     try:
         return scan.read_frame(in_order[len(in_order) // 2].on)

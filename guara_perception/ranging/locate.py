@@ -46,7 +46,7 @@ class Triangulator:
         self.view_point = np.array(self._translation)
 
     def at(self, transform_camera_to_footprint: Float) -> Triangulator:
-        """The same camera at another pose (4, 4)."""
+        """Return a triangulator for the same camera at another pose (4, 4)."""
         other = copy.copy(self)
         other._place(transform_camera_to_footprint)
         return other

@@ -17,8 +17,8 @@ from kinematics.arrays import FrozenArrays
 
 # Image size of the paper: rows along x, columns along y.
 ROWS, COLUMNS = 512, 640
-# Largest stretch by the central projection at which samples of neighbouring image columns leave no pixel of the
-# perspective image empty.
+# Up to this stretch by the central projection, samples of neighbouring image columns leave no pixel of the perspective
+# image empty.
 LARGEST_STRETCH = 1.25
 # Largest number of lines added between neighbouring image columns: enough for columns 4 mm apart, as on distant ground.
 MOST_BETWEEN = 5
@@ -47,14 +47,14 @@ def range_images(
     y: tuple[float, float],
     join_height: float,
 ) -> RangeImages:
-    """Draw both range images from organised points.
+    """Draw both range images from the points of a scan.
 
     Args:
         points: stripes by index.
         pattern: indices of the stripes of the scan's mode.
         camera_position: (3,) optical centre in base_footprint.
         x, y: the area in base_footprint [m].
-        join_height: largest height difference of one surface [m].
+        join_height: limit of the height difference between neighbouring points of one surface [m].
     """
     size = np.array([(x[1] - x[0]) / ROWS, (y[1] - y[0]) / COLUMNS])
     nadir, above = camera_position[:2], float(camera_position[2])
@@ -69,7 +69,8 @@ def range_images(
                 continue
             lines = _filled(found, followed, between) if between else found
             share = shares(lines.number)
-            # In pixels relative to the nadir: the central projection, which eqs. 20 and 21 undo, is a stretch about it.
+            # In pixels relative to the nadir: the central projection, which eqs. 20 and 21 undo, is a stretch about the
+            # nadir.
             first, difference = (lines.first[:2] - nadir[:, None]) / size[:, None], lines.difference[:2] / size[:, None]
             row, column, height = (
                 share * along + start

@@ -1,4 +1,4 @@
-"""Geometry of a scan before its first frame (image rows and laser plane of each stripe), and points of stripes."""
+"""Predicted geometry of a scan (image rows and laser plane of each stripe), and conversion of stripes to points."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from kinematics.self_filter import SelfFilter
 LIMIT_MARGIN_M = 0.025
 # Rows added at both edges of a band, for smoothing and for the window around the centre of the stripe.
 ROW_MARGIN_PX = 8
-# Number of stripes processed together; the arrays of more would exceed the processor's cache.
+# Number of stripes processed together; the arrays of more stripes would exceed the processor's cache.
 TOGETHER = 8
 Item = TypeVar("Item")
 
@@ -32,7 +32,7 @@ class StripeGeometry:
 
     Attributes:
         plane_in_camera: (4,) laser plane n . X + d = 0 in the camera frame.
-        band: first and end row between which the stripe can appear; (0, 0) if it is out of view.
+        band: image rows (first, end) between which the stripe can appear; (0, 0) if it is out of view.
     """
 
     plane_in_camera: Float
@@ -41,7 +41,7 @@ class StripeGeometry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StripePlace:
-    """Place of camera and body at the flash of one stripe.
+    """Pose of the camera and the body at the flash of one stripe.
 
     Attributes:
         transform_camera_to_footprint: (4, 4) pose of the camera.
@@ -84,7 +84,7 @@ class ScanGeometry:
         return self.calibration.camera.project((points_in_footprint - transform[:3, 3]) @ transform[:3, :3])
 
     def moved(self, places: Mapping[int, StripePlace]) -> ScanGeometry:
-        """Copy for a camera that moved: each plane at its own place, the sensors at the place of the middle stripe."""
+        """Copy for a moving camera: each plane at the pose of its stripe, the sensors at that of the middle stripe."""
         if not places:
             return self
         poses = {index: place.transform_camera_to_footprint for index, place in places.items()}
@@ -144,7 +144,7 @@ def laser_origin(planes: Float, near: Float) -> Float:
 
 
 class StripeRanger:
-    """Conversion of the profiles of a scan's stripes to points."""
+    """Converter of the stripe profiles of a scan to points."""
 
     def __init__(
         self,
@@ -153,13 +153,13 @@ class StripeRanger:
         height_limits: tuple[float, float],
         on_robot: Callable[[Float], Mask],
     ) -> None:
-        """Prepare what does not depend on the frames.
+        """Store what all stripes have in common.
 
         Args:
             geometry: geometry of the scan.
             locator: converts image rows to points.
             height_limits: lowest and highest height that counts as terrain [m].
-            on_robot: mask of the points (n, 3) in base_footprint that lie on the robot itself.
+            on_robot: returns the mask of points (n, 3) in base_footprint that lie on the robot itself.
         """
         self._geometry, self._locator = geometry, locator
         self._height_limits, self._on_robot = height_limits, on_robot
@@ -171,7 +171,7 @@ class StripeRanger:
 
         Args:
             profiles: profiles of usable frames by index.
-            places: place of camera and body at the flash of each stripe; None = the camera stood still.
+            places: pose of camera and body at the flash of each stripe; None = the camera stood still.
         """
         found: dict[int, StripePoints] = {}
         for group in in_groups(list(profiles), TOGETHER if places is None else 1):

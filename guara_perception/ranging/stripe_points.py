@@ -1,4 +1,4 @@
-"""Points of stripes in `base_footprint`, with unreliable returns, such as those at the ends of runs, set apart."""
+"""Points of stripes in `base_footprint`; unreliable returns, such as those at the ends of runs, are kept apart."""
 
 from __future__ import annotations
 
@@ -85,16 +85,16 @@ def stripe_points(
 ) -> list[StripePoints]:
     """Convert profiles to points and set unreliable returns apart.
 
-    Stripes do not influence each other; several in one call take less time.
+    Stripes do not influence each other; one call with several stripes is faster than a call for each stripe.
 
     Args:
         profiles: profiles of s >= 1 stripes over all columns of the image.
         locator: converts image rows to points.
         planes_in_camera: (s, 4) calibrated laser planes.
         height_limits: lowest and highest height that counts as terrain [m].
-        on_robot: mask of the points (n, 3) in base_footprint that lie on the robot itself; None = no such test.
-        added_variance: variances (s, w) of the heights of points (3, s, w), added to those due to the stripe position;
-            None = nothing is added.
+        on_robot: returns the mask of points (n, 3) in base_footprint that lie on the robot itself; None = no such test.
+        added_variance: returns variances (s, w) of the heights of points (3, s, w), which are added to those due to the
+            stripe position; None = nothing is added.
     """
     position, sigma = _rows(profiles, "position_px"), _rows(profiles, "sigma_px")
     points, sigma = locator.measure(planes_in_camera, position, sigma)

@@ -63,7 +63,7 @@ def surface_of(
         stripes: points by index.
         keys: (index, index) of stripes and (index, next index) of pairs; each is a swath, numbered in this order.
         pattern: indices of the stripes of the scan's mode.
-        join_height: largest height difference of one surface [m].
+        join_height: limit of the height difference between neighbouring points of one surface [m].
         resolution: edge of the cells to be filled [m].
         y_range: range of y [m]; points outside it, and lines wholly outside it, are omitted.
         parted: (index, next index) of neighbours that do not confirm each other, whatever their heights.
@@ -88,7 +88,8 @@ def surface_lines(
 ) -> Iterator[tuple[Lines, Index]]:
     """Yield the surface of `surface_of` as lines on which its samples lie; a point is a line of one sample.
 
-    Each item also holds the positions of the lines whose successor belongs to the next image column.
+    Each item also holds the positions of the lines whose successor belongs to the next image column of the same stripe
+    or pair.
     """
     seen = links_of(stripes, keys, pattern, join_height, y_range)
     indices = np.flatnonzero(seen.confirmed)
@@ -107,7 +108,7 @@ def surface_keys(stripes: Collection[int], pattern: range) -> list[Key]:
 
 @dataclass(frozen=True, slots=True)
 class Links:
-    """Points of some stripes and their links to neighbouring ones.
+    """Points of some stripes, and their links to the neighbouring stripes.
 
     Attributes:
         indices: indices of s stripes.
@@ -168,7 +169,7 @@ def linked_columns(heights: tuple[Array, Array], strengths: tuple[Array, Array],
     Args:
         heights: two (..., w) heights of neighbouring stripes [m].
         strengths: two (..., w) strengths of their returns [grey levels].
-        join_height: largest height difference of one surface [m].
+        join_height: limit of the height difference between neighbouring points of one surface [m].
 
     Returns:
         (..., w) bool, True where both have a point and the height difference is below the limit.
@@ -309,13 +310,13 @@ class Lines:
 def shares(n: int) -> Float:
     """Positions (n, 1) of n samples along a line, as fractions of its length.
 
-    They do not depend on other stripes: samples that are cut off do not move the rest.
+    The positions are the same whether or not samples are cut off at an end, so that another stripe cannot move samples.
     """
     return ((np.arange(n) + 0.5) / n)[:, None]
 
 
 def sample_count(difference: Array, is_line: Mask, resolution: float) -> list[int]:
-    """Samples per line in each of s sets of lines (3, s, w): SAMPLES_PER_CELL per cell length, from 2 to 64."""
+    """Number of samples per line in each of s sets (3, s, w): SAMPLES_PER_CELL per cell length, from 2 to 64."""
     squares = np.where(is_line, difference[0] ** 2 + difference[1] ** 2, 0)
     longest = np.sqrt(squares.max(axis=1)).tolist()
     return [min(max(math.ceil(SAMPLES_PER_CELL * length / resolution), 2), 64) for length in longest]

@@ -34,7 +34,7 @@ MOST_CORNERS, QUALITY, APART_PX, LEAST_CORNERS, LEAST_SHARE = 48, 0.01, 14, 16, 
 WINDOW_PX, LEVELS = 13, 2
 # Largest error of a corner that agrees with the homography, and median motion below which an image has not moved [px].
 AGREE_PX, STILL_PX = 0.7, 0.15
-# Reach of the line's glow beyond its rows, and least noise of a corner [px].
+# Distance to which the glow of the line reaches beyond its rows, and least noise of a corner [px].
 GLOW_PX, LEAST_NOISE_PX = 6, 0.03
 # Iterations of the fit, and largest condition number of its equations (below 1e3 for corners all over the image).
 STEPS, MOST_CONDITION = 4, 1e9
@@ -47,14 +47,14 @@ def gain_of(picture: Image) -> float:
 
 
 def grey(picture: Image, gain: float) -> Image:
-    """One channel of an image in 8 bits, reduced in size.
+    """Convert one channel of an image to 8 bits and reduce its size.
 
     Args:
         picture: (h, w) or (h, w, 3).
         gain: factor of brightness; see `gain_of`.
     """
     given, factor = pictures_of(picture, None)[0], max(round(picture.shape[1] / FOLLOWED_PX), 1)
-    # Green if there are three channels, because it has the least noise.
+    # The green one of three channels, because it has the least noise.
     channel = given.channels // 2
     out = np.empty((given.rows // factor, given.columns // factor), np.uint8)
     line, sums = np.empty(given.columns, np.uint16), np.empty((2, given.columns), np.uint32)
@@ -70,7 +70,7 @@ def corners(picture: Image) -> Float:
 
 
 def aligned(picture: Image, to: Image) -> Image | None:
-    """Image warped to the view of another; None if no motion between the two is seen.
+    """Warp an image to the view of another; None if no motion between the two is detected.
 
     Args:
         picture: laser-off image, (h, w) or (h, w, 3).
@@ -99,13 +99,13 @@ def aligned(picture: Image, to: Image) -> Image | None:
 
 
 def motion_text(moved: Mapping[int, float], parted: int, count: int, *, has_track: bool) -> str:
-    """Text on a body that moved during a scan; empty if all of its stripes are used and joined.
+    """Describe motion of the body during a scan; empty if all stripes are used and joined.
 
     Args:
         moved: stripes that are not used, with the error of their heights [m].
-        parted: number of pairs of neighbouring stripes between which the body moved too far to join them.
+        parted: number of pairs of neighbouring stripes that are not joined, because of motion between them.
         count: number of stripes.
-        has_track: True if the motion of the body was measured by the joints.
+        has_track: True if the motion of the body was measured with the joints.
     """
     texts = []
     if moved:
@@ -135,7 +135,7 @@ class BackgroundWitness:
     """Camera motion from image to image of a scan, estimated from the background."""
 
     def __init__(self, camera: CameraModel, transform_camera_to_footprint: Float, ends: Float) -> None:
-        """Prepare a scan.
+        """Start a scan.
 
         Args:
             camera: the calibrated camera.
@@ -200,7 +200,7 @@ class BackgroundWitness:
         )
 
     def _motion(self, flow: Float, used: Mask) -> _Seen | None:
-        """Rise of the corners of the area from the flow (n, 2) of image corners; None if too few or collinear."""
+        """Rise of the corners of the area from the flow (n, 2) of image corners; None if it is not determined."""
         found = np.isfinite(flow[:, 0])
         count = int(np.count_nonzero(found))
         if count < max(LEAST_CORNERS, LEAST_SHARE * np.count_nonzero(used)):
@@ -217,10 +217,11 @@ class BackgroundWitness:
         return _Seen(self._rise @ motion, sigma)
 
     def moved(self, places: Mapping[int, Float] | None) -> dict[int, float]:
-        """Stripes whose image was taken from another place than the joints report, with the error of heights [m].
+        """Stripes whose camera pose contradicts the joints, with the largest error of their heights [m].
 
         Args:
-            places: places (4, 4) of the camera in base_footprint as the joints report them; None = it stood still.
+            places: poses (4, 4) of the camera in base_footprint from the joints, by stripe index; None = the camera
+                stood still.
         """
         if not self._seen:
             return {}

@@ -13,7 +13,7 @@ from guara_perception.ranging.scan_geometry import ScanGeometry
 from guara_perception.scanning.light_diagnosis import FrameSamples
 from guara_perception.stripes.band import StripeStatus
 
-# Below this share of columns with any light the laser was practically off.
+# If fewer than this share of the columns show any light, the laser was practically off.
 NO_LIGHT = 0.01
 # Least number of stripes from which a missing half of the pattern can be inferred.
 FEWEST_OF_PATTERN = 8
@@ -41,7 +41,7 @@ TURNED, FLIPPED, UPRIGHT = "turned by 180 degrees", "flipped top to bottom", ""
 
 
 def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> str:
-    """Cause and remedy of few returns in one sentence, including the paper's remedies.
+    """State the cause and remedy of few returns in one sentence; remedies include those of the paper.
 
     Order of precedence: faults of the whole scan (`wrong`); no light; light where no stripe can be; a weak line;
     returns that are too bright or double; anything else.
@@ -49,8 +49,8 @@ def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> s
     Args:
         coverage: share of the expected ground that was seen.
         counts: image columns of all stripes per StripeStatus.
-        wrong: text on a fault of the light, the frames or the pattern as a whole; empty for none.
-        weak: text on a weak line; empty if the line is not weak.
+        wrong: description of a fault of the light, the frames or the pattern as a whole; empty if there is none.
+        weak: description of a weak line; empty if the line is not weak.
     """
     found = f"only {100 * coverage:.0f} % of the expected ground returned the laser"
     if wrong:
@@ -76,7 +76,7 @@ def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> s
 
 
 def wrong_pattern(fired: Iterable[int], stride: int) -> str:
-    """Text on a scan in which no two neighbours of its pattern were fired; empty otherwise."""
+    """Describe a scan in which no two neighbours of its pattern were fired; empty for any other scan."""
     indices = sorted(fired)
     if len(indices) < FEWEST_OF_PATTERN or np.diff(indices).min() <= stride:
         return ""
@@ -87,7 +87,7 @@ def wrong_pattern(fired: Iterable[int], stride: int) -> str:
 
 
 def wrong_frames(samples: FrameSamples, geometry: ScanGeometry) -> str:
-    """Text on frames that are turned, flipped or out of order; empty if none are found."""
+    """Describe frames that are turned, flipped, out of order or of another place; empty if none are found."""
     rows = samples.rows
     if len(rows) < FEWEST_FRAMES:
         return ""
@@ -156,7 +156,7 @@ class _Fit:
 
 
 def _elsewhere(geometry: ScanGeometry, indices: Sequence[int], seen: Float) -> str:
-    """Text on a scan whose frames mostly show light where no stripe can be; empty otherwise."""
+    """Describe a scan whose frames mostly show light where no stripe can be; empty for any other scan."""
     bands = np.array([geometry.stripes[index].band for index in indices], np.float64)
     outside = ((seen < bands[:, :1]) | (seen >= bands[:, 1:])).sum(axis=1) > 0.5 * np.isfinite(seen).sum(axis=1)
     if outside.mean() < FITTING_SHARE:
@@ -177,7 +177,7 @@ def _expected(geometry: ScanGeometry, columns: Index) -> Float:
 
 
 def _order_words(index: Index, stripe: Index) -> str:
-    """Text on the difference between the stripes that the frames show and the indices given with them."""
+    """Describe the difference between the stripes that the frames show and the indices given with the frames."""
     off = stripe - index
     usual = int(np.median(off))
     if (np.abs(off - usual) <= 1).mean() > FITTING_SHARE:

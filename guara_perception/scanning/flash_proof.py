@@ -18,22 +18,22 @@ from guara_perception.stripes.peaks import upper_median
 SECOND_LINE = "two lines in one picture"
 # Brightness of a second line relative to the stripe, above which it shifts the measured row.
 LEAST_SHARE = 0.45
-# A fainter second line, above LEAST_ODD_SHARE, counts if it exceeds ODD times the median of the scan's stripes. What
-# all stripes show is a reflection, which does not shift the row.
+# A fainter second line, above LEAST_ODD_SHARE, counts if it exceeds ODD times the median of the scan's stripes. A
+# second line that all stripes show is a reflection, which does not shift the row.
 LEAST_ODD_SHARE, ODD = 0.2, 2.5
 # The whole scan is refused if at least this fraction of its stripes, and at least this number, show a second line.
 REFUSED_SHARE, REFUSED_STRIPES = 0.2, 4
 FOREIGN_LIGHT = "foreign laser light"
 OTHER_INSTANT = "frames are not of their flash"
-# Images are reduced by an integer factor to less than twice COMPARED_PX in width; edge of the averaging window; light
-# narrower than LARGEST_PX is a line or a spot [px].
+# Images are reduced by an integer factor until they are narrower than twice COMPARED_PX. MEAN_PX is the edge of the
+# averaging window. Light narrower than LARGEST_PX is a line or a spot [px].
 COMPARED_PX, MEAN_PX, LARGEST_PX = 640, 5, 25
 # Least excess of averaged light [grey levels of 255], and the same in sigmas of the noise.
 LEAST_LEVEL, LEAST_SIGMAS = 5.0, 8.0
-# Remaining displacement between aligned images, because the ground is not flat [px].
+# Displacement that may remain between aligned images, because the ground is not flat [px].
 WITHIN_PX = 1
-# Light in at least this fraction of the columns or rows is a line. Smaller light, such as a lamp, only makes its pixels
-# unusable.
+# Light in at least this fraction of the columns or rows is a line. A smaller light, such as a lamp, only makes its
+# pixels unusable.
 LINE_SHARE = 0.08
 # Least extent of a spot of light that is compared with the next dark frame, as a fraction of the columns or rows.
 SPOT_SHARE = 0.01
@@ -58,7 +58,7 @@ def second_line(
         pair: images of the stripe.
         profile: stripe found in them.
         align: warps the laser-off image to the view of the laser-on image, so that moving texture is not taken for a
-            line; returns None if the camera did not move.
+            line; returns None if the camera did not move. None = compare without warping.
     """
     share = _second_line(pair, profile)
     if align is not None and pair.off is not None and share > LEAST_ODD_SHARE:
@@ -107,7 +107,7 @@ class Proof:
 
 
 class FlashProof:
-    """Comparison of the frames of a sweep with the sequence of its lit and dark flashes (the code)."""
+    """Comparison of the frames of a sweep with the sequence of its lit and dark flashes."""
 
     def __init__(self) -> None:
         """Start a sweep without dark flashes."""
@@ -159,7 +159,7 @@ class FlashProof:
 
     @property
     def version(self) -> tuple[int, ...]:
-        """Numbers that change with every addition."""
+        """Numbers that change when something is added."""
         return len(self._planned), len(self._seen), len(self._darks), len(self._second)
 
     def judge(self) -> Proof:

@@ -79,7 +79,7 @@ class FrameSamples:
     """
 
     def __init__(self, order: Sequence[int], size: tuple[int, int]) -> None:
-        """Choose frames at an odd stride, so that both kinds are included if every second frame is wrong.
+        """Choose frames at an odd stride, so that good and bad frames are both sampled if every second frame is bad.
 
         Args:
             order: indices of the scan's stripes.
@@ -115,7 +115,7 @@ class FrameSamples:
         return dict(sorted(self._unused.items()))
 
     def excess(self) -> str:
-        """Text on excessive or unsteady light and its remedy; empty if the light is neither."""
+        """Description of excessive or unsteady light, with the remedy; empty if the light is neither."""
         samples = list(self._samples.values())
         if not samples:
             return ""
@@ -139,7 +139,7 @@ class FrameSamples:
         """Margins of the light, by name; none without samples.
 
         "margin_clipped" and "margin_steady" are 1 far from the limits of `excess`, 0 at them and negative beyond;
-        "stripe_level" is the height of the stripe [grey levels of 255], which falls as lens or laser age.
+        "stripe_level" is the height of the stripe [grey levels of 255], which falls as the lens or the laser ages.
         """
         samples, lit = list(self._samples.values()), self._with_laser()
         result = {}
@@ -151,7 +151,7 @@ class FrameSamples:
         return result
 
     def lack(self) -> str:
-        """Text on a weak stripe and its remedy; empty if the stripe is not weak, or was not seen at all."""
+        """Description of a weak stripe, with the remedy; empty if the stripe is not weak, or was hardly seen at all."""
         samples = self._with_laser()
         if not samples or sum(sample.seen for sample in samples) < LEAST_SEEN * len(self._samples):
             return ""
@@ -164,7 +164,7 @@ class FrameSamples:
         )
 
     def texture(self) -> str:
-        """Text on a scene whose texture hides the stripe for lack of laser-off images; empty otherwise."""
+        """Description of texture that hides the stripe because there are no laser-off images; empty if it does not."""
         samples = self._with_laser()
         if not samples or (contrast := _median(samples, "contrast")) <= MOST_TEXTURE * _median(samples, "peak"):
             return ""

@@ -16,7 +16,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 def with_pictures(terrain: TerrainGrid, processor: ScanProcessor | None = None) -> TerrainGrid:
     """Copy of a grid with the range images of its scan; without a processor, all pixels are unknown.
 
-    The orthorectified image is unknown wherever the grid is unknown, which excludes contradictory returns.
+    Pixels of the orthorectified image over unknown cells are NaN, so that contradictory returns are not shown.
     """
     if processor is None:
         nothing = np.full((ROWS, COLUMNS), np.nan, np.float32)
@@ -41,7 +41,7 @@ def cause_image(terrain: TerrainGrid) -> Image:
 
 
 def sigma_image_mm(terrain: TerrainGrid) -> Float32:
-    """Standard deviation (512, 640) of the orthorectified image, taken from the cell under each pixel [mm]."""
+    """Standard deviation (512, 640) of the cell under each pixel of the orthorectified image [mm], or NaN."""
     sigma = np.sqrt(_under_pixels(terrain, terrain.variance)) * 1e3
     return np.where(np.isnan(terrain.pictures["ortho_image_mm"]), np.nan, sigma).astype(np.float32)
 

@@ -124,7 +124,7 @@ def _check_fit(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
     """Reject a scan of another robot, camera or pattern; warn if mirror angles or the calibration hash differ."""
     if scan.robot != robot.name:
         raise CalibrationMismatch(
-            f"{scan.source}: robot is {scan.robot!r}, the model given is {robot.name!r}: use the robot of the scan"
+            f"{scan.source}: robot is {scan.robot!r}, but the given model is {robot.name!r}: use the robot of the scan"
         )
     check_identity(scan.camera_identity, calibration.camera.identity, scan.source)
     indices, pattern = {stripe.index for stripe in scan.stripes}, Settings.of(robot).pattern(scan.mode)

@@ -76,26 +76,26 @@ class ScanProcessor:
 
         Args:
             calibration: calibration of this rangefinder, or the path of its file.
-            robot: model, name or folder of the robot that carries it.
+            robot: model, name or folder of the robot that carries the rangefinder.
             stance: joint positions, support feet and gravity at this pause.
             mode: "coarse" or "standard".
             method: one of `guara_perception.scanning.stripe_finder.METHODS`.
             threshold: binarisation threshold of the paper's methods [grey levels of 8 bits]; None = set for each frame.
-            resolution: cell edge [m]; None = the robot's default. It must divide the area.
+            resolution: edge length of a cell [m], a divisor of both sides of the footprint; None = the robot's default.
             stamp: end of the scan [ns since the epoch].
             step: number of the stance pause.
-            track: poses of the body relative to this stance, for a robot that sways: every stripe is then placed by the
-                `instant` of its `FramePair`, and a stripe whose pose is unknown is not used. More samples may be added
-                to the track until `finish`. None = the robot stands still.
-            gravity: gravity from leg odometry (`LegOdometry.carried_gravity`), used if the stance has no IMU; without
-                either, the grid is level with the plane of the feet.
+            track: poses of the body relative to this stance, for a robot that sways. Each stripe is placed at the
+                `instant` of its `FramePair`; a stripe whose pose is unknown is not used. Samples may be added to the
+                track until `finish`. None = the robot stands still.
+            gravity: gravity from leg odometry (`LegOdometry.carried_gravity`), used if the stance contains no gravity.
+                Without either, the plane of the support feet is taken as horizontal.
 
         Raises:
-            InvalidInput: unknown mode or method, a threshold that does not fit it, a resolution that does not divide
-                the area, a track with a method that assumes one pose.
+            InvalidInput: unknown mode or method, a threshold that the method does not accept, a resolution that does
+                not divide the footprint, or a track with a method other than 'precise'.
             CalibrationMismatch: the calibration belongs to another robot or holds no stripe of this mode.
             MissingFile, FileFormatError: the calibration's file is missing or invalid.
-            kinematics.KinematicsError: no such robot, or the stance does not fit it.
+            kinematics.KinematicsError: unknown robot, or a stance that does not fit the robot.
         """
         check_method(method, threshold)
         if not isinstance(calibration, Calibration):
@@ -146,16 +146,16 @@ class ScanProcessor:
         self._corners = np.array([(x, y, 0.0) for x in settings.footprint_x for y in settings.footprint_y])
         to_camera = self._geometry.transform_camera_to_footprint
         self._witness = BackgroundWitness(calibration.camera, to_camera, self._corners)
-        # Result of `_what_is_proved`, and the version of its inputs.
+        # Cached result of `_what_is_proved`, preceded by the version of the inputs.
         self._proved: tuple[tuple[object, ...], _Proved] | None = None
-        # Laser-off picture of the stripe with the lowest index, the first that is fired.
+        # Index and laser-off image of the usable stripe with the lowest index, which is fired first.
         self._off: tuple[int, Grey] | None = None
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
 
     def _undetectable_motion(self) -> Float | None:
         """Covariance (6, 6) of the camera motion that the joint readings before and after the scan cannot detect.
 
-        None with fewer than three support feet: stillness cannot be tested then, and no node confirms such a scan.
+        None with fewer than three support feet: the node cannot test stillness then, and never confirms the scan.
         """
         camera = self._calibration.transform_camera_to_base
         try:
@@ -170,20 +170,21 @@ class ScanProcessor:
 
     @property
     def camera_position(self) -> Float:
-        """Optical centre (3,) in base_footprint: z is the paper's H, x and y are the nadir.
+        """Optical centre (3,) in base_footprint [m]; z is the paper's H, and (x, y) is the nadir.
 
-        With `paper-literal-ortho` its x and y are the centre of the picture, about which that method orthorectifies.
+        With method `paper-literal-ortho`, x and y are instead the centre of the scanned area, about which that method
+        orthorectifies.
         """
         return self._locator.view_point
 
     @property
     def transform_camera_to_footprint(self) -> Float:
-        """Pose (4, 4) of the camera at this stance."""
+        """Pose (4, 4) of the camera in base_footprint at this stance."""
         return self._geometry.transform_camera_to_footprint
 
     @property
     def points(self) -> Mapping[int, StripePoints]:
-        """Organised points of the stripes added so far, by index, without those of bad frames."""
+        """Points of the usable stripes added so far, by stripe index."""
         return self._what_is_proved().surface.stripes
 
     @property
@@ -193,7 +194,7 @@ class ScanProcessor:
 
     @property
     def ground_picture(self) -> GroundPicture | str:
-        """Laser-off picture of this scan for `TerrainMap.update`, or the reason why there is none."""
+        """Laser-off image of this scan for `TerrainMap.update`, or the reason why there is none."""
         if self._off is None:
             return "the scan has no laser-off picture"
         index, grey = self._off
@@ -206,14 +207,14 @@ class ScanProcessor:
 
     @property
     def track_fault(self) -> str:
-        """Reason why the track does not place the stripes added so far; empty if it does, or without a track."""
+        """Fault of the joint stream because of which the track cannot be used; empty if there is none, or no track."""
         return "" if self._places is None else self._places.missing
 
     def leave_track(self) -> None:
-        """Ignore the track because of `track_fault`, and place all stripes at the pose of the stance.
+        """Stop using the track, with `track_fault` as the reason, and place all stripes at the pose of the stance.
 
-        Also applies to stripes added later and to all copies of this scan. The caller must know that the body stood
-        still.
+        This also applies to stripes added later and to all copies of this scan. The caller must know that the body
+        stood still.
         """
         if self._places is not None:
             self._places.left = self.track_fault
@@ -223,15 +224,18 @@ class ScanProcessor:
         return None if self._places is None else self._places.flashes.get(index)
 
     def expect_dark(self, dark_after: Collection[int]) -> None:
-        """Expect dark flashes after some stripes. Stripes after the last usable dark flash are not used.
+        """Expect dark flashes after some stripes.
+
+        Stripes after the last usable dark flash are not used.
 
         Args:
-            dark_after: indices of stripes still to be added, each with `FramePair.dark`.
+            dark_after: indices of stripes still to be added whose dark flash will be given by `FramePair.dark` or
+                `add_dark`.
         """
         self._proof.expect(dark_after)
 
     def add_dark(self, index: int, dark: Image, *, off: Image | None = None) -> None:
-        """Add the picture of the dark flash after a stripe whose own pictures cannot be used."""
+        """Add the image of the dark flash after a stripe whose own images cannot be used."""
         self._proof.add_dark(index, dark, off)
 
     def _what_is_proved(self) -> _Proved:
@@ -304,7 +308,8 @@ class ScanProcessor:
     def drift(self) -> Drift:
         """Drift of the calibration, from the measured floor relative to the plane of the soles.
 
-        Mirrored frames cause an apparent drift that vanishes when they are mirrored back; the result names this cause.
+        Frames mirrored left to right cause an apparent drift that vanishes when they are mirrored back. The result then
+        names this cause.
         """
         return scan_drift(self.points, self._mirrored_points, self.pose)
 
@@ -331,11 +336,11 @@ class ScanProcessor:
     def add_all(self, pairs: Sequence[FramePair]) -> list[StripeProfile]:
         """Process frame pairs, in any order if they have laser-off frames.
 
-        Several pairs in one call take less time than one by one, with the same result.
+        One call with several pairs is faster than a call for each pair, with the same result.
 
         Without laser-off frames, the background of a stripe is the pixelwise minimum of one channel of two earlier
-        frames of the sweep. Add such frames in order. The first stripes have no earlier frames; their background is
-        estimated from their own. A stripe is rejected if a background frame after the first good frame was lost.
+        frames of the sweep. Add such stripes in order. The first stripes have no earlier frames, so their background is
+        estimated from their own frames. A later stripe is rejected if one of its two earlier frames was lost.
 
         A frame that cannot be used (blank, of another size, swapped with its pair, not an array) marks its stripe as
         bad; the scan continues and its report lists the stripe.
@@ -398,7 +403,7 @@ class ScanProcessor:
         self._proof.add(index, self._profiles[index])
 
     def band(self, index: int) -> tuple[int, int]:
-        """First and end row between which a stripe can appear; (0, 0) when it is out of view at this stance.
+        """Image rows (first, end) between which a stripe can appear; (0, 0) if it is out of view at this stance.
 
         Raises:
             CalibrationMismatch: the index is not calibrated, or not in the pattern.
@@ -420,7 +425,7 @@ class ScanProcessor:
         return self._new_surface(dict.fromkeys(self._geometry.stripes, now)).pairs
 
     def extended(self) -> ScanProcessor:
-        """Standard scan that already contains the stripes of this coarse one; add the stripes between them.
+        """Standard scan with the stripes of this coarse scan, to which the caller adds the stripes between them.
 
         Raises:
             InvalidInput: this scan is not coarse.
@@ -452,7 +457,7 @@ class ScanProcessor:
         other._samples.take_over(self._samples, indices)
         other._off = self._off if self._off is not None and self._off[0] in indices else None
         other._surface.add({index: each for index, each in self._surface.stripes.items() if index in indices})
-        # The same object: a finding on later frames also applies to the stripes copied now.
+        # Shared, not copied, so that findings on later frames also apply to the stripes copied now.
         other._proof, other._witness = self._proof, self._witness
         other._seconds.update(self._seconds)
         return other
@@ -461,20 +466,22 @@ class ScanProcessor:
         """Merge the stripes added so far, so that `finish` only has to merge the columns of later ones.
 
         Changes only the run time of `finish`, and takes about as long as `finish`: call it while waiting for the last
-        few stripes. It has no effect with a track, because stripes get their places later.
+        few stripes. It has no effect with a track, because stripes are then placed later.
         """
         if self._places is None:
             self._what_is_proved().surface.layers("footprint")
 
     def finish(self, area: str = "footprint", *, record: ScanRecord | None = None) -> TerrainGrid:
-        """Terrain of the stripes added so far; may be called at any time, and again after more stripes.
+        """Compute the terrain from the stripes added so far.
+
+        May be called at any time, and again after further stripes.
 
         Args:
             area: "footprint", or "wide": extended along y to the width of the robot's map, for `TerrainMap.update`.
             record: record of another grid of this scan, reused except for its lost cells; None = compute it.
 
         Raises:
-            InvalidInput: another area.
+            InvalidInput: unknown area.
             UnsafeGrid: the grid violates the safety invariant (a defect of this program, never of the data).
         """
         start = time.perf_counter()
@@ -528,7 +535,7 @@ class _Proved:
         proof: findings on the light of the scan.
         profiles: profile of each stripe; those not confirmed are bad.
         surface: surface of the confirmed stripes.
-        motion: text on stripes that moved, empty for none.
+        motion: description of motion during the scan, empty if there was none.
         places: place of each stripe; None if all have the pose of the stance.
     """
 

@@ -30,10 +30,10 @@ MIRRORED = (
     "mirrored left to right, the frames fit the calibration: the camera or its driver mirrors them, so that left and "
     "right are exchanged"
 )
-# The drift check reads every fourth column: because neighbouring columns are smoothed together, a quarter of them gives
-# as much information in half the time.
+# The drift check reads every fourth column. Neighbouring columns are smoothed together, so a quarter of them gives as
+# much information in half the time.
 COLUMNS_APART = 4
-# Number of stripes, spread over the scan, that decide if the whole scan is checked for mirrored frames.
+# Approximate number of stripes, spread over the scan, that decide if the whole scan is checked for mirrored frames.
 SUSPECTED = 12
 
 

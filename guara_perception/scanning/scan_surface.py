@@ -38,19 +38,19 @@ from kinematics.self_filter import SelfFilter
 # Largest rasterised cell [m]; coarser cells are pooled from smaller ones, so that a lost stripe always leaves a gap.
 FINEST_CELL_M = 0.005
 AREAS = ("footprint", "wide")
-# Tolerance to rounding [cells].
+# Tolerance for rounding errors [cells].
 ROUNDING = 1e-6
 
 
 class SharedVariance:
-    """Variance of heights that neighbouring cells share: from the stance pose, camera motion and the calibration.
+    """Height variance shared by neighbouring cells, from the stance pose, camera motion and the calibration.
 
     An error of a calibrated plane affects its whole stripe, and the planes of neighbouring stripes are fitted together.
     Noise of single stripe positions and relief between stripes are not included.
     """
 
     def __init__(self, geometry: ScanGeometry, pose: Float, motion: Float | None) -> None:
-        """Prepare what does not depend on the ground.
+        """Precompute the parts that do not depend on the ground.
 
         Args:
             geometry: geometry of the scan.
@@ -58,7 +58,7 @@ class SharedVariance:
             motion: (6, 6) covariance in `base_link` of camera motion during the scan; None = no motion.
 
         Raises:
-            FileFormatError: the covariance of the calibration has another form than documented.
+            FileFormatError: the covariance of the calibration does not have the documented form.
         """
         self._geometry, self._pose = geometry, pose[2:5, 2:5]
         self._calibration = HeightUncertainty.of(geometry.calibration)
@@ -92,10 +92,10 @@ class SharedVariance:
 
 
 class ScanSurface:
-    """Ground seen by a scan; each call merges only the columns that changed since the last one.
+    """Ground seen by a scan; `layers` merges only the columns that changed since its last call.
 
     Attributes:
-        grids: cells of each of AREAS.
+        grids: geometry of the grid of each of AREAS, by name.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class ScanSurface:
         sway_variance: Callable[[GridGeometry], Float] | None = None,
         parted: Collection[Key] = (),
     ) -> None:
-        """Start with nothing seen.
+        """Start without stripes.
 
         Args:
             cell: edge of the cells [m].
@@ -157,7 +157,7 @@ class ScanSurface:
 
     @property
     def pairs(self) -> Index:
-        """(ny, nx) index of the first stripe of the pair that passes over each cell on flat ground, -1 where none."""
+        """Index (ny, nx) of the first stripe of the pair that encloses each cell on flat ground, -1 where none does."""
         footprint = self.grids["footprint"]
         pairs = self._area("footprint").plan.pairs(np.arange(footprint.size))
         return np.append(self._order, -1)[pairs].reshape(footprint.shape)
@@ -233,8 +233,8 @@ class _Area:
 def area_rows(settings: Settings, cell: float) -> dict[str, tuple[GridGeometry, slice]]:
     """Grid of each of AREAS, and its rows within the widest one.
 
-    The wide area has the x range of the footprint and the y range of the map, in whole cells: the camera sees wider
-    ground farther away, and the map uses it when the robot gets there.
+    The wide area has the x range of the footprint and the y range of the map, in whole cells. Far from the robot, the
+    camera sees more than the width of the footprint; the map uses this ground when the robot gets there.
 
     Args:
         settings: settings of the robot.
@@ -253,10 +253,10 @@ def area_rows(settings: Settings, cell: float) -> dict[str, tuple[GridGeometry, 
 
 
 def sway_variance(robot: RobotModel, pose: StancePose) -> Callable[[GridGeometry], Float] | None:
-    """Variance (ny, nx) of the heights of a grid due to the sway stated in robot.toml [m^2]; None if it states none.
+    """Variance (ny, nx) of the heights of a grid due to the sway stated in robot.toml [m^2]; None without sway.
 
     A rotation w about the centre of the feet lifts ground at (x, y) relative to this centre by w_x y - w_y x. The
-    amplitude of the sway is used as the sigma of w, so that a height that it can change by more than the limit of sigma
+    amplitude of the sway is used as the sigma of w, so that a height that sway can change by more than the sigma limit
     is UNCERTAIN.
     """
     sway = robot.pause_limits.stance_sway
@@ -287,7 +287,10 @@ def lost_cells(
     is_lost: Mask,
     geometry: GridGeometry,
 ) -> tuple[Run, ...]:
-    """Unknown cells between the neighbours of a lost stripe, for ground at any height that this scan measured.
+    """Unscanned or occluded cells in view between the neighbours of a lost stripe.
+
+    The ground of a cell may be at any height between the lowest and the highest that this scan measured; z = 0 is
+    included.
 
     Args:
         elevation, hazard: (ny, nx) layers of the scan.
@@ -335,18 +338,19 @@ def _runs(mask: Mask) -> tuple[Run, ...]:
 class SurfaceRaster:
     """Raster of the stripes of a scan, added in any order.
 
-    A swath is rasterised when no later stripe can change it, at the latest when the raster is read.
+    A swath is the surface on a stripe or between two neighbouring stripes. It is rasterised as soon as no later stripe
+    can change it, and otherwise when `raster` is called.
     """
 
     def __init__(
         self, geometry: GridGeometry, pattern: range, join_height: float, parted: Collection[Key] = ()
     ) -> None:
-        """Start empty.
+        """Start without stripes.
 
         Args:
             geometry: geometry of the raster.
             pattern: indices of the stripes of the scan's mode.
-            join_height: largest height difference of one surface [m].
+            join_height: largest height difference between points that are joined to a surface [m].
             parted: pairs of neighbouring stripes between which there is no surface.
         """
         self._parted = frozenset(parted)
@@ -448,7 +452,7 @@ class SurfaceRaster:
 
 
 def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> Float:
-    """Points (n, 3) along the lines between two stripes, in all columns in which both have a point."""
+    """Points (n, 3) along lines between two stripes, one line per image column in which both have a point."""
     _, in_first, in_second = np.intersect1d(ends[0].columns, ends[1].columns, assume_unique=True, return_indices=True)
     if not in_first.size:
         return np.empty((0, 3))

@@ -25,8 +25,8 @@ from guara_perception.stripes.band import (
 from guara_perception.stripes.paper import check_threshold, extract_paper
 from guara_perception.stripes.precise import extract_precise
 
-# Offsets of the two earlier frames that form the background of a stripe [stripes]: far enough not to overlap it in the
-# image; two, because each hides the ground under its own stripe.
+# Offsets of the two earlier frames that form the background of a stripe [stripes]. Their stripes are far enough away
+# not to overlap it in the image. There are two, because each frame hides the ground under its own stripe.
 STRIPES_BEFORE = (3, 6)
 
 
@@ -34,7 +34,7 @@ class StripeFinder:
     """Extractor of stripe profiles from frame pairs; the profile of an unusable frame states the reason."""
 
     def __init__(self, method: str, size: tuple[int, int], stride: int, threshold: float | None = None) -> None:
-        """Prepare a sweep.
+        """Start a sweep.
 
         Args:
             method: one of `guara_perception.scanning.stripe_finder.METHODS`.
@@ -51,7 +51,7 @@ class StripeFinder:
 
         Args:
             pairs: one frame pair per stripe.
-            rows: first and end row between which each stripe can appear, by its index.
+            rows: image rows (first, end) between which each stripe can appear, by stripe index.
         """
         bands = [self._band(pair, rows[pair.index]) for pair in pairs]
         found = iter(self._extract([band for band in bands if isinstance(band, Band)]))
@@ -80,8 +80,8 @@ class StripeFinder:
 class SweepBackground:
     """Backgrounds of a sweep without laser-off frames, from one channel of the last few laser-on frames.
 
-    The frames used for a stripe depend on its index and on the first usable frame. A stripe is rejected if one of them
-    was lost after that frame.
+    The frames used for a stripe depend on its index and on the first usable frame. A stripe is rejected if one of these
+    frames was lost.
     """
 
     def __init__(self, stride: int) -> None:
@@ -99,13 +99,13 @@ class SweepBackground:
     def add(self, index: int, on: Image, rows: tuple[int, int]) -> Band | str:
         """Add a good laser-on frame; return its band, or the reason why a background frame is missing.
 
-        The channel in which the first stripe has the strongest signal is used for the whole sweep. The first stripes,
-        and those out of order, get a band without background: it is estimated later from their own frame.
+        The channel in which the first stripe has the strongest signal is used for the whole sweep. The first stripes
+        and those out of order get a band without background; their background is estimated later from their own frame.
 
         Args:
             index: index of the stripe.
             on: whole laser-on frame.
-            rows: first and end row between which the stripe can appear.
+            rows: image rows (first, end) between which the stripe can appear.
         """
         band = slice(*rows)
         if self._channel is None or self._first is None:
@@ -143,10 +143,10 @@ METHODS: dict[str, Literal | None] = {
 
 
 def check_method(name: str, threshold: float | None = None) -> None:
-    """Reject an unknown method, an invalid threshold, and a threshold for a method that has none.
+    """Reject an unknown method, an invalid threshold, and a threshold for a method that uses none.
 
     Raises:
-        InvalidInput: the message says what is allowed.
+        InvalidInput: the method or the threshold is rejected.
     """
     if name not in METHODS:
         raise InvalidInput(f"method is {name!r}, allowed: {', '.join(METHODS)}")

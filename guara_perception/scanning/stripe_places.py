@@ -68,7 +68,7 @@ class StripePlaces:
         return f"the joint stream {what} during the scan, which is treated as one without a stream: check the gait"
 
     def update(self) -> int:
-        """Compute the poses of the stripes that the samples cover by now.
+        """Compute the poses of the stripes that the samples now cover.
 
         A pose is computed only when all samples that affect it have arrived, so that a recorded scan yields the same
         poses.

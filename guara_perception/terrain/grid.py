@@ -40,7 +40,7 @@ class TerrainGrid(LayeredGrid):
     __slots__ = ()
 
     def __repr__(self) -> str:
-        """Summary in three lines."""
+        """Summary in two to four lines."""
         return describe(self)
 
     def _repr_html_(self) -> str:

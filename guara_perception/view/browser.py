@@ -1,4 +1,4 @@
-"""3-D view of a walk, with timeline and camera, for any number of browsers."""
+"""3-D view of a walk in the browser, with timeline and camera image, for any number of browsers."""
 
 from __future__ import annotations
 
@@ -173,7 +173,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
             self._show_timeline()
 
     def _click(self, origin: Float, direction: Float) -> None:
-        """Explain the point of the terrain that is hit by the ray of a click, given in odom."""
+        """Explain the point at which the ray of a click, given in odom, meets the terrain."""
         with self._lock, self._server.atomic():
             moment = self._timeline.shown
             if moment is None:
@@ -195,7 +195,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
         self._controls.cell(text)
 
     def _look_from(self, position: Float) -> None:
-        """Move all cameras with the robot, if they follow it, and set the initial camera of later browsers."""
+        """Move all cameras with the robot if "follow" is selected, and set the initial camera of later browsers."""
         moved = position - self._viewed_from
         self._viewed_from = position
         if self._controls.follow.value:

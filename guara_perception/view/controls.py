@@ -17,15 +17,15 @@ from guara_perception.terrain.layers.hazard import MEANING, UNKNOWN_MASK, Hazard
 from guara_perception.view.scene_drawing import REGION_COLOUR
 from guara_perception.view.terrain_mesh import COLOURINGS, Scale, TerrainMesh
 
-NO_CELL = "Click on the ground to see what is known of that cell, and why a foot may or may not be set there."
+NO_CELL = "Click a cell to see what is known about it, and why it is or is not a safe foothold."
 PICTURE_WIDTH_PX = 480
 SHOWN = ("stripes", "footholds", "obstacles", "trail", "regions")
 LIVE_STYLE, STALE_STYLE = "margin:0 1em", "margin:0 1em;color:#b00020;font-weight:bold"
-# Regions are hidden at first: they put many lines on the ground.
+# Regions are hidden at first, because they put many lines on the ground.
 HIDDEN_AT_FIRST = ("regions",)
 COLOURS_OF_A_BAR = 9
 FREE = "a foot may be set here"
-REGION = "shown if its box is ticked: the centre of a sole may be set anywhere inside"
+REGION = 'tick "regions" to show them; the sole centre may be placed anywhere inside'
 NEVER_OBSERVED = "unknown because never observed: never safe"
 UNKNOWN = "observed, but without a reliable height: never safe"
 
@@ -45,7 +45,7 @@ class Controls:
             gui: `gui` of viser, to which the controls are added.
             go_to: called with the number of a moment when the slider moves.
             play: called when the play button is pressed.
-            redraw: called when another control changes.
+            redraw: called when the colouring, the terrain or a check box of `SHOWN` changes.
         """
         gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         gui.set_panel_label("Guará")
@@ -64,11 +64,11 @@ class Controls:
         beside = gui.add_panel()
         with beside.add_tab("camera and cell"):
             self._picture = gui.add_image(np.full((2, 2, 3), 230, np.uint8), label="camera", visible=False)
-            self._caption = gui.add_markdown("the camera's picture is not available")
+            self._caption = gui.add_markdown("no camera image available")
             gui.add_divider()
             self._cell = gui.add_markdown(NO_CELL)
         beside.float(x=16, y=16, width=300)
-        # Last picture sent; it is not sent twice.
+        # Last image sent, so that the same image is not sent twice.
         self._sent: Image | None = None
 
         self._slider.on_update(lambda _: go_to(int(self._slider.value)))
@@ -115,7 +115,7 @@ class Controls:
 
 
 def for_page(image: Image) -> Image:
-    """Convert a camera image for the page: 8-bit RGB, no wider than it is drawn."""
+    """Convert a camera image for the page: 8-bit RGB, at most `PICTURE_WIDTH_PX` wide."""
     small = for_screen(image, PICTURE_WIDTH_PX)
     return np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2RGB if small.ndim == 2 else cv2.COLOR_BGR2RGB))
 
@@ -138,7 +138,7 @@ def _hazard_rows(legend: Sequence[tuple[str, str]]) -> list[str]:
             continue
         flag = Hazard[name.upper().replace(" ", "_")]
         (unknown if int(flag) & int(UNKNOWN_MASK) else known).append(_row(name, MEANING[flag], style))
-    for title, members in (("Known, no foot here", known), ("Unknown, never safe", unknown)):
+    for title, members in (("Known, not traversable", known), ("Unknown, never safe", unknown)):
         free += [f'<div style="opacity:0.7;margin-top:0.3em">{title}</div>', *members] if members else []
     return free
 
@@ -177,7 +177,7 @@ def status_text(terrain: TerrainGrid) -> str:
     if record.withdrawn:
         lines.append("**withdrawn**")
     elif record.provisional:
-        lines.append("provisional: its pause has not confirmed it")
+        lines.append("provisional: not yet confirmed that the robot stood still")
     lines += record.health.reasons if record.health else ()
     return "  \n".join(lines)
 

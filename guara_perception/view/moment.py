@@ -37,8 +37,8 @@ class Moment:
 
     Attributes:
         grids: grids by extent, "footprint" and "map"; at least one, all of one pause.
-        stripes: returns the measured points (n, 3) of each stripe in base_footprint [m]; called whenever they
-            are drawn anew.
+        stripes: returns the measured points (n, 3) of each stripe in base_footprint [m]; called each time they are
+            drawn again.
         footholds: planned footholds by leg, (3,) in base_footprint [m].
         picture: returns the camera image of one stripe, (h, w) or (h, w, 3) BGR; called whenever the moment is drawn.
     """
@@ -88,7 +88,7 @@ class Moment:
 class Timeline:
     """Moments in order, one of which is shown.
 
-    While the newest is shown, a new moment replaces it on display.
+    While the newest moment is shown, the display moves on to each new moment.
 
     Attributes:
         number: number of the moment shown.

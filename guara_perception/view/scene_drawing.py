@@ -35,7 +35,10 @@ Picked = Callable[[Float, Float], None]
 
 
 class SceneDrawing:
-    """Drawing of moments in one scene. The shapes of the robot are sent once, poses with every moment."""
+    """Drawing of moments in one viser scene.
+
+    The shapes of the robot are sent once, its poses with every moment.
+    """
 
     def __init__(self, scene: Any, robot: RobotModel, picked: Picked) -> None:
         """Set up light, ground and the robot.
@@ -43,7 +46,7 @@ class SceneDrawing:
         Args:
             scene: `scene` of viser, to which nodes are added.
             robot: robot whose shapes are drawn.
-            picked: called with origin and direction (3,) in odom of the ray of a click on the terrain.
+            picked: called when the terrain is clicked, with origin and direction (3,) of the view ray in odom.
         """
         self._scene, self._robot, self._picked = scene, robot, picked
         scene.set_up_direction("+z")
@@ -172,7 +175,7 @@ class SceneDrawing:
 
 
 def simplify(outline: Float) -> Float:
-    """Simplify an outline (n, 2) of cell edges to corners (m, 2) that deviate by at most OUTLINE_M."""
+    """Simplify an outline (n, 2) of cell edges to corners (m, 2), with a deviation of at most OUTLINE_M."""
     import cv2
 
     corners = cv2.approxPolyDP(outline.astype(np.float32)[:, None], OUTLINE_M, closed=True)[:, 0]
@@ -205,7 +208,7 @@ def track(poses: Sequence[Float]) -> Float:
 
 
 def textured(mesh: TerrainMesh) -> Any:
-    """Mesh with a texture, because viser renders vertex colours too dark."""
+    """Convert a mesh for viser, with its colours as a texture because viser renders vertex colours too dark."""
     import trimesh
     from PIL import Image
 

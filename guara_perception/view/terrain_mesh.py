@@ -151,7 +151,7 @@ def met_by_ray(terrain: TerrainGrid, origin: npt.ArrayLike, direction: npt.Array
     heights = drawn_heights(terrain)
     near, far = 0.0, FAR_M
     if along[2] != 0.0:
-        # Sampled only between the heights of the highest and the lowest cell, with a margin.
+        # The ray is sampled only between the heights of the highest and the lowest cell, with a margin.
         limits = np.array([heights.max() + MARGIN_M, heights.min() - MARGIN_M])
         one, other = np.sort((limits - start[2]) / along[2])
         near, far = max(near, float(one)), min(far, float(other))

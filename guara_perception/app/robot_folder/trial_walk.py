@@ -46,7 +46,7 @@ class TrialWalk:
 
 
 def trial_world(robot: RobotModel) -> World:
-    """Ground for ten pauses: a box in the left track, a dark patch in the right one, a pit beside, a box between."""
+    """Ground for ten pauses, with a box and a dark patch in the tracks, a pit beside them and a box between them."""
     gait = WaveGait.of(robot)
     hips = np.array(list(gait.hips.values()))
     front, track = float(hips[:, 0].max()), float(np.abs(hips[:, 1]).max())
@@ -119,7 +119,7 @@ def trial_walk(
 
 
 def _is_bad_ground(robot: RobotModel, world: World, x: float, y: float) -> bool:
-    """True if the ground under a sole absorbs the laser or exceeds the limits of unevenness."""
+    """True if the ground under a sole absorbs the laser or is less even than the limits allow."""
     length, width = robot.sole
     u, v = np.meshgrid(np.linspace(-0.5, 0.5, SOLE_SAMPLES) * length, np.linspace(-0.5, 0.5, SOLE_SAMPLES) * width)
     heights, limits = world.height(x + u, y + v), Settings.of(robot).limits

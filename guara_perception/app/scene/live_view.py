@@ -1,4 +1,4 @@
-"""Live view of a scan: points of its stripes and the camera's picture of one of them."""
+"""Live view of a scan: points of its stripes, and the camera image of one of them."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
     from drivers import StripeCapture
     from guara_perception.ranging.stripe_points import StripePoints
 
-# Every third point is sent, and pictures are scaled down to this width: enough for a display.
+# Every third point is sent, and camera images are scaled down to this width, which is enough for a display.
 THINNED = 3
 PICTURE_WIDTH_PX = 480
 JPEG_QUALITY = 80
-# Apart from the first, only pictures of stripes within this distance of the median one are copied [stripe indices].
+# Apart from the first one, only images of stripes within this distance of the median one are copied [stripe indices].
 NEAR = 2
 
 
 class LiveView:
-    """Collector of points and a picture of each scan, which it passes to the sender without blocking the scan."""
+    """Collector of the points and one camera image of each scan, for a sender that does not block the scan."""
 
     def __init__(self, views: ViewSender, centre: int) -> None:
-        """State before the first scan.
+        """Start without an image.
 
         Args:
             views: sends the messages.
@@ -43,18 +43,18 @@ class LiveView:
         self._seen: tuple[int, Image] | None = None
 
     def begin(self) -> None:
-        """Discard the picture of the previous scan."""
+        """Discard the image of the previous scan."""
         self._seen = None
 
     def add(self, capture: StripeCapture) -> None:
-        """Keep the picture of a stripe if it is the first, or near the median one and the nearest so far."""
+        """Keep the image of a stripe if it is the first, or near the median stripe and the nearest to it so far."""
         off = abs(capture.index - self._centre)
         is_nearer = self._seen is None or (off <= NEAR and off < self._seen[0])
         if capture.on is not None and is_nearer:
             self._seen = off, capture.on.copy()
 
     def send(self, points: Mapping[int, StripePoints], stamp: int) -> None:
-        """Send the points of the stripes, by index, and the picture, both of the scan that ended at `stamp` [ns]."""
+        """Send the points of the stripes, by index, and the image, both of the scan that ended at `stamp` [ns]."""
         kept, seen = dict(points), self._seen
         self._views.send(lambda: _messages(kept, seen, stamp))
 

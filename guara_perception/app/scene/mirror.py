@@ -1,4 +1,4 @@
-"""Live scene of each pause for ROS 2: the topics that recordings have for viewers, sent by the server's mirror."""
+"""Live scene of each pause for ROS 2: the topics that recordings contain for viewers, sent by the server's mirror."""
 
 from __future__ import annotations
 
@@ -14,12 +14,15 @@ from transport.server import PerceptionServer
 if TYPE_CHECKING:
     from guara_perception.ranging.stripe_points import StripePoints
 
-# Topics that a robot usually publishes itself: mirrored only on request.
+# Topics that a robot usually publishes itself; they are mirrored only on request.
 OF_THE_ROBOT = ("/tf", "/tf_static", "/robot_description")
 
 
 class SceneMirror:
-    """Sender of scenes to the server's mirror. Methods return at once; the server's threads make the messages."""
+    """Sender of scenes to the server's mirror.
+
+    Methods return immediately; the server's threads make the messages.
+    """
 
     def __init__(self, server: PerceptionServer, scene: Scene, *, unknown: int = 100, with_tf: bool = False) -> None:
         """Mirror every grid that the server publishes from now on.
@@ -28,7 +31,7 @@ class SceneMirror:
             server: server with a mirror; without one nothing is computed.
             scene: makes the messages.
             unknown: value of unknown cells in occupancy grids, 100 or -1.
-            with_tf: mirror the robot itself too: `/<robot>/tf`, `/<robot>/tf_static`, `/<robot>/robot_description`.
+            with_tf: also mirror the robot itself (`/<robot>/tf`, `/<robot>/tf_static`, `/<robot>/robot_description`).
         """
         self._server, self._scene, self._unknown, self._with_tf = server, scene, unknown, with_tf
         server.draw_with(self._of_grid)

@@ -1,4 +1,4 @@
-"""Next foothold of each leg by a simple planner, for views and markers."""
+"""Next foothold of each leg from a simple planner, for views and markers."""
 
 from __future__ import annotations
 

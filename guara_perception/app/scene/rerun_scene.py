@@ -61,8 +61,8 @@ def save_rerun_scene(path: Path, out: Path) -> Path:
     Raises:
         MissingExtra: rerun-sdk is not installed.
         MissingFile: no such recording.
-        FileFormatError: it is not a recording, or is truncated or damaged.
-        InvalidInput: the recording has no scene, or `out` is not an .rrd file.
+        FileFormatError: the file is not a recording, or is truncated or damaged.
+        InvalidInput: the recording has no scene, `path` is not an .mcap file, or `out` is not an .rrd file.
     """
     rerun = optional_library("rerun", "rerun", PURPOSE)
     check_target(out, ".rrd")
@@ -89,7 +89,7 @@ def save_rerun_scene(path: Path, out: Path) -> Path:
 
 
 def blueprint(robot: str, model: str, position: Float) -> Any:
-    """Layout of the viewer: robot and terrain in odom, the camera's pictures beside them, following the newest data.
+    """Layout of the viewer: robot and terrain in odom, with the camera images beside them; it follows the newest data.
 
     Args:
         robot: instance name.
@@ -138,7 +138,7 @@ def _description_of(recording: Recording) -> str:
 
 
 def _model_of(description: str) -> str:
-    """Name of the robot in its URDF, under which Rerun's importer keeps its shapes."""
+    """Name of the robot in its URDF, under which Rerun's importer stores the robot's shapes."""
     found = re.search(r"<robot[^>]*\bname\s*=\s*[\"']([^\"']+)", description)
     return found[1] if found else ""
 

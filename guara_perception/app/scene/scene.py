@@ -33,14 +33,14 @@ from transport.recording import CAMERA_FRAME
 if TYPE_CHECKING:
     from guara_perception.ranging.stripe_points import StripePoints
 
-# Topic by its short name (transport.recording.topics) and message object.
+# Short name of a topic (transport.recording.topics) and a message on it.
 Named = tuple[str, Any]
 PREFIX = {"footprint": "", "map": "map/"}
 Fields = dict[str, Array]
 
 
 class Scene:
-    """Scenes of one robot as messages; stamps are [ns] since the epoch."""
+    """Converter of the pauses of one robot to ROS messages; stamps are in ns since the epoch."""
 
     def __init__(self, robot: RobotModel, calibration: Calibration) -> None:
         """Create the scene of a robot and its rangefinder.
@@ -54,7 +54,7 @@ class Scene:
         self._frames = RobotFrames(robot, calibration.transform_camera_to_base)
 
     def unchanging(self, stamp: int) -> Iterator[Named]:
-        """Messages that hold for the whole walk: the robot's URDF and its fixed frames."""
+        """Messages that do not change during a walk: the robot's URDF and its fixed frames."""
         yield "/robot_description", text_message(self._robot.tree.urdf.text)
         yield "/tf_static", frames_message(self._frames.fixed(), stamp)
 
@@ -83,7 +83,7 @@ class Scene:
             unknown: value of unknown cells of the occupancy, 100 or -1.
 
         Raises:
-            UnsafeGrid: the grid breaks the safety invariant.
+            UnsafeGrid: the grid violates the safety invariant.
         """
         terrain = message_to_terrain(message)
         prefix = PREFIX[terrain.extent]
@@ -120,12 +120,12 @@ class RobotFrames:
         self._camera_to_base = np.asarray(transform_camera_to_base, dtype=np.float64)
 
     def fixed(self) -> list[TransformMessage]:
-        """Transforms of fixed joints."""
+        """Transforms of fixed joints, and of CAMERA_FRAME if the camera's link has another name."""
         nominal = self._robot.posture(self._robot.config.scan_posture)
         fixed = self._between_links(nominal, of_fixed_joints=True)
         camera = self._robot.config.camera_frame
         if camera != CAMERA_FRAME:
-            # Pictures are in CAMERA_FRAME, whatever the camera's link is called in the URDF.
+            # Camera images are in CAMERA_FRAME, whatever the name of the camera's link in the URDF.
             fixed.append(TransformMessage(source_frame=CAMERA_FRAME, destination_frame=camera, matrix=np.eye(4)))
         return fixed
 

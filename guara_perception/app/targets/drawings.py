@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
     from kinematics import RobotModel
 
-# The detectors need white around the board; a third of a square is enough and keeps 300 mm boards on A3.
+# The detectors need a white border around the board. A third of a square is enough, and 300 mm boards still fit on A3.
 QUIET_OF_SQUARE = 0.33
-# Distance of the crosses from the corners of the scanned area, where plates do not hide them.
+# Distance of the crosses from the borders of the scanned area; plates do not cover them there.
 CROSS_INSET_M = 0.020
 MAT_BORDER_M = 0.030
 # Distance of the rulers from the borders of their drawing.
@@ -55,7 +55,7 @@ def calibration_board(board: BoardSpec) -> Sheet:
     """Board in black and white with a white border, its first corner at the top left.
 
     Raises:
-        InvalidInput: a ChArUco board with more squares than there are markers for.
+        InvalidInput: a ChArUco board that needs more markers than the dictionary has.
     """
     square = 1e3 * board.square
     quiet = QUIET_OF_SQUARE * square
@@ -92,7 +92,7 @@ def _runs(ink: Mask) -> Iterator[tuple[int, int, int, int]]:
 
 
 def crosses() -> Sheet:
-    """Six crosses to cut out, one to spare, each with a thin outline and centre lines to lay it on a measured point."""
+    """Six crosses to cut out, one of them spare, each with an outline and centre lines for placing it on a point."""
     cell = 60.0
 
     def draw(axes: Axes) -> None:
@@ -110,9 +110,9 @@ def crosses() -> Sheet:
 
 
 def mat(robot: RobotModel) -> Sheet:
-    """Floor below the robot in its scan posture: outlines of the soles, and crosses; x up, y to the left.
+    """Floor mat for a robot in its scan posture, with outlines of the soles and crosses; x up, y to the left.
 
-    With the robot on the outlines, the crosses are at `cross_points`.
+    When the robot stands on the outlines, the crosses are at `cross_points`.
     """
     from kinematics import Stance
 
@@ -216,10 +216,10 @@ def _centre_lines(axes: Axes, x: float, y: float, width: float, height: float) -
 
 
 def parse_board(size: str, square: float, pattern: str = CHECKERBOARD) -> BoardSpec:
-    """Parse a board of "COLUMNSxROWS" inner corners, with the edge of its squares [m] and its pattern.
+    """Convert "COLUMNSxROWS" inner corners, the edge of a square [m] and a pattern to a board.
 
     Raises:
-        InvalidInput: not of this form, or a size out of range.
+        InvalidInput: the text does not have this form, or a size is out of range.
     """
     columns, between, rows = size.partition("x")
     if not (between and columns.isdigit() and rows.isdigit()):
@@ -234,15 +234,16 @@ def parse_board(size: str, square: float, pattern: str = CHECKERBOARD) -> BoardS
 
 
 def parse_heights(text: str) -> tuple[float, ...]:
-    """Parse heights of plates [m], separated by commas.
+    """Convert a text of plate heights [m], separated by commas, to numbers.
 
     Raises:
-        InvalidInput: not numbers, more than 20, not all within 0.5 m of the floor, or all nearly the same.
+        InvalidInput: a height is not a number, there are more than 20, some are more than 0.5 m from the floor, or all
+            are nearly the same.
     """
     try:
         heights = tuple(float(height) for height in text.split(","))
     except ValueError:
-        raise InvalidInput(f"--plates is {text!r}, it must be heights in metres with commas between") from None
+        raise InvalidInput(f"--plates is {text!r}, it must be heights in metres, separated by commas") from None
     are_apart = np.diff(sorted(heights)).max(initial=0.0) >= MIN_HEIGHT_DIFFERENCE_M
     if not (are_apart and len(heights) <= 20 and all(-0.5 <= h <= 0.5 for h in heights)):
         raise InvalidInput(

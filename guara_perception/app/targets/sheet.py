@@ -44,7 +44,7 @@ class Page:
     """Printed page of a sheet.
 
     Attributes:
-        sheet: sheet of which it shows a part.
+        sheet: sheet of which the page shows a part.
         paper_mm: width and height of the paper in the orientation of the page.
         corner_mm: position on the sheet of the bottom left corner of that part.
         size_mm: width and height of that part.
@@ -66,7 +66,7 @@ def pages_of(sheet: Sheet, paper: str) -> list[Page]:
     """Cut a sheet into pages, in the paper orientation that needs the fewest.
 
     Raises:
-        InvalidInput: no such paper.
+        InvalidInput: unknown paper size.
     """
     if paper not in PAPERS_MM:
         raise InvalidInput(f"paper is {paper!r}, allowed: {', '.join(PAPERS_MM)}")
@@ -113,7 +113,7 @@ def _cut(sheet: Sheet, paper_mm: tuple[float, float]) -> Iterator[Page]:
 
 
 def _joining_marks(axes: Axes, page: Page) -> None:
-    """Draw small crosses on the centre line of each overlap; the crosses of two pages coincide when they are joined."""
+    """Draw small crosses on the centre line of each overlap; they coincide when two pages are joined."""
     (x, y), (width, height) = page.corner_mm, page.size_mm
     half = OVERLAP_MM / 2
     along_x = [x + half] * (page.column > 0) + [x + width - half] * (page.column < page.columns - 1)

@@ -1,4 +1,4 @@
-"""Writer of all calibration targets to one PDF, to scale."""
+"""PDF output of the calibration targets, to scale."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def write_targets(
     paper: str = "a4",
     plates: tuple[float, ...] = DEFAULT_PLATES,
 ) -> list[Page]:
-    """Write board, crosses, mat, labels and ruler to one PDF, whole or not at all.
+    """Write board, crosses, mat, labels and ruler to one PDF file, atomically.
 
     Args:
         path: file to write, which must end in .pdf.
@@ -36,7 +36,8 @@ def write_targets(
         The pages, in order.
 
     Raises:
-        InvalidInput: another ending or paper, or a ChArUco board with more squares than there are markers for.
+        InvalidInput: `path` does not end in .pdf or is a folder, the paper size is unknown, or a ChArUco board needs
+            more markers than the dictionary has.
         MissingFile: the folder does not exist.
     """
     from matplotlib.backends.backend_pdf import PdfPages
@@ -44,9 +45,9 @@ def write_targets(
     check_target(path, ".pdf")
     sheets = [ruler(), calibration_board(board), crosses(), mat(robot), labels(plates)]
     pages = [page for sheet in sheets for page in pages_of(sheet, paper)]
-    # No date inside: the same options give the same bytes.
+    # No date is written, so that the same options give the same bytes.
     metadata = {"Title": f"Calibration targets of {robot.name}", "CreationDate": None}
-    # Made in memory: on a full disk PdfPages fails a second time when it is closed.
+    # Made in memory, because on a full disk PdfPages fails a second time when it is closed.
     content = io.BytesIO()
     with PdfPages(content, metadata=metadata) as document:
         for page in pages:

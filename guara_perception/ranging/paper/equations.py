@@ -18,7 +18,7 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 
-# Fixed-point iterations of eq. 8: 8 leave < 0.001 px at the corner for k = -0.3, and more cost little.
+# Fixed-point iterations of eq. 8: 8 leave an error below 0.001 px at the corner for k = -0.3; more cost little.
 UNDISTORT_ITERATIONS = 12
 
 Number = float | Float

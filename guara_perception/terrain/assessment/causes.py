@@ -12,7 +12,7 @@ from guara_perception.terrain.assessment.raster import ROUNDING
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 
-# Height above a line of sight by which a surface must rise to hide the ground at its end.
+# Height by which a surface must exceed a line of sight to block it [m].
 HIDING_MARGIN_M = 0.001
 # Number of cells that are compared with all laser planes at once.
 CELLS_TOGETHER = 256
@@ -20,15 +20,15 @@ CELLS_TOGETHER = 256
 LINES_TOGETHER = 256
 # Value of a cell that is not computed yet.
 NOT_ASKED = -2
-# Lowest ground that light may reach beside an obstacle.
+# Lowest height assumed for ground that light reaches beside an obstacle [m].
 DEEPEST_M = -0.2
-# Tolerance, in addition to half a cell, of the position of the outermost stripe in the outermost known cell of a row:
-# the ground slopes within the cell, and samples at the end of a stripe are cut off.
+# Tolerance, beyond half a cell, when the outermost stripe is compared with the centre of the last known cell of a row
+# [m]: the ground slopes within the cell, and samples at the end of a stripe are cut off.
 END_MARGIN_M = 0.0005
 
 
 class LookPlan:
-    """Expected observations of the cells of a grid in a scan of flat ground, computed once per cell on demand.
+    """Stripe pair and visibility of each grid cell in a scan of flat ground, computed on first use.
 
     Attributes:
         geometry: the grid.
@@ -42,7 +42,7 @@ class LookPlan:
         project: Callable[[Float], Float],
         size: tuple[int, int],
     ) -> None:
-        """Start without computed cells.
+        """Create the plan; no cell is computed yet.
 
         Args:
             geometry: the grid.
@@ -56,7 +56,7 @@ class LookPlan:
         self._in_view = np.full(geometry.size, NOT_ASKED, dtype=np.int8)
 
     def pairs(self, cells: Index) -> Index:
-        """Position (n,) in the pattern of the first stripe of the pair that encloses each cell, -1 if none does."""
+        """For each cell, position (n,) in the pattern of the first stripe of the enclosing pair; -1 without a pair."""
         new = cells[self._pairs[cells] == NOT_ASKED]
         # In blocks, because all cells and all laser planes at once would take megabytes.
         for begin in range(0, new.size, CELLS_TOGETHER):
@@ -72,15 +72,15 @@ class LookPlan:
         return self._in_view[cells] > 0
 
     def unmet(self, elevation: Float, pair_usable: Mask, laser_origin: Float) -> Mask:
-        """Mask (ny, nx) of the cells at both ends of the rows that no stripe could reach.
+        """Mask (ny, nx) of the cells beyond the first or last usable stripe in each row.
 
         If the first usable stripe meets the ground in the first known cell of a row, no light reached the cells before
         it, because all other stripes land farther away. The same holds for the last stripe and the last known cell.
-        Light may cross several rows on its way from the laser; all of them must end in this way.
+        Light may cross several rows on its way from the laser; the condition must hold in each of them.
 
         Args:
             elevation: (ny, nx) heights [m], NaN where unknown.
-            pair_usable: (s - 1,) mask of the pairs of neighbouring stripes fired with good frames.
+            pair_usable: (s - 1,) mask of the pairs of neighbouring stripes that both have usable frames.
             laser_origin: position (3,) of the laser.
         """
         usable, known = np.flatnonzero(pair_usable), np.isfinite(elevation)
@@ -110,7 +110,7 @@ class LookPlan:
         x, y = self._centres(cells)
         a, b, _, d = self.planes_in_footprint.T[:, :, None]
         side = a * x + (b * y + d) > 0
-        # A cell belongs to the first pair whose planes have it on different sides.
+        # A cell belongs to the first pair of planes between which it lies.
         still = np.logical_and.accumulate(side[1:] == side[0], axis=0)
         return np.where(still.all(axis=0), -1, still.sum(axis=0))
 
@@ -141,7 +141,7 @@ def unknown_causes(
         plan: expected observations.
         sensor_origins: positions (3,) of the camera and, last, the laser in base_footprint.
         elevation: (ny, nx) heights [m], NaN where unknown.
-        pair_usable: (s - 1,) mask of the pairs of neighbouring stripes fired with good frames.
+        pair_usable: (s - 1,) mask of the pairs of neighbouring stripes that both have usable frames.
         marks: (ny, nx) flags of unusable returns.
         in_own_shadow: mask of the points (n, 3) that the robot hides from its own camera or laser; None = no points.
 
@@ -171,10 +171,10 @@ def behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geome
     top = float(np.fmax.reduce(elevation, axis=None, initial=np.nan))
     if np.isnan(top) or not len(targets):
         return np.zeros(len(targets), dtype=bool)
-    # Nothing above the highest surface can hide a target, so only the last part of each line is tested.
+    # The part of a line above the highest surface cannot be blocked, so only the rest is tested.
     start = np.clip(1 - (top - targets[:, 2]) / np.maximum(sensor_origin[2] - targets[:, 2], 1e-6), 0.0, 1.0)
     length = np.hypot(sensor_origin[0] - targets[:, 0], sensor_origin[1] - targets[:, 1])
-    # Steps of half a cell from the target; steps beyond the end of a shorter line are moved to its end.
+    # Steps of half a cell, starting at the target; steps beyond the end of a line are moved to this end.
     spacing = geometry.resolution / 2 / np.maximum(length, geometry.resolution)
     # With an unknown border of one cell, to which positions outside the grid are clipped.
     around = np.pad(elevation.astype(np.float32), 1, constant_values=np.nan)
@@ -221,7 +221,7 @@ def _is_blocked(around: Float32, targets: Float, share: Float32, sensor_origin: 
 
 
 def _lowest_ground(elevation: Float, cells: Index, geometry: GridGeometry) -> Float:
-    """Centres (n, 3) of cells, at the lowest height measured nearby, or at 0 if nothing is known nearby."""
+    """Centres (n, 3) of cells, at the lowest height measured nearby, or at height 0 if none was measured nearby."""
     x, y = geometry.centres()
     iy, ix = np.divmod(cells, x.size)
     far = 1e3

@@ -21,7 +21,7 @@ from guara_perception.terrain.layers.geometry import (
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK
 
 # Largest number of weights for which cv2.filter2D uses no Fourier transform, whose rounding would make each cell depend
-# on every other.
+# on all others.
 MOST_WEIGHTS = 49
 
 
@@ -60,7 +60,7 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     """
     known = np.isfinite(elevation)
     index = np.flatnonzero(known)
-    # In float32, which sums these integers exactly and in half the time.
+    # float32 sums these integers exactly, in half the time.
     mask = known.astype(np.float32)
     height = np.where(known, elevation, 0.0)
     half = kernel.shape[0] // 2
@@ -155,10 +155,10 @@ def edge_cells(
         kernel: disc of the tests.
         resolution: cell edge [m].
         limits: limits of the robot, including the size of its sole.
-        drift: (ny, nx, 2) number of cells along y and x by which each cell of the map may have drifted, independent of
-            other cells. None for a single scan, which does not drift. In a scan, all cells that the discs touch and one
-            more ring must be known, because heights may change with a neighbouring stripe, and an edge within a cell
-            may show only in the next cell.
+        drift: (ny, nx, 2) number of cells along y and x by which each cell of the map may have drifted, independently
+            of other cells. None for a single scan, which does not drift. In a scan, all cells that the discs touch and
+            one more ring must be known, because heights may change with a neighbouring stripe, and an edge within a
+            cell may show only in the next cell.
     """
     half = [half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length)]
     bad = ((flags & ALL_BUT_EDGE) != 0).astype(np.uint8)
@@ -200,8 +200,8 @@ def clearance(flags: Flags, resolution: float) -> Float:
         return np.asarray(-to_border * resolution)
     within = bad.astype(np.uint8)
     inside, outside = (cv2.distanceTransform(m, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for m in (within, 1 - within))
-    # One of the two is 0. The last bit of OpenCV's result depends on memory alignment; since the squares are integers,
-    # rounding removes this dependence.
+    # In each cell, one of the two is 0. The last bit of OpenCV's result depends on memory alignment; since the squares
+    # are integers, rounding removes this dependence.
     distance = inside + outside
     to_other = np.sqrt(np.rint(distance * distance), dtype=np.float64) - 0.5
     return np.where(bad, -to_other, np.minimum(to_other, to_border)) * resolution

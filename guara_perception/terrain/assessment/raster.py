@@ -14,7 +14,7 @@ from guara_perception.terrain.layers.geometry import GridGeometry
 
 # Samples farther than this below the highest sample of a cell belong to another surface; a foot meets the top one.
 TOP_LAYER_M = 0.004
-# Tolerance of `GridGeometry.indices` to rounding [cells].
+# Tolerance for rounding errors, as in `GridGeometry.indices` [cells].
 ROUNDING = 1e-6
 
 
@@ -120,7 +120,7 @@ def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSam
 def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry) -> list[CellSamples]:
     """Rasterise `count` independent swaths at once.
 
-    Each swath takes memory for the columns of all swaths, so rasterise neighbouring swaths together.
+    Each swath takes memory for the columns of all swaths, so the swaths should be neighbours.
     """
     if not samples.runs:
         return [NO_SAMPLES] * count
@@ -145,11 +145,10 @@ def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry
 
 
 def _cells(points: Float, geometry: GridGeometry) -> tuple[npt.NDArray[np.int32], Index]:
-    """Cell (n,) of each point (3, n), numbered as in `CellSamples`; and the first and last column that holds points.
+    """Cell (n,) of each point (3, n), numbered as in `CellSamples`; and the first and last column with points.
 
-    A point is in the same cell as by `GridGeometry.indices`.
-
-    Points that are unknown or outside the grid are assigned to the ring of cells around it.
+    Cells are the same as in `GridGeometry.indices`. Points that are unknown or outside the grid are assigned to the
+    ring of cells around it.
     """
     from guara_perception.stripes.kernel.library import address, addresses, kernel
 

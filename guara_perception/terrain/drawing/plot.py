@@ -61,7 +61,7 @@ def plot(
 
     Args:
         layer: any layer; "hazard" is drawn in one colour per flag with a legend.
-        hazards: veil the cells that are not traversable.
+        hazards: True = veil the known cells that are not traversable.
         footholds: positions to mark, each a `Foothold` or a pair (x, y) [m].
         regions: areas to outline, each a `SteppableRegion`.
         axes: matplotlib axes; None = new ones that a notebook or `plt.show()` shows.
@@ -100,7 +100,7 @@ def plot(
 
 
 def describe(terrain: LayeredGrid) -> str:
-    """Summary of a grid in three lines, and a fourth if it is stale."""
+    """Summary of a grid in two to four lines; a stale grid has a line with the reasons."""
     hazard = terrain.layers["hazard"]
     known = (hazard & UNKNOWN_MASK) == 0
     (x0, y0), cell, (ny, nx) = terrain.origin, terrain.resolution, terrain.shape

@@ -57,7 +57,7 @@ class GridGeometry:
         """Grid over an area that the resolution divides.
 
         Raises:
-            InvalidInput: the resolution does not divide the area.
+            InvalidInput: the resolution is not positive and finite, or does not divide the area.
         """
         if not (np.isfinite(resolution) and resolution > 0):
             raise InvalidInput(f"resolution is {resolution}, it must be a positive number of metres")
@@ -78,13 +78,13 @@ class GridGeometry:
         return self.shape[0] * self.shape[1]
 
     def indices(self, x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[Index, Index]:
-        """Cell indices (iy, ix) of points on the grid or off it; -1 for NaN. Cells are half open: [low, high).
+        """Cell indices (iy, ix) of points, also off the grid; -1 for NaN or infinity. Cells are half open: [low, high).
 
         Indices are clipped to -1 ... 2**31; both ends are off any grid.
         """
         fx = (np.asarray(x, np.float64) - self.origin[0]) / self.resolution
         fy = (np.asarray(y, np.float64) - self.origin[1]) / self.resolution
-        # With a tolerance to rounding, so that a point at 0.50 + 3 * 0.005 is not in the cell below.
+        # With a tolerance for rounding errors, so that a point at 0.50 + 3 * 0.005 is not in the cell below.
         ix = np.floor(np.where(np.isfinite(fx), fx, -1.0) + 1e-6)
         iy = np.floor(np.where(np.isfinite(fy), fy, -1.0) + 1e-6)
         limit = 2**31
@@ -158,7 +158,7 @@ def distance_to_segment(start: Float, stop: Float, x: Float, y: Float) -> Float:
 
 
 def disc_kernel(radius_cells: float, half_cell: float = 0.0) -> Kernel:
-    """Disc of cells whose centres are within a radius, (2 r + 1, 2 r + 1) uint8.
+    """Disc of cells whose centres are within a radius, as an array (2 r + 1, 2 r + 1) of uint8.
 
     It contains at least the four neighbours of the central cell, because a slope cannot be tested with one cell.
 
@@ -168,7 +168,7 @@ def disc_kernel(radius_cells: float, half_cell: float = 0.0) -> Kernel:
             square is within the radius. 0 = the centre only, TOUCHED = the whole cell.
 
     Raises:
-        InvalidInput: the radius is larger than MOST_RADIUS_CELLS cells.
+        InvalidInput: the radius is not less than MOST_RADIUS_CELLS + 1 cells.
     """
     if not radius_cells < MOST_RADIUS_CELLS + 1:
         raise InvalidInput(

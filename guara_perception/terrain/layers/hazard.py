@@ -68,7 +68,7 @@ def names(flags: int | Hazard) -> list[str]:
 
 def cells_by_flag(hazard: Flags) -> dict[str, int]:
     """Number of cells of a grid with each flag, by name."""
-    # By combination of flags, of which a grid contains few.
+    # Counted by combination of flags, because a grid contains few combinations.
     cells = np.bincount(hazard.ravel())
     combinations = np.flatnonzero(cells)
     return {str(flag.name): int(cells[combinations[(combinations & int(flag)) != 0]].sum()) for flag in Hazard}

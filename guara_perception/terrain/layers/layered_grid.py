@@ -54,7 +54,7 @@ class Gridded:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(ny, nx)."""
+        """Number of cells (ny, nx) along y and x."""
         return self.geometry.shape
 
     @overload
@@ -106,7 +106,7 @@ class LayerAttribute(Generic[A]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LayeredGrid(Gridded):
-    """Immutable layers of a terrain, the basis of the queries.
+    """Immutable layers of a terrain, to which all queries refer.
 
     The layers satisfy the safety invariant. They are read-only arrays (ny, nx), a[iy, ix]; each is also an attribute.
 
@@ -200,7 +200,7 @@ class LayeredGrid(Gridded):
         return replace(self, record=replace(self.record, **changes))
 
     def layer(self, name: str) -> Array:
-        """A layer by name.
+        """Return a layer by name.
 
         Raises:
             InvalidInput: no such layer.
@@ -236,10 +236,10 @@ def asked(terrain: G, allow_stale: bool) -> G:
 
 
 def coordinates(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[Float, Float]:
-    """Convert coordinates given as numbers or arrays to arrays of one shape [m].
+    """Convert coordinates to arrays broadcast to one shape [m].
 
     Raises:
-        InvalidInput: not numbers, or arrays of different shapes.
+        InvalidInput: x and y are not numbers, or their shapes cannot be broadcast together.
     """
     try:
         px, py = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
@@ -252,7 +252,7 @@ def look_up(grid: Gridded, layer: str, x: npt.ArrayLike, y: npt.ArrayLike, outsi
     """Values of a layer in the cells under points, in the shape of the points.
 
     Args:
-        grid: grid that holds the layer.
+        grid: grid with the layer.
         layer: name of the layer.
         x, y: points in base_footprint [m].
         outside: value for points off the grid, of the layer's type.
@@ -272,7 +272,7 @@ def numbers(values: npt.ArrayLike, name: str) -> Float:
     """Copy an argument to an array of float64.
 
     Raises:
-        InvalidInput: not an array of numbers.
+        InvalidInput: the argument is not an array of numbers.
     """
     try:
         return np.array(values, dtype=np.float64)

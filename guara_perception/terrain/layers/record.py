@@ -45,7 +45,7 @@ class Health:
 
     Attributes:
         level: "ok", "degraded" or "failed".
-        reasons: reasons why it is not ok.
+        reasons: reasons why the level is not "ok".
     """
 
     level: str = "ok"
@@ -63,8 +63,8 @@ class Rounding:
 
     Attributes:
         elevation: largest error of an elevation [m].
-        variance: largest relative error of a variance. Before rounding, it was at least the grid's value divided by
-            1 plus this error.
+        variance: largest relative error of a variance. The variance before rounding was at least the grid's value
+            divided by (1 + this error).
     """
 
     elevation: float = 0.0
@@ -183,7 +183,7 @@ def limits_to_dict(limits: TraversabilityLimits) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GridRecord(FrozenArrays):
-    """Fields common to records of scans and maps; None if a value is absent.
+    """Fields common to the records of scans and maps; an absent value is None.
 
     `to_json` returns the fields listed in docs/files.md. For a record read by `from_json`, it returns all fields that
     were read, including unknown ones.
@@ -210,7 +210,7 @@ class GridRecord(FrozenArrays):
         provisional: True if the pause has not yet confirmed that the robot stood still.
         withdrawn: True if the node withdraws the grid of this step.
         run, instance, sequence: run and name of the node that sent the grid, and number of its message.
-        scan_start, scan_end: time of the first and last frame [ns since the Unix epoch].
+        scan_start, scan_end: times of the first and last frame [ns since the Unix epoch].
         scan_end_clock: time of the last frame on the node's clock [s].
         extra: fields of other programs and versions, null fields, and known fields whose values cannot be read.
         keys: names of the fields in the order of the JSON object that was read.
@@ -337,9 +337,9 @@ class GridRecord(FrozenArrays):
         return self.limits
 
     def other_limits(self) -> dict[str, tuple[Hazard, float]]:
-        """Limits of a newer version: name -> flag set by the limit, and its value.
+        """Limits of a newer version: name -> flag set by the limit, and its value (NaN if it is not a number).
 
-        A new limit adds no flag but sets the existing one that fits best, as stated in `limit_flags`. A cell with this
+        A newer limit has no flag of its own: it sets the existing flag that `limit_flags` names, and a cell with this
         flag is a hazard like any other.
         """
         self.check("limit_flags")
@@ -385,7 +385,7 @@ class ScanRecord(GridRecord):
         points, points_used: number of image columns by status, and number of those used.
         coverage_regions: coverage of each ninth of the area, by names such as "far left".
         seconds: computing time by stage [s].
-        lost_cells: cells that only lost frames could have shown, as runs (ix, first iy, end iy).
+        lost_cells: unknown cells that only lost frames could have measured, as runs (ix, first iy, end iy).
         dark_flashes: number of dark flashes whose frames were compared; None for a sweep without dark flashes.
     """
 
@@ -419,9 +419,10 @@ class MapRecord(GridRecord):
         transform_footprint_to_odom, odometry_covariance: pose (4, 4) of this pause and its covariance (6, 6).
         scans: number of fused scans.
         disagreeing_cells: number of heights of the last scan that disagreed with the map.
-        support_residuals: leg -> height of its sole above the map [m]; None if too little of the map is known there.
+        support_residuals: leg -> height of its sole above the map [m]; None if too little of the map is known under the
+            sole.
         sunk_feet, slid_feet: leg -> distance by which the foot sank below the map, or slid relative to the other feet
-            [m]; None if no foot did.
+            [m]; None if no foot sank or slid.
         height_correction, height_correction_sigma: height correction of the walk and its standard deviation [m].
         known_ground: ground declared by the gait.
         sideways_correction, sideways_correction_sigma: planar correction (x, y, yaw) of the walk [m, m, rad].

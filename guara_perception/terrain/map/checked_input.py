@@ -15,7 +15,7 @@ from kinematics.transforms import checked_covariance, checked_transform, inverse
 # Largest tilt of a footprint. Without gravity a scan is levelled by its support plane, which tilts by 0.11 rad if two
 # feet stand on a box of 40 mm.
 LARGEST_TILT = 0.2
-# Tilt below which a vertical counts as exact; it moves nothing by more than a nanometre.
+# Elements of a rotation below this are set to zero, which moves nothing by more than a nanometre.
 LEAST_TURN = 1e-9
 
 
@@ -28,8 +28,8 @@ def check_scan(terrain: TerrainGrid, resolution: float, last_step: int | None) -
         last_step: step of the last fused scan, None before the first.
 
     Raises:
-        InvalidInput: the grid has another extent or cell size, is in the compact encoding, or belongs to an earlier
-            pause.
+        InvalidInput: the grid has another extent or cell size, is in the compact encoding, or its step is not greater
+            than `last_step`.
     """
     if terrain.extent != "footprint":
         raise InvalidInput(f"a grid of extent {terrain.extent!r} cannot be fused, it must be a scan's: 'footprint'")

@@ -39,9 +39,9 @@ class MapPause:
 
     Attributes:
         pause: number of the pause.
-        stamp: time of the pause, by the clock from which the age of cells is computed [ns].
+        stamp: time of the pause, on the clock from which the age of cells is computed [ns].
         drift: current drift of the odometry.
-        sideways: sideways drift of the cells.
+        sideways: planar drift of the walk, by pause.
         transform_footprint_to_odom: (4, 4) pose of the robot.
     """
 
@@ -77,7 +77,7 @@ class Heights:
 
 
 def drift_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, distance: Float) -> Float:
-    """Increase of the height variance since cells were last seen [m^2], due to drift in z and sideways drift on slopes.
+    """Increase of the height variance since cells were last seen [m^2], due to drift in z and planar drift on slopes.
 
     Args:
         cells: memory of the map.

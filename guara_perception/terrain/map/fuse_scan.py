@@ -25,7 +25,7 @@ def fuse_scan(cells: OdomCells, terrain: TerrainGrid, now: MapPause, tilt: Float
     accepted = fuse_heights(cells, found.heights, now)
     forget_heights(cells, found.empty, found.empty_cause)
     memory = cells.memory
-    # The memory keeps the most specific cause: "not observed" is replaced by other causes, these by a missing return.
+    # The memory keeps the most specific cause: other causes replace "not observed", and a missing return replaces them.
     is_free = np.isnan(memory["height"][found.unseen]) & ((memory["cause"][found.unseen] & LOOKED_AT) == 0)
     better = is_free & (found.unseen_cause != np.uint16(Hazard.UNSCANNED))
     memory["cause"][found.unseen[better]] = found.unseen_cause[better] & UNKNOWN_MASK
@@ -37,7 +37,7 @@ class Observation:
     """Scan resampled to the cells of the map.
 
     Attributes:
-        heights: cells with a height.
+        heights: heights of the cells that have one.
         empty: slots of cells that were observed without a usable return.
         empty_cause: flags of these cells.
         unseen: slots of cells of the area that were not observed.
@@ -71,7 +71,7 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     (low_x, low_y), (high_x, high_y) = corners_in_odom.min(axis=0), corners_in_odom.max(axis=0)
     cy, cx = cells.cells_between((low_x, low_y), (high_x, high_y))
     slot = cells.slots(cy, cx)
-    # Offsets of the cell centres from the footprint, first along the axes of odom, then along its own.
+    # Offsets of the cell centres from the footprint, first along the axes of odom, then along those of the footprint.
     offset_x, offset_y = (cx + 0.5) * resolution - transform[0, 3], (cy + 0.5) * resolution - transform[1, 3]
     (xx, xy), (yx, yy) = np.linalg.inv(transform[:2, :2])
     x, y = xx * offset_x + xy * offset_y, yx * offset_x + yy * offset_y
@@ -99,7 +99,8 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     at_x, at_y = x[is_seen], y[is_seen]
     # The nearest cell is up to half a cell away, and the ground within a cell has relief.
     moved = (steepness * resolution**2 + relief**2) / 12
-    # Without the variance due to the stance pose, which odometry accounts for. Grids of earlier versions lack it.
+    # The variance due to the stance pose is subtracted, because odometry accounts for it. Grids of earlier versions do
+    # not contain it.
     variance = np.maximum(layers["variance"] - pose_variance(terrain, at_x, at_y), layers["variance_local"])
     variance += tilt[0, 0] * at_y**2 + tilt[1, 1] * at_x**2 - 2 * tilt[0, 1] * at_x * at_y
     variance += LOOK_SIGMA_M**2 + moved
@@ -138,7 +139,7 @@ def scan_flags(terrain: TerrainGrid) -> Flags:
     """Flags of a scan's cells; unknown cells of a fired stripe whose frame was lost are also DROPOUT.
 
     Raises:
-        InvalidInput: `lost_cells` of the metadata is not a list of runs of cells on this grid.
+        InvalidInput: the grid is a map, or `lost_cells` of its metadata is not a list of runs of cells on this grid.
     """
     hazard = np.array(terrain.hazard)
     lost = np.zeros(terrain.shape, dtype=bool)

@@ -1,4 +1,4 @@
-"""Upper bounds of unknown ground from the light that passed over it."""
+"""Upper bounds of unknown ground, derived from the light that passed over it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from kinematics.transforms import transform_points
 HIGHEST_M = 0.14
 # Margin around the scanned area in which ground below rays is bounded too.
 BESIDE_CELLS = 20
-# A bound must also hold in all cells up to this distance from its cell, in the map up to the drift plus this distance.
+# A bound must also hold in all cells within this distance of its cell; in the map, within this distance plus the drift.
 AROUND_CELLS = 1
 # Largest drift of a bound that is used.
 FARTHEST_DRIFT_CELLS = 10
@@ -39,12 +39,12 @@ class LinesOfSight:
 
     Every measured point was reached by the laser and seen by the camera. Both rays were free, so the ground below them
     is lower than the rays, and the ground at the point is no higher than the point. A bound never makes ground safe for
-    a foot; it lets a swing pass over ground that was never observed, or that gave no return since.
+    a foot; it lets a swing pass over ground that was never observed, or that has given no return since.
 
     Bounds are conservative. A ray starts at the highest sample of its cell, and its height in a cell is taken at the
     far edge. The bound of a cell is the highest bound of the cell and all its neighbours. The light may diverge from
-    any point on the mirror or in front of it; a bound holds for all. Objects that no scan can see are not bounded:
-    those thinner than the gap between two stripes, and new ones that return no light.
+    any point on the mirror or in front of it; a bound holds for all these points. Objects that no scan can see are not
+    bounded: those thinner than the gap between two stripes, and new ones that return no light.
 
     Attributes:
         bounds: upper bounds of the ground, NONE where there is no bound.
@@ -94,9 +94,10 @@ def ceiling_of(
 ) -> Float32:
     """Upper bound (ny, nx) of the ground in each unknown cell of the map [m], NaN where there is none.
 
-    Bounds of a scan are dilated by one cell plus the sideways drift since, and raised by the drift in z, both with the
-    confidence of the limits. A bound expires when ground of the same age would be STALE, or where a later scan measured
-    something higher. A later observation without return does not end a bound, because a hole is lower.
+    Bounds of a scan are dilated by one cell plus the horizontal drift since the scan, and raised by the drift in z,
+    both with the confidence of the limits. A bound expires when ground of the same age would be STALE, or where a later
+    scan measured something higher. A later observation without a return does not remove a bound, because a hole is
+    lower.
 
     Args:
         scans: lines of sight of the walk, oldest first.
@@ -141,7 +142,7 @@ def ceiling_of(
 
 
 def _bounds(terrain: TerrainGrid, geometry: GridGeometry, origins: list[Float]) -> Float32:
-    """Lowest bound (ny, nx) by camera, laser and points, each valid in all neighbours too; NONE for no bound."""
+    """Lowest bound (ny, nx) from camera rays, laser rays and points, each valid in neighbouring cells too; or NONE."""
     high = np.asarray(terrain.elevation_max, np.float64)
     with np.errstate(invalid="ignore"):
         iy, ix = np.nonzero(np.isfinite(high) & (np.asarray(terrain.variance_local) <= CEILING_SIGMA_M**2))
@@ -168,7 +169,7 @@ def _passed(points: Float, ray: Float, geometry: GridGeometry) -> Float32:
         iy, ix = geometry.indices(points[on, 0] + distance * along[on, 0], points[on, 1] + distance * along[on, 1])
         inside = geometry.contains(iy, ix)
         on, cell = on[inside], (iy * geometry.shape[1] + ix)[inside]
-        # A ray may begin anywhere in its cell, and leave a cell that it passes anywhere on the edge.
+        # A ray may begin at any point of its cell, and leave another cell at any point of that cell's edge.
         height = points[on, 2] + (distance + 1.5 * geometry.resolution) * rise[on]
         np.minimum.at(least, cell, height.astype(np.float32))
     return least.reshape(geometry.shape)

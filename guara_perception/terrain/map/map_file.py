@@ -40,14 +40,14 @@ class MapState:
         centre: (2,) centre of the window in odom [m], None before the first pause.
         pause: number of the newest pause, counted from the first scan.
         step, time: step and time [ns] of the newest scan.
-        drift, sideways: drift of odometry since the start, and sideways drift by pause.
+        drift, sideways: drift of odometry since the start, and planar drift by pause.
         anchor, walk: height and planar correction of odometry.
         seen: ground measured by the newest scan, for registered walks.
         texture: texture of the ground in view, for walks with images.
         ground: declared patches of known ground, as in the map's record.
         scans: number of fused scans.
-        reasons: faults of the map for the health of its grids.
-        soft: footholds at which the ground gave way.
+        reasons: faults of the map, which are added to the health of its grids.
+        soft: footholds at which the ground gave way or the foot slid.
     """
 
     centre: Float | None = None
@@ -74,7 +74,7 @@ class SavedMap:
         robot: name of the robot.
         resolution: cell edge [m].
         side: cells along each side of the window.
-        first: cell (cy, cx) of the window with the smallest indices, or None.
+        first: cell (cy, cx) of the window with the smallest indices, None before the first pause.
         memory: arrays of MEMORY by name.
         state: state except the cells.
     """
@@ -88,7 +88,7 @@ class SavedMap:
 
 
 def write_map(stream: IO[bytes], robot: str, cells: OdomCells, state: MapState) -> None:
-    """Write a map to a stream; `read_map` ignores any data before it."""
+    """Write a map to a stream; `read_map` ignores any data that precede the map."""
     header = {"format": FORMAT, "robot": robot, "resolution": cells.resolution, "side": cells.side}
     fields = dataclasses.asdict(state)
     named = [(SEEN, fields.pop("seen") or {}), (TEXTURE, fields.pop("texture") or {})]

@@ -31,7 +31,7 @@ MEMORY: dict[str, tuple[Any, Any]] = {
     "shift": (np.float64, 0.0),  # upper bound of the horizontal variance [m^2]
     "turn": (np.float64, 0.0),  # variance of the heading [rad^2]
 }
-# Shrinkage of squares, so that a square that only shares an edge with a cell does not touch it.
+# Squares are shrunk by this length, so that a square that only shares an edge with a cell does not touch the cell.
 SHRUNK_M = 1e-7
 
 
@@ -69,7 +69,7 @@ class OdomCells:
     def cells_between(self, low: tuple[float, float], high: tuple[float, float]) -> tuple[Index, Index]:
         """Cells (cy, cx), (n,) each, of the axis-aligned rectangle between corners `low` and `high`, both (x, y) [m].
 
-        Only cells in the window are returned.
+        Once the window is placed, only cells in it are returned.
         """
         (x0, y0), (x1, y1) = ((int(np.floor(v / self.resolution)) for v in corner) for corner in (low, high))
         if self.first is not None:

@@ -32,15 +32,16 @@ from guara_perception.arrays import Float
 from guara_perception.fields import Fields
 from kinematics.arrays import FrozenArrays
 
-# Number of earlier pauses that are compared: over so many, the hind feet reach ground first seen at the oldest pause.
+# Number of earlier pauses that are compared. After so many pauses, the hind feet reach ground that was first seen at
+# the oldest of them.
 EARLIER_PAUSES = 24
 # Bound of a sum. A walk over still ground that exceeds it loses its corrections and continues with odometry; with 2
 # sigmas this happened in one of six walks.
 MOST_SIGMAS = 3.0
 # Accepted sigma of slip along and across the displacement, relative to it, if texture over the whole view shows the
 # slip; and distance of the feet, which converts slip to yaw. In a simulation with physics, robots with position servos
-# without feed-forward slip by 4 to 13 % along the way and by less than 1 % across. Ground that fills the view and moves
-# sideways by more is not followed.
+# without feed-forward slip by 4 to 13 % along the path and by less than 1 % across it. Ground that fills the view and
+# moves sideways by more is not followed.
 SHOWN_SLIP_ALONG, SHOWN_SLIP_ASIDE, LEVER_M = 0.06, 0.02, 0.3
 
 
@@ -69,7 +70,7 @@ class OdometrySum(FrozenArrays):
 
     Attributes:
         transforms: (k, 4, 4) corrections of the drift at the pauses.
-        positions: (k, 2) positions of the robot by odometry at the pauses [m].
+        positions: (k, 2) positions of the robot from odometry at the pauses [m].
         covariances: (k, 3, 3) covariances of the drift at the pause and since, about the current position of the robot.
         seen: (k, 3) x, y, yaw by which the motion since, as shown by scans, exceeds that of odometry, about the current
             position of the robot.
@@ -89,7 +90,7 @@ class OdometrySum(FrozenArrays):
 
         Args:
             transform: (4, 4) correction of the drift at the pause.
-            odometry: (4, 4) transform_footprint_to_odom by odometry.
+            odometry: (4, 4) transform_footprint_to_odom from odometry.
             covariance: (3, 3) covariance of the drift at the pause.
             noise: (3, 3) covariance of the noise of this pause alone.
         """
@@ -127,7 +128,7 @@ class OdometrySum(FrozenArrays):
 
         Args:
             transform: (4, 4) current correction of the drift.
-            odometry: (4, 4) current transform_footprint_to_odom by odometry.
+            odometry: (4, 4) current transform_footprint_to_odom from odometry.
             noise: (3, 3) covariance of the noise of the current pause alone.
             slip_share: sigma of odometry along the displacement, relative to its length.
             textured: True if texture corrects the walk.
@@ -173,7 +174,7 @@ class OdometrySum(FrozenArrays):
         return np.column_stack((aside, np.arctan2(since[:, 1, 0], since[:, 0, 0])))
 
     def _slip(self, odometry: Float, slip_share: float) -> Float:
-        """Covariances (k, 3, 3) of slip since each pause: along the displacement, and as texture may show it."""
+        """Covariances (k, 3, 3) of slip since each pause: along the displacement, plus what texture may show."""
         way = odometry[:2, 3] - self.positions
         slip = np.zeros_like(self.covariances)
         slip[:, :2, :2] = slip_share**2 * way[:, :, None] * way[:, None, :]
@@ -197,7 +198,7 @@ class OdometrySum(FrozenArrays):
             "seen_covariances": (count, 3, 3),
             "shown": (count,),
         }
-        # Files of earlier versions lack some of these values; their sums begin anew.
+        # Files of earlier versions lack some of these values; their sums start without pauses.
         return (
             OdometrySum(**{name: fields.array(name, shape) for name, shape in shapes.items()})
             if count and fields.has("shown")

@@ -1,27 +1,28 @@
-"""Registration of a scan to the map, or to the previous scan: the error of odometry, from their common cells.
+"""Registration of a scan to the map or to the previous scan, from the heights of their common cells.
 
-Gauss-Newton on heights. Let q = (x, y, z) be the scan's points in odom, relative to the footprint, and H the height of
-the map. The cost
+The error of odometry is estimated by Gauss-Newton iteration on heights. Let q = (x, y, z) be the scan's points in odom,
+relative to the footprint, and H the height of the map. The cost
 
     sum w r^2 / s^2 / n + m' P^-1 m    with    r = H(R q + d) - (z + dz + rx y - ry x)
 
 is minimised over m = (dx, dy, dz, rx, ry, turn), where s^2 is the variance of both heights and of a cell's height on a
-slope, w Huber's weight, and P the prior covariance of m by odometry. Errors of neighbouring cells are correlated, so
+slope, w Huber's weight, and P the prior covariance of m from odometry. Errors of neighbouring cells are correlated, so
 the information of the heights is divided by n.
 
 Both height fields are smoothed in the same way, and the slope is the mean of both slopes (Malis, Improving vision-based
 control using efficient second-order minimization techniques, ICRA 2004). A slope that may be noise does not observe x
 and y: a cell whose slope in the scan is below SLOPE_SIGMAS of its error counts as level, and a level cell observes only
 height and tilt. The slope of the map is not used for this decision, because the map has seams of a millimetre or two at
-the ends of scans. On level ground x, y and yaw therefore keep their priors, and also on slopes that are hardly steeper:
-the map's heights are off by a millimetre over areas as large as a ramp, which on a ramp of slope 0.05 is equivalent to
-a shift of 20 mm.
+the ends of scans. On level ground and on slopes that are hardly steeper, x, y and yaw therefore keep their priors.
+Slopes this small cannot be used: the map's heights are off by a millimetre over areas as large as a ramp, which is
+equivalent to a shift of 20 mm on a ramp of slope 0.05.
 
 Across its stripes, a laser scan shows an edge at the first stripe behind the true edge. This error is up to the spacing
 of the stripes, which grows with the distance, and has the same sign for all edges that face the robot. Registration to
 such edges would drift, so for a scan of stripes only slopes along the stripes are used.
 
-The motion between two scans is estimated in the same way, with a prior that leaves x, y and yaw to the heights.
+The motion between two scans is estimated in the same way, with a prior so wide that the heights alone determine x, y
+and yaw.
 """
 
 from __future__ import annotations
@@ -55,7 +56,8 @@ FLOOR_SIGMA_M = 0.0007
 OWN_SIGMA_M = 0.0003
 # Horizontal sigma of the position of a height relative to its cell.
 ASIDE_SIGMA_M = 0.004
-# Largest height difference of a cell that is used; larger ones belong to another object, or to its edge.
+# Largest height difference between scan and map in a cell that is used; with a larger one, the scan shows another
+# object or the edge of an object.
 LARGEST_DIFFERENCE_M = 0.05
 LEAST_CELLS = 50
 # Rows of x, y and yaw in REP-103 order.
@@ -97,7 +99,7 @@ def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom
     Args:
         cells: memory of the map.
         terrain: grid of the scan.
-        transform_footprint_to_odom: (4, 4) pose by odometry.
+        transform_footprint_to_odom: (4, 4) pose from odometry.
         prior: (6, 6) positive definite covariance of the pose error relative to the map, in REP-103 order.
     """
     base = transform_footprint_to_odom[:3, 3]
@@ -136,16 +138,17 @@ class SeenGround(FrozenArrays):
 def motion_between(
     before: SeenGround, terrain: TerrainGrid, transform_to_last: Float, prior: Float
 ) -> tuple[Float, Float]:
-    """Estimate the motion between the previous scan and this one, minus the motion by odometry.
+    """Estimate the motion between the previous scan and this one, minus the motion from odometry.
 
     Args:
         before: ground of the previous scan.
         terrain: grid of this scan.
-        transform_to_last: (4, 4) transform from this footprint to that of the previous scan, by odometry.
+        transform_to_last: (4, 4) transform from this footprint to that of the previous scan, from odometry.
         prior: (6, 6) covariance of height and tilt between the scans; its x, y and yaw are not used.
 
     Returns:
         x, y [m] and yaw [rad] (3,) about this footprint, along the axes of the previous one, and covariance (3, 3).
+        Zero and the wide prior if too few cells are common to both scans.
     """
     prior = prior.copy()
     prior[PLANAR] = prior[:, PLANAR] = 0.0
@@ -180,7 +183,7 @@ def _refused(prior: Float, weights: Float, reason: str) -> Registration:
 
 
 def _surprise(motion: Float, prior: Float, covariance: Float) -> float:
-    """Motion in sigmas, in the worst direction.
+    """Deviation of a motion from its prior in sigmas, in the worst direction.
 
     If prior and heights are consistent, the covariance of the motion is the reduction of the prior covariance by the
     heights. Directions in which it is hardly reduced are omitted.
@@ -195,7 +198,10 @@ def _surprise(motion: Float, prior: Float, covariance: Float) -> float:
 
 
 def _smooth(heights: Float, resolution: float) -> tuple[Float, Float, Float]:
-    """Smoothed heights (NaN beside unknown cells) and their slopes along x and y (0 there), (ny, nx) each."""
+    """Smoothed heights and their slopes along x and y, (ny, nx) each.
+
+    Close to unknown cells and to the border, heights are NaN and slopes 0.
+    """
     known = np.isfinite(heights).astype(np.uint8)
     filled = np.where(known, heights, 0.0)
     slope = np.convolve(BINOMIAL, SLOPE) / resolution
@@ -238,11 +244,11 @@ class _Scan:
 
 @dataclass(frozen=True, slots=True)
 class _Ground:
-    """Part of the map.
+    """Part of the map, or the previous scan.
 
     Attributes:
         layers: (4, ny, nx) smoothed heights, NaN where unusable, slopes along x and y, and variances.
-        first: (cy, cx) of `layers[:, 0, 0]`.
+        first: position (y, x) of the corner of cell `layers[:, 0, 0]` [cells].
         resolution: cell edge [m].
     """
 

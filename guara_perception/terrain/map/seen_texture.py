@@ -1,12 +1,12 @@
 """Texture of the ground from laser-off images, and the planar motion (x, y, yaw) of a pause estimated from it.
 
-With the heights of the scan, its laser-off image is projected to a view from straight above, in pixels fixed in `odom`.
-Corners of that view are found in the texture of earlier pauses by optical flow, forward and backward. Because image and
-heights belong to one pose of the camera, an error of this pose moves all corners in the same way:
+The laser-off image of a scan is orthorectified with the heights of the scan, in pixels fixed in `odom`. Corners of this
+view are found in the texture of earlier pauses by optical flow, forward and backward. Because image and heights belong
+to one pose of the camera, an error of this pose moves all corners in the same way:
 
     d = (x, y) + yaw * (-py, px),        minimised: sum |r|^2 / s^2 / n + m' P^-1 m
 
-where p is the corner relative to the footprint, s the spread of the corners that agree, and P the prior covariance by
+where p is the corner relative to the footprint, s the spread of the corners that agree, and P the prior covariance from
 odometry. Errors of neighbouring corners are correlated, so their information is divided by n.
 
 A pixel keeps the texture with which it was first seen, at the pose of the walk at that time. Errors therefore
@@ -34,10 +34,10 @@ from guara_perception.terrain.grid import TerrainGrid
 from kinematics.arrays import FrozenArrays
 
 PIXEL_M = 0.003
-# Width of a margin around the ground in view in which texture is kept, for a robot that turns or sways.
+# Texture is kept in a margin of this width around the ground in view, for a robot that turns or sways.
 MARGIN_PX = 33
-# Size of the neighbourhood with whose mean a pixel is compared, grey level of zero contrast, and grey levels per unit
-# of contrast; soil and concrete vary by 5 to 15 %.
+# Size of the neighbourhood whose mean is the reference of a pixel's contrast, grey level of zero contrast, and grey
+# levels per unit of contrast; soil and concrete vary by 5 to 15 %.
 NEIGHBOURHOOD_PX, GREY, LEVELS_OF_CONTRAST = 27, 128, 400.0
 # Median grey level of 255 up to which sensor noise is as strong as texture.
 DARK_LEVEL = 10.0
@@ -47,8 +47,8 @@ MOST_CORNERS, CORNER_QUALITY, CORNER_DISTANCE_PX = 120, 0.02, 6
 WINDOW_PX, PYRAMID = 11, 2
 # Largest distance between a corner and its position after tracking forward and backward.
 MOST_RETURN_PX = 0.3
-# Least number of agreeing corners, least fraction of the corners found that agree, and largest contradiction of their
-# motion to odometry [sigmas]; otherwise the pause is refused.
+# Least number and least fraction of the tracked corners that agree, and largest contradiction between their motion and
+# odometry [sigmas]. A pause outside these limits is refused.
 LEAST_CORNERS, LEAST_AGREEING, MOST_SIGMAS = 25, 0.5, 3.0
 # Corners show the motion of the whole view if more than WHOLE of them agree, and if the standard deviation of their
 # positions exceeds LEAST_EXTENT_M in every direction (it is at least 0.13 m over a whole view). Otherwise they may be
@@ -63,8 +63,8 @@ AGREEING_SIGMAS, LEAST_SPREAD_M, MOST_SPREAD_M = 3.0, 0.0003, 0.0006
 LEAST_SIGMA_M, CORNERS_THAT_COUNT_AS_ONE = 0.0001, 2.0
 # Sigmas of a view as a whole, due to heights and lens [m, m, rad].
 VIEW_SIGMA = np.array([5e-5, 5e-5, 5e-5])
-# After a pause that texture could not correct, texture begins anew if at most this fraction of the ground in view has
-# old texture.
+# After a pause that texture could not correct, a new reference texture is taken if at most this fraction of the ground
+# in view has old texture.
 LEAST_LEFT = 0.3
 ROUNDS = 5
 SIDEWAYS = [0, 1, 5]
@@ -78,11 +78,12 @@ class VisualMotion:
         motion: (3,) x, y [m] and yaw [rad] from odometry to the texture, about the footprint; zero if refused.
         covariance: (6, 6) covariance of the pose, the prior if refused.
         corners: number of corners that agree.
-        is_whole: True if nearly all corners of the view agree, so that either the robot moved, or all ground in view.
+        is_whole: True if nearly all corners of the view agree, which means that either the robot or all ground in view
+            moved.
         inherited: fraction of the covariance that later pauses inherit.
         refused: reason why the motion is not used, None if it is used.
         denied: (3,) motion shown by most corners but contradicted by odometry, zero if there is none.
-        part: text on the part of the view that agrees; empty if it is the whole view, or if there is no result.
+        part: description of the part of the view that agrees; empty if it is the whole view, or if there is no result.
     """
 
     motion: Float
@@ -125,7 +126,7 @@ class GroundView:
     Attributes:
         picture: laser-off image.
         terrain: grid of the scan.
-        places: (ny, nx, 2) position of each cell in the image [px]; a position outside where unknown.
+        places: (ny, nx, 2) position of each cell in the image [px], or a position outside the image where unknown.
         known: (ny, nx) 255 where a cell and its neighbours are known and level, otherwise 0.
         level: median height [m].
         median: median grey level of the ground in the image.
@@ -182,7 +183,7 @@ class GroundView:
         outside = (-1e4, -1e4)
         places = np.asarray(cv2.warpAffine(self.places, to_cell, size, flags=how, borderValue=outside), np.float32)
         known = cv2.warpAffine(self.known, to_cell, size, flags=how) == 255
-        # A pixel covers about three pixels of the image.
+        # A pixel of the view covers about three pixels of the image, so the image is averaged over three pixels.
         smooth = cv2.blur(self.picture.grey, (3, 3))
         seen = np.asarray(cv2.remap(smooth, places[..., 0], places[..., 1], cv2.INTER_LINEAR), np.float32)
         weight = known.astype(np.float32)
@@ -200,14 +201,15 @@ def view_of(picture: GroundPicture | str, terrain: TerrainGrid) -> GroundView | 
 def visual_motion(
     view: GroundView | str, seen: SeenTexture | None, transform: Float, prior: Float, since: Float, slip: Float
 ) -> VisualMotion:
-    """Estimate the error of a pose by odometry from texture.
+    """Estimate the error of an odometry pose from ground texture.
 
     Args:
         view: image and scan of the pause, or the reason why there is no image.
         seen: texture of earlier pauses, None if there is none.
-        transform: (4, 4) transform_footprint_to_odom by odometry.
+        transform: (4, 4) transform_footprint_to_odom from odometry.
         prior: (6, 6) covariance of the pose error relative to the texture, in REP-103 order.
-        since: (3, 3) covariance of the error of odometry since texture last corrected the walk or began anew.
+        since: (3, 3) covariance of the odometry error since texture last corrected the walk or a new reference texture
+            was taken.
         slip: (3, 3) covariance of slip that is accepted if the whole view shows it.
     """
 
@@ -262,11 +264,11 @@ def seen_after(
         view: as in `visual_motion`.
         seen: texture of earlier pauses, None if there is none.
         transform: (4, 4) corrected transform_footprint_to_odom.
-        held: True if texture corrected this transform. Otherwise the old texture is not extended, and texture begins
-            anew when little of the old texture is in view.
+        held: True if texture corrected this transform. Otherwise the old texture is not extended, and a new reference
+            texture replaces it when little of it is in view.
 
     Returns:
-        Texture, None if no image has shown any; and True if texture began anew at this pause.
+        Texture, None if no image has shown any; and True if a new reference texture was taken at this pause.
     """
     if isinstance(view, str) or view.median <= DARK_LEVEL:
         return seen, False

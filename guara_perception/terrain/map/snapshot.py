@@ -76,7 +76,7 @@ def snapshot_layers(
     high = heights + cells.patch("above", squares.first, squares.shape, 0.0)
     slot = cells.slots(*cells.indices(in_odom_x.take(known), in_odom_y.take(known)))
     pauses = np.clip(now.pause - memory["pause"].take(slot), 0, NEVER_SEEN_AGE - 1)
-    # While observations disagree, lowest and highest sample are those of both, with the larger variance.
+    # While observations disagree, lowest and highest samples include both, and the larger variance is used.
     variance = np.maximum(memory["variance"].take(slot), memory["other_variance"].take(slot))
     own = np.minimum(memory["local"].take(slot), variance)
     drifted_by = drift_variance(cells, slot, now.drift, np.sqrt(x * x + y * y))

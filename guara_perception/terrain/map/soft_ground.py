@@ -11,8 +11,8 @@ import numpy as np
 from guara_perception.arrays import Float, Mask
 from guara_perception.terrain.map.support_feet import SoleError
 
-# Depth below the map above which a sole counts as sunk, in metres and in sigmas of legs and map; both must be exceeded.
-# Legs bend and maps drift by less; snow, foam and loose gravel give way by more.
+# Depth below the map beyond which a sole counts as sunk, in metres and in sigmas of legs and map; both must be
+# exceeded. Legs bend and maps drift by less; snow, foam and loose gravel give way by more.
 SINK_M, SINK_SIGMAS = 0.008, 4.0
 # A standing foot slid if it moved farther than the others by more than CREEP_M, plus SLIP_SIGMAS of two readings of its
 # position; soles that rock on stiff ankles creep by as much in MuJoCo.
@@ -20,7 +20,7 @@ CREEP_M, SLIP_SIGMAS = 0.020, 4.0
 # The surface continues up to REACH_M from the foothold, over neighbouring cells that differ in height by less than
 # STEP_M.
 REACH_M, STEP_M = 0.30, 0.005
-# Largest number of footholds in memory, those of 4.5 m of walk; the oldest are forgotten first.
+# Largest number of footholds in memory, enough for 4.5 m of walking; the oldest are forgotten first.
 MOST_FOOTHOLDS = 128
 ALIKE = 2
 # Distance below which two footholds count as one.

@@ -1,6 +1,6 @@
 """Supporting soles as height measurements, which correct the z of odometry and fill ground that no scan saw.
 
-The z of leg odometry is a random walk. A sole on ground that is known in the map measures its error, and a scalar
+The z of leg odometry is a random walk. A sole on ground that is known in the map measures the error of z, and a scalar
 Kalman filter subtracts the error common to the soles. The map's record contains the correction, and names soles outside
 the gate.
 """
@@ -32,7 +32,7 @@ COMPARED_SHARE = 0.5
 
 @dataclass(frozen=True, slots=True)
 class FootMeasurement:
-    """Supporting sole.
+    """Height measurement of a supporting sole.
 
     Attributes:
         leg: name of the leg.
@@ -63,7 +63,7 @@ def support_feet(
     transform_footprint_to_odom: Float,
     limits: TraversabilityLimits,
 ) -> list[FootMeasurement]:
-    """Supporting soles at a scan; none if its record contains no stance."""
+    """Supporting soles at a scan; none if the scan's record contains no stance or no pose."""
     record = terrain.record
     record.check("stance", "transform_base_to_footprint", "support_feet_used")
     stance, transform_base_to_footprint = record.stance, record.transform_base_to_footprint

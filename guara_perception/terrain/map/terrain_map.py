@@ -33,11 +33,11 @@ from guara_perception.terrain.map.support_feet import fill_under_foot, sole_erro
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
 from kinematics import OdometryPose, PoseInOdom, RobotModel
 
-# Distance of the robot from the centre of the window at which the window moves, so that moves are rare.
+# The window is recentred when the robot is farther than this from its centre along x or y.
 MARGIN_M = 0.2
-# Covariance (6, 6) of an almost unknown pose, wider than the range in which texture can be found.
+# Covariance (6, 6) of an almost unknown pose; it is wider than the range in which texture can be found.
 ANYWHERE = np.diag([0.1] * 6) ** 2
-# Fields of a scan's record that also hold for the map of the same pause.
+# Fields of a scan's record that also apply to the map of the same pause.
 FROM_SCAN = (*POSE[1:], "pose_covariance")
 
 
@@ -61,7 +61,7 @@ class TerrainMap:
 
         Args:
             robot: model, name or folder; defines area, limits, validity and kinematics.
-            resolution: cell edge [m]; None = the robot's default.
+            resolution: edge length of a cell [m]; None = the robot's default.
 
         Raises:
             InvalidInput: the resolution does not divide the area.
@@ -73,7 +73,7 @@ class TerrainMap:
         self._reach = float(np.hypot(max(map(abs, x)), max(map(abs, y)))) + MARGIN_M
         self._cells = OdomCells(self._grid.resolution, self._reach)
         self._state = MapState()
-        # Not part of the state, which is saved in files: bounds by lines of sight begin anew in a loaded map.
+        # Lines of sight that bound unknown heights. They are not saved in files: a loaded map starts without them.
         self._sight: tuple[LinesOfSight, ...] = ()
         self._kept: tuple[OdomCells, MapState, tuple[LinesOfSight, ...]] | None = None
 
@@ -94,7 +94,7 @@ class TerrainMap:
 
     @property
     def sideways_drift(self) -> SidewaysDrift:
-        """Sideways drift of the cells since they were seen."""
+        """Accumulated covariance of the planar drift (x, y, yaw), by pause."""
         return self._state.sideways
 
     def update(
@@ -110,25 +110,25 @@ class TerrainMap:
 
         Args:
             terrain: scan of this pause alone (extent "footprint").
-            pose: pose by leg odometry, or a `PoseInOdom` of another odometry. If it has `covariance_since_last`, the
-                scan is first registered to the map, which corrects sideways drift that the ground shows, and
-                `own_covariance` is used; otherwise the pose is used as given. Give `covariance_since_last` at all
-                pauses or at none.
+            pose: pose from leg odometry, or a `PoseInOdom` from another odometry. If it has `covariance_since_last`,
+                the scan is registered to the map, which corrects planar drift, with `own_covariance` as the noise of
+                this pose. Otherwise only the height is corrected. Give `covariance_since_last` at all pauses or at
+                none.
             known_ground: ground declared by the gait at this pause, in its base_footprint.
             time: time of the scan on a monotonic clock [s], for the age of cells; None = the grid's stamp. If time
                 runs backwards, everything seen before becomes STALE.
             picture: laser-off image of the scan, or the reason why it has none, as in `ScanProcessor.ground_picture`.
-                If the pose has `covariance_since_last`, texture of the ground then also corrects the walk, and slip
-                along the way (`[odometry] slip_share`) is part of its sigma. None = a walk without images.
+                If the pose has `covariance_since_last`, ground texture also corrects planar drift, whose sigma then
+                includes slip (`[odometry] slip_share`). None = no image at this pause.
 
         Returns:
             Grid of extent "map" in base_footprint of this pause. Ground known only from foot contacts or declared by
             the gait has `looks` 0.
 
         Raises:
-            InvalidInput: the grid has another extent or cell size, is in the compact encoding, or belongs to an earlier
-                pause; the pose is not rigid or tilts by more than 0.2 rad; a covariance is not (6, 6), symmetric and
-                positive semidefinite; covariance_since_last is given at some pauses only.
+            InvalidInput: the grid has another extent or cell size, is in the compact encoding, or its step is not
+                greater than that of the last scan; the pose is not rigid or tilts by more than 0.2 rad; a covariance is
+                not (6, 6), symmetric and positive semidefinite; covariance_since_last is given at some pauses only.
         """
         state, settings = self._state, self._settings
         check_scan(terrain, self._grid.resolution, state.step)
@@ -243,7 +243,7 @@ class TerrainMap:
     ) -> TerrainGrid:
         """Return the map in the base_footprint of another pause without fusing its scan.
 
-        Arguments and errors are those of `update`; only stamp, step and record of `terrain` are used.
+        Arguments and their checks are those of `update`. Of `terrain`, only stamp, step and record enter the result.
         """
         state = self._state
         check_scan(terrain, self._grid.resolution, state.step)
@@ -256,7 +256,7 @@ class TerrainMap:
     def save(self, path: str | Path) -> None:
         """Write the whole map to an .npz file; the map returned by `load` continues exactly where this one ends.
 
-        Only the bounds of unknown ground (layer `ceiling`) begin anew. Because the map is fixed in the `odom` of its
+        Only the bounds of unknown ground (layer `ceiling`) are not saved. Because the map is fixed in the `odom` of its
         walk, continue with the same odometry.
 
         Raises:
@@ -266,7 +266,10 @@ class TerrainMap:
             self.write(stream)
 
     def write(self, stream: IO[bytes]) -> None:
-        """Write the map to a stream in the format of `save`; `load` ignores data before it in a file."""
+        """Write the map to a stream in the format of `save`.
+
+        The stream may be a file that already contains other data: `load` ignores data that precede the map.
+        """
         write_map(stream, self._robot.name, self._cells, self._state)
 
     def copy(self) -> TerrainMap:
@@ -281,7 +284,7 @@ class TerrainMap:
     ) -> VisualMotion:
         """Estimate the error of a pause's pose from texture alone, without odometry as a prior; the map is not changed.
 
-        Arguments and errors are those of `update`.
+        Arguments are those of `update`; of their checks, only those of the pose are made.
         """
         transform = self._state.walk.transform @ checked_pose(terrain, pose).transform
         transform[2, 3] += self._state.anchor.offset
@@ -294,7 +297,7 @@ class TerrainMap:
 
         Args:
             path: path of the file.
-            robot: model, name or folder of the map's robot; None = the robot of that name in the package.
+            robot: model, name or folder of the map's robot; None = the robot that the file names.
 
         Raises:
             MissingFile: no such file.
@@ -304,11 +307,11 @@ class TerrainMap:
         saved = read_map(path)
         robot = robot_model(saved.robot if robot is None else robot)
         if robot.name != saved.robot:
-            raise FileFormatError(f"{path}: the map is of robot {saved.robot!r}, the model given is {robot.name!r}")
+            raise FileFormatError(f"{path}: map of robot {saved.robot!r}, but the given model is {robot.name!r}")
         terrain_map = cls(robot, resolution=saved.resolution)
         if terrain_map._cells.side != saved.side:
             raise FileFormatError(
-                f"{path}: the map has {saved.side} cells per side, a map of {robot.name} has "
+                f"{path}: the map has {saved.side} cells per side, but a map of {robot.name} has "
                 f"{terrain_map._cells.side}: it was saved with another robot.toml"
             )
         terrain_map._cells.restore(saved.memory, saved.first)
@@ -382,7 +385,7 @@ class TerrainMap:
             registration_refused=walk.refused,
             visual_corners=walk.corners,
             visual_refused=walk.visual_refused,
-            # Fields that could not be read from the scan's record, and a field that is written even if it is null.
+            # Unreadable fields of the scan's record are kept; `registration_refused` is written even if it is null.
             extra={name: scan.extra[name] for name in FROM_SCAN if name in scan.extra} | {"registration_refused": None},
         )
         return TerrainGrid(

@@ -1,17 +1,17 @@
 """Planar drift correction: a Kalman filter on (x, y, yaw) of the walk, fed by scan-to-map registration.
 
-The pose by odometry at a pause has two errors: drift, which persists, and noise of that pause alone. Let P be the
-covariance of the drift and W that of the noise. Registration observes their sum: it moves the pause by m and reduces
-P + W to C. The drift is then corrected by K m, and its covariance is updated to
+The odometry pose of a pause has two errors: drift, which persists, and noise, which affects this pause only. Let P be
+the covariance of the drift and W that of the noise. Registration observes their sum: it moves the pause by m and
+reduces P + W to C. The drift is then corrected by K m, and its covariance is updated to
 
     P - K (P + W - C) K',        K = P (P + W)^-1.
 
 Without W all of m would count as drift: the noise of one pause, which is larger than the drift of one motion, would
 move all later pauses. The map's record contains the correction and its sigmas.
 
-Moving ground drags a registered walk along, a little at each pause. The sum of the corrections is therefore compared
-with the accumulated drift of odometry (`OdometrySum`). If they contradict each other, these corrections are undone,
-registrations at the following pauses are not used, and all sigmas grow by the correction that was undone.
+Ground that moves drags the registered poses along, a little at each pause. The sum of the corrections is therefore
+compared with the accumulated drift of odometry (`OdometrySum`). If they contradict each other, these corrections are
+undone, registrations at the following pauses are not used, and all sigmas grow by the correction that was undone.
 """
 
 from __future__ import annotations
@@ -37,28 +37,28 @@ HEIGHT_SIGMA_M = 0.003
 TILT_SIGMA = 0.001
 # Lower bounds of the sigmas of a motion; they keep the covariances positive definite.
 LEAST_SIGMA_M, LEAST_SIGMA_RAD = 1e-4, 3e-5
-# Sigma of a registered motion above which too few objects determine it: ribs all along the way give 0.8 to 1.2 mm, a
-# single board or door mostly 2 mm or more. Those few may be moving themselves, so the correction is then not used
-# while the motions from scan to scan contradict odometry by more than SUSPICIOUS_SIGMAS.
+# A registered motion with a larger sigma is determined by too few objects: ribs all along the path give 0.8 to 1.2 mm,
+# a single board or door mostly 2 mm or more. These few objects may be moving, so the correction is not used while the
+# motions from scan to scan contradict odometry by more than SUSPICIOUS_SIGMAS.
 FEW_THINGS_SIGMA_M = 0.0015
 SUSPICIOUS_SIGMAS = 1.0
-# Distance to the centre of the scanned area, the lever arm of yaw.
+# Lever arm of yaw [m]: distance from the robot to the centre of the scanned area.
 LEVER_M = 0.6
-# Number of pauses in memory. A cell seen before the first of them counts as seen at that pause; it is stale anyway.
+# Number of pauses kept. A cell last seen before the oldest of them counts as seen at that pause; it is stale anyway.
 MOST_PAUSES = 256
 TEXTURE_IN_DOUBT = "texture that was seen has moved"
-# Path length after which the slip shown by texture has the same weight as the value of robot.toml, and length after
-# which its weight no longer grows.
+# Path length after which the slip measured by texture has the same weight as the value of robot.toml, and path length
+# after which the weight of this measurement no longer grows.
 LEARNING_M, LEARNED_M = 0.3, 1.0
-# Attributes (2,) that earlier files lack.
+# Attributes of shape (2,) that files of earlier versions lack.
 WAYS = ("unheld", "off_way", "slip", "begun", "learned")
-# Keys in files of attributes that are stored under another name.
+# File keys of the attributes that are stored under another name.
 FILE_KEYS = {"pause_transform": "here", "pause_covariance": "left", "noise": "own", "own": "pause_own"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WalkCorrection:
-    """State of the filter; covariances are of x, y and yaw.
+    """State of the planar drift filter; covariances are those of x, y and yaw.
 
     Attributes:
         transform: (4, 4) correction of the drift, a rotation about z and a translation in x and y; it multiplies
@@ -67,23 +67,25 @@ class WalkCorrection:
         pause_transform: (4, 4) correction of the last pause only, including its noise.
         pause_covariance: (3, 3) covariance of the last pause relative to the map.
         noise: (3, 3) pose noise of the last pause, not carried to the next.
-        last: transform_footprint_to_odom of the last pause by odometry, None before the first.
+        last: transform_footprint_to_odom of the last pause from odometry, None before the first pause.
         growth: (3, 3) covariance of the last motion after registration.
-        own: (3, 3) covariance of the error of texture at the last pause alone, zero if texture did not correct it.
+        own: (3, 3) covariance of the texture's error at the last pause only, zero if texture did not correct that
+            pause.
         shift, turn: variances of all motions since the start [m^2, rad^2].
         refused: reason why the last registration was not used, None if it was used.
-        sum: corrections since earlier pauses, and the drift of odometry since.
+        sum: corrections since earlier pauses, and the drift of odometry accumulated since the same pauses.
         distrusted: number of future pauses whose registration is not used.
         unheld: (2,) displacement since texture last corrected the walk [m].
         off_texture: (3, 3) covariance of the pose relative to the texture, due to motions since texture last corrected
-            the walk or began anew.
-        off_way: (2,) displacement since then [m].
+            the walk or a new reference texture was taken.
+        off_way: (2,) displacement since the pause at which `off_texture` was last zero [m].
         unseen: number of future pauses whose texture is not used, because corrections were undone.
-        slip: (2,) sigma of the displacement by slip since the start, minus the part that texture corrected; slip is
-            along the way and always has the same sign [m].
-        begun: (2,) `slip` at the pause at which the texture in view began.
-        learned: (2,) slip along the way shown by texture, and length of that way [m].
-        is_denied: True if odometry contradicted the texture at the last pause, so that texture begins anew.
+        slip: (2,) sigma of the displacement by slip since the start [m], without the part that texture corrected. Slip
+            is assumed to act along the path, always with the same sign.
+        begun: (2,) `slip` at the pause at which the reference texture was taken [m].
+        learned: (2,) slip along the path measured by texture, and length of that path [m].
+        is_denied: True if odometry contradicted the texture at the last pause, so that a new reference texture is
+            taken.
         corners: number of corners of the texture that agree on a motion at the last pause, None without images.
         visual_refused: reason why the last image was not used, None if it was used or not given.
     """
@@ -173,18 +175,18 @@ class WalkCorrection:
         Args:
             cells: memory of the map.
             terrain: scan of the pause.
-            odometry: (4, 4) transform_footprint_to_odom by odometry.
+            odometry: (4, 4) transform_footprint_to_odom from odometry.
             rise: correction of the z of odometry [m].
             since_last: (6, 6) covariance of the motion since the last pause, in the last footprint.
             noise: (6, 6) pose noise of the pause, along the axes of odom.
             tilt: (2, 2) covariance of the scan's tilt.
             before_this: ground measured by the previous scan, None if unknown.
-            slip_share: sigma of slip along the way, relative to its length.
+            slip_share: sigma of slip along the path, relative to the length of the path.
             view: view of the scan's image, the reason why it has none, or None for a walk without images.
             texture: texture from earlier images.
         """
         if self.last is None:
-            # The map begins at the pose of the first pause, so the motion before adds no drift.
+            # The map begins at the pose of the first pause, so earlier motion adds no drift.
             sums = self.sum.started(self.transform, odometry, self.covariance, self.noise)
             return replace(self, last=odometry.copy(), sum=sums)
         here, before = self.transform @ odometry, self.transform @ self.last
@@ -259,12 +261,13 @@ class WalkCorrection:
         if contradiction is not None:
             distrusted, refused = EARLIER_PAUSES, contradiction.reason
             if visual_refused and not unseen:
-                # Texture that is lost while relief moves could begin anew on the moving ground. Its earlier corrections
-                # are kept.
+                # If texture is lost while relief moves, a new reference texture could lie on the moving ground. Earlier
+                # corrections by texture are kept.
                 unseen = EARLIER_PAUSES
                 earlier = OdometrySum() if contradiction.transform is None else earlier
         if contradiction is not None and contradiction.transform is not None:
-            # Ground seen in these pauses is displaced by the corrections undone, and by the errors of odometry.
+            # Ground seen in these pauses is displaced by the corrections that are undone, and by the errors of
+            # odometry.
             transform = pause_transform = contradiction.transform
             covariance, unseen = contradiction.covariance, EARLIER_PAUSES
             posterior = covariance + noise
@@ -298,7 +301,7 @@ class WalkCorrection:
 
 
 def _slip_growth(before: Float, now: Float, slip_share: float) -> Float:
-    """Increase (3, 3) of the covariance in one motion due to slip along the way, always with the same sign.
+    """Covariance (3, 3) added in one motion by slip along the path, which always has the same sign.
 
     Args:
         before, now: (2,) displacements since texture last corrected the walk, before and after the motion [m].
@@ -311,7 +314,7 @@ def _slip_growth(before: Float, now: Float, slip_share: float) -> Float:
 
 
 def _shown_sigma(prior: Float, posterior: Float) -> float:
-    """Smallest sigma [m] over the directions of (x, y, LEVER_M * yaw), from the heights alone."""
+    """Smallest sigma [m] over all directions of (x, y, LEVER_M * yaw), from the heights without the prior."""
     scale = np.diag([1.0, 1.0, 1.0 / LEVER_M])
     before, after = (np.linalg.inv(each[np.ix_(SIDEWAYS, SIDEWAYS)]) for each in (prior, posterior))
     return float(1.0 / np.sqrt(max(float(np.linalg.eigvalsh(scale @ (after - before) @ scale)[-1]), 1e-6)))
@@ -407,7 +410,7 @@ class SidewaysDrift(FrozenArrays):
         # A drift that shrinks would remove safety margins of the map.
         if (np.diff(pauses) <= 0).any() or (np.diff(total, axis=0).diagonal(axis1=1, axis2=2) < 0).any():
             raise FileFormatError(
-                f"{fields.path_to('total')} or pauses shrink from one pause to the next, the file is damaged"
+                f"{fields.path_to('total')} or pauses shrink from one pause to the next: the file is damaged"
             )
         return SidewaysDrift(pauses.astype(np.int64), total, own, slip)
 

@@ -33,7 +33,7 @@ class Foothold(FrozenArrays):
 
     Attributes:
         x, y: centre of the sole in base_footprint [m].
-        z: height of the ground there [m].
+        z: height of the ground at this position [m].
         normal: (3,) unit normal of the ground.
         score: traversability of the position, greater than 0, at most 1.
         value: objective of the choice, greater than 0, at most 1: product of score, nearness and clearance factors.
@@ -85,7 +85,8 @@ def best_foothold(
             and no other position has a value a third higher.
 
     Raises:
-        InvalidInput: a value is not finite, the radius is above 1 m, or as in `check_foothold`.
+        InvalidInput: x or y is not a finite number, the radius is not 0 ... 1 m, `previous` is neither a Foothold nor a
+            pair of finite numbers, or as in `check_foothold`.
     """
     terrain = asked(terrain, allow_stale)
     px, py = _candidates(terrain, x, y, radius)
@@ -148,7 +149,8 @@ def best_refused(
     """Find the candidate that came closest to being a foothold; None if no candidate is refused.
 
     Safe ground that is only out of the leg's reach comes first, by the smallest excess of the joints; then the largest
-    clearance; ties are decided as in `best_foothold`. The result is for messages: no foot may be set there.
+    clearance; ties are decided as in `best_foothold`. Use the result in messages only: no foot may be set at this
+    position.
 
     Args:
         x, y, radius, leg, robot: as in `best_foothold`.

@@ -8,16 +8,17 @@ from guara_perception.arrays import Mask
 
 
 def connected_to(cells: Mask, iy: int, ix: int) -> Mask:
-    """Cells of a mask that are connected to a cell of the mask across cell sides.
+    """4-connected component of a mask that contains the cell (iy, ix).
 
-    Works on runs of cells along x, of which there are few: runs that overlap in neighbouring rows are connected.
+    The search works on runs of cells along x, of which there are few. Runs that overlap in neighbouring rows are
+    connected.
 
     Args:
         cells: (ny, nx) mask that contains cell (iy, ix).
         iy, ix: indices of the cell.
     """
     ny, nx = cells.shape
-    # With an empty column and an empty cell at the end, so that no run continues in the next row.
+    # With an empty column at the end, so that no run continues in the next row.
     width = nx + 1
     flat = np.zeros(ny * width + 1, np.int8)
     flat[:-1].reshape(ny, width)[:, :nx] = cells

@@ -2,8 +2,8 @@
 
 Half-planes and an ellipse are computed in turn, as in IRIS (Deits and Tedrake, Computing large convex regions of
 obstacle-free space through semidefinite programming, WAFR 2014): each half-plane excludes the square that is nearest in
-the metric of the ellipse, and the next ellipse is computed from the polygon of the half-planes. Here it is the ellipse
-of the polygon's second moments, not the largest inscribed one.
+the metric of the ellipse, and the next ellipse is computed from the polygon of the half-planes. Unlike in IRIS, this is
+the ellipse of the polygon's second moments, not the largest inscribed ellipse.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from guara_perception.arrays import Float, Index
 MOST_ROUNDS = 4
 # Least relative gain in area after which another round follows.
 LEAST_GAIN = 0.01
-# Distance of the half-planes from the squares, for rounding and because cells contain their lower edges.
+# Distance of the half-planes from the squares; it covers rounding errors, and the lower edges that belong to a cell.
 OFF_M = 2e-6
 # Length below which a side is removed.
 LEAST_SIDE_M = 1e-9
@@ -72,7 +72,8 @@ def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float
         at_x, at_y, dx, dy = (float(values[0]) for values in (x, y, offset_x, offset_y))
         a, b, edge = _side(xx * dx + xy * dy, xy * dx + yy * dy, at_x, at_y, reach)
         if not a * seed_x + b * seed_y < edge:
-            # This half-plane would exclude the seed, so its normal is replaced: from the seed to the nearest point.
+            # This half-plane would exclude the seed, so its normal is replaced by the vector from the seed to the
+            # nearest point of the square.
             dx, dy = _nearest(np.array([at_x - seed_x, at_y - seed_y]), reach).tolist()
             a, b, edge = _side(dx, dy, at_x, at_y, reach)
         cuts.append((a, b, edge))
@@ -83,7 +84,7 @@ def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float
 
 
 def _nearest(offset: Float, reach: float) -> Float:
-    """Coordinate, along one axis, of the nearest point of each square to the origin; `offset` locates its centre."""
+    """Coordinate along one axis of each square's point nearest to the origin; `offset` is that of its centre."""
     return np.asarray(offset - np.minimum(np.maximum(offset, -reach), reach))
 
 

@@ -43,7 +43,7 @@ def _squares(cells: Mask, reach: int) -> Index32:
     """Squared distances (ny, nx) int32 from the nearest cell of a mask; beyond `reach` they may be too large."""
     ny, nx = cells.shape
     row = np.arange(ny, dtype=np.int32)[:, None]
-    # Distances along y to the last cell of the mask up to this one, and to the first from this one.
+    # Distances along y to the nearest cell of the mask at or before this row, and at or after it.
     before = row - np.maximum.accumulate(np.where(cells, row, -reach - ny), axis=0)
     after = np.minimum.accumulate(np.where(cells, row, reach + 2 * ny)[::-1], axis=0)[::-1] - row
     along = np.minimum(np.minimum(before, after), reach + 1).astype(np.int32) ** 2

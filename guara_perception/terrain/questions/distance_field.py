@@ -13,7 +13,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from kinematics.arrays import FrozenArrays
 
-# Largest number of voxels, which take about a second and 200 MB.
+# Largest number of voxels; computing this many takes about a second and 200 MB.
 MOST_VOXELS = 10_000_000
 
 
@@ -38,7 +38,7 @@ class DistanceField(FrozenArrays):
         Between voxel centres, the bound is that of the nearest centre minus the distance to this centre.
 
         Raises:
-            InvalidInput: the points have another shape or are not finite.
+            InvalidInput: the points have the wrong shape or are not finite.
         """
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
@@ -58,7 +58,7 @@ def distance_field(terrain: LayeredGrid, low: float, high: float, *, allow_stale
     """Compute the signed distance field between heights `low` and `high` [m], in voxels as large as the cells.
 
     The ground is assumed at its highest samples plus confidence; unknown and STALE cells and everything outside the
-    grid are solid at every height. Distances are lower bounds. Each call computes the field anew.
+    grid are solid at every height. Distances are lower bounds. The result is not cached.
 
     Raises:
         InvalidInput: the heights are not finite or in the wrong order, or there are more than MOST_VOXELS voxels.

@@ -30,7 +30,7 @@ class FootholdVerdict(Verdict):
     """Result of a foothold check.
 
     Attributes:
-        ok: True if a sole may be set there.
+        ok: True if a sole may be set at the position.
         score: traversability of the position, 0 if not ok.
         reasons: each failed test with value and limit; empty if ok.
     """
@@ -116,7 +116,7 @@ def check_foothold(
     *,
     allow_stale: bool = False,
 ) -> FootholdVerdict | FootholdVerdicts:
-    """Check positions for a sole that is aligned with x.
+    """Check if a sole aligned with the x axis may be set at positions.
 
     Args:
         x, y: centres of the sole in base_footprint [m].
@@ -127,8 +127,8 @@ def check_foothold(
         A FootholdVerdict if x and y are numbers; FootholdVerdicts if they are arrays.
 
     Raises:
-        InvalidInput: x and y have different shapes, or the metadata of the grid lacks limits, or the stance if a leg
-            is given.
+        InvalidInput: the shapes of x and y cannot be broadcast together, or the metadata of the grid lacks limits, or
+            lacks the stance although a leg is given.
         kinematics.KinematicsError: no such leg or robot.
     """
     terrain = asked(terrain, allow_stale)
@@ -237,7 +237,7 @@ def sole_flags(hazard: Flags, geometry: GridGeometry, x: Float, y: Float, limits
 def sole_window(
     geometry: GridGeometry, x: float, y: float, limits: TraversabilityLimits
 ) -> tuple[slice, slice, int, int]:
-    """Rows and columns of the grid under a sole, number of cells under the sole, and number of those off the grid."""
+    """Rows and columns of the grid under a sole, number of cells under it, and how many of these are off the grid."""
     columns = np.unique(_covered(np.array([x]), geometry.origin[0], limits.sole_length, geometry.resolution))
     rows = np.unique(_covered(np.array([y]), geometry.origin[1], limits.sole_width, geometry.resolution))
     ny, nx = geometry.shape

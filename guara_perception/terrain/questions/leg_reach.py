@@ -30,7 +30,7 @@ class StandingSole:
 
 # Cache of the four robots used last, by name or folder.
 _loaded = lru_cache(maxsize=4)(robot_model)
-# Bound on the overshoot of a joint position between two tested heights over its values at both [rad].
+# Bound on the amount by which a joint position between two tested heights can exceed its values at both heights [rad].
 BETWEEN_HEIGHTS = 1e-6
 
 
@@ -132,13 +132,13 @@ def _model_of(terrain: LayeredGrid, robot: RobotLike | None) -> RobotModel:
         return _robot(str(record.robot), record.robot_description)
     model = _loaded(robot)
     if model.name != record.robot:
-        raise InvalidInput(f"the grid belongs to robot {record.robot!r}, the model given is {model.name!r}")
+        raise InvalidInput(f"the grid belongs to robot {record.robot!r}, but the given model is {model.name!r}")
     return model
 
 
 @lru_cache(maxsize=4)
 def _robot(name: str, description: str | None) -> RobotModel:
-    """Robot of a description, or of a name if there is no description; the four used last are cached."""
+    """Robot from a description, or by name if there is no description; the four robots used last are cached."""
     if description is not None:
         return robot_from_description(description)
     try:

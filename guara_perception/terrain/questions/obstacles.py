@@ -20,7 +20,7 @@ LEAST_SIGMAS = 4.0
 LEAST_AREA_M2 = 1e-4
 # Quantile of an object's heights that counts as its highest point, because noise may raise one cell in ten.
 TOP_QUANTILE = 0.9
-# Depth of the top below that quantile, in addition to three sigmas; cells above it form the top plane.
+# Cells form the top plane if they are at most this depth plus three sigmas below that quantile.
 TOP_DEPTH_M = 0.004
 # Number of random triples of cells. If 45 % of the cells are on the floor, at least one of 100 triples is on the floor
 # with probability 1 - (1 - 0.45^3)^100.
@@ -32,7 +32,7 @@ FLOOR_SHARE = 0.35
 QUANTILE_TO_SIGMA = 1 / 0.4538
 # Largest number of cells, evenly distributed, to which a floor is fitted: its error is a thirtieth of their noise.
 CELLS = 2000
-# Approximate number of these cells that score the trials.
+# Approximate number of these cells with which the trials are scored.
 JUDGES = 250
 # Least tolerance within which heights belong to the floor; otherwise it is three robust standard deviations.
 LEAST_TOLERANCE_M = 0.002
@@ -67,9 +67,10 @@ class Obstacle(FrozenArrays):
 
 
 def obstacles(terrain: LayeredGrid, *, allow_stale: bool = False) -> list[Obstacle]:
-    """Find connected objects at least 6 mm above or below the floor, sorted by x, then y.
+    """Find connected objects more than 6 mm and 4 sigma above or below the floor, sorted by x, then y.
 
-    The floor is the plane closest to 35 % of the known heights. Unknown ground is not an obstacle, but it is never
+    The floor is the plane that minimises the 35 % quantile of the distances of known heights from it, refined by least
+    squares. Unknown ground is not an obstacle, but it is never
     traversable either.
     """
     terrain = asked(terrain, allow_stale)
@@ -188,8 +189,8 @@ class FloorPlane:
 def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
     """Fit the floor to points (n,) by least quantile of squares, then by least squares over the inliers.
 
-    The result is deterministic, because the trials are always the same. None if the points are fewer than three or
-    collinear.
+    The result is deterministic, because the random trials are always the same. None if the points are fewer than three
+    or collinear.
     """
     if z.size > CELLS:
         some = np.arange(CELLS) * z.size // CELLS
@@ -250,8 +251,8 @@ def fit_plane(x: Float, y: Float, z: Float) -> tuple[float, float, float] | None
 def solve_plane(terms: Float, z: Float) -> Float | None:
     """Least-squares coefficients (3,) of `terms` (3, n) for z (n,), from the normal equations.
 
-    The terms are x and y relative to (almost) their means, so that the equations are well conditioned, and ones. None
-    if the points are fewer than three or collinear.
+    The terms are x and y, relative to their approximate means so that the equations are well conditioned, and ones.
+    None if the points are fewer than three or collinear.
     """
     if len(z) < 3:
         return None

@@ -60,12 +60,12 @@ def check_path(
 ) -> PathVerdict:
     """Check the path of a foot or a part of the body over this terrain.
 
-    A path with z must stay `clearance` away from the ground (highest samples plus confidence; where observations
-    disagree, the highest of all). Every cell within `clearance` of the path, seen from above, must be known and not
-    STALE, or have a ceiling, which then bounds the ground. Near its ends, where a foot stands, less is required: at a
-    distance d from the nearer end at most d - 5 mm - confidence, which is the clearance of a vertical lift. If the path
-    starts at a sole that carried the body when the grid was made, cells wholly under that sole may be unknown, because
-    they are no higher than the sole.
+    A path with z must stay `clearance` away from the ground. The height of the ground in a cell is the highest sample
+    plus the confidence; where observations disagree, the highest of all observations counts. Every cell within
+    `clearance` of the path, seen from above, must be known and not STALE, or have a ceiling, which then bounds the
+    ground. Near its ends, where a foot stands, less is required: at a distance d from the nearer end at most d - 5 mm -
+    confidence, which is the clearance of a vertical lift. If the path starts at a sole that carried the body when the
+    grid was made, cells wholly under that sole may be unknown, because they are no higher than the sole.
 
     A path without z is a track on the ground: every cell within `clearance` must be known and free of hazards.
 
@@ -74,8 +74,8 @@ def check_path(
         clearance: required distance from the ground [m].
 
     Raises:
-        InvalidInput: the points have another shape or are not finite, the path is longer or reaches farther than 20 m,
-            or the clearance is not 0 ... 1 m.
+        InvalidInput: the points have the wrong shape or are not finite, the path is longer than 20 m or has a
+            coordinate beyond 20 m, or the clearance is not 0 ... 1 m.
     """
     terrain = asked(terrain, allow_stale)
     path = checked_points(points, (2, 3), 1, "points of a path")
@@ -125,7 +125,8 @@ def check_polygon(terrain: LayeredGrid, corners: npt.ArrayLike, *, allow_stale: 
     """Check that all cells touched by a polygon (n, 2) [m] are known and free of hazards other than EDGE.
 
     Raises:
-        InvalidInput: there are fewer than three corners, a value is not finite, or the polygon extends beyond 20 m.
+        InvalidInput: there are fewer than three corners, a value is not finite, or the outline is longer than 20 m or
+            has a coordinate beyond 20 m.
     """
     terrain = asked(terrain, allow_stale)
     outline = checked_points(corners, (2,), 3, "corners of a polygon")
@@ -148,7 +149,7 @@ def _too_near(samples: Float, distance: Float, wanted: Float, lack: Float) -> It
 
 
 def _flagged(terrain: LayeredGrid | SwingGround, iy: Index, ix: Index, test: str, mask: np.uint16) -> list[Reason]:
-    """Reason against cells with a flag of a mask, or no reason; cells off the grid count as unknown."""
+    """Reason, in a list, if cells carry a flag of a mask; otherwise an empty list. Cells off the grid are unknown."""
     inside = terrain.geometry.contains(iy, ix)
     flags = terrain.hazard[iy[inside], ix[inside]] & mask
     off = int((~inside).sum()) if test == "unknown" else 0
@@ -169,7 +170,7 @@ def checked_points(points: npt.ArrayLike, columns: tuple[int, ...], least: int, 
     """Convert points to an array (n, columns), finite and within LONGEST_PATH_M.
 
     Raises:
-        InvalidInput: the points have another shape, are not finite or too far apart.
+        InvalidInput: the points have the wrong shape, are too few, are not finite or extend beyond LONGEST_PATH_M.
     """
     wanted = " or ".join(f"(n, {c})" for c in columns)
     array = numbers(points, name)
@@ -186,7 +187,7 @@ class Corridor:
     """Cells around each sample of a path, in arrays (samples, cells of a window).
 
     Attributes:
-        iy, ix: indices of the cells, on the grid or off it.
+        iy, ix: indices of the cells, which may be off the grid.
         aside: horizontal distance of the sample from the cell, 0 inside [m].
         used: mask of the cells within the clearance.
     """
@@ -205,7 +206,7 @@ class Corridor:
 
 
 def corridor_of(geometry: GridGeometry, samples: Float, clearance: float) -> Corridor:
-    """Cells within `clearance` of samples (n, 3) or (n, 2) of a path, seen from above, on the grid or off it."""
+    """Cells within `clearance` of samples (n, 3) or (n, 2) of a path, seen from above; cells may be off the grid."""
     resolution = geometry.resolution
     iy, ix = geometry.indices(samples[:, 0], samples[:, 1])
     # Distances are computed from positions, because the indices of far points are clipped.

@@ -41,7 +41,7 @@ def points(terrain: LayeredGrid) -> Float:
 
 
 def to_xarray(terrain: LayeredGrid) -> Any:
-    """Layers as an `xarray.Dataset` with coordinates x and y [m].
+    """Return the layers as an `xarray.Dataset` with coordinates x and y [m].
 
     Raises:
         MissingExtra: xarray is not installed.
@@ -92,8 +92,8 @@ def height_scan(
         frame: "base_footprint", or "base_link" at its pose in the pause.
 
     Raises:
-        InvalidInput: the points have another shape, the frame is unknown, or it is base_link and the metadata lacks
-            its pose.
+        InvalidInput: the points have the wrong shape, the frame is unknown, or the frame is base_link and the metadata
+            lacks its pose.
     """
     terrain = asked(terrain, allow_stale)
     if frame not in FRAMES:

@@ -1,4 +1,4 @@
-"""Failed tests as reasons, and the base class of answers with reasons."""
+"""Failed tests, and the base class of yes/no answers that list them."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ class Reason:
 
     Attributes:
         test: name of the test, for instance "slope".
-        value: measured value, in `unit`.
+        value: measured value, in `unit`; NaN if there is none, printed as "impossible".
         limit: allowed value, in `unit`.
         unit: "m", "rad", "cells", "share" ...
-        detail: further text, such as the place; may be empty.
+        detail: further text, such as the position; may be empty.
     """
 
     test: str

@@ -1,4 +1,4 @@
-"""Stairs as treads (planes) and risers (edges), from the level regions of a grid."""
+"""Detection of stairs, as treads (planes) and risers (edges), in the level regions of a grid."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from kinematics.arrays import FrozenArrays
 STEEPEST_TREAD_RAD = 0.12
 LEAST_TREAD_M2, LEAST_TREAD_CELLS = 0.0015, 20
 # Level regions belong to one tread if their mean heights differ by less than SAME_OF_RISE of the rise; a first rise
-# must exceed SAME_SIGMAS of both regions.
+# must be at least SAME_SIGMAS standard deviations of the height difference of both regions.
 SAME_SIGMAS, SAME_OF_RISE = 3.0, 0.2
 # On a noisy grid, the slope of a tread may be larger by SLOPE_SIGMAS standard deviations of the slope, and the step
 # within it may reach STEP_SIGMAS standard deviations of the height.
@@ -32,7 +32,7 @@ LEAST_RISE_M, MOST_RISE_M = 0.012, 0.30
 # Largest relative difference between the rises of one flight, and largest range of the directions of its edges.
 RISES_ALIKE = 0.35
 EDGES_ALIKE_RAD = 0.15
-# Ratio of the depth of a tread to the median depth above which it is a landing, which ends a flight.
+# A tread deeper than this multiple of the median depth is a landing; a flight that includes a landing is rejected.
 LANDING = 2.0
 # Each strip along the climb, at least one cell wide, gives one point of an edge. A cell belongs to a tread if their
 # heights differ by less than OF_TREAD of the rise.
@@ -160,7 +160,7 @@ def _as_stairs(x: Float, y: Float, height: Float, cell: float, flight: Flight) -
 
 
 def _flights(regions: list[_Region]) -> list[Flight]:
-    """Sequences of treads with even rises, sorted by their number, then by their area, largest first.
+    """Sequences of treads with even rises, sorted by number of treads, then by total area, largest first.
 
     Each pair of regions gives a first rise. The next tread is the largest region one rise higher, merged with all
     regions at about its height, so that fragments of a tread and artefacts beside the stairs do not end a flight.

@@ -27,7 +27,7 @@ SEED_RADIUS_M = 0.03
 HYSTERESIS = 1 / 3
 # Distance by which the corners that a leg must reach are outside the cell.
 CORNER_OUTSIDE_M = 1e-4
-# Largest distance of a region from its seed, and least area, in a search over the whole map.
+# Largest distance of a region from its seed, and least area, in a search over a whole grid.
 REGION_REACH_M = 0.4
 LEAST_AREA_M2 = 4e-4
 
@@ -92,10 +92,11 @@ def steppable_region(
         radius: largest distance of the region from the nominal position along x and along y [m].
         leg, robot: as in `check_foothold`; the leg reaches every point.
         previous: previous choice, in base_footprint of this grid. The region around its centre is kept while the centre
-            is safe and within the radius, and the new region is not a third larger.
+            is safe and within the radius, unless the new region is at least a third larger.
 
     Raises:
-        InvalidInput: a value is not finite, the radius is above 1 m, or as in `check_foothold`.
+        InvalidInput: x or y is not finite, the radius is not above 0 and at most 1 m, `previous` is of another type, or
+            as in `check_foothold`.
     """
     terrain = asked(terrain, allow_stale)
     if not np.isfinite([x, y]).all():
@@ -131,7 +132,7 @@ def steppable_regions(
     omitted.
 
     Raises:
-        InvalidInput: as in `check_foothold`, if a leg is given.
+        InvalidInput, kinematics.KinematicsError: as in `check_foothold`.
     """
     terrain = asked(terrain, allow_stale)
     (x0, y0), (ny, nx) = terrain.origin, terrain.shape

@@ -43,7 +43,8 @@ class Swing(Verdict, FrozenArrays):
         ok: True if a path was found.
         points: (n, 3) corners of the path of the sole's centre in base_footprint [m], from start to end; (0, 3) if not
             ok.
-        clearance: least distance from the ground between the ends [m], NaN if not ok.
+        clearance: least distance from the ground between the ends [m]; NaN if not ok, or if no part of the path must
+            keep the full clearance.
         reasons: each failed test of the first attempt with value and limit; empty if ok.
     """
 
@@ -80,7 +81,7 @@ def swing(
         robot: model for `leg`; None = the robot of the grid.
 
     Raises:
-        InvalidInput: as `check_path`, and as `check_foothold` if a leg is given.
+        InvalidInput: as in `check_path`, and as in `check_foothold` if a leg is given.
         kinematics.KinematicsError: no such leg or robot.
     """
     terrain = asked(terrain, allow_stale)

@@ -19,7 +19,7 @@ from guara_perception.terrain.layers.layered_grid import numbers
 from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import load_robot
 
-# Largest height; with larger ones the roughness is lost to rounding, which is 0.1 mm at 10 km.
+# Largest height; for larger heights the roughness is lost to rounding errors, which are 0.1 mm at 10 km.
 HIGHEST_M = 1e4
 
 
@@ -45,8 +45,9 @@ def assess_terrain(
             edges within coarse cells.
 
     Raises:
-        InvalidInput: an array has the wrong shape, the resolution is not positive, a height is infinite, a variance is
-            NaN or negative, or a lowest or highest height is missing or on the wrong side of `elevation`.
+        InvalidInput: an array has the wrong shape, the resolution is not positive, a height is infinite or beyond 10
+            km, a variance is NaN, infinite or negative, or a lowest or highest height is missing or on the wrong side
+            of `elevation`.
     """
     heights, variances = check_heights(elevation, variance)
     low, high = _bound(lowest, "lowest", heights, -1), _bound(highest, "highest", heights, 1)

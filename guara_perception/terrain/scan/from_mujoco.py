@@ -43,8 +43,8 @@ def terrain_from_mujoco(
     """Make a grid of extent "footprint" from the ground around a robot in a MuJoCo scene.
 
     Vertical rays sample the ground: all geoms of the scene that can collide and are not part of the robot. Heights are
-    exact and nothing is hidden, so ground that a rangefinder would not see is known. A cell with a ray that meets
-    nothing, or something outside the height limits of the robot, is OUT_OF_RANGE.
+    exact, and there is no occlusion as seen from the robot; only ground below an overhang is hidden. A cell with a ray
+    that meets nothing, or something outside the height limits of the robot, is OUT_OF_RANGE.
 
     Args:
         model: `mujoco.MjModel` of the scene, with the joint names of the robot's URDF.
@@ -69,7 +69,7 @@ def terrain_from_mujoco(
     ground = ~_is_own(model, base)[model.geom_bodyid] & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
     if not ground.any():
         raise InvalidInput(
-            "no geom of the scene is ground; allowed: one or more that can collide and are not part of the robot"
+            "the scene has no ground: it needs at least one geom that can collide and is not part of the robot"
         )
     stance, transform_base_to_world = _stance(model, data, robot, base, support_feet)
     try:
@@ -123,12 +123,12 @@ def _stance(
 ) -> tuple[Stance, Float]:
     """Stance of the robot in the scene, and transform_base_to_world (4, 4)."""
     if not (np.isfinite(data.qpos).all() and np.isfinite(data.xpos).all() and np.isfinite(data.xmat).all()):
-        raise InvalidInput("the state of the scene is not finite; allowed: finite positions (has it diverged?)")
+        raise InvalidInput("the state of the scene contains NaN or infinity: has the simulation diverged?")
     named = {model.joint(index).name: index for index in range(model.njnt)}
     missing = sorted(set(robot.joint_names) - set(named))
     if missing:
         raise InvalidInput(
-            f"the scene has no joint {', '.join(missing)} of robot {robot.name!r}; give its robot folder"
+            f"the scene lacks joint {', '.join(missing)} of robot {robot.name!r}; pass its robot's folder as `robot`"
         )
     positions = {name: float(data.qpos[model.jnt_qposadr[named[name]]]) for name in robot.joint_names}
     transform_base_to_world = np.eye(4)

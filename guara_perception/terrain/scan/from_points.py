@@ -54,8 +54,8 @@ def terrain_from_points(
         metadata: further metadata fields, for instance `stance` and `transform_base_to_footprint` of the pause.
 
     Raises:
-        InvalidInput: an array has the wrong shape, sigma or origin is not finite, or the resolution does not divide the
-            area.
+        InvalidInput: an array has the wrong shape, sigma is negative or not finite, the origin is not finite, or the
+            resolution does not divide the area.
     """
     robot = robot_model("guara" if robot is None else robot)
     settings = Settings.of(robot)

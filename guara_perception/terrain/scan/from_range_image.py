@@ -49,9 +49,9 @@ def terrain_from_range_image(
         step: number of the stance pause.
 
     Raises:
-        InvalidInput: the shape does not fit the area (pixels must be nearly square); heights are infinite; causes or
-            sigma have another shape or values that are not allowed; causes contradict the heights; the area is invalid
-            or not divisible by the resolution.
+        InvalidInput: the shape does not fit the area (pixels must be nearly square); heights are infinite or
+            implausibly large; causes or sigma have another shape or values that are not allowed; causes contradict the
+            heights; the area is invalid or not divisible by the resolution.
     """
     robot = robot_model("guara" if robot is None else robot)
     settings = Settings.of(robot)
@@ -118,7 +118,7 @@ def _causes(causes: npt.ArrayLike | None, known: Mask) -> Flags:
         return np.where(known, 0, np.uint16(Hazard.UNSCANNED)).astype(np.uint16)
     given = numbers(causes, "causes")
     if given.shape != known.shape:
-        raise InvalidInput(f"causes have shape {given.shape}, the heights {known.shape}: they must be alike")
+        raise InvalidInput(f"causes have shape {given.shape}; allowed: the shape {known.shape} of the heights")
     if not np.isin(given, np.arange(int(UNKNOWN_MASK) + 1)).all():
         raise InvalidInput(
             "causes contain flags other than those of unknown cells, allowed: combinations of the bits "

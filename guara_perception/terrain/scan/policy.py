@@ -58,12 +58,12 @@ class ScanPolicy:
         """Start with a clear path.
 
         Args:
-            robot: model, name or folder; its soles define the corridor, its robot.toml patterns and limits.
+            robot: model, name or folder; its soles define the corridor, and its robot.toml defines patterns and limits.
             height_limit: distance from the support plane above which a cell is an obstacle [m]; None = half of the
                 drop limit.
 
         Raises:
-            InvalidInput: the height limit is not above 0.
+            InvalidInput: the height limit is not a finite number above 0.
         """
         robot = robot_model(robot)
         self._settings = Settings.of(robot)
@@ -103,7 +103,8 @@ class ScanPolicy:
             stripe_time: time for one stripe [s].
 
         Raises:
-            InvalidInput: the grid is not a scan, the pairs have another shape, or a time is not allowed.
+            InvalidInput: the grid is not a scan, `pairs` does not have its shape, `time_left` is not finite, or
+                `stripe_time` is not above 0.
         """
         if coarse.extent != "footprint" or pairs.shape != coarse.shape:
             raise InvalidInput(
@@ -146,7 +147,7 @@ class ScanPolicy:
         return hazardous | high, reasons
 
     def _between(self, pairs: Index, found: Mask) -> tuple[int, ...]:
-        """Stripes missing in a coarse scan, by the number of obstacle cells below them, then from near to far."""
+        """Stripes missing in a coarse scan, those above most obstacle cells first, then from near to far."""
         lacking = sorted(set(self._settings.pattern("standard")) - set(self._settings.pattern("coarse")))
         every = self._settings.coarse_every
         passed = {index: int(((pairs == index - index % every) & found).sum()) for index in lacking}

@@ -159,7 +159,7 @@ def test_pairing_is_by_index_not_by_order(paper_scan, calibration, robot, paper_
 def test_another_robots_model_is_refused(paper_scan, calibration, robot):
     """Robot of scan, of model and of calibration must be one."""
     other = dataclasses.replace(paper_scan, robot="tapir")
-    with pytest.raises(gp.CalibrationMismatch, match=r"scan.json: robot is 'tapir', the model given is 'guara'"):
+    with pytest.raises(gp.CalibrationMismatch, match=r"scan.json: robot is 'tapir', but the given model is 'guara'"):
         gp.process_scan(other, calibration, robot)
 
 

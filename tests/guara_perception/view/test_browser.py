@@ -73,7 +73,7 @@ def test_the_page_shows_robot_and_terrain(page: Chromium, robot: RobotModel, gri
         open_page(page, view.address, "step 7")
         for expected_text in (
             "a foot may be set here",
-            "Known, no foot here",
+            "Known, not traversable",
             "not drawn: unknown because never observed",
         ):
             assert page.evaluate(f"document.body.innerText.includes('{expected_text}')"), expected_text
@@ -95,7 +95,7 @@ def test_the_page_shows_robot_and_terrain(page: Chromium, robot: RobotModel, gri
         ground = share(whole[SCENE], TERRAIN, 70)
         until(page, lambda picture: share(picture[SCENE], TERRAIN, 70) < ground / 4, "no ground")
         until(page, lambda picture: is_rust(picture[SCENE]).mean() < 1e-4, "no robot where joints are unknown")
-        assert page.evaluate("document.body.innerText.includes('picture is not available')")
+        assert page.evaluate("document.body.innerText.includes('no camera image available')")
         assert page.errors == []
         outside = [url for url in page.requests if not url.startswith((view.address, "data:", "blob:"))]
         assert outside == []
@@ -158,7 +158,7 @@ def test_a_click_explains_the_cell_and_a_scale_has_its_bar(
     """Where the ground is seen a click says what is known of it; other colours come with a bar of them."""
     with BrowserView(robot, port=18140) as view:
         view.show_recording([moment(grid)])
-        open_page(page, view.address, "Click on the ground")
+        open_page(page, view.address, "Click a cell")
 
         def edge(picture: np.ndarray) -> np.ndarray:
             """Pixels (n, 2), row and column of the scene, that lie within a yellow piece of ground."""

@@ -24,7 +24,7 @@ def test_the_status_says_what_is_seen(grid: gp.TerrainGrid) -> None:
     assert "provisional" not in text
     data = {**grid.metadata, "provisional": True, "health": {"level": "degraded", "reasons": ["a lamp"]}}
     text = status_text(dataclasses.replace(grid, record=ScanRecord.from_json(data)))
-    assert "provisional: its pause has not confirmed it" in text and "a lamp" in text
+    assert "provisional: not yet confirmed that the robot stood still" in text and "a lamp" in text
     text = status_text(dataclasses.replace(grid, record=ScanRecord.from_json({**data, "withdrawn": True})))
     assert "**withdrawn**" in text and "provisional" not in text
 
@@ -40,7 +40,7 @@ def test_hazards_stand_in_three_groups(grid: gp.TerrainGrid) -> None:
     traversability[0, :2] = 0
     layers = {**grid.layers, "hazard": hazard, "elevation": elevation, "traversability": traversability}
     html = legend_html(terrain_mesh(dataclasses.replace(grid, layers=layers)))
-    known = ("a foot may be set here", "Known, no foot here", "<b>edge</b>", "Unknown, never safe", "<b>dropout</b>")
+    known = ("a foot may be set here", "Known, not traversable", "<b>edge</b>", "Unknown, never safe", "<b>dropout</b>")
     ranks = [
         html.index(word) for word in (*known, "<b>out of range</b>", "<b>not drawn</b>: unknown because never observed")
     ]
