@@ -107,7 +107,7 @@ class PicBoard(Board):
         if not self.status().homed:
             raise MirrorNotHomed("the mirror's home is unknown: call home() or ensure_ready() first")
         if not IDENTITY.min_step <= step <= IDENTITY.max_step:
-            raise MirrorOutOfRange(f"step {step}, the board's travel is {IDENTITY.min_step} ... {IDENTITY.max_step}")
+            raise MirrorOutOfRange(f"step {step} is outside the travel of {IDENTITY.min_step} ... {IDENTITY.max_step}")
         self._ask(f"G {step}")
         if wait:
             self.wait_until_still()

@@ -1,4 +1,4 @@
-"""Transport of a planner or viewer: newest grids, scan requests, queries, liveliness."""
+"""Client side of the transport, for planners and viewers: newest grids, scan requests, queries, liveliness."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from transport.queries.query import query_terrain
 from transport.queries.scan_client import ARRIVES_WITHIN, request_scan, result_of
 from transport.supervision import Seldom
 
-# A running node delivers its last grid within this time [s], even over a slow link or from a busy machine.
+# Longest time in which a running node delivers its last grid, even over a slow link or from a busy machine [s].
 FIRST_GRID = 5.0
 
 # Predicate that accepts any message.
@@ -39,14 +39,14 @@ logger = logging.getLogger(__name__)
 class PerceptionClient(AbstractContextManager["PerceptionClient"]):
     """Client of one robot: receives its grids and requests scans.
 
-    Each extent is subscribed to at its first use. `GridJudge` accepts or rejects each grid by sender and age.
+    Each extent is subscribed to at its first use. `GridJudge` accepts or rejects each grid by sender, order and age.
 
     Attributes:
         robot: instance name.
     """
 
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT, encoding: str = "lossless") -> None:
-        """Watch the node and its status.
+        """Start to monitor liveliness and status of the node.
 
         Args:
             session: open session; closing the client closes it.
@@ -65,11 +65,11 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         self._waiter = GridWaiter(session, self._judge, robot)
 
     def __exit__(self, *error: object) -> None:
-        """Close."""
+        """Close the client."""
         self.close()
 
     def receiver(self, extent: str = "footprint") -> NewestReceiver[TerrainMessage]:
-        """Receiver of one extent, with counts of messages received, superseded, missed and rejected.
+        """Return the receiver of an extent, with counts of messages received, superseded, missed and rejected.
 
         Raises:
             MessageError: unknown extent.
@@ -85,11 +85,11 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         return self._judge.node.is_alive
 
     def wait_until_alive(self, timeout: float) -> bool:
-        """Wait until the node is alive; False after `timeout` [s]."""
+        """Wait until the node is alive. Return False if it is not alive after `timeout` [s]."""
         return self._judge.node.wait(True, timeout)
 
     def status(self) -> Status | None:
-        """Newest status of the node; None before the first.
+        """Return the newest status of the node, or None before the first.
 
         Raises:
             MessageError: the newest status is damaged.
@@ -98,23 +98,23 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
 
     @property
     def clock_offset(self) -> ClockOffset | None:
-        """Offset of the node's wall clock from this machine's; None until the node has reported its clock."""
+        """Offset between the wall clocks of node and client; None until the node has reported its clock."""
         return self._judge.clock.offset
 
     def age(self, received: Received[TerrainMessage]) -> float:
-        """Time since the end of the scan of a received grid [s]; see `GridJudge.age`."""
+        """Return the time since the end of the scan of a received grid [s]; see `GridJudge.age`."""
         return self._judge.age(received)
 
     def latest(self, *, extent: str = "footprint", **accepted: Unpack[Accepted]) -> TerrainMessage:
-        """Newest grid, if it may be used.
+        """Return the newest grid, if it may be used.
 
         Args:
             extent: "footprint" or "map".
-            accepted: fields of `Terms`: `max_age` changes the age limit only; `allow_stale` also returns grids with
-                objections, which are listed in `stale_because`.
+            accepted: fields of `Terms`. `max_age` changes the age limit only. With `allow_stale`, stale grids are
+                returned too, with the reasons in `stale_because`.
 
         Raises:
-            StaleTerrain: the newest grid may not be used, or there is none yet.
+            StaleTerrain: the newest grid may not be used, or the node has not published one yet.
             ScannerUnavailable: there is no grid and no node.
             MessageError: the newest sample is not a valid grid.
         """
@@ -139,9 +139,9 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
                 received = newer
 
     def summary(self, *, timeout: float, **accepted: Unpack[Accepted]) -> SummaryMessage:
-        """Newest usable summary of the map; waits if there is none.
+        """Return the newest usable summary of the map; wait for one if necessary.
 
-        Summaries have no history: those sent before the first call are not received. Invalid samples are skipped.
+        A summary sent before the first call is never received. Invalid samples are skipped.
 
         Args:
             timeout: longest wait [s].
@@ -149,16 +149,17 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
 
         Raises:
             StaleTerrain: the newest summary may not be used, and no newer one arrived in time.
-            ReceiveTimeout: none arrived although the node is alive.
-            ScannerGone, ScannerUnavailable: none arrived, and the node disappeared or was never seen.
+            ReceiveTimeout: no summary arrived in time although the node is alive.
+            ScannerGone: no summary arrived, and the node has disappeared.
+            ScannerUnavailable: no summary arrived, and no node was ever seen.
         """
         receiver = self._receiver(SummaryMessage.extent, summary_key(self.robot), decode_summary, latched=False)
         return self._waiter.wait(receiver, ANY, timeout, Terms(**accepted), says_stale=True).message
 
     def regions(self, *, timeout: float, **accepted: Unpack[Accepted]) -> RegionsMessage:
-        """Newest usable steppable regions of the map; waits if there are none.
+        """Return the newest usable steppable regions of the map; wait for them if necessary.
 
-        Arguments and errors as in `summary`. The last regions sent before the first call are received too.
+        Arguments and errors are as in `summary`, but the last regions sent before the first call are received too.
         """
         receiver = self._receiver(RegionsMessage.extent, regions_key(self.robot), decode_regions)
         return self._waiter.wait(receiver, ANY, timeout, Terms(**accepted), says_stale=True).message
@@ -166,7 +167,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
     def _receiver(
         self, extent: str, key: str, decode: Callable[[bytes], G], *, latched: bool = True
     ) -> NewestReceiver[G]:
-        """Receiver of one kind of grid, which subscribes at the first call."""
+        """Return the receiver of one kind of grid; the first call subscribes."""
         if extent not in self._receivers:
             self._receivers[extent] = NewestReceiver(
                 self._session, key, decode, latched=latched, refusal=lambda grid: self._judge.refusal(grid, extent)
@@ -175,7 +176,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         return self._receivers[extent]
 
     def _first(self, extent: str, within: float) -> Received[TerrainMessage] | None:
-        """Newest grid, however old, within this time after the subscription [s]; None if there is none."""
+        """Return the newest grid, however old, that arrives within this time [s] after the subscription, or None."""
         receiver = self.receiver(extent)
         with suppress(ReceiveTimeout):
             return receiver.wait_until(ANY, max(0.0, self._since[extent] + within - time.monotonic()))
@@ -194,17 +195,18 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         """Wait until the newest grid may be used and `predicate` accepts it.
 
         Args:
-            predicate: called with each newest grid.
+            predicate: called with each newest grid; returns True to accept it.
             timeout: longest wait [s]; None = no limit.
             extent: "footprint" or "map".
-            after: number of a sample; only later ones are considered.
-            takes_back: also return a message that withdraws an earlier grid, whatever `accepted` says.
+            after: number of a sample; only samples with larger numbers are considered.
+            takes_back: also return a message that withdraws an earlier grid, regardless of `accepted`.
             accepted: as in `latest`.
 
         Raises:
-            ReceiveTimeout: none arrived in time although the node is alive; the message states if stale ones arrived.
-            ScannerGone: none arrived, and the node disappeared.
-            ScannerUnavailable: none arrived, and no node was ever seen.
+            ReceiveTimeout: no such grid arrived in time although the node is alive; the error message reports stale
+                grids that arrived.
+            ScannerGone: no such grid arrived, and the node has disappeared.
+            ScannerUnavailable: no such grid arrived, and no node was ever seen.
         """
         return self._waiter.wait(
             self.receiver(extent),
@@ -245,15 +247,15 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         extent: str = "footprint",
         **accepted: Unpack[Accepted],
     ) -> None:
-        """Call `callback` with each newest grid on a thread of its own; see `NewestReceiver.on_newest`.
+        """Call `callback` with each newest grid, on a separate thread; see `NewestReceiver.on_newest`.
 
-        A grid that may not be used is skipped, except one that withdraws another: it is always passed on, with the
-        objections to it.
+        A grid that may not be used is skipped, except one that withdraws another grid: it is always passed on, with the
+        reasons why it is stale.
         """
         notices, terms, receiver = Seldom(logger), Terms(**accepted), self.receiver(extent)
 
         def hand_over(received: Received[TerrainMessage]) -> None:
-            # A withdrawal must be delivered, however late.
+            # A withdrawal must be delivered, no matter how late it arrives.
             mine = TAKING_BACK if received.message.withdrawn else terms
             newer = partial(receiver.has_newer, received)
             try:
@@ -272,10 +274,11 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         on_progress: Callable[[ScanReply], None] | None = None,
         **accepted: Unpack[Accepted],
     ) -> TerrainMessage:
-        """Request a scan and return its grid; arguments and errors as in `scan_client.request_scan`.
+        """Request a scan and return its grid; arguments and further errors as in `scan_client.request_scan`.
 
         Raises:
-            ReceiveTimeout: the scan was done, but no usable grid of it arrived in time.
+            ReceiveTimeout: the scan is complete, but no usable grid of this scan arrived in time.
+            ScannerGone, ScannerUnavailable: the node has disappeared, or was never seen.
         """
         receiver, start = self.receiver(), time.monotonic()
         if not self.wait_until_alive(min(timeout, SETTLE)):
@@ -301,17 +304,17 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         timeout: float = 5.0,
         **accepted: Unpack[Accepted],
     ) -> TerrainMessage:
-        """Query the node for its newest grid or a region of it; errors as in `query.query_terrain`.
+        """Query the node for its newest grid or a region of that grid; further errors as in `query.query_terrain`.
 
         Args:
             extent: "footprint" or "map".
-            region: (x_min, x_max, y_min, y_max) in the frame of the grid [m]; None for the whole grid.
+            region: (x_min, x_max, y_min, y_max) in the frame of the grid [m]; None = the whole grid.
             timeout: longest wait [s].
             accepted: as in `latest`.
 
         Raises:
             StaleTerrain: the newest grid may not be used, or there is none yet.
-            MessageError: the reply is of another robot, extent or frame, or of a run of the node that has ended.
+            MessageError: the reply is for another robot, extent or frame, or from an earlier run of the node.
         """
         asked = time.time_ns(), clock.now()
         terrain = query_terrain(
@@ -323,5 +326,5 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         return self._judge.check(Received(terrain, 0, asked[1], asked[0]), Terms(**accepted), patience=SETTLE)
 
     def close(self) -> None:
-        """Close the session with all receivers; safe to call twice."""
+        """Close the session and all receivers; may be called twice."""
         self._session.close()

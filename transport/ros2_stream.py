@@ -1,4 +1,4 @@
-"""Joint samples from ROS 2: `sensor_msgs/JointState` and gravity from `sensor_msgs/Imu`, as StanceStream batches."""
+"""Joint samples from ROS 2 as StanceStream batches: joints from JointState, gravity from Imu (`sensor_msgs`)."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ from transport.messages.stance_stream import ANY_WALK, MAXIMUM_BATCH, MAXIMUM_SA
 from transport.stance_stream_link import BATCH_PERIOD
 
 JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
-# Largest time between an IMU sample and the joints that it is combined with [ns].
+# Largest time difference between an IMU sample and the joint sample with which it is combined [ns].
 SAME_INSTANT = 20_000_000
 NOT_MEASURED = [math.nan] * 3
 
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """Stamp [ns] and positions [rad or m] of a `sensor_msgs/JointState`."""
+    """Stamp [ns] and joint positions [rad or m] of a `sensor_msgs/JointState`."""
 
     stamp: int
     positions: Mapping[str, float]
 
 
 def decode_joint_state(payload: bytes) -> JointState:
-    """Read stamp, names and positions of a JointState in CDR.
+    """Decode stamp, names and positions of a JointState in CDR.
 
-    Velocities and efforts are not read: they are often empty, and writers pad an empty list of numbers in different
+    Velocities and efforts are not decoded: they are often empty, and writers pad an empty list of numbers in different
     ways.
 
     Raises:
-        MessageError: the payload is truncated or too long, or names and positions differ in number.
+        MessageError: the payload is truncated or too long, or the numbers of names and positions differ.
     """
     if len(payload) > MAXIMUM_BATCH:
         raise MessageError(f"JointState of {len(payload)} bytes; allowed: {MAXIMUM_BATCH}")
@@ -49,7 +49,7 @@ def decode_joint_state(payload: bytes) -> JointState:
 
     def take(form: str, size: int, count: int = 1) -> tuple[Any, ...]:
         nonlocal at
-        # Numbers are aligned to multiples of their size, counted from the end of the 4-byte header.
+        # Numbers are aligned to multiples of their size, measured from the end of the 4-byte header.
         at += -(at - 4) % size
         found = struct.unpack_from(f"{order}{count}{form}", payload, at)
         at += count * size
@@ -79,10 +79,10 @@ class _Sample:
 
 
 class Ros2Stream:
-    """Receiver of `/<robot>/joint_states` and `/<robot>/imu` that converts them to batches of StanceStream.
+    """Receiver of `/<robot>/joint_states` and `/<robot>/imu` that converts their messages to StanceStream batches.
 
-    JointState contains neither the standing feet nor the walk. Every leg is marked as carrying weight, so that the
-    support feet of BEGIN apply, and the samples belong to the current walk. Stamps are on the gait's clock.
+    JointState contains neither the support feet nor the walk. Every leg is marked as supporting, so that the support
+    feet of BEGIN apply, and the samples belong to the current walk. Stamps are on the gait's clock.
     """
 
     def __init__(
@@ -97,23 +97,24 @@ class Ros2Stream:
         legs: Sequence[str],
         rotation_imu_to_base: npt.ArrayLike | None = None,
     ) -> None:
-        """Subscribe.
+        """Subscribe to the topics.
 
         Args:
             session: open session.
-            on_batch: called with each batch, on a thread of its own.
-            on_refused: called when a message cannot be used.
+            on_batch: called with each batch, on a separate thread.
+            on_refused: called with the error when a message cannot be used.
             robot: instance name.
-            domain: ROS domain.
-            joints: names of joints that each JointState must contain.
+            domain: ROS 2 domain.
+            joints: names of the joints that each JointState must contain.
             legs: names of the legs.
-            rotation_imu_to_base: (3, 3); None = the robot has no IMU, and Imu is not received.
+            rotation_imu_to_base: (3, 3) rotation from the IMU's frame to `base_link`; None = the robot has no IMU, and
+                Imu is not received.
         """
         self._robot, self._joints, self._legs = robot, tuple(joints), tuple(legs)
         self._on_batch, self._on_refused = on_batch, on_refused
         self._turn = np.eye(3) if rotation_imu_to_base is None else np.asarray(rotation_imu_to_base, np.float64)
         self._samples: list[_Sample] = []
-        # Stamp, gravity and angular velocity of the last IMU sample; NaN where not measured.
+        # Stamp, gravity and angular velocity of the last IMU sample; NaN if not measured.
         self._imu = 0, NOT_MEASURED, NOT_MEASURED
         self._sequence = 0
         key = data_key(domain, f"{robot}/joint_states", JOINT_STATE)
@@ -137,19 +138,19 @@ class Ros2Stream:
             gravity = turning = NOT_MEASURED
         if self._samples:
             first = self._samples[0]
-            # Either all samples of a batch have gravity or none has.
+            # In a batch, either all samples have gravity or none.
             is_other = math.isnan(first.gravity[0]) != math.isnan(gravity[0])
             if is_other or len(self._samples) >= MAXIMUM_SAMPLES or stamp - first.stamp >= BATCH_PERIOD * 1e9:
                 self._send()
         self._samples.append(_Sample(stamp, [found[name] for name in self._joints], gravity, turning))
 
     def _on_imu(self, message: Any) -> None:
-        """Take gravity from the orientation or, if there is none, from the acceleration of a body at rest."""
+        """Keep gravity, from a valid orientation or else from the acceleration at rest, and the angular velocity."""
         q, a, w = message.orientation, message.linear_acceleration, message.angular_velocity
         down: npt.NDArray[np.float64] | None = None
         length = float(np.linalg.norm((q.x, q.y, q.z, q.w)))
         if message.orientation_covariance[0] >= 0.0 and abs(length - 1.0) < 0.01:
-            # The vertical is the last row of the rotation from the IMU's frame to the world.
+            # The last row of the rotation from the IMU's frame to the world is the vertical.
             up = (2 * (q.x * q.z - q.w * q.y), 2 * (q.y * q.z + q.w * q.x), 1 - 2 * (q.x**2 + q.y**2))
             down = -np.array(up)
         elif message.linear_acceleration_covariance[0] >= 0.0 and (a.x, a.y, a.z) != (0.0, 0.0, 0.0):

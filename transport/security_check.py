@@ -1,4 +1,4 @@
-"""Check of a security folder: every action is tried as each role, against a temporary node on this machine."""
+"""Check of a security folder: each role tries every action, against a temporary node on this machine."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ ACTIONS = (
     "forge grids",
 )
 
-# Name of a client without certificate.
+# Name of a client without a certificate.
 STRANGER = "nobody"
 
 # Actions that each role should be allowed.
@@ -45,9 +45,9 @@ EXPECTED: dict[str, tuple[str, ...]] = {
     STRANGER: (),
 }
 
-# Longest wait for a message that should arrive [s].
+# Longest wait for a message that is expected to arrive [s].
 WAIT = 2.0
-# Time to listen for a message that should not arrive [s]; if it did, it would take milliseconds.
+# Time to listen for a message that should not arrive [s]; a forbidden message would arrive within milliseconds.
 QUIET = 0.5
 # Reply to a scan request.
 DONE = b"done"
@@ -55,13 +55,13 @@ DONE = b"done"
 
 @dataclass(frozen=True, slots=True)
 class Permission:
-    """Cell of the permission matrix.
+    """Entry of the permission matrix.
 
     Attributes:
-        role: role, or "nobody" for a client without a certificate.
+        role: name of the role or member, or "nobody" for a client without a certificate.
         action: action that was tried.
-        allowed: True if it succeeded.
-        expected: True if it should succeed.
+        allowed: True if the action succeeded.
+        expected: True if the action should succeed.
     """
 
     role: str
@@ -91,7 +91,7 @@ def _is_answered(session: Session, key: str, reply: bytes, timeout: float) -> bo
 
 
 class _Probe:
-    """Node for the check: it publishes, serves a queryable, and collects stance pauses."""
+    """Temporary node of a check: publishes grids and status, answers scan requests, and collects stance pauses."""
 
     def __init__(self, session: Session, robot: str) -> None:
         self.robot, self.session = robot, session
@@ -103,21 +103,21 @@ class _Probe:
 
 
 def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Permission, ...]:
-    """Connect to a robot's node as each role, and without a certificate, and try every action.
+    """Connect to a robot's node as each role and without a certificate, and try every action.
 
-    A temporary node with the folder's own configuration is opened on a free port of this machine; a running node is not
-    affected. Members of another robot and the robot's routers are tried too, if the folder has them.
+    The temporary node has the folder's own configuration and listens on a free port of this machine; a running node is
+    not affected. If the folder has other robots or routers of this robot, they are tried too.
 
     Args:
         folder: folder made by `init_security`, with the folders of all roles.
-        robot: instance name; None = the robot of the folder, or the first.
+        robot: instance name; None = the first robot in the folder.
 
     Returns:
         One entry per role and action.
 
     Raises:
-        SecurityError: a role's folder is missing, or there is no such robot.
-        ConnectionFailed: the node does not start with its certificate.
+        SecurityError: a role's folder is missing, there is no such robot, or it has no planner or viewer left.
+        ConnectionFailed: the node does not start with its configuration.
     """
     members, name = _robot_in(folder, robot)
     robot_folder = members.robots[name].folder
@@ -132,18 +132,18 @@ def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Per
 
 
 def check_router(folder: str | Path, router: str, *, robot: str | None = None) -> tuple[Permission, ...]:
-    """Check a router as `check_security` checks a node.
+    """Check a router, in the same way as `check_security` checks a node.
 
     A temporary router with the same configuration runs on a free port of this machine, with a node as its client.
 
     Args:
         folder: folder made by `init_security`.
         router: name of the router.
-        robot: instance name of a robot that it serves; None = the first.
+        robot: instance name of a robot that the router serves; None = the first.
 
     Raises:
-        SecurityError: there is no such router, or it does not serve the robot.
-        ConnectionFailed: it does not start with its configuration.
+        SecurityError: there is no such router, it does not serve the robot, or the robot has no planner or viewer left.
+        ConnectionFailed: the router does not start with its configuration.
     """
     members = open_members(folder)
     if router not in members.routers:
@@ -160,7 +160,7 @@ def check_router(folder: str | Path, router: str, *, robot: str | None = None) -
         rows[f"{served.uplink}.{ROUTER}"] = (members.root / served.uplink, allowed)
     for other, found in members.routers.items():
         if found.uplink == router and other not in members.revoked:
-            # It may send anything in the name of its own robots.
+            # This router may send anything in the name of the robots that it serves.
             brings = ("connect", "forge grids") if name in found.robots else ("connect",)
             rows[f"{other}.{ROUTER}"] = (members.root / other, brings)
     for watcher in members.fleet:
@@ -201,7 +201,7 @@ def _own_rows(members: Members, robot: str) -> dict[str, tuple[Path | None, tupl
 
 
 def _reader_of(members: Members, robot: str) -> Path:
-    """Folder of a member that would receive a forged grid."""
+    """Return the folder of a member that would receive a forged grid."""
     own = members.robots[robot]
     roles = {"viewer": "viewer", "planner": "planner", **own.added}
     for name, role in roles.items():
@@ -289,7 +289,7 @@ def _try_role(
 
 
 def format_matrix(permissions: tuple[Permission, ...]) -> str:
-    """Format the matrix as text, a row per role and a column per action; `!` marks deviations."""
+    """Format the matrix as text, with a row per role and a column per action; `!` marks unexpected results."""
     rows = {"role": list(ACTIONS)}
     for cell in permissions:
         mark = ("yes" if cell.allowed else "no") + ("" if cell.allowed == cell.expected else " !")

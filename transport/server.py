@@ -1,4 +1,4 @@
-"""Transport of a perception node: grids, scan requests, queries, status, liveliness."""
+"""Node side of the transport: publishes grids, status and liveliness, and serves scan requests and queries."""
 
 from __future__ import annotations
 
@@ -39,20 +39,20 @@ from transport.stance_link import GaitClock
 from transport.supervision import FailureLog
 
 logger = logging.getLogger(__name__)
-# Longest time for which the final reply to a scan request waits for its terrain message to be sent [s].
+# Longest delay of the final reply to a scan request while its terrain message is being sent [s].
 SEND_TIMEOUT = 2.0
-# Time for which a jump of the clock is reported in the status [s].
+# Time during which a jump of the clock stays in the status [s].
 REPORTED_FOR = 60.0
 
 
 class PerceptionServer(Resource):
-    """Transport of the node of one robot. Publishing does not block the calling thread.
+    """Transport of a robot's perception node. Publishing does not block the calling thread.
 
     Attributes:
         robot: instance name.
-        run: identity of this run of the node, new at each start, contained in every grid and status.
+        run: identity of this run of the node, generated at each start and contained in every grid and status.
         views: sender of messages for viewers.
-        follow_status: `StatusReporter.follow`.
+        follow_status: adds a receiver of status payloads; see `StatusReporter.follow`.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class PerceptionServer(Resource):
         ros2_domain: int | None = None,
         name_timeout: float = NAME_TIMEOUT,
     ) -> None:
-        """Claim the name, declare all keys and the liveliness tokens, and start the status.
+        """Claim the name, declare keys and liveliness tokens, and start to report the status.
 
         Args:
             session: open session of the node.
@@ -72,10 +72,10 @@ class PerceptionServer(Resource):
             collect_status: returns further status items; called from the reporter's threads.
             ros2_domain: ROS 2 domain to which occupancy, grid map and status (as `/diagnostics`) are bridged; None = no
                 bridge.
-            name_timeout: longest wait for another node of this name to disappear [s].
+            name_timeout: longest wait for another node of this name to stop [s].
 
         Raises:
-            NameTaken: another node of this name is running on this router.
+            NameTaken: after `name_timeout`, another node of this name is still running on this router.
         """
         claim = claim_name(session, robot, timeout=name_timeout)
         self.robot = robot
@@ -84,13 +84,13 @@ class PerceptionServer(Resource):
         self._collect = collect_status
         self._lock = threading.Lock()
         self._newest: dict[str, TerrainMessage] = {}
-        # Footprint whose occupancy and grid map are currently published.
+        # Footprint grid whose occupancy and grid map are currently published.
         self._derived: TerrainMessage | None = None
         self._sequences = dict.fromkeys(EXTENTS, 0)
         self._step: int | None = None
         self._epoch = ""
         self._standing: bool | None = None
-        # Last sequence skipped because the gait reused the number of a pause.
+        # Last sequence number that was skipped because the gait reused the number of a pause.
         self._given_up = 0
         self._names: NameWatch | None = None
         self._jumps = JumpWatch(robot)
@@ -110,14 +110,14 @@ class PerceptionServer(Resource):
         if self._bridge is not None:
             bridge = self._bridge
             self._status.follow(lambda payload: bridge.put("/diagnostics", STATUS, payload))
-        # Last: clients send queries as soon as they see the tokens.
+        # The tokens come last: clients send queries as soon as they see them.
         self._tokens = [AliveToken(session, key) for key in (run_key(robot, self.run), alive_key(robot))]
         self._names = NameWatch(session, robot, self.run, self._status.changed)
         claim.close()
         super().__init__(session)
 
     def next_sequence(self, extent: str) -> int:
-        """Return the sequence number of the next message of an extent; increases with every call.
+        """Return the sequence number of the next message of an extent; each call increases it by 1.
 
         Raises:
             MessageError: unknown extent.
@@ -136,20 +136,20 @@ class PerceptionServer(Resource):
         summary: Callable[[], Payload] | None = None,
         regions: Callable[[], RegionsMessage] | None = None,
     ) -> None:
-        """Publish a grid; returns immediately, encoding and sending run on threads of the outbox.
+        """Publish a grid. Returns immediately; encoding and sending run on threads of the outbox.
 
         The Terrain message is sent first, then the messages derived from it.
 
         Args:
             terrain: grid of either extent.
-            occupancy: (ny, nx) int8 of the same grid; if given for extent "footprint", OccupancyGrid and GridMap are
-                published too.
-            summary: makes the payload of a map's summary, as `encode_summary`; called on a thread of the outbox if
+            occupancy: (ny, nx) int8 occupancy of the same grid; if given for extent "footprint", OccupancyGrid and
+                GridMap are published too.
+            summary: returns the encoded summary of a map, as from `encode_summary`; called on a thread of the outbox if
                 there are subscribers.
-            regions: makes the regions of a map; called on a thread of the outbox.
+            regions: returns the steppable regions of a map; called on a thread of the outbox.
 
         Raises:
-            MessageError: the occupancy has another shape, or the grid has another robot's name.
+            MessageError: the shape of `occupancy` differs from that of the grid, or the grid is from another robot.
             SessionClosed: the session is closed.
         """
         if terrain.robot != self.robot:
@@ -162,7 +162,7 @@ class PerceptionServer(Resource):
             if terrain.extent == "footprint" and not is_over:
                 self._derived = terrain
             if self._standing is None and terrain.extent == "footprint":
-                # Nobody announces pauses, as in a replay: the newest scan defines the pause.
+                # No pauses are announced, as in a replay, so that the newest scan defines the pause.
                 self._step, self._epoch = terrain.step, terrain.epoch
             self._times = [*self._times[-9:], time.monotonic()]
         self._grids.post(terrain, summary, regions)
@@ -174,7 +174,7 @@ class PerceptionServer(Resource):
         return terrain.step != self._step or (terrain.epoch or self._epoch) != self._epoch
 
     def _answer(self, extent: str) -> TerrainMessage | None:
-        """Return the newest grid for a query and count the answer. The client decides whether it may use the grid."""
+        """Return the newest grid for a query and count the answer. The client decides if it may use the grid."""
         with self._lock:
             terrain = self._newest.get(extent)
             is_old = terrain is None or terrain.withdrawn or self._is_other_pause(terrain)
@@ -192,23 +192,23 @@ class PerceptionServer(Resource):
             self.mirror(lambda: draw(terrain), lane=terrain.extent)
 
     def _empty(self, terrain: TerrainMessage) -> None:
-        """Withdraw occupancy and grid map. They name no pause, so readers cannot tell that their frame has ended."""
+        """Withdraw occupancy and grid map, whose readers cannot detect that the frame of the pause has ended."""
         nothing = terrain.emptied(time.time_ns(), f"the pause of step {terrain.step} is over")
         self._post_derived(nothing, np.full(nothing.shape, 100, np.int8))
 
     def draw_with(self, draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]]) -> None:
-        """Send to ROS 2 what `draw` makes of each grid: pairs of topic and message object, as in `mirror`.
+        """For each grid, send to ROS 2 the pairs of topic and message object that `draw` returns, as in `mirror`.
 
-        `publish` then no longer sends occupancy and grid map to ROS 2, so `draw` should make them too.
+        `publish` then no longer sends occupancy and grid map to ROS 2; `draw` should return them too.
         """
         self._draw = draw
 
     def mirror(self, make: Callable[[], Iterable[tuple[str, Any]]], *, lane: str) -> None:
-        """Send message objects to ROS 2 if there is a bridge; returns immediately.
+        """Send message objects to ROS 2 if there is a bridge. Returns immediately.
 
         Args:
-            make: returns pairs of topic, below `/<robot>/`, and message object; called on a thread of the outbox.
-            lane: name of a queue in which a new call replaces a waiting one.
+            make: returns pairs of topic (below `/<robot>/`) and message object; called on a thread of the outbox.
+            lane: name of a queue of length one, in which a new call replaces a waiting one.
         """
         bridge = self._bridge
         if bridge is None:
@@ -221,11 +221,11 @@ class PerceptionServer(Resource):
         self._outbox.post(f"ros2 {lane}", send, lane=f"ros2 {lane}")
 
     def flush(self, timeout: float = SEND_TIMEOUT) -> None:
-        """Wait until all grids are sent; ReceiveTimeout if that takes longer than `timeout` [s]."""
+        """Wait until all waiting messages are sent; raise ReceiveTimeout if this takes longer than `timeout` [s]."""
         self._outbox.flush(timeout)
 
     def serve_scans(self, handler: Handler, *, admission: Admission | None = None) -> None:
-        """Serve scan requests; see `ScanServer`. The DONE reply waits up to `SEND_TIMEOUT` for the grid to be sent.
+        """Serve scan requests; see `ScanServer`. The final reply waits up to `SEND_TIMEOUT` for the grid to be sent.
 
         Raises:
             SessionClosed: the session is closed.
@@ -236,25 +236,25 @@ class PerceptionServer(Resource):
             try:
                 self._outbox.flush(SEND_TIMEOUT, lane=terrain.extent)
             except ReceiveTimeout as error:
-                # The scan is done anyway, and the client waits for the grid too.
+                # The scan is complete, and the client waits for the grid itself as well.
                 logger.warning("grid of step %d: %s", terrain.step, error)
             return terrain
 
         self._scans = ScanServer(self._session, run, robot=self.robot, admission=admission)
 
     def gait_clock(self, on_news: Callable[[], None]) -> GaitClock:
-        """Make and return the `GaitClock` of this robot, with `on_news` as its callback."""
+        """Create and return the `GaitClock` of this robot, with `on_news` as its callback."""
         self._gait = GaitClock(self._session, self.robot, on_news)
         return self._gait
 
     def begin_step(self, step: int, epoch: str = "") -> None:
-        """Report a new stance pause and its walk, from which receivers compute the age of a grid in pauses."""
+        """Report a new stance pause and its walk, from which receivers compute the age of grids in pauses."""
         with self._lock:
             self._step, self._epoch, self._standing = step, epoch or self._epoch, True
             newest = self._newest.get("footprint")
             if newest is not None and not self._is_other_pause(newest):
-                # The newest grid is of an earlier pause with the same number. Receivers reject it, because a sequence
-                # number is skipped.
+                # The newest grid is from an earlier pause with the same number. Skipping a sequence number makes
+                # receivers reject it.
                 self._sequences["footprint"] += 1
                 self._given_up = self._sequences["footprint"]
             derived, self._derived = self._derived, None
@@ -263,18 +263,18 @@ class PerceptionServer(Resource):
             self._empty(derived)
 
     def end_step(self) -> None:
-        """Report that the pause is over: the robot moves, or its state is unknown."""
+        """Report that the pause has ended: the robot moves, or its state is unknown."""
         with self._lock:
             is_news, self._standing = self._standing is not False, False
         if is_news:
             self._status.changed()
 
     def status_changed(self) -> None:
-        """Send the status now; returns immediately."""
+        """Send the status without waiting for its next period. Returns immediately."""
         self._status.changed()
 
     def status_items(self) -> list[StatusItem]:
-        """Current items of the status, in the order of sending."""
+        """Return the current status items, in the order in which they are sent."""
         with self._lock:
             newest, newest_map = self._newest.get("footprint"), self._newest.get("map")
             step, epoch, times = self._step, self._epoch, list(self._times)
@@ -318,7 +318,7 @@ class PerceptionServer(Resource):
         return [own, *names, *self._failures.items(), *self._jumps.items(), *further]
 
     def _release(self) -> None:
-        # Waiting messages are sent first.
+        # Closing the outbox first sends the messages that wait in it.
         self._outbox.close()
         resources: list[Any] = [self._failures, self._status, *self._tokens, self._names, self._scans, self._queries]
         for resource in (*resources, self._bridge, self._grids, self.views):
@@ -327,7 +327,7 @@ class PerceptionServer(Resource):
 
 
 class JumpWatch:
-    """Status of jumps of this machine's clock, checked whenever the status is collected."""
+    """Report of jumps of this machine's wall clock, checked whenever the status is collected."""
 
     def __init__(self, robot: str) -> None:
         """Start watching; `robot` is the instance name."""
@@ -336,7 +336,7 @@ class JumpWatch:
         self._jump: tuple[float, float] | None = None
 
     def items(self) -> list[StatusItem]:
-        """Status item about a recent jump, if there was one."""
+        """Return a status item if the clock jumped within the last `REPORTED_FOR` seconds, otherwise none."""
         jump, now = self._detector.jump(), clock.now()
         if jump:
             self._jump = (jump, now)

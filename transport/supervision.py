@@ -1,4 +1,4 @@
-"""Supervised threads and callbacks: failures are logged and reported, threads are restarted."""
+"""Supervised threads and callbacks: failures are logged and reported, and threads are restarted."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ from transport.messages.status_message import StatusItem
 from transport.messages.terrain_message import Health
 
 logger = logging.getLogger(__name__)
-# Largest number of restarts of a thread within a period, and that period [s]; the next failure in it is final.
+# Largest number of restarts of a thread within a period, and length of that period [s]; a further failure is final.
 RESTARTS = 3
 RESTART_PERIOD = 60.0
-# Delay before a restart [s], so that a short disturbance does not use up all restarts.
+# Delay before a restart [s]; it keeps a short disturbance from using up all restarts.
 RESTART_DELAY = 0.1
-# Time for which a failure that is not final is an error in the status [s]; afterwards it is a warning. A final one
+# Time for which a failure that is not final is an error in the status [s]; afterwards it is a warning. A final failure
 # remains an error.
 ERROR_TIME = 60.0
 # Name of the status item.
 THREADS_NAME = "threads"
-# Longest wait for threads that were told to end [s].
+# Longest wait for threads that have been told to end [s].
 CLOSE_TIMEOUT = 2.0
-# Least time between two log lines of one kind [s].
+# Shortest time between two log lines of the same kind [s].
 LOG_PERIOD = 10.0
 
 
 class Seldom:
-    """Rate-limited logging: the first line immediately, then one per period with the number of omitted lines."""
+    """Rate-limited logging: the first line at once, then at most one per period, with the number of omitted lines."""
 
     def __init__(self, target: logging.Logger, level: int = logging.WARNING, period: float = LOG_PERIOD) -> None:
-        """Write to the logger `target`."""
+        """Write to the logger `target`; `period` is in [s]."""
         self._target, self._level, self._period = target, level, period
         self._lock = threading.Lock()
         self._next = 0.0
         self._held_back = 0
 
     def log(self, text: str, *values: object) -> None:
-        """Log a line or count it as omitted; arguments as in `logging.Logger.log`."""
+        """Log a line, or count it as omitted; arguments as in `logging.Logger.log`, without the level."""
         now = time.monotonic()
         with self._lock:
             if now < self._next:
@@ -61,9 +61,9 @@ class Failure:
 
     Attributes:
         part: name of the thread or callback.
-        error: the exception as text.
+        error: type and text of the exception.
         is_final: True if the part will not run again.
-        at: time by the monotonic clock [s].
+        at: time of the failure on the monotonic clock [s].
     """
 
     part: str
@@ -83,20 +83,20 @@ _lines: dict[str, Seldom] = {}
 
 
 def follow(take: Follower) -> None:
-    """Call `take` on each failure in this process, on the failed thread, until `forget`."""
+    """Call `take` with each failure in this process, on the failed thread, until `forget(take)`."""
     with _lock:
         _followers.append(take)
 
 
 def forget(take: Follower) -> None:
-    """Stop calling `take`; safe to call twice."""
+    """Stop calling `take`; may be called twice."""
     with _lock:
         if take in _followers:
             _followers.remove(take)
 
 
 def report(part: str, error: BaseException, *, is_final: bool = False) -> Failure:
-    """Notify all followers of a failure and log it; repeated failures of one part are rate-limited."""
+    """Pass a failure to all followers, and log it; the log of repeated failures of a part is rate-limited."""
     failure = Failure(part, f"{type(error).__name__}: {error}", is_final, time.monotonic())
     with _lock:
         followers = list(_followers)
@@ -119,14 +119,14 @@ def supervised(
     on_failure: Follower | None = None,
     daemon: bool = True,
 ) -> threading.Thread:
-    """Make a thread, not started, whose failures are reported; this package makes no other threads.
+    """Create, but do not start, a thread whose failures are reported. All threads of this package are created here.
 
     Args:
         name: name of the thread.
-        target: main function; called again after an exception.
-        restarts: number of restarts within `RESTART_PERIOD`; None for a single task, which is not restarted and whose
-            failure is not final.
-        on_failure: called after each failure, for cleaning up.
+        target: main function of the thread; called again after an exception.
+        restarts: number of restarts allowed within `RESTART_PERIOD`. None = a single task, which is not restarted and
+            whose failure is not final.
+        on_failure: called with each failure, for cleaning up.
         daemon: as in `threading.Thread`.
     """
 
@@ -135,7 +135,7 @@ def supervised(
         while True:
             try:
                 target()
-            except BaseException as error:  # SystemExit too would end the thread silently
+            except BaseException as error:  # SystemExit would also end the thread silently
                 times.append(time.monotonic())
                 is_final = restarts is not None and len(times) > restarts and times[-1] - times[0] < RESTART_PERIOD
                 failure = report(name, error, is_final=is_final)
@@ -159,7 +159,7 @@ def join(*threads: threading.Thread | None) -> None:
 
 
 def guarded(callback: Callable[..., None]) -> Callable[..., None]:
-    """Wrap a callback for foreign threads: exceptions are reported and do not propagate."""
+    """Wrap a callback that Zenoh calls: its exceptions are reported and do not propagate."""
     name = f"callback {getattr(callback, '__qualname__', repr(callback))}"
 
     @functools.wraps(callback)
@@ -173,17 +173,17 @@ def guarded(callback: Callable[..., None]) -> Callable[..., None]:
 
 
 class FailureLog:
-    """Failures of this process since this log was created, for the status."""
+    """Failures of this process since the log was created, as a status item."""
 
     def __init__(self, on_change: Callable[[], None]) -> None:
-        """Follow until `close`; `on_change` is called after each failure, on the failed thread."""
+        """Follow failures until `close`; `on_change` is called after each failure, on the failed thread."""
         self._on_change = on_change
         self._last: dict[str, Failure] = {}
         self._count = 0
         follow(self._take)
 
     def close(self) -> None:
-        """Stop following; safe to call twice."""
+        """Stop following failures; may be called twice."""
         forget(self._take)
 
     def _take(self, failure: Failure) -> None:
@@ -192,7 +192,7 @@ class FailureLog:
         self._on_change()
 
     def items(self) -> list[StatusItem]:
-        """One item that names all failed parts; empty if there are none."""
+        """Return one status item that names all failed parts, or none if nothing has failed."""
         failures = list(self._last.values())
         if not failures:
             return []

@@ -1,4 +1,4 @@
-"""Calls into Zenoh, which is imported at the first call; only this file uses parts that Zenoh marks unstable."""
+"""Calls into Zenoh, which is imported at the first call. Only this file uses parts that Zenoh marks as unstable."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ def _zenoh() -> Any:
 
 
 def zenoh_error() -> type[Exception]:
-    """Base class of Zenoh's errors."""
+    """Return the base class of Zenoh's errors."""
     error: type[Exception] = _zenoh().ZError
     return error
 
 
 def error_text(error: Exception) -> str:
-    """Text of a Zenoh error, without the appended source location."""
+    """Return the text of a Zenoh error, without the appended source location."""
     return str(error).split(" at /", 1)[0].strip()
 
 
 def open_raw(configuration: Mapping[str, Any] | str) -> Any:
-    """Open a Zenoh session from a configuration: nested mappings, or JSON5 text."""
+    """Open a Zenoh session from a configuration, given as nested mappings or JSON5 text."""
     text = configuration if isinstance(configuration, str) else json.dumps(configuration)
     return _zenoh().open(_zenoh().Config.from_json5(text))
 
 
 def configuration_value(text: str, key: str) -> Any:
-    """One value of a JSON5 configuration text; None if not set. `key` is a path with slashes."""
+    """Return one value of a JSON5 configuration text, or None if it is not set; `key` is a path with slashes."""
     return json.loads(_zenoh().Config.from_json5(text).get_json(key))
 
 
 def with_values(text: str, values: Mapping[str, Any]) -> str:
-    """JSON5 configuration text with some values replaced; the keys are paths with slashes."""
+    """Return a JSON5 configuration text with some values replaced; the keys of `values` are paths with slashes."""
     configuration = _zenoh().Config.from_json5(text)
     for key, value in values.items():
         configuration.insert_json5(key, json.dumps(value))
@@ -48,24 +48,25 @@ def with_values(text: str, values: Mapping[str, Any]) -> str:
 
 
 def direct(callback: Callable[[Any], None], finished: Callable[[], None] | None = None) -> Any:
-    """Handler that runs `callback` directly on Zenoh's receiving thread; the callback must not block.
+    """Make a handler that runs `callback` directly on Zenoh's receiving thread; the callback must not block.
 
-    The handler uses no Python thread, so it does not keep the interpreter alive. Exceptions are reported.
+    The handler uses no Python thread, so it does not keep the interpreter alive. Exceptions are reported and not
+    raised.
     """
     ending = None if finished is None else guarded(finished)
     return _zenoh().handlers.Callback(guarded(callback), ending, indirect=False)
 
 
 def declare_publisher(session: Any, key: str, priority: str, encoding: str | None = None) -> Any:
-    """Declare a publisher whose samples are dropped only for readers whose link is congested.
+    """Declare a publisher that drops samples only for readers whose link is congested.
 
-    It never blocks: a put that blocks for one reader is late for all others, and modes that block on Zenoh's own
-    threads (`BLOCK_FIRST`, the cache of its advanced publisher) stop the links of healthy readers as well.
+    The publisher never blocks. A put that blocks for one reader is late for all others, and modes that block Zenoh's
+    own threads (`BLOCK_FIRST`, the cache of its advanced publisher) also stop the links of healthy readers.
 
     Args:
         session: raw Zenoh session.
         key: key on which to publish.
-        priority: name of one of Zenoh's priorities; each has its own queue on each link.
+        priority: name of a Zenoh priority; each priority has its own queue on each link.
         encoding: Zenoh encoding of all payloads; None = unspecified.
     """
     zenoh = _zenoh()
@@ -78,7 +79,7 @@ def declare_publisher(session: Any, key: str, priority: str, encoding: str | Non
 
 
 def source_of(publisher: Any) -> str:
-    """Identity of a publisher as two chunks of a key: the id of its session and its own id."""
+    """Return the identity of a publisher as two chunks of a key: the id of its session and its own id."""
     return _chunks(publisher.id)
 
 
@@ -87,11 +88,11 @@ def _chunks(entity: Any) -> str:
 
 
 class Stamps:
-    """Strictly increasing timestamps of one publisher, with an identity of their own.
+    """Generator of the strictly increasing timestamps of one publisher, with an identity of their own.
 
     Attributes:
-        source: identity of the publisher as two chunks of a key, in the form that advanced subscribers expect of
-            publishers with timestamps.
+        source: identity of the publisher as two chunks of a key, in the form that advanced subscribers expect from
+            publishers that use timestamps.
     """
 
     def __init__(self) -> None:
@@ -100,20 +101,20 @@ class Stamps:
         self.source = f"{self._id}/uhlc"
 
     def next(self) -> Any:
-        """Make the timestamp of the next sample."""
+        """Return the timestamp of the next sample."""
         self._last = max(datetime.now(UTC), self._last + timedelta(microseconds=1))
         return _zenoh().Timestamp(self._last, self._id)
 
 
 def has_subscribers(publisher: Any) -> bool:
-    """True if a publisher has subscribers, as far as this session knows."""
+    """Return True if a publisher has subscribers, as far as this session knows."""
     return bool(publisher.matching_status.matching)
 
 
 def put(
     publisher: Any, payload: bytes | bytearray, attachment: bytes | None, number: int, timestamp: Any = None
 ) -> None:
-    """Publish a payload with its number, by which receivers detect losses, or with a timestamp instead."""
+    """Publish a payload with a number, by which receivers detect losses; a timestamp, if given, replaces the number."""
     if timestamp is not None:
         publisher.put(payload, attachment=attachment, timestamp=timestamp)
     else:
@@ -121,7 +122,7 @@ def put(
 
 
 def number_of(sample: Any) -> tuple[str, int] | None:
-    """Source, as in `source_of`, and number of a received sample; None if it carries neither."""
+    """Return the source (as in `source_of`) and number of a received sample; None if the sample contains neither."""
     info = sample.source_info
     return None if info is None else (_chunks(info.source_id), int(info.source_sn))
 
@@ -132,7 +133,7 @@ def declare_subscriber(session: Any, key: str, on_sample: Callable[[Any], None])
 
 
 def declare_token(session: Any, key: str) -> Any:
-    """Declare a liveliness token, which disappears for others when this session closes, dies or hangs."""
+    """Declare a liveliness token, which disappears for other sessions when this one closes, dies or hangs."""
     return session.liveliness().declare_token(key)
 
 
@@ -145,13 +146,13 @@ def watch_tokens(session: Any, key: str, on_change: Callable[[str, bool], None])
 
 
 def tokens(session: Any, key: str, timeout: float) -> list[str]:
-    """Keys of the current liveliness tokens that match a key expression."""
+    """Return the keys of the current liveliness tokens that match a key expression; `timeout` is in [s]."""
     replies = session.liveliness().get(key, timeout=timeout)
     return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
 
 class Reply(NamedTuple):
-    """Reply to a query: its key, and either payload and attachment, or the payload of an error."""
+    """Reply to a query: key, payload and attachment, or, if the reply is an error, only the payload of the error."""
 
     key: str
     payload: bytes | None
@@ -171,19 +172,19 @@ def get_replies(
     priority: str = "INTERACTIVE_HIGH",
     is_dropped: bool = False,
 ) -> None:
-    """Send a query; several replies on one key are all delivered.
+    """Send a query; if there are several replies on one key, all are delivered.
 
     Args:
         session: raw Zenoh session.
-        selector: key expression, with parameters if any.
+        selector: key expression, with parameters if there are any.
         timeout: time after which Zenoh ends the query with an error reply [s].
-        on_reply: called on Zenoh's thread with each reply. The key of a reply identifies the sender, since access rules
-            restrict who may use it.
+        on_reply: called on Zenoh's thread with each reply. The key of a reply identifies its sender, since access rules
+            restrict who may use the key.
         on_finished: called on Zenoh's thread after the last reply, even if there was none.
         payload: payload of the query.
         encoding: Zenoh encoding of the payload.
-        priority: priority of the query, which Zenoh also uses for the replies.
-        is_dropped: drop query and replies on a congested link instead of waiting.
+        priority: name of the Zenoh priority of the query and its replies.
+        is_dropped: True = drop query and replies on a congested link instead of waiting.
     """
     zenoh = _zenoh()
 

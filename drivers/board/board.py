@@ -1,4 +1,4 @@
-"""Interface of a laser board: open, identity, status, laser, homing, mirror motion, close."""
+"""Abstract interface of laser boards: identity, status, laser, homing and mirror motion."""
 
 from __future__ import annotations
 
@@ -20,24 +20,23 @@ MOTION_TIMEOUT, POLL_PERIOD = 5.0, 0.002
 
 
 class Board(ABC):
-    """Base class of laser boards, a context manager. Implement the eight abstract members to support another board.
+    """Base class of laser boards; a context manager. To support another board, implement the eight abstract members.
 
-    A board must guarantee the following whatever its host does, because people stand in front of the laser:
+    Whatever its host does, a board must guarantee the following, because people stand in front of the laser:
 
-    - The laser is off at power-up, after opening, after closing, and when the host is gone.
-    - It turns the laser off by itself after `identity.watchdog` (at most 0.4 s) without a call of `status` or another
-      method that reaches the board, and after the laser has been on for `identity.laser_limit` without a rest. Nothing
-      on the host feeds its watchdog in the background.
-    - `status` reports the light seen by the sensor (flag LASER_SENSED), not the command, on a board with a sensor
-      (HAS_SENSOR).
-    - After `home`, until power is lost, `identity.angle_of(step)` is the angle of the mirror to within half a step.
-      MOVING is reported until the mirror has settled.
+    - The laser is off after power-up, after opening, after closing, and when the host is gone.
+    - The board turns the laser off by itself after `identity.watchdog` (at most 0.4 s) without a call of `status` or
+      another method that reaches the board, and after the laser has been on for `identity.laser_limit` without a
+      rest. Nothing on the host resets the watchdog in the background.
+    - On a board with a light sensor (HAS_SENSOR), LASER_SENSED in `status` is the measured light, not the command.
+    - After `home`, and until power is lost, `identity.angle_of(step)` is the angle of the mirror to within half a
+      step. MOVING is reported until the mirror has settled.
 
     `tests/drivers/board/test_any_board.py` tests everything that can be tested without instruments.
     """
 
     def __enter__(self) -> Self:
-        """Open the board; it is closed at the end of the program at the latest."""
+        """Open the board; it is closed when the program ends at the latest."""
         self.open()
         guard.watch(self)
         return self
@@ -45,28 +44,28 @@ class Board(ABC):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Turn the laser off and close; a failure to do so does not hide an earlier exception."""
+        """Turn the laser off and close the board; after an exception in the block, a failure is only logged."""
         try:
             self.close()
         except BoardError as failure:
             if error is None:
                 raise
-            logger.error("while closing after %r: %s", error, failure)
+            logger.error("closing the laser board failed after %r: %s", error, failure)
         finally:
             guard.release(self)
 
     @property
     @abstractmethod
     def identity(self) -> BoardIdentity:
-        """Travel of the mirror and limits of the laser.
+        """Identity of the board: travel of the mirror, limits of the laser, versions.
 
         Raises:
-            BoardNotOpen: before `open`.
+            BoardNotOpen: the board has not been opened yet.
         """
 
     @abstractmethod
     def open(self) -> None:
-        """Connect, with the laser off; does nothing when open.
+        """Connect to the board, with the laser off; does nothing if the board is open.
 
         Raises:
             BoardError: the board cannot be reached.
@@ -74,7 +73,7 @@ class Board(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Turn the laser off and disconnect; does nothing when closed.
+        """Turn the laser off and disconnect; does nothing if the board is closed.
 
         Raises:
             LaserStuckOn: the laser is still on.
@@ -82,11 +81,11 @@ class Board(ABC):
 
     @abstractmethod
     def status(self) -> BoardStatus:
-        """Read the status, which also feeds the watchdog.
+        """Read the status; this also resets the watchdog.
 
         Raises:
             BoardNotOpen: the board is not open.
-            BoardError: the board does not answer.
+            BoardError: the board does not respond.
         """
 
     @abstractmethod
@@ -94,7 +93,7 @@ class Board(ABC):
         """Switch the laser on and check that it is on.
 
         Raises:
-            LaserRefused: the board refuses; the message names the fault.
+            LaserRefused: the board refuses to switch the laser on; the error message names the fault.
             LaserDead: the laser stays dark.
         """
 
@@ -108,36 +107,36 @@ class Board(ABC):
 
     @abstractmethod
     def home(self) -> int:
-        """Find the home switch and wait; return the number of steps lost since it was last found.
+        """Search for the home switch; return the number of steps lost since the switch was last found.
 
         Raises:
             HomeNotFound: the switch was not found.
-            MirrorTimeout: it took too long.
+            MirrorTimeout: the search took too long.
         """
 
     @abstractmethod
     def go_to_step(self, step: int, *, wait: bool = True) -> float:
-        """Turn the mirror to `step` (counted from the home switch) and return its angle [rad].
+        """Turn the mirror to `step`, counted from the home switch, and return the angle of that step [rad].
 
         Args:
             step: target step.
-            wait: return only when the mirror has come to rest.
+            wait: True = return only when the mirror has come to rest.
 
         Raises:
             MirrorOutOfRange: the step is outside the travel.
             MirrorNotHomed: the home position is unknown.
-            MirrorTimeout: it took too long.
+            MirrorTimeout: the motion took too long.
         """
 
     def clear_faults(self) -> BoardStatus:
-        """Clear every fault whose cause is gone and return the status; the default is for boards without faults."""
+        """Clear every fault whose cause is gone, and return the status; the default is for boards without faults."""
         return self.status()
 
     def ensure_ready(self, timeout: float = 5.0) -> BoardStatus:
-        """Make the board ready for a scan: clear faults, home if necessary; return the status.
+        """Make the board ready for a scan: clear faults, and home the mirror if necessary. Return the status.
 
         Args:
-            timeout: longest search for a lost board [s]; the default implementation does not search.
+            timeout: longest search for a board that was lost [s]; the default implementation does not search.
 
         Raises:
             LaserRefused: the cause of a fault persists.
@@ -148,14 +147,14 @@ class Board(ABC):
             logger.warning("clearing faults of the laser board: %s", describe_faults(status.faults))
             status = self.clear_faults()
         if status.faults:
-            raise LaserRefused(f"the laser board cannot work: {describe_faults(status.faults)}")
+            raise LaserRefused(f"the laser board is not ready: {describe_faults(status.faults)}")
         if not status.homed:
             self.home()
             status = self.status()
         return status
 
     def wait_until_still(self, timeout: float | None = None) -> BoardStatus:
-        """Wait until the last commanded motion has ended and settled.
+        """Wait until the last commanded motion has ended and the mirror has settled; return the status.
 
         Args:
             timeout: longest wait [s]; None = the board's default.
@@ -166,7 +165,7 @@ class Board(ABC):
         return self.still_since(timeout)[0]
 
     def still_since(self, timeout: float | None = None) -> tuple[BoardStatus, float]:
-        """Wait as `wait_until_still` does; return the status, and a host time by which the motion had ended [s].
+        """Wait as `wait_until_still` does; return the status, and a host time at which the mirror was at rest [s].
 
         Args:
             timeout: longest wait [s]; None = the board's default.
@@ -186,18 +185,18 @@ class Board(ABC):
         """Turn the mirror to the step nearest to `angle` [rad] and return the angle of that step [rad].
 
         Args:
-            angle: mirror angle; zero when the laser plane points along -z of the body, positive towards +x.
-            wait: return only when the mirror has come to rest.
+            angle: mirror angle; zero when the laser plane points along -z of `base_link`, positive towards +x.
+            wait: True = return only when the mirror has come to rest.
 
         Raises:
             MirrorOutOfRange: the angle is outside the travel, or not finite.
             MirrorNotHomed: the home position is unknown.
-            MirrorTimeout: it took too long.
+            MirrorTimeout: the motion took too long.
         """
         return self.go_to_step(self.step_at(angle), wait=wait)
 
     def step_at(self, angle: float) -> int:
-        """Step nearest to a mirror angle [rad].
+        """Return the step nearest to a mirror angle [rad].
 
         Raises:
             MirrorOutOfRange: the angle is outside the travel, or not finite.
@@ -207,7 +206,7 @@ class Board(ABC):
         half_step = 0.5 * identity.step_angle
         if not (math.isfinite(angle) and low - half_step <= angle <= high + half_step):
             raise MirrorOutOfRange(
-                f"mirror angle {math.degrees(angle):.3f} degrees, the board's travel is "
+                f"mirror angle {math.degrees(angle):.3f} degrees is outside the board's travel of "
                 f"{math.degrees(low):.3f} ... {math.degrees(high):.3f} degrees"
             )
         return min(max(identity.step_of(angle), identity.min_step), identity.max_step)

@@ -1,4 +1,4 @@
-"""Identity and status records of the board and their encoding, as defined in `PROTOCOL.md`."""
+"""Identity and status records of a laser board, and their encoding as defined in `PROTOCOL.md`."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ STATUS = struct.Struct("<BBHHHiHhhHIH")
 
 @dataclass(frozen=True, slots=True)
 class BoardIdentity:
-    """Identity of the board, from the handshake.
+    """Identity of a laser board, from the handshake.
 
     Attributes:
         protocol: (major, minor) version of the protocol.
         firmware: (major, minor) version of the firmware.
         step_angle: rotation of the mirror per step [rad].
         min_step: lowest step that may be commanded, counted from the home switch.
-        max_step: highest step that may be commanded.
+        max_step: highest step that may be commanded, counted from the home switch.
         zero_step: step at which the mirror angle is zero.
-        watchdog: silence of the host after which the board turns the laser off [s].
+        watchdog: time without a command from the host after which the board turns the laser off [s].
         laser_limit: longest time for which the laser may be on without a rest [s].
-        laser_rest: rest after which `laser_limit` starts anew [s].
+        laser_rest: length of a rest after which the laser may be on for `laser_limit` again [s].
     """
 
     protocol: tuple[int, int]
@@ -47,15 +47,15 @@ class BoardIdentity:
     laser_rest: float
 
     def angle_of(self, step: int) -> float:
-        """Mirror angle at `step` [rad]."""
+        """Return the mirror angle at `step` [rad]."""
         return (step - self.zero_step) * self.step_angle
 
     def step_of(self, angle: float) -> int:
-        """Step nearest to a mirror angle [rad]."""
+        """Return the step nearest to a mirror angle [rad], even if the step is outside the travel."""
         return self.zero_step + round(angle / self.step_angle)
 
     def pack(self) -> bytes:
-        """Encode the record."""
+        """Encode the record as bytes."""
         head = IDENTITY.pack(
             IDENTITY_MAGIC,
             *self.protocol,
@@ -73,10 +73,10 @@ class BoardIdentity:
 
     @classmethod
     def unpack(cls, data: bytes) -> BoardIdentity:
-        """Decode the record.
+        """Decode a record.
 
         Raises:
-            BadReply: wrong length, magic or checksum.
+            BadReply: length, magic or checksum is wrong, or the step angle is 0.
         """
         magic, *values = IDENTITY.unpack(checked(data, IDENTITY_SIZE, "identity"))
         if magic != IDENTITY_MAGIC:
@@ -95,22 +95,22 @@ class BoardIdentity:
 
 @dataclass(frozen=True, slots=True)
 class BoardStatus:
-    """Status of a board: the reply to most commands, and the report of the interrupt endpoint.
+    """Status of a laser board, from a reply to a command or a report on the interrupt endpoint.
 
-    Other implementations of a board set `flags`, `faults` and `step`; the other fields belong to the protocol.
+    A board without this protocol sets `flags`, `faults` and `step`; the other fields belong to the protocol.
 
     Attributes:
         result: result of the command.
-        request: the command that this replies to; 0 in a report.
+        request: command to which the status is the reply; 0 in a report.
         sequence: number of requests served since power-up, modulo 65536.
         flags: state of the board.
         faults: faults that are set.
-        step: position of the mirror according to the firmware, in steps from the home switch.
+        step: position of the mirror according to the firmware [steps from the home switch].
         motion: number of motions started since power-up, modulo 65536.
         temperature: temperature of the board [degrees Celsius].
-        home_error: error of the step count when the home switch was last found.
+        home_error: error of the step count when the home switch was last found [steps].
         laser_time: time for which the laser has been on without a rest [s].
-        device_time: time since power-up by the board's clock [s].
+        device_time: time since power-up on the board's clock [s].
     """
 
     result: Result = Result.OK
@@ -132,7 +132,7 @@ class BoardStatus:
 
     @property
     def laser_sensed(self) -> bool:
-        """True if the photodiode sees the laser, or, without a sensor, if the board drives it."""
+        """True if the photodiode detects the laser; on a board without a sensor, True if the board drives the laser."""
         wanted = BoardFlag.LASER_SENSED if BoardFlag.HAS_SENSOR in self.flags else BoardFlag.LASER_COMMANDED
         return wanted in self.flags
 
@@ -143,11 +143,11 @@ class BoardStatus:
 
     @property
     def homed(self) -> bool:
-        """True if the home switch was found since power-up."""
+        """True if the home switch has been found since power-up."""
         return BoardFlag.HOMED in self.flags
 
     def pack(self) -> bytes:
-        """Encode the record."""
+        """Encode the record as bytes."""
         head = STATUS.pack(
             self.result,
             self.request,
@@ -166,10 +166,10 @@ class BoardStatus:
 
     @classmethod
     def unpack(cls, data: bytes) -> BoardStatus:
-        """Decode the record.
+        """Decode a record.
 
         Raises:
-            BadReply: wrong length or checksum, or an unknown result.
+            BadReply: length or checksum is wrong, or the result is unknown.
         """
         code, request, sequence, flags, faults, step, motion, temperature, home_error, lit, clock, _ = STATUS.unpack(
             checked(data, STATUS_SIZE, "status")
@@ -183,16 +183,16 @@ class BoardStatus:
 
 
 def seal(record: bytes) -> bytes:
-    """Replace the last two bytes of a record by its checksum."""
+    """Replace the last two bytes of a record with its checksum."""
     body = record[:-2]
     return body + checksum(body).to_bytes(2, "little")
 
 
 def checked(data: bytes, size: int, what: str) -> bytes:
-    """Check length and checksum of a record, and return it.
+    """Check length and checksum of a record, and return the record.
 
     Raises:
-        BadReply: wrong length or checksum; `what` names the record.
+        BadReply: length or checksum is wrong; the error message names the record by `what`.
     """
     if len(data) != size:
         raise BadReply(f"the {what} has {len(data)} bytes; allowed: {size}: check cable and firmware")

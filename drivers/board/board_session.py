@@ -1,4 +1,4 @@
-"""Session with the laser board: open, handshake, commands with bounded retries, refusals, reconnect, close."""
+"""Session with the laser board: handshake, commands with bounded retries, errors of refusals, reconnection, close."""
 
 from __future__ import annotations
 
@@ -47,29 +47,29 @@ from drivers.errors import (
 _Record = TypeVar("_Record")
 logger = logging.getLogger(__name__)
 WORTH_REPEATING = (BoardTimeout, BoardStalled, BoardTransferFailed, BadReply)
-# Fraction of the watchdog's time during which a failed command is retried.
+# Fraction of the watchdog's time during which a failed command is repeated.
 WATCHDOG_SHARE = 0.5
 SWEEPS_SINCE = (1, 1)
 HOST_VERSION = PROTOCOL_MAJOR << 8 | PROTOCOL_MINOR
-# Interval of searches while reconnecting [s].
+# Interval between searches for the board while reconnecting [s].
 SEARCH_PERIOD = 0.1
 
 
 class BoardSession(Board):
-    """Connection to the laser board, a context manager; thread-safe.
+    """Connection to the laser board; thread-safe, and a context manager.
 
     Attributes:
-        config: ids and timeouts.
-        sweep_table: entries of the board's step table that this session has written: place -> argument of SWEEP_STEP.
-        sweep_darks: places in that table whose stripe is followed by a dark frame.
+        config: USB ids and timeouts.
+        sweep_table: entries of the board's step table that this session has written, as SWEEP_STEP argument by index.
+        sweep_darks: indices of those entries whose stripe is followed by a dark frame.
     """
 
     def __init__(self, config: BoardConfig | None = None, *, backend: Any = None) -> None:
         """Prepare the board; nothing is opened yet.
 
         Args:
-            config: ids and timeouts; None = defaults.
-            backend: pyusb backend, for example of an emulated board; None = libusb.
+            config: USB ids and timeouts; None = defaults.
+            backend: pyusb backend, such as that of an emulated board; None = libusb.
         """
         self.config = config or BoardConfig()
         self._link = UsbLink(self.config, backend)
@@ -80,10 +80,10 @@ class BoardSession(Board):
 
     @property
     def identity(self) -> BoardIdentity:
-        """Identity of the board that was opened last.
+        """Identity of the board that was last opened.
 
         Raises:
-            BoardNotOpen: before `open`.
+            BoardNotOpen: no board has been opened yet.
         """
         if self._identity is None:
             raise BoardNotOpen("the laser board is not open: use `with LaserBoard() as board:`")
@@ -91,7 +91,7 @@ class BoardSession(Board):
 
     @property
     def serial(self) -> str:
-        """Serial number of the open board; empty before `open`."""
+        """Serial number of the board; empty before `open`."""
         return self._link.serial
 
     @property
@@ -100,10 +100,11 @@ class BoardSession(Board):
         return self._link.is_open
 
     def open(self) -> None:
-        """Find the board, check the protocol and begin a session with the laser off.
+        """Find the board, check the protocol and start a session with the laser off; does nothing if the board is open.
 
         Raises:
-            BoardError: as `UsbLink.open`; ProtocolMismatch if the versions are incompatible.
+            BoardError: the board was not found or cannot be used; ProtocolMismatch if the protocol versions are
+                incompatible.
         """
         if self._link.is_open:
             return
@@ -126,7 +127,7 @@ class BoardSession(Board):
         )
 
     def close(self) -> None:
-        """Turn the laser off, end the session and release the device; does nothing when closed.
+        """Turn the laser off, end the session and release the device; does nothing if the board is closed.
 
         Raises:
             LaserStuckOn: the laser did not go off on command.
@@ -144,7 +145,7 @@ class BoardSession(Board):
             self._link.close()
 
     def reconnect(self, timeout: float = 5.0) -> None:
-        """Release the device and search for it for up to `timeout` [s]; afterwards the mirror may need homing.
+        """Release the device and search for it for up to `timeout` [s]. Afterwards, the mirror may need homing.
 
         Raises:
             BoardNotFound: the board was not found.
@@ -153,7 +154,7 @@ class BoardSession(Board):
         try:
             self.close()
         except BoardError as failure:
-            logger.warning("closing before reconnecting: %s", failure)
+            logger.warning("closing failed before reconnecting: %s", failure)
         deadline = timing.monotonic() + timeout
         while True:
             try:
@@ -165,19 +166,19 @@ class BoardSession(Board):
             timing.sleep(SEARCH_PERIOD)
 
     def status(self) -> BoardStatus:
-        """Read the status, which also feeds the watchdog."""
+        """Read the status; this also resets the watchdog."""
         return self.command(Request.STATUS)
 
     def motion_profile(self) -> MotionProfile:
-        """Read speeds, acceleration and settling time of the motor.
+        """Read the motor's speeds, acceleration and settling time.
 
         Raises:
-            BoardStalled: the board speaks protocol 1.0, which does not report them.
+            BoardStalled: the board uses protocol 1.0, which has no motion profile.
         """
         return self._repeat(Request.MOTION, 0, MOTION_SIZE, MotionProfile.unpack)
 
     def read_record(self, timeout: float) -> BoardStatus | StripeRecord | None:
-        """Wait for the next report of the board; None if none came in time or it cannot be read.
+        """Wait for the board's next report; return None if none arrived in time or it cannot be read.
 
         Args:
             timeout: longest wait [s].
@@ -197,14 +198,14 @@ class BoardSession(Board):
         return self.command(Request.HELLO, HOST_VERSION)
 
     def command(self, request: Request, argument: int = 0) -> BoardStatus:
-        """Execute a command; refusals are raised as errors."""
+        """Execute a command and return the board's status; a refusal is raised as an error (`raise_refusal`)."""
         with self._lock:
             status = self._repeat(request, argument, STATUS_SIZE, lambda data: _answer(request, data))
         raise_refusal(status, argument, self._identity)
         return status
 
     def _repeat(self, request: Request, argument: int, size: int, read: Callable[[bytes], _Record]) -> _Record:
-        # With a bad cable, the error must be raised before the watchdog turns the laser off.
+        # With a faulty cable, the error must be raised before the watchdog turns the laser off.
         patience = math.inf if self._identity is None else WATCHDOG_SHARE * self._identity.watchdog
         deadline = timing.monotonic() + patience
         attempt = 1
@@ -219,10 +220,10 @@ class BoardSession(Board):
 
 
 def raise_if_stuck_on(status: BoardStatus) -> None:
-    """Check that the laser was turned off by command.
+    """Check that the laser went off after it was switched off.
 
     Raises:
-        LaserStuckOn: it is still on, or the board had to disconnect its supply.
+        LaserStuckOn: the laser is still on, or the board had to cut its supply.
     """
     if status.laser_sensed:
         raise LaserStuckOn("the laser is still on after it was switched off: cut its power by hand")
@@ -238,12 +239,15 @@ def _answer(request: Request, data: bytes) -> BoardStatus:
 
 
 def raise_refusal(status: BoardStatus, argument: int, identity: BoardIdentity | None) -> None:
-    """Raise the error for the result of a command, unless it is OK.
+    """Raise the error that belongs to the result of a command, unless the result is OK.
 
     Args:
-        status: the reply.
-        argument: argument of the command (the step of a GO_TO).
-        identity: identity of the board, for the travel in the message; None if unknown.
+        status: reply to the command.
+        argument: argument of the command; for GO_TO, the step.
+        identity: identity of the board, which contains the travel for the error message; None = unknown.
+
+    Raises:
+        BoardError: the subclass that belongs to the result.
     """
     match status.result:
         case Result.OK:
@@ -257,7 +261,7 @@ def raise_refusal(status: BoardStatus, argument: int, identity: BoardIdentity | 
             raise MirrorNotHomed("the mirror's home is unknown: call home() or ensure_ready() first")
         case Result.OUT_OF_RANGE:
             travel = f"{identity.min_step} ... {identity.max_step}" if identity else "unknown"
-            raise MirrorOutOfRange(f"step {argument}, the board's travel is {travel}")
+            raise MirrorOutOfRange(f"step {argument} is outside the board's travel of {travel}")
         case Result.BUSY:
             raise MirrorTimeout("the mirror is still homing: call wait_until_still() first")
         case Result.NO_SESSION:
@@ -272,7 +276,7 @@ def check_version(identity: BoardIdentity) -> None:
     """Check that a board's protocol is compatible with this driver.
 
     Raises:
-        ProtocolMismatch: another major version.
+        ProtocolMismatch: the board has another major version.
     """
     major, minor = identity.protocol
     if major == PROTOCOL_MAJOR:

@@ -1,4 +1,4 @@
-"""Driver of the laser board: switches the laser, homes and turns the mirror."""
+"""Driver of the laser board: switches the laser, and homes and turns the mirror."""
 
 from __future__ import annotations
 
@@ -24,30 +24,31 @@ EVERY_FAULT = 0xFFFF
 REPORT_SLICE = 0.02
 # Period after which the board's clock wraps [ms].
 CLOCK_WRAP = 1 << 32
-# Resolution [s] and relative error of the board's clock.
+# Resolution [s] and largest relative error of the board's clock.
 CLOCK_RESOLUTION, CLOCK_ERROR = 0.001, 0.01
 
 
 class LaserBoard(BoardSession):
-    """Driver of the laser board, a context manager, usable from any thread.
+    """Driver of the laser board; thread-safe, and a context manager.
 
     The board's watchdog turns the laser off after 0.4 s without a command, even if the program dies. Call `status()`
     regularly to keep the laser on for longer.
     """
 
-    # Last commanded motion: its number, True if it may still run, and its start by the board's and the host's clock.
+    # Last commanded motion: its number, whether it may still be running, and its start on the board's and the host's
+    # clock.
     _motion = 0
     _moving = False
     _board_time = _host_time = 0.0
 
     def ensure_ready(self, timeout: float = 5.0) -> BoardStatus:
-        """Make the board ready for a scan: reconnect if necessary, clear faults, home if necessary.
+        """Make the board ready for a scan: reconnect if necessary, clear faults, and home the mirror if necessary.
 
         Args:
-            timeout: longest search for a lost board [s].
+            timeout: longest search for a board that was lost [s].
 
         Returns:
-            The status afterwards, homed and without fault.
+            The status of the board, which is homed and has no faults.
 
         Raises:
             LaserRefused: the cause of a fault persists.
@@ -64,15 +65,15 @@ class LaserBoard(BoardSession):
         return super().ensure_ready(timeout)
 
     def clear_faults(self) -> BoardStatus:
-        """Clear every fault whose cause is gone; return the status, with the faults that remain."""
+        """Clear every fault whose cause is gone, and return the status with the faults that remain."""
         return self.command(Request.CLEAR_FAULTS, EVERY_FAULT)
 
     def laser_on(self) -> BoardStatus:
         """Switch the laser on and check that it is on.
 
         Raises:
-            LaserRefused: the board refuses; the message names the fault.
-            LaserDead: the board senses no light.
+            LaserRefused: the board refuses to switch the laser on; the error message names the fault.
+            LaserDead: the board senses no light; it has been commanded off again.
         """
         status = self.command(Request.LASER, 1)
         if not status.laser_sensed:
@@ -84,18 +85,18 @@ class LaserBoard(BoardSession):
         """Switch the laser off and check that it is off.
 
         Raises:
-            LaserStuckOn: it did not go off on command.
+            LaserStuckOn: the laser did not go off on command.
         """
         status = self.command(Request.LASER, 0)
         raise_if_stuck_on(status)
         return status
 
     def home(self) -> int:
-        """Find the home switch; return the number of steps lost since it was last found.
+        """Search for the home switch; return the number of steps lost since the switch was last found.
 
         Raises:
             HomeNotFound: the switch was not found.
-            MirrorTimeout: it took too long.
+            MirrorTimeout: the search took too long.
         """
         self._begin_motion(self.command(Request.HOME))
         status = self.wait_until_still(self.config.home_timeout)
@@ -104,12 +105,12 @@ class LaserBoard(BoardSession):
         return status.home_error
 
     def go_to_step(self, step: int, *, wait: bool = True) -> float:
-        """Turn the mirror to `step` (counted from the home switch) and return its angle [rad].
+        """Turn the mirror to `step`, counted from the home switch, and return the angle of that step [rad].
 
         Raises:
             MirrorOutOfRange: the step is outside the travel.
             MirrorNotHomed: the home position is unknown.
-            MirrorTimeout: it took too long.
+            MirrorTimeout: the motion took too long.
         """
         self._begin_motion(self.command(Request.GO_TO, step))
         if wait:
@@ -117,30 +118,30 @@ class LaserBoard(BoardSession):
         return self.identity.angle_of(step)
 
     def begin_sweep(self, argument: int) -> BoardStatus:
-        """Start a sweep by the board; `drivers.sweep.board_sweep` encodes the argument.
+        """Start a sweep that the board executes; `drivers.sweep.board_sweep` encodes the argument.
 
         Raises:
             MirrorNotHomed: the home position is unknown.
-            LaserRefused: a fault blocks the laser.
-            BoardError: the board rejects the command.
+            LaserRefused: a fault prevents the laser from being switched on.
+            BoardError: the board rejects the command for another reason.
         """
         status = self.command(Request.SWEEP, argument)
         self._begin_motion(status)
         return status
 
     def halt(self) -> BoardStatus:
-        """Stop the mirror where it is."""
+        """Stop the mirror at its current position."""
         return self.command(Request.HALT)
 
     def still_since(self, timeout: float | None = None) -> tuple[BoardStatus, float]:
-        """Wait as `wait_until_still` does; return the status, and a host time by which the motion had ended [s].
+        """Wait as `wait_until_still` does; return the status, and a host time at which the mirror was at rest [s].
 
-        Returns at once if the motion has ended, since the queued report contains the time of its end. The clocks of
-        board and host need not agree: the reply to the command contained the board's time and arrived at a known host
-        time.
+        Returns immediately if the motion has ended, because the queued report contains the time of its end. The clocks
+        of board and host need not be synchronised: the reply to the command contained the board's time and arrived at a
+        known host time.
 
         Args:
-            timeout: longest wait [s]; None = the configured one.
+            timeout: longest wait [s]; None = that of the configuration.
 
         Raises:
             MirrorTimeout: the mirror is still moving.

@@ -1,4 +1,4 @@
-"""USB connection to the board: search, opening, single transfers, typed errors; udev rule for access."""
+"""USB connection to the laser board: search, opening, single transfers, typed errors, and udev rule for access."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ UDEV_RULE_FILE = "/etc/udev/rules.d/70-guara-laser-board.rules"
 
 
 def default_backend() -> Any:
-    """Pyusb's libusb-1.0 backend with the library from `libusb-package`.
+    """Return pyusb's libusb-1.0 backend, with the library from `libusb-package`.
 
     Raises:
-        NoUsbBackend: the library does not load on this machine.
+        NoUsbBackend: the library cannot be loaded on this machine.
     """
     import libusb_package
 
@@ -55,13 +55,13 @@ def default_backend() -> Any:
 
 
 class UsbLink:
-    """Control and interrupt endpoint of one board; thread-safe."""
+    """Connection to the control and interrupt endpoints of one laser board; thread-safe."""
 
     def __init__(self, config: BoardConfig, backend: Any = None) -> None:
         """Prepare the link; nothing is opened yet.
 
         Args:
-            config: ids, serial number and timeout of a control transfer.
+            config: USB ids, serial number, and timeout of a control transfer.
             backend: pyusb backend; None = libusb.
         """
         self._config = config
@@ -77,15 +77,16 @@ class UsbLink:
         return self._device is not None
 
     def open(self) -> None:
-        """Find the board, configure it and claim its interface.
+        """Find the board, configure it, and claim its interface.
 
         Raises:
-            NoUsbBackend: no libusb.
-            BoardNotFound: there is no board, none has the given serial number, or there are several and no number was
-                given.
+            NoUsbBackend: libusb cannot be loaded.
+            BoardNotFound: there is no board, none with the configured serial number, or there are several and none is
+                configured.
             BoardPermissionDenied: this user may not open the board.
             BoardInUse: another program uses the board.
-            BoardUnplugged: the board was unplugged meanwhile.
+            BoardUnplugged: the board was unplugged during the call.
+            BoardError: a transfer failed for another reason; the subclass tells which.
         """
         import usb.core
         import usb.util
@@ -104,7 +105,7 @@ class UsbLink:
         self._device, self.serial = device, serial
 
     def close(self) -> None:
-        """Release the device; does nothing when closed."""
+        """Release the device; does nothing if it is closed."""
         import usb.util
 
         device, self._device = self._device, None
@@ -112,17 +113,17 @@ class UsbLink:
             usb.util.dispose_resources(device)
 
     def request(self, request: Request, argument: int, size: int, timeout: float = math.inf) -> bytes:
-        """Make one command transfer and return the data stage.
+        """Make one command transfer and return the data of the reply.
 
         Args:
-            request: the command.
-            argument: its argument, signed 32 bits.
-            size: length of the reply.
-            timeout: longest wait [s], at most the configured one.
+            request: command.
+            argument: argument of the command, signed 32 bits.
+            size: length of the reply [bytes].
+            timeout: longest wait [s]; at most that of the configuration is used.
 
         Raises:
             BoardNotOpen: the board is not open.
-            BoardError: the transfer failed; its type gives the cause.
+            BoardError: the transfer failed; the subclass tells the cause.
         """
         device = self._held()
         value, index = split_argument(argument)
@@ -136,15 +137,15 @@ class UsbLink:
         return bytes(data)
 
     def read_report(self, timeout: float) -> bytes | None:
-        """Wait for a report on the interrupt endpoint; None on timeout.
+        """Wait for a report on the interrupt endpoint; return None if none arrives in time.
 
         Args:
             timeout: longest wait [s].
 
         Raises:
             BoardNotOpen: the board is not open.
-            BoardStalled: the endpoint was stalled; its halt has been cleared.
-            BoardError: the transfer failed; its type gives the cause.
+            BoardStalled: the endpoint was stalled; its halt has been cleared, so that it can be read again.
+            BoardError: the transfer failed; the subclass tells the cause.
         """
         device = self._held()
         try:
@@ -156,7 +157,7 @@ class UsbLink:
             return None
         except BoardStalled as error:
             self._call(lambda: device.clear_halt(REPORT_ENDPOINT), "clearing a stall")
-            raise BoardStalled("the laser board stalled its report endpoint, which is cleared: read again") from error
+            raise BoardStalled("the laser board stalled its report endpoint; it is cleared: read again") from error
         return bytes(data)
 
     def _held(self) -> Any:
@@ -192,8 +193,8 @@ class UsbLink:
         try:
             device.get_active_configuration()
         except usb.core.USBError as error:
-            # pyusb's own error "configuration not set" has no errno. In other cases the configuration must not be set
-            # again, since that resets a board that another program may use.
+            # pyusb's own error "configuration not set" has no errno. After any other error, the configuration must not
+            # be set again, because that resets a board that another program may use.
             if error.errno is not None:
                 raise
             device.set_configuration()
@@ -204,7 +205,7 @@ class UsbLink:
         except OSError as error:  # pyusb's errors derive from OSError
             raise self._typed(error, what, timeout_ms or self._timeout_ms) from error
         except ValueError as error:
-            # pyusb raises "The device has no langid" if a string cannot be read for lack of permission.
+            # pyusb raises "The device has no langid" if the user may not read a string of the device.
             if "langid" in str(error):
                 raise self._denied() from error
             raise BadReply(f"{what}: the board's descriptors are unreadable ({error})") from error
@@ -233,7 +234,7 @@ class UsbLink:
 
 
 def udev_rule(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
-    """Udev rule that lets the logged-in user and the group `plugdev` open the board."""
+    """Return the udev rule that lets the logged-in user and the group `plugdev` open the board."""
     return (
         f'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{vendor_id:04x}", ATTR{{idProduct}}=="{product_id:04x}", '
         'MODE="0660", GROUP="plugdev", TAG+="uaccess"'
@@ -241,7 +242,7 @@ def udev_rule(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
 
 
 def udev_instructions(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
-    """Command line that installs the rule."""
+    """Return the shell commands that install the udev rule."""
     return (
         f"echo '{udev_rule(vendor_id, product_id)}' | sudo tee {UDEV_RULE_FILE} && "
         "sudo udevadm control --reload-rules && sudo udevadm trigger # then unplug the board and plug it in again"

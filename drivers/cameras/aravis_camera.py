@@ -1,4 +1,4 @@
-"""GigE Vision and USB3 Vision cameras through Aravis: triggered or free-running, raw frames, device times."""
+"""GigE Vision and USB3 Vision cameras through Aravis: triggered or free-running, raw frames, device timestamps."""
 
 from __future__ import annotations
 
@@ -17,26 +17,27 @@ from drivers.errors import CameraEnded, CameraNotFound, CameraSettingRefused, Ca
 from drivers.frame import Frame, Image
 
 logger = logging.getLogger(__name__)
-# Number of buffers: no frame is lost if the host is busy for a fifth of a second.
+# Number of buffers: enough that no frame is lost while the host is busy for a fifth of a second.
 BUFFERS = 24
-# Pixel formats of one byte per pixel, in the order of preference; names of the Pixel Format Naming Convention.
+# Accepted pixel formats, one byte per pixel, in order of preference; names of the Pixel Format Naming Convention.
 MONO = "Mono8"
 BAYER = ("BayerRG8", "BayerGR8", "BayerGB8", "BayerBG8")
 PIXEL_FORMATS = (MONO, *BAYER)
 # Block ids of GigE Vision 1.x run from 1 to 65535 and wrap to 1.
 SHORT_IDS = 65535
-# Minimum time from the end of an exposure to the start of the next [s]; a reported maximum frame rate may require more.
+# Minimum time from the end of an exposure to the start of the next [s]; the camera's maximum frame rate may require
+# more.
 READ_OUT = 0.0002
 
 
 class AravisCamera(Camera):
-    """GenICam camera. Frames are (height, width) uint8: grey, or the red pixels of a Bayer mosaic.
+    """GenICam camera with (height, width) uint8 frames: grey, red pixels of a Bayer mosaic, or all its pixels (`raw`).
 
-    The red pixels form an image of half the width and height. A red laser is visible in these alone; interpolation
-    between them costs time and increases the errors (`python -m benchmarks light mosaics`).
+    The red pixels form an image of half the width and height. Only they see a red laser; interpolation between them
+    takes time and increases the errors (`python -m benchmarks light mosaics`).
 
-    Complete frames are returned in the order of exposure. A frame with lost packets is dropped and leaves a gap in the
-    counter.
+    Complete frames are returned in the order of exposure. A frame with lost packets is dropped, which leaves a gap in
+    the frame counter.
 
     Attributes:
         pixel_format: pixel format of the frames; empty before `open`.
@@ -60,11 +61,11 @@ class AravisCamera(Camera):
 
         Args:
             device: name of the camera (see `find_aravis_cameras`) or network address; "" = the first one found.
-            trigger: input line for the board's TRIGGER ("Line1"), whose rising edge starts an exposure; None =
-                free-running.
-            exposure_output: output line that is active during exposure ("Line2"), for the board's EXPOSURE_ACTIVE; None
-                leaves the lines unchanged.
-            pixel_format: one of PIXEL_FORMATS; None = grey if available, else the mosaic.
+            trigger: input line connected to the board's TRIGGER, such as "Line1", whose rising edge starts an exposure;
+                None = free-running.
+            exposure_output: output line connected to the board's EXPOSURE_ACTIVE, such as "Line2", which is active
+                during exposure; None = output lines are not configured.
+            pixel_format: one of PIXEL_FORMATS; None = grey if available, otherwise a Bayer mosaic.
             size: (width, height) of the frames, centred on the sensor; None = the whole sensor.
             fps: frame rate of a free-running camera [Hz]; None = unchanged.
             lag: see `Camera`.
@@ -89,12 +90,12 @@ class AravisCamera(Camera):
         self.pixel_format = ""
 
     def open(self) -> None:
-        """Find the camera, configure it and start the acquisition; does nothing when open.
+        """Find the camera, configure it and start the acquisition; does nothing if the camera is open.
 
         Raises:
             CameraBackendMissing: Aravis is not installed.
-            CameraNotFound: no such camera, or another program uses it.
-            CameraSettingRefused: it does not have the line, size or pixel format.
+            CameraNotFound: there is no such camera, or another program uses it.
+            CameraSettingRefused: the camera lacks the trigger or output line, the size or the pixel format.
         """
         if self._camera is not None:
             return
@@ -120,14 +121,14 @@ class AravisCamera(Camera):
         self._stream = None
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Lock exposure, gain and gamma, with automatic modes off, and read them back; see `aravis_settings`."""
+        """Turn automatic modes off, set exposure, gain and gamma, and return the values read back."""
         camera = self._opened()
         held = lock_settings(camera, self._aravis, settings, self.name)
         self._learn_period(camera)
         return held
 
     def held(self, locked: CameraSettings) -> HeldSettings:
-        """Read exposure, gain, gamma and the automatic modes.
+        """Read exposure, gain, gamma and the automatic modes back from the camera.
 
         Raises:
             CameraEnded: the camera does not respond.
@@ -145,8 +146,8 @@ class AravisCamera(Camera):
         """Return the oldest complete frame.
 
         Raises:
-            CameraTimeout: no frame in time.
-            CameraEnded: the camera is gone.
+            CameraTimeout: no complete frame arrived in time.
+            CameraEnded: the camera was disconnected.
             CameraNotOpen: the camera is not open.
         """
         self._opened()
@@ -231,7 +232,7 @@ class AravisCamera(Camera):
             _check_choice("pixel format", self._wanted_format, usable, self.name)
         elif not usable:
             raise CameraSettingRefused(
-                f"{self.name} has the pixel formats {', '.join(there)}, one of {', '.join(PIXEL_FORMATS)} is needed"
+                f"{self.name} has the pixel formats {', '.join(there)}; allowed: {', '.join(PIXEL_FORMATS)}"
             )
         self.pixel_format = self._wanted_format or usable[0]
         camera.set_pixel_format_from_string(self.pixel_format)
@@ -244,7 +245,7 @@ class AravisCamera(Camera):
         sensor = tuple(camera.get_sensor_size())
         scale = 2 if self._takes_red else 1
         width, height = sensor if self._size is None else (scale * self._size[0], scale * self._size[1])
-        # An offset by an odd row or column would change the mosaic's pattern.
+        # An offset by an odd number of rows or columns would change the pattern of the mosaic.
         left, top = ((sensor[axis] - (width, height)[axis]) // 2 // 2 * 2 for axis in (0, 1))
         if left < 0 or top < 0:
             raise CameraSettingRefused(
@@ -273,21 +274,21 @@ class AravisCamera(Camera):
         camera.start_acquisition()
 
     def _is_gone(self) -> bool:
-        """True if a network camera no longer answers its heartbeat."""
-        # Aravis's signal for this would deadlock: closing joins its thread while holding Python's global lock.
+        """Return True if a network camera no longer answers its heartbeat, False for other cameras."""
+        # Aravis's signal for this would deadlock: closing the camera joins the signal's thread while holding the GIL.
         return self._camera.is_gv_device() and not self._camera.get_device().is_controller()
 
     def _frame(self, buffer: Any) -> Frame | None:
-        """Make a frame from a buffer; None if packets are missing."""
+        """Convert a buffer to a frame; None if packets are missing."""
         if buffer.get_status() != self._aravis.BufferStatus.SUCCESS:
             logger.info("%s: a frame is %s", self.name, buffer.get_status().value_nick)
             return None
         stamp = timing.monotonic()
         if not self.triggered:
-            # Subtract the time for which the frame waited to be read.
+            # Subtract the time that the frame has waited to be read.
             stamp -= max(0.0, time.time() - buffer.get_system_timestamp() * 1e-9)
         shape = (buffer.get_image_height(), buffer.get_image_width())
-        # `get_data` copies, so the memory belongs to the frame and never changes.
+        # `get_data` copies, so the frame owns its memory.
         image: Image = np.frombuffer(buffer.get_data(), np.uint8, count=shape[0] * shape[1]).reshape(shape)
         if self._takes_red:
             image = red_pixels(image, self.pixel_format)

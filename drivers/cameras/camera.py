@@ -1,4 +1,4 @@
-"""Interface of cameras, and a check for changes of locked settings."""
+"""Abstract interface of cameras, and detection of changes of locked settings."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from drivers.frame import Frame
 
 T = TypeVar("T")
 UNITS = {"exposure": " s", "gain": "", "white_balance": " K", "gamma": ""}
-# Relative tolerance of a value read back, which the camera may have rounded.
+# Relative tolerance of a value read back, because the camera may have rounded it.
 TOLERANCE = 0.02
-# Absolute tolerance of a value read back, since a locked gain may be 0.
+# Absolute tolerance of a value read back; needed because a locked gain may be 0.
 ROUNDING = {"gain": 0.05, "gamma": 0.005}
 WHAT_TO_DO = "check that no other program uses the camera and start again: settings are locked when it is opened"
 
@@ -25,13 +25,13 @@ class CameraSettings:
     """Settings that must not change during a scan; None leaves a setting unchanged.
 
     Attributes:
-        exposure: exposure time with automatic exposure off [s].
-        gain: gain in the camera's own unit, automatic gain off.
-        white_balance: colour temperature, automatic white balance off [K].
-        gamma: gamma in the camera's own unit; use the linear value, since gamma shifts the centre of a stripe.
+        exposure: exposure time [s]; locking it turns automatic exposure off.
+        gain: gain in the camera's own unit; locking it turns automatic gain off.
+        white_balance: colour temperature [K]; locking it turns automatic white balance off.
+        gamma: gamma in the camera's own unit. Use the linear value, because gamma shifts the centre of a stripe.
 
     Raises:
-        ValueError: a value is not finite, or an exposure, temperature or gamma is not above 0.
+        ValueError: a value is not finite, or exposure, white balance or gamma is not above 0.
     """
 
     exposure: float | None = None
@@ -47,7 +47,7 @@ class CameraSettings:
                 raise ValueError(f"camera setting {name} is {value}, it must be {wanted}")
 
     def given(self) -> dict[str, float]:
-        """Settings that are not None, by name."""
+        """Return the settings that are not None, by name."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 
@@ -56,8 +56,9 @@ class HeldSettings:
     """Camera settings read back from the device.
 
     Attributes:
-        values: values reported by the camera, with the names and units of `CameraSettings`.
-        automatic: names of the settings in automatic mode.
+        values: reported values, with the names and units of `CameraSettings`; settings that the camera does not report
+            are missing.
+        automatic: names of the settings that are in automatic mode.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
@@ -65,19 +66,22 @@ class HeldSettings:
 
 
 class Camera(ABC):
-    """Base class of cameras, a context manager. Implement the five abstract methods to support another camera.
+    """Base class of cameras; a context manager. To support another camera, implement the five abstract methods.
 
-    Implement `held` too if the camera can report its settings, so that every scan checks them.
+    If the camera can report its settings, also implement `held`, so that every scan checks them.
 
     Attributes:
         name: name of the camera in messages.
-        identity: maker, model and serial number reported by the open camera, to recognise it; empty if unknown.
-        lag: a frame with stamp t shows nothing older than t - lag [s]: exposure, read-out and transfer together. None
-            if unknown: acquisition then drops frames after every change instead. Use `measure_lag` to measure it.
-        triggered: True if the camera exposes at each pulse on its trigger line and at no other time, and sets
+        identity: maker, model and serial number that the open camera reports, by which it is recognised; empty if
+            unknown.
+        lag: upper bound of exposure, read-out and transfer together [s]: a frame with stamp t shows nothing older than
+            t - lag. None = unknown; then, acquisition drops frames after every change instead. `measure_lag` measures
+            it.
+        triggered: True if the camera exposes once per pulse on its trigger line and at no other time, and sets
             `Frame.device_time`.
-        trigger_period: shortest time between two triggers at the current exposure [s].
-        counts_frames: True if `Frame.counter` is the device's own, so that frames lost before the host show as gaps.
+        trigger_period: shortest allowed time between two triggers at the current exposure [s].
+        counts_frames: True if `Frame.counter` comes from the device, so that frames lost before they reach the host
+            leave gaps.
     """
 
     name: str = "camera"
@@ -98,7 +102,7 @@ class Camera(ABC):
 
     @abstractmethod
     def open(self) -> None:
-        """Open the camera; does nothing when open.
+        """Open the camera; does nothing if it is open.
 
         Raises:
             CameraNotFound: the camera cannot be opened.
@@ -106,11 +110,11 @@ class Camera(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Close the camera; does nothing when closed."""
+        """Close the camera; does nothing if it is closed."""
 
     @abstractmethod
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Lock the settings, read them back and return the values of the camera.
+        """Lock the settings, and return the values read back from the camera.
 
         Raises:
             CameraSettingRefused: the camera rejected a setting.
@@ -120,7 +124,7 @@ class Camera(ABC):
     def held(self, locked: CameraSettings) -> HeldSettings:
         """Read the settings that are not None in `locked` back from the camera.
 
-        The default, for a camera that cannot be read, returns nothing.
+        The default returns nothing; it is for cameras that cannot be read.
 
         Raises:
             CameraEnded: the camera does not respond.
@@ -133,18 +137,18 @@ class Camera(ABC):
         """Return the next frame; wait for at most `timeout` [s].
 
         Raises:
-            CameraTimeout: no frame in time.
-            CameraEnded: there will be no more frames.
+            CameraTimeout: no frame arrived in time.
+            CameraEnded: the camera will not deliver any more frames.
             CameraNotOpen: the camera is not open.
         """
 
     @abstractmethod
     def flush(self) -> None:
-        """Discard frames that have already arrived, so that the next one grabbed arrives after this call."""
+        """Discard the frames that have already arrived; the next frame grabbed arrives after this call."""
 
 
 def opened(device: T | None, camera: Camera) -> T:
-    """Check that a camera is open and return its device.
+    """Check that a camera is open, and return its device.
 
     Raises:
         CameraNotOpen: the device is None.
@@ -155,27 +159,27 @@ def opened(device: T | None, camera: Camera) -> T:
 
 
 def check_held(camera: str, setting: str, asked: float, held: float, allowed: float, tool: str = "") -> None:
-    """Check that a setting read back differs by at most `allowed` from the value asked for.
+    """Check that a setting read back differs by at most `allowed` from the requested value.
 
     Args:
-        camera: name of the camera, for the message.
-        setting: name of the setting, for the message.
-        asked: value asked for.
+        camera: name of the camera, for the error message.
+        setting: name of the setting, for the error message.
+        asked: requested value.
         held: value read back.
         allowed: largest difference.
-        tool: program that lists the possible values, for the message.
+        tool: text appended to the error message, such as a program that lists the possible values.
 
     Raises:
         CameraSettingRefused: the difference is larger.
     """
     if abs(held - asked) > allowed:
         raise CameraSettingRefused(
-            f"{camera} was asked for {setting} {asked:g}, but holds {held:g}: ask for a value that it supports{tool}"
+            f"{camera} was asked for {setting} {asked:g}, but reports {held:g}: ask for a value that it supports{tool}"
         )
 
 
 def evidence_of(camera: Camera) -> str:
-    """Describe how frames of this camera are assigned to stripes and verified."""
+    """Describe how frames of a camera are assigned to stripes and verified."""
     if camera.triggered:
         return "waits for the board's trigger: stripes are verified by the camera's clock, lost frames are detected"
     if camera.counts_frames:
@@ -184,16 +188,16 @@ def evidence_of(camera: Camera) -> str:
 
 
 def setting_changes(camera: Camera, locked: CameraSettings) -> tuple[str, ...]:
-    """Changes of locked settings, each described in one sentence with what to do; empty if there are none.
+    """Describe the changes of locked settings, one sentence each with what to do; empty if there are none.
 
     Settings that the camera does not report are assumed to be unchanged.
 
     Args:
-        camera: an open camera.
-        locked: result of `Camera.lock`.
+        camera: open camera.
+        locked: settings returned by `Camera.lock`.
 
     Raises:
-        CameraError: the camera does not respond.
+        CameraError: the camera does not respond or is not open.
     """
     held = camera.held(locked)
     changes = []

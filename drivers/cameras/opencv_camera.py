@@ -1,7 +1,7 @@
 """Cameras, video files and image sequences through OpenCV's VideoCapture (V4L2, GStreamer, FFmpeg, images).
 
-The OpenCV of the Python package index has no FireWire backend (DC1394) and none for GenICam (Aravis): a FireWire
-camera, like the one of the original robot, needs other software; see docs/drivers.md, "FireWire cameras".
+The OpenCV wheels on PyPI have neither a FireWire (DC1394) nor a GenICam (Aravis) backend. A FireWire camera, such as
+that of the original robot, needs other software; see docs/drivers.md, "FireWire cameras".
 """
 
 from __future__ import annotations
@@ -33,24 +33,25 @@ FIREWIRE_HELP = (
     "for alternatives"
 )
 V4L2_MANUAL_EXPOSURE = 1.0
-# Setting -> (property, its unit, name in messages, property of the automatic mode, value that turns that mode off).
+# Per setting: property, unit of the property, name in messages, property of the automatic mode, value that turns it
+# off.
 CONTROLS = {
     "exposure": ("CAP_PROP_EXPOSURE", 1e-4, "exposure [100 us]", "CAP_PROP_AUTO_EXPOSURE", V4L2_MANUAL_EXPOSURE),
     "gain": ("CAP_PROP_GAIN", 1.0, "gain", "", 0.0),
     "white_balance": ("CAP_PROP_WB_TEMPERATURE", 1.0, "white balance [K]", "CAP_PROP_AUTO_WB", 0.0),
     "gamma": ("CAP_PROP_GAMMA", 1.0, "gamma", "", 0.0),
 }
-# Relative tolerance of a value that the driver has rounded.
+# Relative tolerances of values that the driver may have rounded.
 TOLERANCE = 0.02
 EXPOSURE_TOLERANCE = 0.05
 
 
 class OpenCvCamera(Camera):
-    """Camera or file that OpenCV can read.
+    """Camera, video file or image sequence read by OpenCV.
 
-    A live camera is read by a background thread that keeps only the newest frame. `grab` therefore has a timeout,
-    unlike OpenCV's read, and never returns a frame that waited in a queue of the driver. A file is read in `grab`,
-    frame by frame without dropping any.
+    A live camera is read by a background thread that keeps only the newest frame. Therefore `grab` has a timeout,
+    unlike OpenCV's read, and never returns a frame that waited in a driver queue. A file is read in `grab`, and no
+    frame is dropped.
     """
 
     def __init__(
@@ -68,9 +69,9 @@ class OpenCvCamera(Camera):
             source: number of a camera, path of a device ("/dev/video0"), a video file or an image sequence
                 ("frame_%03d.png"), or a GStreamer pipeline.
             backend: "any", "v4l2", "gstreamer", "ffmpeg", "images" or "firewire".
-            size: required (width, height) of a live camera; None = its default.
-            fps: requested frame rate of a live camera [Hz]; None = its default.
-            lag: see `Camera`; 0 for files.
+            size: required (width, height) of a live camera; None = the camera's default. Ignored for files.
+            fps: requested frame rate of a live camera [Hz]; None = the camera's default. Ignored for files.
+            lag: see `Camera`; None means 0 for a file.
 
         Raises:
             ValueError: unknown backend.
@@ -91,12 +92,12 @@ class OpenCvCamera(Camera):
         self._stop = threading.Event()
 
     def open(self) -> None:
-        """Open the source; does nothing when open.
+        """Open the source; does nothing if it is open.
 
         Raises:
-            CameraBackendMissing: the installed OpenCV does not have the backend.
+            CameraBackendMissing: the installed OpenCV lacks the backend.
             CameraNotFound: the source cannot be opened.
-            CameraSettingRefused: the camera does not have the size.
+            CameraSettingRefused: the camera delivers another size.
         """
         if self._capture is not None:
             return
@@ -131,7 +132,7 @@ class OpenCvCamera(Camera):
             self._reader.join(LONGEST_READ)
             if self._reader.is_alive():
                 # Releasing a capture that another thread is reading crashes the process.
-                logger.error("%s does not return from a read; its thread runs until the program ends", self.name)
+                logger.error("%s: a read does not return; its thread runs until the program ends", self.name)
                 self._capture = None
             self._reader = None
         if self._capture is not None:
@@ -139,14 +140,14 @@ class OpenCvCamera(Camera):
             self._capture = None
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Lock exposure, gain, white balance and gamma; see `lock_settings`."""
+        """Lock exposure, gain, white balance and gamma of a live camera; see `lock_settings`."""
         capture = self._opened()
         if self._is_file and settings != CameraSettings():
             raise CameraSettingRefused(f"{self.name} is a file, whose frames exist already: {settings} cannot be set")
         return lock_settings(capture, settings, self.name)
 
     def held(self, locked: CameraSettings) -> HeldSettings:
-        """Read the settings back; see `held_settings`."""
+        """Read the locked settings back; see `held_settings`."""
         return held_settings(self._opened(), locked)
 
     def grab(self, timeout: float) -> Frame:
@@ -183,7 +184,7 @@ class OpenCvCamera(Camera):
         good, image = capture.retrieve()
         if not good:
             return None
-        # The array belongs to this frame alone, so it can be made read-only without a view.
+        # The array belongs to this frame alone, so no view is needed to make it read-only.
         image.setflags(write=False)
         frame = Frame(image, self._counter, stamp)
         self._counter += 1
@@ -243,14 +244,14 @@ class Capture(Protocol):
     """Methods of `cv2.VideoCapture` that are used for settings."""
 
     def set(self, propId: int, value: float) -> bool:
-        """Set a property; False if the device does not have it."""
+        """Set a property; return False if the device lacks it."""
 
     def get(self, propId: int) -> float:
-        """Value of a property."""
+        """Return the value of a property."""
 
 
 def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> CameraSettings:
-    """Switch automatic modes off, apply the settings, read them back and return the values of the camera.
+    """Turn automatic modes off, apply the settings, and return the values read back from the camera.
 
     Args:
         capture: an open capture.
@@ -258,7 +259,7 @@ def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> Came
         name: name of the camera, for messages.
 
     Raises:
-        CameraSettingRefused: the camera does not have the setting, or reads back another value.
+        CameraSettingRefused: the camera lacks a setting, or reads back another value.
     """
     held = {}
     for setting, wanted in settings.given().items():
@@ -271,7 +272,7 @@ def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> Came
 
 
 def held_settings(capture: Capture, locked: CameraSettings) -> HeldSettings:
-    """Read locked settings back from the camera, except values that it does not report (0, -1).
+    """Read the locked settings back from the camera. A value of 0 or less, except gain 0, counts as not reported.
 
     Args:
         capture: an open capture.

@@ -1,4 +1,4 @@
-"""V4L2 cameras, grey or YUYV (no MJPEG), with frame numbers and times from the kernel. Needs linuxpy."""
+"""V4L2 cameras through linuxpy: grey or YUYV (no MJPEG), with frame numbers and times from the kernel."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from drivers.errors import (
 from drivers.frame import Frame, Image
 
 BUFFERS = 8
-# Pixel formats in order of preference. Every second byte of YUYV is the luminance.
+# Accepted pixel formats, in order of preference. Every second byte of YUYV is the luminance.
 PIXEL_FORMATS = ("GREY", "YUYV")
-# Buffer flag of a damaged image; modulus of the frame numbers.
+# Flag of a buffer with a damaged image, and modulus of the frame numbers.
 DAMAGED, NUMBERS = 0x40, 1 << 32
-# Unit of the exposure control [s], and relative tolerance of a value that the driver has rounded.
+# Unit of the exposure control [s], and relative tolerance of values that the driver may have rounded.
 EXPOSURE_UNIT, TOLERANCE = 1e-4, 0.05
 MANUAL_EXPOSURE = 1
-# Setting -> (control, its unit, control of the automatic mode, value that turns that mode off).
+# Per setting: control, unit of the control, control of the automatic mode, value that turns this mode off.
 CONTROLS: dict[str, tuple[str, float, str, int]] = {
     "exposure": ("exposure_time_absolute", EXPOSURE_UNIT, "auto_exposure", MANUAL_EXPOSURE),
     "gain": ("gain", 1.0, "", 0),
@@ -37,9 +37,9 @@ CONTROLS: dict[str, tuple[str, float, str, int]] = {
 
 
 class V4l2Camera(Camera):
-    """Camera of the Linux video interface. Frames are (height, width) uint8 and are returned in order.
+    """Camera of the Linux video interface. Frames are (height, width) uint8 and are returned in order of exposure.
 
-    Numbers and monotonic stamps come from the kernel. Lost and damaged frames show as gaps.
+    Frame numbers and monotonic stamps come from the kernel. Lost and damaged frames leave gaps in the frame counter.
     """
 
     counts_frames = True
@@ -58,11 +58,11 @@ class V4l2Camera(Camera):
 
         Args:
             path: path of the device.
-            pixel_format: one of PIXEL_FORMATS; None = the first that the camera has.
-            size: (width, height); None = the camera's default.
-            fps: frame rate [Hz]; None = the camera's default.
+            pixel_format: one of PIXEL_FORMATS; None = the first one that the camera supports.
+            size: (width, height); None = the camera's current size.
+            fps: frame rate [Hz]; None = the camera's current rate.
             lag: see `Camera`.
-            video: module to use instead of `linuxpy.video.device`.
+            video: module that replaces `linuxpy.video.device`; None = linuxpy.
 
         Raises:
             ValueError: the pixel format is not one of PIXEL_FORMATS.
@@ -78,12 +78,12 @@ class V4l2Camera(Camera):
         self._counter, self._last = -1, 0
 
     def open(self) -> None:
-        """Open the device and start the acquisition; does nothing when open.
+        """Open the device and start the acquisition; does nothing if the camera is open.
 
         Raises:
             CameraBackendMissing: linuxpy is not installed.
-            CameraNotFound: there is no such device, or another program uses it.
-            CameraSettingRefused: the camera does not have the pixel format or the size.
+            CameraNotFound: the device does not exist or cannot be opened, or another program uses it.
+            CameraSettingRefused: the camera lacks the pixel format or the size.
         """
         if self._capture is not None:
             return
@@ -97,7 +97,7 @@ class V4l2Camera(Camera):
         except OSError as error:
             self.close()
             raise CameraNotFound(
-                f"{self.name} cannot be opened ({error.strerror}): check path, cable, that your user is in the group "
+                f"{self.name} cannot be opened ({error.strerror}): check path and cable, that your user is in group "
                 "`video`, and that no other program uses it"
             ) from None
         except BaseException:
@@ -107,7 +107,7 @@ class V4l2Camera(Camera):
         self.identity = usb_identity(self._path)
 
     def close(self) -> None:
-        """Stop and release the device; does nothing when closed."""
+        """Stop and release the device; does nothing if it is closed."""
         capture, self._capture = self._capture, None
         device, self._device = self._device, None
         if capture is not None:
@@ -116,7 +116,7 @@ class V4l2Camera(Camera):
             device.close()
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Switch automatic modes off, apply the settings and read them back."""
+        """Turn automatic modes off, apply the settings, and return the values read back; errors as in `Camera.lock`."""
         self._opened()
         held = {}
         for name, wanted in settings.given().items():
@@ -127,7 +127,7 @@ class V4l2Camera(Camera):
         return CameraSettings(**held)
 
     def held(self, locked: CameraSettings) -> HeldSettings:
-        """Read the controls of locked settings and their automatic modes; errors as in `Camera.held`."""
+        """Read the locked settings and their automatic modes back; errors as in `Camera.held`."""
         self._opened()
         controls = self._device.controls
         values, automatic = {}, []
@@ -142,7 +142,7 @@ class V4l2Camera(Camera):
         return HeldSettings(values=values, automatic=tuple(automatic))
 
     def grab(self, timeout: float) -> Frame:
-        """Return the oldest frame; damaged ones are skipped and show as gaps. Errors as in `Camera.grab`."""
+        """Return the oldest frame; damaged frames are skipped and leave gaps in the counter. See `Camera.grab`."""
         capture = self._opened()
         while True:
             if not select.select([self._device], [], [], timeout)[0]:
@@ -174,8 +174,8 @@ class V4l2Camera(Camera):
         usable = [name for name in PIXEL_FORMATS if name in names and self._wanted in (None, name)]
         if not usable:
             raise CameraSettingRefused(
-                f"{self.name} has the pixel formats {', '.join(names)}, {self._wanted or ' or '.join(PIXEL_FORMATS)} "
-                "is needed: OpenCV reads others (give the device path alone)"
+                f"{self.name} has the pixel formats {', '.join(names)}; allowed: "
+                f"{self._wanted or ' or '.join(PIXEL_FORMATS)}. OpenCV reads others: give the device path alone"
             )
         current = capture.get_format()
         size = self._size or (current.width, current.height)
@@ -208,7 +208,7 @@ class V4l2Camera(Camera):
             ) from None
         control.value = round(value)
         held = float(control.value)
-        # Rounding to integers is always allowed: controls are integers.
+        # Rounding to integers is always allowed, because controls are integers.
         check_held(self.name, name, value, held, max(TOLERANCE * abs(value), 0.5), " (`v4l2-ctl -L`)")
         return held
 

@@ -1,4 +1,4 @@
-"""Emulated board: executes the commands of `PROTOCOL.md`; emulated cameras read its laser and mirror."""
+"""Emulated laser board: executes the commands of `PROTOCOL.md`, and shows emulated cameras its laser and mirror."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ REPORTS_KEPT = 4
 
 
 class EmulatedBoard:
-    """Laser board of protocol 1.0 in software; thread-safe.
+    """Software emulation of a laser board with protocol 1.0; thread-safe.
 
-    Nothing runs in the background: a command, report or exposure first applies the timers that are due, each as of
-    its due time.
+    Nothing runs in the background. Each command, report or exposure first processes the timers that have expired, each
+    with the time at which it expired.
 
     Attributes:
-        config: configuration.
+        config: configuration of the emulator.
         clock: function that returns the time [s].
     """
 
     def __init__(self, config: EmulatorConfig | None = None, clock: Callable[[], float] = timing.monotonic) -> None:
-        """Power up, with the mirror at the centre of its travel and its home unknown.
+        """Power up, with the mirror at the centre of its travel and the home position unknown.
 
         Args:
-            config: configuration; None = defaults.
+            config: configuration of the emulator; None = defaults.
             clock: function that returns the time [s].
         """
         self.config = config or EmulatorConfig()
@@ -45,7 +45,7 @@ class EmulatedBoard:
         self._power_on(now)
 
     def serve(self, request: int, argument: int) -> bytes | None:
-        """Execute a command and return its data stage; None for a command that the firmware does not know."""
+        """Execute a command and return the data of its reply; None for a command that the firmware does not know."""
         with self._lock:
             now = self._advance()
             known = REQUESTS.get(request)
@@ -61,18 +61,18 @@ class EmulatedBoard:
             return self._status(result, known, now)
 
     def next_report(self) -> bytes | None:
-        """Return the oldest waiting record of the interrupt endpoint, or None."""
+        """Return the oldest waiting report of the interrupt endpoint, or None."""
         with self._lock:
             self._advance()
             return self._reports.popleft() if self._reports else None
 
     def still_at(self) -> float:
-        """End of the current motion, including settling [s]."""
+        """Return the time at which the current motion ends, including settling [s]."""
         with self._lock:
             return self._mirror.still_at
 
     def exposure(self, start: float, end: float) -> ExposureView:
-        """State of the board during an exposure from `start` to `end` [s], both in the past."""
+        """Return the state of the board during an exposure from `start` to `end` [s], which must be in the past."""
         with self._lock:
             self._advance()
             angle = self._mirror.true_angle
@@ -104,7 +104,7 @@ class EmulatedBoard:
     def _apply(self, now: float) -> None:
         ended = self._mirror.ended(now)
         if ended is not None:
-            # The report contains the state at that time, even if it is read later.
+            # The report contains the state at the end of the motion, even if it is read later.
             self._report(ended)
         self._light.advance(now)
         self._mirror.advance(now)
@@ -124,7 +124,7 @@ class EmulatedBoard:
         return request < Request.SWEEP_STEP
 
     def _record(self, request: Request) -> bytes | None:
-        """Answer to a request for a record other than the status; None for all other requests."""
+        """Return the reply to a request for a record other than the status; None for all other requests."""
         identity = replace(self.config.identity, protocol=(PROTOCOL_MAJOR, 0))
         return identity.pack() if request is Request.IDENTIFY else None
 

@@ -1,4 +1,4 @@
-"""Emulated motor, and firmware of the mirror: homing, motion, travel, lost steps."""
+"""Emulated mirror unit: motor, home switch and position counting, with homing, motion, travel limits and lost steps."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from drivers.board.protocol import BoardFlag, Result
 from drivers.emulator.config import EmulatorConfig
 
-# Period of a stepper's error [steps]: 8 full steps of 256 microsteps.
+# Period of the periodic position error of a stepper motor [steps]: 8 full steps of 256 microsteps.
 PERIODIC_STEPS = 8 * 256
 
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """Segment of a motion at constant speed: from step `origin` at `start` [s] to step `target` at `end` [s]."""
+    """Part of a motion at constant speed, from step `origin` at time `start` [s] to step `target` at time `end` [s]."""
 
     start: float
     end: float
@@ -23,7 +23,7 @@ class Segment:
     target: float
 
     def at(self, time: float) -> float:
-        """Position at `time` [steps]."""
+        """Return the position at `time` [steps]; before `start` and after `end`, that of the nearer end."""
         if time >= self.end:
             return self.target
         if time <= self.start:
@@ -32,16 +32,16 @@ class Segment:
 
 
 class Motor:
-    """Stepper that moves at constant speed; keeps the last few thousand segments of its motion.
+    """Stepper motor that moves at constant speed. It keeps the last few thousand segments of its motion.
 
     Attributes:
         speed: speed of the motor [steps/s].
         settle: settling time after a motion [s].
-        still_at: end of the current motion, including settling [s].
+        still_at: time at which the current motion ends, including settling [s].
     """
 
     def __init__(self, speed: float, settle: float, overshoot: int, position: float, now: float) -> None:
-        """Stand still.
+        """Start at rest.
 
         Args:
             speed: speed of the motor [steps/s].
@@ -55,7 +55,7 @@ class Motor:
         self.still_at = now
 
     def move(self, target: float, now: float) -> None:
-        """Start a motion to the position `target`."""
+        """Start a motion to position `target` at time `now`; it replaces the current motion."""
         start, origin = now, self.true_position(now)
         if target < origin:
             start = self._add(start, origin, target - self._overshoot)
@@ -63,19 +63,19 @@ class Motor:
         self.still_at = self._add(start, origin, target) + self.settle
 
     def move_on(self, target: float) -> None:
-        """Append a segment to the position `target` to the current motion."""
+        """Append a motion to position `target` to the current motion."""
         last = self._segments[-1]
         self.still_at = self._add(last.end, last.target, target) + self.settle
 
     def halt(self, now: float) -> None:
-        """Stop where the motor is."""
+        """Stop at the current position."""
         position = self.true_position(now)
         self._cut(now)
         self._segments.append(Segment(now, now, position, position))
         self.still_at = now + self.settle
 
     def true_position(self, time: float) -> float:
-        """True position at `time` [steps from the home switch]."""
+        """Return the true position at `time` [steps from the home switch]."""
         for segment in reversed(self._segments):
             if segment.start <= time:
                 return segment.at(time)
@@ -93,18 +93,18 @@ class Motor:
 
 
 class MirrorUnit:
-    """Motor, home switch, and the firmware's estimate of the position.
+    """Emulated motor and home switch, and the firmware's knowledge of the position.
 
     Attributes:
-        motions: number of motions started.
-        home_error: error of the step count when the home switch was last found; this motor loses no step.
+        motions: number of motions started since power-up.
+        home_error: error of the step count when the home switch was last found; always 0, as this motor loses no steps.
         homed: True if the home position is known.
     """
 
     home_error = 0
 
     def __init__(self, config: EmulatorConfig, now: float) -> None:
-        """Start at the centre of the travel, with unknown home."""
+        """Start at the centre of the travel, with the home position unknown."""
         self._config, self._identity = config, config.identity
         centre = (self._identity.min_step + self._identity.max_step) // 2
         speed = config.mirror_speed / self._identity.step_angle
@@ -115,7 +115,7 @@ class MirrorUnit:
         return Motor(speed, self._config.settle, self._config.overshoot, position, now)
 
     def power_on(self, now: float) -> None:
-        """Start as after a reset."""
+        """Reset the firmware's state and stop the motor, as at power-up."""
         self._motor.halt(now)
         self.motions = 0
         self.homed = self._homing = False
@@ -123,14 +123,14 @@ class MirrorUnit:
         self._under_way = False
 
     def ended(self, now: float) -> float | None:
-        """Return the end of the last motion, including settling [s], once after it ended; otherwise None."""
+        """Return the end of the last motion, including settling [s], at the first call after it; otherwise None."""
         if not self._under_way or self.moving(now):
             return None
         self._under_way = False
         return self._motor.still_at
 
     def advance(self, now: float) -> None:
-        """Apply the result of a homing that has ended."""
+        """Complete a homing that has ended."""
         if not self._homing or now < self._motor.still_at:
             return
         self._homing = False
@@ -140,7 +140,7 @@ class MirrorUnit:
         self.homed = True
 
     def home(self, now: float) -> Result:
-        """Start homing."""
+        """Start homing; BUSY if it is already running."""
         if self._homing:
             return Result.BUSY
         self.homed, self._homing = False, True
@@ -150,7 +150,7 @@ class MirrorUnit:
         return Result.OK
 
     def go_to(self, step: int, now: float) -> Result:
-        """Start a motion to `step`."""
+        """Start a motion to `step`; any result other than OK means that the motor does not move."""
         if self._homing:
             return Result.BUSY
         if not self.homed:
@@ -164,36 +164,36 @@ class MirrorUnit:
         return Result.OK
 
     def reaches(self, step: int) -> bool:
-        """True if a step is within the travel."""
+        """Return True if a step is within the travel."""
         return self._identity.min_step <= step <= self._identity.max_step
 
     def halt(self, now: float) -> None:
-        """Stop where the mirror is."""
+        """Stop the mirror at its current position, and end a homing without result."""
         if self.moving(now):
             self._motor.halt(now)
             self._target = None
         self._homing = False
 
     def moving(self, instant: float) -> bool:
-        """True if the mirror was moving or settling at a time [s]."""
+        """Return True if the current motion, including settling, has not ended at time `instant` [s]."""
         return instant < self._motor.still_at
 
     @property
     def still_at(self) -> float:
-        """End of the current motion, including settling [s]."""
+        """Time at which the current motion ends, including settling [s]."""
         return self._motor.still_at
 
     def step(self, instant: float) -> int:
-        """Step according to the firmware."""
+        """Return the position that the firmware reports [steps from the home switch]."""
         return round(self._motor.true_position(instant))
 
     def flags(self, instant: float) -> int:
-        """Bits of the mirror in the status flags."""
+        """Return the mirror's bits of the status flags."""
         flags = int(BoardFlag.MOVING) if self.moving(instant) else 0
         return flags | (int(BoardFlag.HOMED) if self.homed else 0)
 
     def true_angle(self, instant: float) -> float:
-        """True mirror angle [rad]."""
+        """Return the true mirror angle [rad], which includes the periodic error of the motor."""
         position = self._motor.true_position(instant)
         wobble = self._config.periodic_error * math.sin(2 * math.pi * position / PERIODIC_STEPS)
         return self._identity.angle_of(0) + position * self._identity.step_angle + wobble

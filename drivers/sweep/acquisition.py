@@ -1,4 +1,4 @@
-"""Acquisition of a scan, stripe by stripe; each is verified while the mirror moves to the next."""
+"""Acquisition of a scan, stripe by stripe; each stripe is verified while the mirror moves to the next."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from drivers.sweep.stripe_worker import ScanTask
 from drivers.sweep.sweep_worker import SweepWorker
 
 logger = logging.getLogger(__name__)
-# Interval of checks that the scan's thread is alive [s].
+# Interval of checks that the scan thread is still running [s].
 POLL = 1.0
-# Longest wait for the scan's thread at the end [s].
+# Longest wait for the scan thread at the end of a scan [s].
 JOIN = 2.0
 MEANINGS = {
     StripeVerdict.AMBIENT_CHANGED: "the light or the camera's exposure changed: lock its settings",
@@ -51,7 +51,7 @@ def acquire(
     should_stop: Callable[[], bool] | None = None,
     align: Align | None = None,
 ) -> StripeStream:
-    """Start a scan, as a context manager that iterates over its stripes.
+    """Return a scan as a context manager that can be iterated over its stripes. The scan starts on entry.
 
     ```python
     with acquire(board, camera, firing_order, should_stop=pause_is_over) as stripes:
@@ -62,22 +62,22 @@ def acquire(
 
     With `options.together`, `stripes.groups()` iterates over tuples of stripes.
 
-    The laser is off after the block, even if an exception was raised in it.
+    The laser is off after the block, even if the block raises an exception.
 
     Args:
-        board: an open board.
-        camera: an open camera.
+        board: open laser board.
+        camera: open camera.
         firing_order: pairs (index, mirror angle [rad]) in the order of scanning.
-        options: None = defaults (one off frame).
-        band: returns the rows (first, end) in which the stripe of an index can be; None = anywhere.
-        should_stop: called often from the scan's thread; return True to end the scan early.
-        align: function for a camera that may move during the scan: warps the first image to the view of the second, or
-            returns None if no motion is seen. A stripe that seems out of step is compared again with the aligned
-            reference. None = the camera stands still.
+        options: options of the scan; None = defaults (one off frame for all stripes).
+        band: returns the rows (first, end) in which the stripe with a given index can be; None = anywhere.
+        should_stop: called often on the scan thread; return True to end the scan early.
+        align: for a camera that may move during the scan: function that warps the first image to the view of the
+            second, or returns None if it finds no motion. A stripe that fails verification is verified again with the
+            aligned reference. None = the camera does not move.
 
     Raises:
         BadFiringOrder: the order is empty, repeats an index, or contains an angle that is not finite.
-        BoardTooOld: a sweep is requested of a board that is not a `LaserBoard`.
+        BoardTooOld: a sweep is requested, but `board` is not a `LaserBoard`.
     """
     order = check_firing_order(firing_order)
     return StripeStream(ScanTask(board, camera, order, options or AcquireOptions(), should_stop), band, align)
@@ -87,10 +87,10 @@ def prepare(board: Board, firing_order: Iterable[tuple[int, float]]) -> int:
     """Home the mirror between scans and move it to the first stripe.
 
     Returns:
-        Number of steps lost since the mirror was last homed; if not 0, the scans since then are doubtful.
+        Number of steps lost since the mirror was last homed. If it is not 0, the scans since then are doubtful.
 
     Raises:
-        BoardError: the board cannot be reached or homed.
+        BoardError: the board cannot be reached, made ready or homed.
     """
     first = check_firing_order(firing_order)[0]
     board.ensure_ready()
@@ -101,14 +101,15 @@ def prepare(board: Board, firing_order: Iterable[tuple[int, float]]) -> int:
 
 
 class StripeStream:
-    """Scan in progress; made by `acquire`.
+    """Scan in progress, created by `acquire`.
 
     Attributes:
-        dark_after: indices of the stripes that are followed by a dark flash; empty if the board cannot make them.
+        dark_after: indices of the stripes that are followed by a dark flash; empty if the board cannot make dark
+            flashes.
     """
 
     def __init__(self, task: ScanTask, band: RowRangeOf | None, align: Align | None = None) -> None:
-        """Prepare; see `acquire`."""
+        """Prepare the scan; see `acquire`."""
         self._task, self._band = task, band
         if task.options.sweep is not None and not isinstance(task.board, LaserBoard):
             raise BoardTooOld(
@@ -125,11 +126,11 @@ class StripeStream:
         self._entered = self._ended = False
 
     def __enter__(self) -> StripeStream:
-        """Make the board ready (home, clear faults) and start.
+        """Make the board ready (home the mirror, clear faults) and start the scan.
 
         Raises:
             MirrorOutOfRange: an angle is outside the board's travel.
-            BoardError: the board cannot work.
+            BoardError: the board cannot be reached or made ready.
         """
         for stripe in self._task.firing_order:
             self._task.board.step_at(stripe.mirror_angle)
@@ -145,39 +146,39 @@ class StripeStream:
         try:
             self._worker.cancel()
         except DriverError as failure:
-            # The error that ended the scan was raised by the iteration and must not be raised again.
+            # The iteration has already raised the error that ended the scan; a second one from `cancel` is only logged.
             if error is None and not (self._ended and self._worker.failure is not None):
                 raise
-            logger.error("while ending the scan after %r: %s", error or self._worker.failure, failure)
+            logger.error("ending the scan failed after %r: %s", error or self._worker.failure, failure)
         finally:
             self._worker.join(JOIN)
             if self._worker.is_alive():
-                logger.error("the camera does not return from a grab; the laser is off")
+                logger.error("the scan thread did not stop within %g s", JOIN)
 
     def __iter__(self) -> Iterator[StripeCapture]:
-        """Iterate over the stripes, each as it is handed over.
+        """Iterate over the stripes as they are handed over.
 
         Raises:
-            AcquisitionNotEntered: outside the `with` block.
-            DriverError: the error that ended the scan; see `report` for the stripes before it.
+            AcquisitionNotEntered: the `with` block has not been entered.
+            DriverError: the error that ended the scan; `report` lists the stripes before it.
         """
         while self._await_group():
             while self._waiting:
                 yield self._judged(self._waiting.popleft())
 
     def groups(self) -> Iterator[tuple[StripeCapture, ...]]:
-        """Iterate over groups of stripes, for processing several at once (see `AcquireOptions.together`).
+        """Iterate over groups of stripes that are handed over together (see `AcquireOptions.together`).
 
         Raises:
-            AcquisitionNotEntered: outside the `with` block.
-            DriverError: the error that ended the scan; see `report` for the stripes before it.
+            AcquisitionNotEntered: the `with` block has not been entered.
+            DriverError: the error that ended the scan; `report` lists the stripes before it.
         """
         while self._await_group():
             yield tuple(self._judged(self._waiting.popleft()) for _ in range(len(self._waiting)))
 
     @property
     def report(self) -> ScanReport:
-        """Result of the scan so far, or at its end."""
+        """Result of the scan, complete after its end."""
         worker, grabber, verdicts = self._worker, self._worker.grabber, tuple(self._verdicts)
         return ScanReport(
             planned=tuple(stripe.index for stripe in self._task.firing_order),
@@ -195,7 +196,7 @@ class StripeStream:
         )
 
     def _await_group(self) -> bool:
-        """Wait for stripes if there are none; False at the end of the scan."""
+        """Wait until a stripe is available; return False at the end of the scan."""
         if not self._entered:
             raise AcquisitionNotEntered("enter the scan first: `with acquire(...) as stripes:`")
         while not self._waiting and not self._ended:
@@ -250,7 +251,7 @@ def _problems(worker: ScanWorker | SweepWorker, verdicts: tuple[tuple[int, Strip
     elif len(verdicts) > 1 and verdicts[0][1] is StripeVerdict.DARK and verdicts[1][1] is not StripeVerdict.DARK:
         problems.append("the first stripe is dark and the second is not: frames may lag behind the commands")
     counted = {
-        "the board turned the laser off {} times during the scan": worker.switch.interruptions,
+        "the board refused to switch the laser on {} times because of a fault": worker.switch.interruptions,
         "{} off frames did not arrive": worker.off_frames_lost,
         "{} frames were dropped on their way from the camera": worker.grabber.dropped,
         "{} frames arrived twice": worker.grabber.repeated,

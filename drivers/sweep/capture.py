@@ -1,4 +1,4 @@
-"""Results of a scan: the stripes with their frames, and the report."""
+"""Results of a scan: stripes with their frames and verdicts, and the report."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from drivers.sweep.firing_order import PlannedStripe
 
 
 class StripeVerdict(enum.Enum):
-    """Verdict about laser, mirror and frame of a stripe.
+    """Verdict on a stripe: whether laser, mirror and frame match the commands ("in step").
 
     Attributes:
-        OK: they were in step.
-        UNPROVED: there is nothing to compare with, as for the first stripe of a scan without off frames.
-        AMBIENT_CHANGED: in step, but the light or the exposure changed between the on and the off frame.
-        DARK: the laser was on, but hardly any column shows it: black ground, or a failed laser.
+        OK: laser, mirror and frame are in step.
+        UNPROVED: there was nothing to compare with, as for the first stripe of a scan without off frames.
+        AMBIENT_CHANGED: in step, but the ambient light or the exposure changed between the on frame and the off frame.
+        DARK: the laser was on, but hardly any column shows it: the ground is black, or the laser has failed.
         LEAK: the off frame shows a stripe: the laser was not off, or the frame is older than the command.
         NOT_MOVED: the stripe is where the previous one was: the mirror did not move, or the frame is older than the
             command.
-        OUT_OF_BAND: the stripe is outside the rows where it can be.
+        OUT_OF_BAND: the stripe is outside the rows in which it can be.
         REPEATED: the frame is identical to the previous one, although laser or mirror changed.
-        RESIZED: the size or dtype of the frame differs from earlier frames.
-        LOST: no frame arrived.
+        RESIZED: size or dtype of the frame differs from that of earlier frames.
+        LOST: no frame arrived, or none could be verified.
     """
 
     OK = "ok"
@@ -54,13 +54,13 @@ class StripeEvidence:
 
     Attributes:
         lit_fraction: fraction of the sampled columns that show the laser, 0 ... 1.
-        leak_fraction: fraction of the sampled columns where the off frame is brighter, as if by a stripe.
-        contrast: median brightness of the stripe above the off frame, in image counts, summed over channels; NaN if no
-            column is lit.
-        offset: median brightness of the whole frame above the off frame, in the same unit.
-        noise: standard deviation of the difference, in the same unit.
+        leak_fraction: fraction of the sampled columns in which the off frame is brighter, as if it showed a stripe.
+        contrast: median excess of the stripe over the off frame, in counts summed over channels; NaN if no column is
+            lit.
+        offset: median excess of the whole frame over the off frame, in the same unit.
+        noise: standard deviation of the difference between the frames, in the same unit.
         row: median row of the stripe [px]; NaN if no column is lit.
-        row_shift: median shift from the previous stripe [px]; NaN if unknown.
+        row_shift: median shift of the stripe from the previous one [px]; NaN if unknown.
     """
 
     lit_fraction: float
@@ -74,21 +74,22 @@ class StripeEvidence:
 
 @dataclass(frozen=True, slots=True)
 class StripeCapture:
-    """Captured stripe; its verdict is set when it is handed over.
+    """Captured stripe; the verdict is set when the stripe is handed over to the caller.
 
     Attributes:
         index: index of the stripe in the standard pattern.
         mirror_angle: commanded mirror angle [rad].
         mirror_angle_reached: mirror angle at the nearest motor step [rad].
-        on: frame with the laser on, read-only; None if it was lost or had another size.
-        off: frame with the laser off; None if there is none.
-        on_stamp: time of the on frame on the monotonic clock [s]; NaN without one.
-        off_stamp: time of the off frame on the monotonic clock [s]; NaN without one.
-        verdict: verdict about laser, mirror and frame.
-        evidence: measurements on which the verdict is based; None without a frame.
-        dark: frame of the dark flash after the stripe, read-only; None if there was none or it was lost.
-        dark_stamp: time of that frame on the monotonic clock [s]; NaN without one.
-        is_dark_due: True if the flash code of the sweep has a dark flash after this stripe.
+        on: frame with the laser on, read-only; None if the frame was lost or had another size.
+        off: frame with the laser off, read-only; None if there is none.
+        on_stamp: time of the on frame on the monotonic clock [s]; NaN if there is none.
+        off_stamp: time of the off frame on the monotonic clock [s]; NaN if there is none.
+        verdict: verdict on laser, mirror and frame.
+        evidence: measurements on which the verdict is based; None if no frames could be compared.
+        dark: frame of the dark flash after the stripe, read-only; None if there was no dark flash or its frame was
+            lost.
+        dark_stamp: time of the dark frame on the monotonic clock [s]; NaN if there is none.
+        is_dark_due: True if the scan should have a dark flash after this stripe.
     """
 
     index: int
@@ -108,7 +109,7 @@ class StripeCapture:
     def of(
         cls, stripe: PlannedStripe, reached: float, on: Frame | None, off: Frame | None, dark: Frame | None = None
     ) -> StripeCapture:
-        """Make a stripe without verdict from its frames; `reached` is `mirror_angle_reached`."""
+        """Make a stripe from its frames, without a verdict; `reached` is `mirror_angle_reached`."""
         return cls(
             index=stripe.index,
             mirror_angle=stripe.mirror_angle,
@@ -126,19 +127,20 @@ class StripeCapture:
 
 @dataclass(frozen=True, slots=True)
 class ScanReport:
-    """Result of a scan so far, or at its end.
+    """Result of a scan, complete after its end.
 
     Attributes:
-        planned: indices of the firing order, in order.
-        fired: indices for which the laser was on, in order (their frames may have been lost).
+        planned: indices of the planned stripes, in the firing order.
+        fired: indices for which the laser was on, in order; their frames may have been lost.
         verdicts: (index, verdict) of each stripe handed over, in order.
         stopped_early: True if `should_stop` ended the scan.
-        failure: the error that ended the scan, or None.
-        frames_used: number of frames handed over; shared off frames count once. In a sweep, number of stripes instead.
+        failure: text of the error that ended the scan, or None.
+        frames_used: number of frames handed over, where a shared off frame counts once; in a sweep, number of stripes
+            handed over.
         frames_skipped: number of frames dropped because they were exposed before a command had taken effect; in a
             sweep, because they have no device time.
         frames_dropped: number of frames that the camera counted but did not deliver while one was expected.
-        frames_repeated: number of frames delivered twice.
+        frames_repeated: number of frames that were delivered twice.
         duration: time from the first command to the arrival of the last frame [s].
         problems: descriptions of problems; empty for a good scan.
         notes: further remarks.
@@ -159,12 +161,12 @@ class ScanReport:
 
     @property
     def missing(self) -> tuple[int, ...]:
-        """Indices that were planned but not handed over, in order."""
+        """Planned indices that were not handed over, in order."""
         done = {index for index, _ in self.verdicts}
         return tuple(index for index in self.planned if index not in done)
 
     @property
     def in_step(self) -> bool:
-        """True if some stripe is OK and none is out of step."""
+        """True if at least one stripe is OK and none is out of step."""
         kinds = [verdict for _, verdict in self.verdicts]
         return StripeVerdict.OK in kinds and all(kind.in_step for kind in kinds)

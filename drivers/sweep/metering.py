@@ -1,4 +1,4 @@
-"""Exposure metering for a bright but unclipped stripe."""
+"""Exposure metering: finds the exposure at which the stripe is bright but not clipped."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drivers.errors import CameraError, CameraTimeout, LaserNotSeen
 from drivers.sweep.frame_grabber import FrameGrabber
 from drivers.sweep.options import AcquireOptions
 
-# Number of sampled columns.
+# Least number of sampled columns, if the image has as many.
 SAMPLES = 160
 
 
@@ -24,12 +24,12 @@ class MeteringResult:
     """Result of exposure metering.
 
     Attributes:
-        exposure: the exposure that was set last [s]; None if none was set.
+        exposure: last exposure that was set [s]; None if none was set.
         stripe_level: brightness of the stripe's ridge, median over the lit columns, 0 ... 1 of full scale.
-        background_level: median brightness with the laser off, 0 ... 1.
-        clipped_fraction: fraction of the lit columns whose ridge is clipped.
-        settled: True if the brightness of the ridge is within the levels.
-        advice: what to do if `settled` is False; else empty.
+        background_level: median brightness with the laser off, 0 ... 1 of full scale.
+        clipped_fraction: fraction of the lit columns in which the ridge is clipped.
+        settled: True if the brightness of the ridge is within the requested levels.
+        advice: what to do if `settled` is False, otherwise empty.
     """
 
     exposure: float | None
@@ -52,22 +52,24 @@ def meter_exposure(
 ) -> MeteringResult:
     """Set the exposure so that the ridge of one stripe is within `levels` of full scale.
 
-    The laser is off on return, even after an exception.
+    The laser is off on return, even if an exception is raised.
 
     Args:
-        board: an open board, ready for a scan.
-        camera: an open camera.
-        mirror_angle: mirror angle of the stripe [rad], preferably at the centre of the sweep.
+        board: open board, ready for a scan.
+        camera: open camera.
+        mirror_angle: mirror angle of the stripe [rad], preferably in the middle of the scan.
         exposure: first exposure to try [s]; None = measure without changing the exposure.
         limits: shortest and longest exposure [s].
-        levels: lowest and highest brightness of the ridge, 0 ... 1.
+        levels: lowest and highest brightness of the ridge, 0 ... 1 of full scale.
         max_rounds: largest number of exposures to try.
 
     Raises:
-        ValueError: limits or levels are not increasing and positive.
+        ValueError: `limits` or `levels` are not positive and increasing.
         CameraSettingRefused: the camera rejects an exposure.
-        LaserNotSeen: no column shows the laser at any exposure.
+        LaserNotSeen: no column shows the laser at the last exposure that was tried.
         CameraTimeout: no frame arrived.
+        CameraError: the camera changed the shape of its images.
+        BoardError: the board failed, or the laser is stuck on or dead.
     """
     for name, (low, high) in (("limits", limits), ("levels", levels)):
         if not 0 < low < high:
@@ -106,7 +108,7 @@ class _Brightness:
     clipped: float
 
     def factor(self, levels: tuple[float, float]) -> float:
-        """Factor by which to change the exposure; 1 if it is right."""
+        """Return the factor by which to change the exposure; 1 if the exposure is right."""
         if math.isnan(self.ridge):
             return 2.0 if self.background < levels[1] else 0.5
         if levels[0] <= self.ridge <= levels[1]:
@@ -132,7 +134,7 @@ def _measure(board: Board, camera: Camera, grabber: FrameGrabber) -> _Brightness
 
 
 def brightness_of(on: Image, off: Image) -> _Brightness:
-    """Brightness of ridge and background, and fraction of clipped columns."""
+    """Measure the brightness of ridge and background, and the fraction of clipped columns."""
     full = float(np.iinfo(on.dtype).max)
     stride = max(1, on.shape[1] // SAMPLES)
     bright, dark = (_strongest(image[:, ::stride]) / full for image in (on, off))
@@ -158,7 +160,7 @@ def _at_limit(held: float, factor: float, limits: tuple[float, float]) -> bool:
 
 
 def _advice(measured: _Brightness, levels: tuple[float, float]) -> str:
-    what = f"the stripe's ridge is at {measured.ridge:.2f} of full scale, wanted {levels[0]:g} ... {levels[1]:g}"
+    what = f"the stripe's ridge is at {measured.ridge:.2f} of full scale; required: {levels[0]:g} ... {levels[1]:g}"
     if measured.ridge > levels[1] or measured.clipped > 0.5:
         return f"{what}: close the iris, shade the scene, or allow a shorter exposure"
     return f"{what}: open the iris, raise the gain, or allow a longer exposure"

@@ -1,4 +1,4 @@
-"""Image-based verification that laser, mirror and frame are in step."""
+"""Image-based verification that each frame was exposed with the commanded laser state and mirror angle."""
 
 from __future__ import annotations
 
@@ -14,32 +14,36 @@ from drivers.arrays import Array, Float, Image, Mask
 from drivers.sweep.capture import StripeEvidence, StripeVerdict
 from drivers.sweep.firing_order import RowRange
 
-# Least number of sampled columns. The median row of 80 columns is accurate to a fraction of a pixel and takes 0.2 ms.
+# Least number of sampled columns, if the image has as many. Their median row is accurate to a fraction of a pixel and
+# takes 0.2 ms.
 COLUMNS = 80
-# Least number of sampled rows, if the image has as many; their spacing is less than half a stripe's width at any size.
+# Least number of sampled rows, if the image has as many; at any image size, their spacing is less than half a stripe's
+# width.
 ROWS = 512
-# Strides in the sampled rows and columns for offset and noise.
+# Every 32nd sampled row and every 4th sampled column are used for offset and noise.
 COARSE_STRIDES = (32, 4)
-# Number of stripes for the median shift per radian.
+# Number of stripes over which the shift per radian is averaged by its median.
 MEMORY = 9
-# Fraction of columns lit within the band above which lit columns elsewhere cannot change the verdict.
+# Fraction of columns lit within the band at which lit columns elsewhere can no longer change the verdict.
 PLAINLY_LIT = 0.5
-# Function that warps the first image to the view of the second; it returns None if no motion between them is seen.
+# Function that warps the first image to the view of the second, or returns None if it finds no motion between them.
 Align = Callable[[Image, Image], Image | None]
-# Verdicts that edges of the scene can also cause, if the scene has moved relative to the reference.
+# Verdicts that edges in the scene can also cause if the scene has moved since the reference.
 SCENE_MAY_HAVE_MOVED = (StripeVerdict.LEAK, StripeVerdict.DARK, StripeVerdict.OUT_OF_BAND, StripeVerdict.NOT_MOVED)
 PROVED = (StripeVerdict.OK, StripeVerdict.AMBIENT_CHANGED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProofLimits:
-    """Thresholds for differences between frames.
+    """Thresholds of the comparison of frames.
 
     Attributes:
-        min_contrast: least brightness of a lit pixel above the off frame, as a fraction of a channel's full scale.
-        noise_factor: the same in standard deviations of the difference; the larger of the two applies.
-        min_lit_fraction: least fraction of lit columns for the laser to count as seen.
-        min_leak_fraction: least fraction of columns brighter in the off frame for it to count as lit.
+        min_contrast: least excess of a lit pixel over the off frame, as a fraction of a channel's full scale.
+        noise_factor: the same excess in standard deviations of the difference; the larger of the two thresholds
+            applies.
+        min_lit_fraction: least fraction of lit columns at which the laser counts as seen.
+        min_leak_fraction: fraction of columns brighter in the off frame from which the laser counts as on in that
+            frame.
         max_offset: largest brightness change of the whole frame, as a fraction of full scale.
         min_shift: least shift of a stripe, as a fraction of the expected shift.
         max_out_of_band: largest fraction of lit columns outside the band.
@@ -55,15 +59,15 @@ class ProofLimits:
 
 
 class StripeProof:
-    """Verifier of the stripes of one scan, in the order of scanning.
+    """Verification of the stripes of one scan, in the order in which they are scanned.
 
-    The first stripe is compared with an off frame over the whole frame. If it is in step, later stripes that share this
-    off frame are compared in their bands only, at a tenth of the cost; a stripe that is not clearly in step there is
-    compared over the whole frame.
+    The first stripe is compared with an off frame over the whole image. If it passes, later stripes that share this off
+    frame are compared only within their bands, at a tenth of the cost. A stripe that does not clearly pass there is
+    compared over the whole image.
     """
 
     def __init__(self, limits: ProofLimits | None = None, align: Align | None = None) -> None:
-        """Start a scan; see `acquire` for `align`."""
+        """Start the verification of a scan; `align` is as in `acquire`."""
         self._limits, self._align = limits or ProofLimits(), align
         self._before: _Seen | None = None
         self._plain: _Seen | None = None
@@ -87,12 +91,12 @@ class StripeProof:
         Args:
             mirror_angle: commanded mirror angle [rad].
             on: frame with the laser on.
-            reference: the off frame, or the on frame of the previous stripe.
-            reference_is_off: True if the reference is the off frame.
+            reference: the off frame of the stripe, or the on frame of the previous stripe.
+            reference_is_off: True if `reference` is an off frame.
             band: rows (first, end) where the stripe can be; None = anywhere.
 
         Returns:
-            The verdict and its evidence, from the whole frame or, if sufficient, from the rows of the band.
+            The verdict and its evidence, from the rows of the band if they suffice, otherwise from the whole image.
         """
         if reference is not self._reference:
             self._grid = _SampleGrid.of(reference)
@@ -104,7 +108,7 @@ class StripeProof:
             if rows[1] > rows[0]:
                 found = self._compare(mirror_angle, on, rows, background, reference_is_off)
                 if found[1].lit_fraction >= PLAINLY_LIT:
-                    # Only rows of the band were compared, so no column outside it can be lit.
+                    # Rows outside the band were not compared, so no lit column can lie there.
                     verdict = self._verdict(*found, background, None)
                     if verdict in PROVED:
                         return verdict, found[1]
@@ -116,12 +120,14 @@ class StripeProof:
             if moved is not None:
                 import cv2
 
-                # Motion of the scene is not a leak: the light of a pixel may have moved to a neighbouring pixel.
+                # Motion of the scene must not look like a leak: the light of a pixel may have moved to a neighbouring
+                # pixel.
                 near = np.ones((3, 3), np.uint8)
                 least = moved.copy()
                 cv2.erode(moved, near, least)
                 lights = self._grid.light(moved), self._grid.light(least)
-                # Imperfectly aligned edges may look darker by up to the threshold that applied before alignment.
+                # At imperfectly aligned edges, pixels may darken by up to the threshold that was valid before the
+                # alignment.
                 least_leak, background = background.threshold, self._background(on, lights[0])
                 found = self._compare(mirror_angle, on, rows, background, reference_is_off, lights, least_leak)
                 verdict = self._verdict(*found, background, band)
@@ -129,7 +135,7 @@ class StripeProof:
         return verdict, found[1]
 
     def _background(self, on: Image, reference: Array) -> _Background:
-        """Difference between a frame and the light of a reference, from every 128th of the sampled pixels."""
+        """Estimate offset and noise between a frame and a reference from one of 128 sampled pixels."""
         sample = self._grid.coarser.light(on) - reference[:: COARSE_STRIDES[0], :: COARSE_STRIDES[1]]
         offset = _median(sample)
         noise = 1.4826 * _median(np.abs(sample - offset))
@@ -147,16 +153,17 @@ class StripeProof:
         lights: tuple[Array, Array] | None = None,
         least_leak: float = 0.0,
     ) -> tuple[_Seen, StripeEvidence]:
-        """Compare rows with the reference, or with an aligned one.
+        """Compare rows of a frame with the reference or with an aligned reference.
 
         Args:
             mirror_angle: commanded mirror angle [rad].
             on: frame with the laser on.
             rows: sampled rows (first, end).
-            background: difference of the whole frame.
+            background: difference over the whole image.
             reference_is_off: True if the reference is the off frame.
-            lights: light of the aligned reference, and its minimum around each pixel; None = the reference.
-            least_leak: least difference that counts as a leak, if above the threshold.
+            lights: light of the aligned reference, and the minimum of that light around each pixel; None = the
+                reference as it is.
+            least_leak: least decrease that counts as a leak, if it is larger than the threshold.
         """
         first, end = rows
         difference = self._grid.light(on, rows)
@@ -204,10 +211,11 @@ class StripeProof:
         return StripeVerdict.OK
 
     def _has_moved(self, seen: _Seen, shift: float) -> bool:
-        """Test that a stripe has moved relative to the previous or to the last plainly lit one.
+        """Return True if a stripe has moved relative to the previous one or to the last plainly lit one.
 
-        If fewer than half of the lit columns were lit in the previous stripe too, the last plainly lit stripe is tried
-        as well: those few columns may be edges of a moving scene, and must not make later stripes look stuck.
+        The last plainly lit stripe is tried as well if fewer than half of the lit columns were also lit in the previous
+        stripe: the lit columns of that one may be edges of a moving scene, which must not make later stripes look
+        stuck.
         """
         before, plain = self._before, self._plain
         if self._moved(seen, before, shift):
@@ -233,7 +241,7 @@ class StripeProof:
 
 @dataclass(frozen=True, slots=True)
 class _Background:
-    """Difference of a whole frame from the reference, in counts summed over channels."""
+    """Difference between a whole frame and the reference, in counts summed over channels."""
 
     offset: float
     noise: float
@@ -248,7 +256,7 @@ class _Seen:
     lit: Mask
 
     def shift_from(self, before: _Seen | None) -> float:
-        """Median shift over columns lit in both [px]; NaN if there are too few."""
+        """Median row shift over the columns lit in both stripes [px]; NaN if there are fewer than three."""
         if before is None or before.lit.shape != self.lit.shape:
             return math.nan
         both = self.lit & before.lit
@@ -261,14 +269,14 @@ class _Seen:
 
 @dataclass(frozen=True, slots=True)
 class _SampleGrid:
-    """Sampled pixels of a frame: every row_stride-th row, every column_stride-th column."""
+    """Sampled pixels of a frame: every `row_stride`-th row and every `column_stride`-th column."""
 
     row_stride: int
     column_stride: int
 
     @classmethod
     def of(cls, image: Image) -> _SampleGrid:
-        """Make the grid for frames of this size; column strides that are multiples of four are faster."""
+        """Choose the strides for images of this size. Column strides that are multiples of four are faster."""
         column_stride = max(1, image.shape[1] // COLUMNS)
         return cls(
             max(1, image.shape[0] // ROWS), column_stride - column_stride % 4 if column_stride > 4 else column_stride
@@ -276,15 +284,15 @@ class _SampleGrid:
 
     @property
     def coarser(self) -> _SampleGrid:
-        """Grid with every 128th of the pixels."""
+        """Grid of one in 128 of the sampled pixels."""
         return _SampleGrid(COARSE_STRIDES[0] * self.row_stride, COARSE_STRIDES[1] * self.column_stride)
 
     def sampled(self, band: RowRange) -> tuple[int, int]:
-        """Sampled rows (first, end) in a band of image rows."""
+        """Indices (first, end) of the sampled rows in a band of image rows."""
         return -(-max(band[0], 0) // self.row_stride), -(-max(band[1], 0) // self.row_stride)
 
     def light(self, image: Image, rows: tuple[int, int] | None = None) -> Array:
-        """Sum over channels (rows, columns) at the sampled columns and rows (first, end); None = all rows.
+        """Sum over channels at the sampled pixels, (rows, columns); `rows` are sampled rows (first, end), None = all.
 
         The sum responds to a laser of any colour. A difference of sums has the right sign, unlike a difference of
         maxima.
@@ -294,16 +302,16 @@ class _SampleGrid:
         kind = np.int16 if image.dtype.itemsize == 1 else np.int32
         if image.ndim == 2:
             return pixels.astype(kind)
-        # Channel by channel: four times faster than a sum over an axis of three.
+        # Adding channel by channel is four times faster than a sum over an axis of length three.
         total: Array = np.add(pixels[..., 0], pixels[..., 1], dtype=kind)
         for channel in range(2, image.shape[2]):
             total += pixels[..., channel]
         return total
 
     def _pixels(self, image: Image, rows: slice) -> Array:
-        """Sampled pixels; for three channels of one byte, with the first byte of the next pixel as a fourth channel.
+        """Return the sampled pixels; those of 8-bit colour may have a fourth channel, the first byte of the next pixel.
 
-        The four bytes are read as one integer, since the cost is dominated by passes over the frame in memory.
+        The four bytes are read as one integer, because passes over the frame in memory dominate the cost.
         """
         stride = self.column_stride
         is_colour = image.ndim == 3 and image.shape[2] == 3 and image.dtype.itemsize == 1
@@ -314,7 +322,7 @@ class _SampleGrid:
 
 
 def _median(values: Array) -> float:
-    """Median; about three times as fast as `np.median` for a few values."""
+    """Compute the median; about three times as fast as `np.median` for a few values."""
     ordered = np.sort(values, axis=None)
     half = ordered.size // 2
     return float(ordered[half] if ordered.size % 2 else 0.5 * (ordered[half - 1] + ordered[half]))

@@ -1,4 +1,4 @@
-"""Common base of the threads of a scan, for mirrors moved by the host or by the board."""
+"""Common base class of scan threads, for mirrors moved by the host or by the board."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class ScanTask:
-    """Arguments of `drivers.acquire` for the thread of a scan."""
+    """Arguments of `drivers.acquire`, as needed by the scan thread."""
 
     board: Board
     camera: Camera
@@ -32,18 +32,18 @@ class ScanTask:
 
 
 class ScanStopped(Exception):  # noqa: N818 - a request to stop is not an error
-    """Raised in the scan's thread when the scan should stop."""
+    """Raised on the scan thread when the scan should stop."""
 
 
 class LaserSwitch:
-    """Switch of the laser; after `close` it ignores further commands of the scan's thread and keeps the laser off.
+    """Laser switch of a scan. After `close`, the laser stays off and `on` raises `ScanStopped`.
 
     Attributes:
         interruptions: number of times that the board refused to switch the laser on because of a fault.
     """
 
     def __init__(self, board: Board) -> None:
-        """Control the laser of an open board."""
+        """Control the laser of `board`, which must be open."""
         self._board = board
         self._lock = threading.RLock()
         self._closed = False
@@ -52,17 +52,17 @@ class LaserSwitch:
 
     @property
     def lit(self) -> bool:
-        """True if the laser was commanded on."""
+        """True if the laser has been commanded on."""
         return self._lit_since is not None
 
     @property
     def may_stay_on(self) -> bool:
-        """True if the laser was commanded on, at most half the board's time limit ago."""
+        """True if the laser has been commanded on for at most half of the board's time limit."""
         since = self._lit_since
         return since is not None and timing.monotonic() - since <= 0.5 * self._board.identity.laser_limit
 
     def on(self) -> None:
-        """Switch on; after a refusal, clear faults and try once more.
+        """Switch the laser on; if the board refuses, rest, clear faults and try once more.
 
         Raises:
             ScanStopped: the switch is closed.
@@ -83,16 +83,16 @@ class LaserSwitch:
                 self._lit_since = timing.monotonic()
 
     def off(self) -> None:
-        """Switch off, even if the laser was not switched on."""
+        """Switch the laser off, even if it was not switched on."""
         with self._lock:
             self._lit_since = None
             self._board.laser_off()
 
     def keep_on(self, shines: bool) -> None:
-        """Switch on if necessary, and rest before the board's time limit is reached.
+        """Switch the laser on if necessary; rest before the board's time limit is reached.
 
         Args:
-            shines: True if the laser is on according to the board's last status.
+            shines: True if the laser is on according to the last status of the board.
         """
         if self._lit_since is not None and not shines:
             logger.warning("the board turned the laser off during the scan")
@@ -104,32 +104,32 @@ class LaserSwitch:
             self.on()
 
     def close(self) -> None:
-        """Turn the laser off permanently."""
+        """Turn the laser off for the rest of the scan."""
         with self._lock:
             self._closed = True
             self.off()
 
 
 class StripeWorker(threading.Thread, ABC):
-    """Thread of one scan.
+    """Thread of a scan.
 
     Attributes:
-        items: queue to the caller: groups of stripes (see `AcquireOptions.together`), and None at the end.
-        switch: switch of the laser.
-        fired: indices for which the laser was on.
-        failure: the error that ended the scan, or None.
+        items: queue to the caller; it contains groups of stripes (see `AcquireOptions.together`), and None at the end.
+        switch: laser switch.
+        fired: indices of the stripes for which the laser was on.
+        failure: error that ended the scan, or None.
         stopped_early: True if `should_stop` ended the scan.
-        off_frames_lost: number of lost off frames; their stripes are compared with the previous ones.
+        off_frames_lost: number of lost off frames; their stripes are compared with the previous stripe instead.
         notes: further remarks for the report.
-        begun: start time of the scan [s].
+        begun: time at which the scan started [s].
     """
 
     def __init__(self, task: ScanTask, groups: int) -> None:
         """Prepare the thread.
 
         Args:
-            task: the scan.
-            groups: number of groups that may wait for the caller; 0 = unlimited.
+            task: scan to run.
+            groups: number of groups that the queue can hold; 0 = unlimited.
         """
         super().__init__(name="scan", daemon=True)
         self._board, self._camera, self._options = task.board, task.camera, task.options
@@ -145,12 +145,12 @@ class StripeWorker(threading.Thread, ABC):
         self.begun = timing.monotonic()
 
     def cancel(self) -> None:
-        """Turn the laser off now and let the thread end; stripes that were not handed over are dropped."""
+        """Turn the laser off now and make the thread end; stripes that were not handed over are dropped."""
         self._cancelled.set()
         self.switch.close()
 
     def run(self) -> None:
-        """Run the scan; the laser is off afterwards, even after an exception."""
+        """Run the scan; afterwards, also after an exception, the laser is turned off."""
         self.begun = timing.monotonic()
         try:
             self._take()
@@ -158,7 +158,7 @@ class StripeWorker(threading.Thread, ABC):
             logger.info("scan stopped after %d of %d stripes", len(self.fired), len(self._firing_order))
         except Exception as error:
             self.failure = error
-        except BaseException as error:  # must not look like the end of a good scan
+        except BaseException as error:  # a thread that is killed must not look like the end of a good scan
             self.failure = AcquisitionError(f"thread {self.name!r} failed: {error!r}")
         finally:
             self._darken()
@@ -166,11 +166,11 @@ class StripeWorker(threading.Thread, ABC):
 
     @abstractmethod
     def _take(self) -> None:
-        """Perform the scan, with frequent calls of `_check`."""
+        """Perform the scan; call `_check` frequently."""
 
     @abstractmethod
     def _end(self) -> None:
-        """Hand over the remaining stripes, and None."""
+        """Hand over the remaining stripes, then None."""
 
     def _check(self) -> None:
         if self._cancelled.is_set():
@@ -186,4 +186,4 @@ class StripeWorker(threading.Thread, ABC):
             if self.failure is None:
                 self.failure = error
             else:
-                logger.error("while ending after %r: %s", self.failure, error)
+                logger.error("could not turn the laser off after %r: %s", self.failure, error)

@@ -1,4 +1,4 @@
-"""Thread of a scan by board sweeps: reads records, grabs frames, hands over stripes with verified frames."""
+"""Thread of a scan by board sweeps: reads records, grabs frames, and hands over stripes with verified frames."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from drivers.sweep.stripe_worker import ScanTask, StripeWorker
 from drivers.sweep.sweep_proof import WAIT_UNIT, ClockMatch, uneven_waits
 
 logger = logging.getLogger(__name__)
-# Longest wait for a frame and for a report, and interval of commands that feed the board's watchdog [s].
+# Longest wait for a frame, longest wait for a report, and interval of commands that reset the board's watchdog [s].
 FRAME_SLICE, REPORT_SLICE, FEED_PERIOD = 0.005, 0.001, 0.1
-# Time after the end of a sweep within which frames may arrive [s].
+# Time after the end of a sweep during which frames may still arrive [s].
 LAST_FRAMES = 0.1
-# Note about a board without dark flashes.
+# Note on a scan with a board that cannot make dark flashes.
 NO_DARKS = (
     "no dark flashes: the board speaks protocol 1.1, but they need 1.2: flash firmware/guara_board.uf2, so that "
     "foreign light and frames of another instant are detected"
@@ -38,7 +38,7 @@ NO_LASER = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERA
 
 @dataclass
 class FrameCounts:
-    """Counts as in `FrameGrabber`, except `used`: stripes handed over, and `skipped`: frames without a device time."""
+    """Counts as in `FrameGrabber`, but `used` counts stripes handed over, `skipped` frames without a device time."""
 
     used: int = 0
     skipped: int = 0
@@ -49,7 +49,7 @@ class FrameCounts:
 
 @dataclass
 class Sweep:
-    """Running sweep: stripes by place, records and frames."""
+    """State of a running sweep. Stripes are numbered by their places in the board's step table, from `first`."""
 
     stripes: Sequence[PlannedStripe]
     motion: int
@@ -68,13 +68,13 @@ class Sweep:
 
 
 class SweepWorker(StripeWorker):
-    """Thread with the attributes of `ScanWorker`; stripes without a verified frame are repeated, then lost."""
+    """Scan thread with the attributes of `ScanWorker`. Stripes without a verified frame are repeated, then given up."""
 
     _board: LaserBoard
 
     def __init__(self, task: ScanTask) -> None:
-        """Prepare the thread."""
-        # A sweep cannot wait for the caller, so the queue is not bounded.
+        """Prepare the thread; `start` runs it."""
+        # A sweep does not wait for the caller, so the queue must be unbounded.
         super().__init__(task, groups=0)
         self._sweep_options = task.options.sweep or SweepOptions()
         self._match = ClockMatch(self._sweep_options.tolerance)
@@ -118,7 +118,7 @@ class SweepWorker(StripeWorker):
             self.items.put((StripeCapture.of(stripe, angle, None, None),))
 
     def _take_sweep(self, sweeps: BoardSweep, stripes: Sequence[PlannedStripe], first: int) -> list[PlannedStripe]:
-        """Run one sweep, hand over the verified stripes and return the others."""
+        """Run one sweep, hand over the verified stripes, and return the others."""
         steps = [self._board.step_at(stripe.mirror_angle) for stripe in stripes]
         dark_after = self._dark_places(stripes, first)
         begun = sweeps.begin(steps, self._waits(steps), first, dark_after)
@@ -138,16 +138,17 @@ class SweepWorker(StripeWorker):
         return self._board.identity.protocol >= DARKS_SINCE
 
     def _dark_places(self, stripes: Sequence[PlannedStripe], first: int) -> frozenset[int]:
-        """Places whose stripe is followed by a dark flash, always including the last place."""
+        """Places of the stripes that are followed by a dark flash; unless empty, they include the last place."""
         if not (self._options.dark_after and self.takes_darks):
             return frozenset()
         places = {place for place, stripe in enumerate(stripes, first) if stripe.index in self._options.dark_after}
         return frozenset({*places, first + len(stripes) - 1})
 
     def _waits(self, steps: Sequence[int]) -> list[int]:
-        """Waits before the triggers, in units of 0.5 ms: uneven until the clocks are matched, then zero.
+        """Return the waits before the triggers, in units of 0.5 ms: uneven until the clocks are matched, then zero.
 
-        A wait is extended if the camera's period is longer than the motion and would otherwise absorb the wait.
+        The camera's period may be longer than a motion and would then absorb part of the wait; the wait is extended by
+        that part.
         """
         if self._match.proved:
             return [0] * len(steps)
@@ -207,7 +208,7 @@ class SweepWorker(StripeWorker):
         sweep.frames.append(frame)
 
     def _hand_over(self, sweep: Sweep) -> None:
-        """Hand over the stripes whose frames are verified by now."""
+        """Hand over the stripes whose frames have been verified."""
         stamps = np.array([frame.device_time for frame in sweep.frames], dtype=float)
         self._match.learn(np.array(sweep.clocks), stamps)
         if not self._match.proved:
@@ -233,7 +234,7 @@ class SweepWorker(StripeWorker):
             self.items.put(tuple(ready))
 
     def _settle_off(self, sweep: Sweep, number: int, stamps: Float) -> None:
-        """Find the shared off frame; it is lost if the frame of a later trigger arrives first."""
+        """Find the shared off frame; it is lost if the frame of a later trigger is verified first."""
         if self._off_settled or sweep.records[number].shot is not Shot.OFF:
             return
         self._off = self._proved(sweep, number, stamps)
@@ -241,7 +242,7 @@ class SweepWorker(StripeWorker):
         self._off_settled = self._off is not None or any(self._proved(sweep, other, stamps) for other in later)
 
     def _off_of(self, sweep: Sweep, number: int, stamps: Float) -> tuple[Frame | None, bool]:
-        """Off frame of a stripe, and True if the stripe may be handed over with it."""
+        """Return the off frame of a stripe, and True if the stripe may be handed over with it."""
         if self._options.off is not OffFrames.PER_STRIPE:
             return self._off, self._off_settled
         if number + 1 >= len(sweep.records):
@@ -250,7 +251,7 @@ class SweepWorker(StripeWorker):
         return off, off is not None
 
     def _dark_of(self, sweep: Sweep, number: int, stamps: Float) -> Frame | None:
-        """Frame of the dark flash after a stripe; None if there is none or it is not verified yet."""
+        """Return the frame of the dark flash after a stripe; None if there is none or it is not verified yet."""
         after = number + (2 if self._options.off is OffFrames.PER_STRIPE else 1)
         if sweep.records[number].place not in sweep.dark_after or after >= len(sweep.records):
             return None

@@ -56,9 +56,9 @@ def client(node, endpoint: str):
 
 
 FOREIGN: dict[str, tuple[dict[str, object], str]] = {
-    "another robot": ({"robot": "other"}, "of robot 'other', not 'guara'"),
-    "another extent": ({"extent": "map"}, "of extent 'map', not 'footprint'"),
-    "another frame": ({"frame_id": "odom"}, "of frame 'odom', not 'base_footprint'"),
+    "another robot": ({"robot": "other"}, "its robot is 'other', not 'guara'"),
+    "another extent": ({"extent": "map"}, "its extent is 'map', not 'footprint'"),
+    "another frame": ({"frame_id": "odom"}, "its frame is 'odom', not 'base_footprint'"),
     "another run": ({"metadata": {"run": "other"}}, "from run 'other'"),
     "an older sequence": ({}, "its sequence 2 comes after 3"),
 }

@@ -105,7 +105,7 @@ def test_messages_of_other_topics_are_kept(tmp_path: Path, peer) -> None:
             next(recording.messages("x"))
         with pytest.raises(RecordingError, match="extent is 'x'"):
             next(recording.terrains("x"))
-        with pytest.raises(RecordingError, match="holds no frame"):
+        with pytest.raises(RecordingError, match="contains no frame"):
             recording.frame(FrameReference("/guara/camera/on", 1))
 
 

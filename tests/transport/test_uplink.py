@@ -78,7 +78,7 @@ def test_one_copy_goes_over_the_link_however_many_read(start, slow_link, endpoin
 
 def test_what_contradicts_or_exposes_is_refused(endpoint: str) -> None:
     """An uplink and `connect` at once; an uplink to another machine without security; an invalid address."""
-    with pytest.raises(transport.ConfigurationError, match="exclude each other"):
+    with pytest.raises(transport.ConfigurationError, match="mutually exclusive"):
         transport.open_node(connect=endpoint, uplink=endpoint)
     with pytest.raises(transport.ConfigurationError, match=r"'tcp/site\.local:7447' is reachable from other machines"):
         transport.open_node(listen=endpoint, uplink="tcp/site.local:7447")

@@ -1,6 +1,6 @@
-"""Evidence of a client about a robot, and the rule that accepts or rejects a grid, however it was received.
+"""Evidence that a client has about a robot, and the rule that accepts or rejects a grid, however it was received.
 
-This module does not wait and does not use Zenoh; times are arguments, by `clock.now()` [s].
+This module does not wait and does not use Zenoh. All times are arguments, on the clock of `clock.now()` [s].
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from transport.messages.terrain_message import TerrainMessage
 # Frame of all grids of this major version.
 FRAME = "base_footprint"
 # Longest silence during which the last report of a node still confirms a grid [s]. Nodes report once a second and on
-# change; after three missing reports the node may be gone, or the next pause may have begun.
+# change; after three missing reports, the node may have stopped, or the next pause may have begun.
 SILENT = 3.0
-# Number of ended runs that are remembered, and rejected.
+# Number of ended runs that are remembered so that their messages are rejected.
 REMEMBERED = 64
 
 
@@ -31,7 +31,7 @@ G = TypeVar("G", bound=Grid)
 
 
 class Cure(IntEnum):
-    """Event that may resolve an objection to a grid: none, return of the node, its next report, a later grid."""
+    """Event that may resolve an objection to a grid: none, the return of the node, its next report, or a later grid."""
 
     NONE = 0
     RETURN = 1
@@ -44,8 +44,8 @@ class Objection:
     """Reason not to use a grid.
 
     Attributes:
-        text: predicate of a sentence about the grid.
-        cure: event that may resolve it.
+        text: rest of a sentence that begins with "the grid".
+        cure: event that may resolve the objection.
     """
 
     text: str
@@ -57,15 +57,16 @@ class Word:
     """Report of a node about its robot, from one status.
 
     Attributes:
-        status: the status.
-        heard: latest possible time of the report [s]; -inf after the link to the node was lost.
+        status: status that contains the report.
+        heard: latest possible time of the report [s]; -inf after the liveliness token of the run was lost.
         run: identity of the run of the node; empty if the status does not contain it.
-        clock: monotonic clock of the node [s].
+        clock: monotonic clock of the node at the report [s]; 0 if the status does not contain it.
         epoch: identity of the walk.
-        step: number of the current or last stance pause.
-        standing: True during the pause; None if nobody announces pauses, as in a replay.
-        newest: last sequence published, by extent.
-        hears_gait: False if the node has lost the gait controller, which may have begun another pause.
+        step: number of the current or last stance pause; None before the first.
+        standing: True during the pause, False after it; None if no pauses are announced, as in a replay.
+        newest: sequence number last published, by extent; None = none yet.
+        hears_gait: False if the node no longer receives messages of the gait controller, which may have begun another
+            pause.
     """
 
     status: Status
@@ -80,7 +81,7 @@ class Word:
 
 
 def read_word(status: Status, heard: float) -> Word | None:
-    """Read the report in a status; None if the status is not from a node of this package."""
+    """Return the report in a status, or None if the status is not from a node of this package."""
     item = status.item(STATUS_NAME)
     if item is None:
         return None
@@ -103,7 +104,7 @@ def read_word(status: Status, heard: float) -> Word | None:
 
 
 def silent_for(silence: float) -> str:
-    """Predicate of a sentence about a node that was last heard `silence` seconds ago."""
+    """Return the rest of a sentence about a node whose last report is `silence` seconds old."""
     return f"has been silent {f'for {silence:.1f} s' if math.isfinite(silence) else 'since its link was lost'}"
 
 
@@ -117,20 +118,21 @@ def objections(
     silence: float = 0.0,
     is_gone: bool = False,
 ) -> tuple[Objection, ...]:
-    """Reasons not to use a grid; empty if it may be used.
+    """List the reasons not to use a grid; empty if it may be used.
 
-    A grid is usable while a live node confirms it: the run that made it has reported, at most `SILENT` ago, that the
-    robot is on the same walk and within the grid's valid pauses, and that it hears the gait controller. Between END and
-    the next BEGIN the last pause counts, but a grid that is still provisional is not usable.
+    A grid may be used while a live node confirms it: within the last `SILENT` seconds, the run that made the grid has
+    reported that the robot is on the same walk and within the grid's valid pauses, and that the node hears the gait
+    controller. Between the END of a pause and the next BEGIN, that pause counts as the current one, but a grid that is
+    still provisional may not be used.
 
     Args:
         grid: the grid.
         word: last report of the current or last run; None if there was none.
-        step: newest step of the grid's walk among all grids received.
-        age: time since the end of the scan [s].
+        step: newest step of the grid's walk among all grids received; None = unknown.
+        age: time since the end of the grid's scan [s].
         limit: allowed age [s].
-        silence: time since the report [s].
-        is_gone: True if the token of the run has disappeared.
+        silence: age of the report [s].
+        is_gone: True if the liveliness token of the grid's run has disappeared.
     """
     found = []
     if grid.withdrawn:
@@ -150,14 +152,14 @@ def objections(
     is_another_walk = bool(word.epoch and grid.epoch and word.epoch != grid.epoch)
     pauses = 0 if is_another_walk else max(s for s in (word.step, step, grid.step) if s is not None) - grid.step
     if is_another_walk:
-        # A report from before the grid may not know its walk yet.
+        # A report that is older than the grid may not contain the grid's walk yet.
         cure = Cure.NONE if is_known else Cure.WORD
-        found.append(Objection(f"is of walk {grid.epoch!r}; the robot is on walk {word.epoch!r}", cure))
+        found.append(Objection(f"is from walk {grid.epoch!r}; the robot is on walk {word.epoch!r}", cure))
     elif pauses > grid.valid_pauses:
         frame = "; the frame of a footprint ends with its pause" if kind == "footprint" else ""
         found.append(Objection(f"is {pauses} pauses old; allowed: {grid.valid_pauses}{frame}"))
     if word.standing is None and (is_known or silence <= SILENT):
-        # Nobody announces pauses, so no announcement can have been missed.
+        # No pauses are announced, so no announcement can have been missed.
         return tuple(found)
     if is_gone:
         found.append(Objection("is no longer confirmed: its node is gone", Cure.RETURN))
@@ -176,12 +178,12 @@ class Evidence:
     """Evidence about one robot, from all runs of its node.
 
     Attributes:
-        word: last report of the current or last run; None before the first.
+        word: last report of the current or last run; None before the first report.
         live: runs whose liveliness tokens exist.
     """
 
     def __init__(self, robot: str) -> None:
-        """Start without evidence about the instance `robot`."""
+        """Start without any evidence; `robot` is the instance name."""
         self._robot = robot
         self._lock = threading.Lock()
         self._run = ""
@@ -198,15 +200,15 @@ class Evidence:
             lost, self.live = self.live - live, live
             for run in live:
                 self._seen[run] = None
-            # Announcements may have been missed meanwhile: a new report of the node is needed.
+            # Announcements may have been missed while the token was lost, so a new report of the node is needed.
             if self.word is not None and self.word.run in lost:
                 self.word = replace(self.word, heard=-math.inf)
 
     def report(self, status: Status, heard: float) -> str:
-        """Record a status; return the reason to reject it, or "".
+        """Record a status and return "", or return the reason to reject it.
 
         Args:
-            status: status that was received.
+            status: received status.
             heard: latest possible time of the report [s].
         """
         word = read_word(status, heard)
@@ -221,12 +223,13 @@ class Evidence:
             return refusal
 
     def refusal(self, grid: Grid, extent: str, *, is_newest: bool = True) -> str:
-        """Reason to reject a received grid, or "".
+        """Record a received grid and return "", or return the reason to reject it.
 
         Args:
-            grid: the grid.
-            extent: extent that was requested.
-            is_newest: True if the grid must be newer than all earlier ones, as published grids must; replies need not.
+            grid: received grid.
+            extent: requested extent.
+            is_newest: True if the grid must be newer than all earlier ones, as a published grid must; False for a reply
+                to a query.
         """
         for what, given, wanted in (
             ("robot", grid.robot, self._robot),
@@ -234,7 +237,7 @@ class Evidence:
             ("frame", grid.frame_id, FRAME),
         ):
             if given != wanted:
-                return f"it is of {what} {given!r}, not {wanted!r}"
+                return f"its {what} is {given!r}, not {wanted!r}"
         with self._lock:
             refusal = self._refused_run(grid.run) or (self._refused_order(grid) if is_newest else "")
             if not refusal and grid.run:
@@ -242,7 +245,7 @@ class Evidence:
             return refusal
 
     def against(self, grid: Grid, *, age: float, limit: float, now: float, was_lost: bool) -> tuple[Objection, ...]:
-        """Objections to a grid by this evidence; `was_lost` is True if the node was alive and has disappeared."""
+        """List the objections to a grid; `was_lost` is True if the node was alive and has disappeared."""
         with self._lock:
             word, step = self.word, self._steps.get(grid.epoch)
         is_gone = grid.run in self._seen and grid.run not in self.live if grid.run else was_lost
@@ -250,7 +253,7 @@ class Evidence:
         return objections(grid, word, step=step, age=age, limit=limit, silence=silence, is_gone=is_gone)
 
     def _refused_run(self, run: str) -> str:
-        # A sender without a run has an earlier version, or is another tool: only the order of its grids is checked.
+        # A sender without a run is an earlier version or another tool; only the order of its grids is checked.
         if not run or run == self._run:
             return ""
         if run in self._over:
@@ -270,6 +273,6 @@ class Evidence:
         if grid.sequence <= last:
             return f"its sequence {grid.sequence} comes after {last}"
         if grid.run:
-            # A sender without a run may have restarted, so its sequences carry no information.
+            # A sender without a run may have restarted, so the order of its grids carries no information.
             self._sequences[grid.extent] = grid.sequence
         return ""

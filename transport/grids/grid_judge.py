@@ -1,4 +1,4 @@
-"""Acceptance of the grids of one node by the rule in `evidence`."""
+"""Acceptance of the grids of one robot, by the rule in `evidence`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from transport.supervision import Seldom
 NS = 1e-9
 # Interval of checks for new messages [s].
 POLL = 0.05
-# Longest wait for a reply of the node [s].
+# Longest wait for a reply from the node [s].
 ANSWER = 1.0
 logger = logging.getLogger(__name__)
 ADVICE = "Wait for the next (wait_for_step), or ask for a scan (request_scan) while the robot stands"
@@ -35,9 +35,9 @@ class Terms:
     """Conditions under which a caller accepts grids.
 
     Attributes:
-        max_age: allowed time since the end of the scan [s]; None = the grid's own validity.
-        allow_stale: accept grids with objections too, listed in `stale_because`.
-        confirmed_only: reject provisional grids.
+        max_age: allowed time since the end of the scan [s]; None = the validity of the grid itself.
+        allow_stale: True = also accept stale grids, with the reasons in `stale_because`.
+        confirmed_only: True = reject provisional grids.
     """
 
     max_age: float | None = None
@@ -46,7 +46,7 @@ class Terms:
 
 
 TERMS = Terms()
-# Conditions for a message that withdraws another grid.
+# Conditions for a message that withdraws another grid: it is always accepted.
 TAKING_BACK = Terms(allow_stale=True)
 
 
@@ -59,15 +59,15 @@ class Accepted(TypedDict, total=False):
 
 
 class GridJudge:
-    """Judge of the grids of one robot, which observes the robot's node.
+    """Judge of the grids of one robot; monitors the robot's node.
 
     Attributes:
-        node: watcher of the node's liveliness token.
-        clock: clock of the node.
+        node: monitor of the node's liveliness token.
+        clock: estimate of the node's clock.
     """
 
     def __init__(self, session: Session, robot: str) -> None:
-        """Watch the node and its status."""
+        """Start to monitor the node and its status."""
         self._robot = robot
         self._unasked = Seldom(logger)
         self._evidence = evidence = Evidence(robot)
@@ -78,9 +78,9 @@ class GridJudge:
         self.node = AliveWatcher(session, alive_key(robot), lambda alive: self.clock.wake() if alive else None)
 
     def status(self) -> Status | None:
-        """Newest status of the node, published or queried; None before the first.
+        """Return the newest status of the node, published or queried, or None before the first.
 
-        A status older than `SILENT` gets an additional item `node` of level STALE.
+        A status whose report is older than `SILENT` gets an additional item `node` of level STALE.
 
         Raises:
             MessageError: the newest status is damaged.
@@ -97,15 +97,15 @@ class GridJudge:
 
     def _report(self, status: Status) -> str:
         word = read_word(status, clock.now())
-        # A status that waited in a queue was made before it arrived.
+        # A status may have waited in a queue, so its report may be older than its arrival.
         heard = clock.now() if word is None else min(word.heard, self.clock.latest(word.run, word.clock))
         return self._evidence.report(status, heard)
 
     def age(self, received: Received[G]) -> float:
-        """Upper bound of the time since the end of the scan of a received grid [s].
+        """Return an upper bound of the time since the end of the scan of a received grid [s].
 
-        Measured by the monotonic clocks of both machines if the node reports its own. Otherwise the time since arrival,
-        plus the time before arrival by the two wall clocks, which must agree.
+        If the node reports its monotonic clock, the age is measured by the monotonic clocks of both machines.
+        Otherwise, it is the time since arrival plus the time before arrival by the two wall clocks, which must agree.
         """
         terrain = received.message
         if terrain.scan_end_clock is not None:
@@ -115,7 +115,7 @@ class GridJudge:
             if self.node.is_alive:
                 self._unasked.log(
                     "the node of %r does not report its clock: ages are computed from the wall clocks of both "
-                    "machines. If its access rules are of an earlier version, run `guara security renew`",
+                    "machines. If its access rules were made by an earlier version, run `guara security renew`",
                     self._robot,
                 )
         return received.age + max(0.0, (received.arrival_stamp - terrain.scan_end) * NS)
@@ -131,13 +131,13 @@ class GridJudge:
         """Return the grid if `terms` accept it; objections that `allow_stale` overrides are listed in `stale_because`.
 
         Args:
-            received: grid with its arrival.
+            received: grid with its time of arrival.
             terms: conditions of the caller.
-            patience: longest wait for a message that resolves the objections [s].
+            patience: longest wait for a message that may resolve the objections [s].
             is_superseded: returns True if a newer grid has arrived, which ends the wait.
 
         Raises:
-            StaleTerrain: it may not be used; the message gives the reasons and what to do.
+            StaleTerrain: the grid may not be used; the error message gives the reasons and what to do.
         """
         grid, deadline = received.message, clock.now() + patience
         if self.node.is_alive:
@@ -160,7 +160,7 @@ class GridJudge:
         return grid if not reasons else cast(G, replace(cast(Any, grid), stale_because=reasons))
 
     def wait_for_news(self, timeout: float) -> None:
-        """Query the node; if its pause is over, wait up to `timeout` [s] for the next one to begin."""
+        """Query the node. If its pause has ended, wait up to `timeout` [s] for the next one to begin."""
         deadline = clock.now() + timeout
         while self.node.is_alive and self.clock.ask(timeout):
             word = self._evidence.word

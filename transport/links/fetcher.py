@@ -1,4 +1,4 @@
-"""Recovery of a publisher's last message after a loss, in pieces whose size adapts to the link."""
+"""Recovery of a publisher's last message after a loss, in pieces whose size adapts to the speed of the link."""
 
 from __future__ import annotations
 
@@ -16,33 +16,36 @@ from transport.links.session import Session
 from transport.messages.codec import MAXIMUM_PAYLOAD
 from transport.supervision import join
 
-# On a link slower than this [bytes/s] most published messages lose fragments, and the remaining fragments delay other
-# messages: the reader unsubscribes and fetches announced messages instead.
+# Link speed [bytes/s] below which most published messages lose fragments, while the remaining fragments delay other
+# messages. The reader then unsubscribes and fetches announced messages instead.
 SUBSCRIBING_RATE = 3e6
-# Timeouts of a piece, since a reply may be lost [s]; the second one for pieces larger than FIRST_PIECE, which are only
-# requested over a quick link. Pieces grow if a reply takes less than QUICK and shrink if it takes more than SLOW.
+# Timeouts of a piece, whose reply may be lost [s]; the second one applies to pieces larger than FIRST_PIECE, which are
+# requested only over a fast link. Pieces grow if a reply takes less than QUICK and shrink if it takes more than SLOW
+# [s].
 PIECE_TIMEOUT, LARGE_PIECE_TIMEOUT = 5.0, 1.0
 QUICK, SLOW = 0.025, 0.25
-# First and smallest piece [bytes]: below one batch of Zenoh (64 KiB), so that a small message fits into one.
+# First and smallest size of a piece [bytes]; less than one batch of Zenoh (64 KiB), so that a small message fits into
+# one batch.
 FIRST_PIECE, SMALLEST_PIECE = 48 * 1024, 16 * 1024
-# Consecutive failures before waiting for the next announcement, and the time between attempts [s].
+# Consecutive failures before the fetcher waits for the next announcement, and interval between attempts [s].
 ATTEMPTS = 20
 BETWEEN_ATTEMPTS = 0.1
-# Number of publishers that are remembered; every restart of a node adds one.
+# Number of publishers that are remembered; each start of a node adds one.
 REMEMBERED = 32
-# Longest wait for a message, used until the delay is known, and shortest wait, which allows for a busy machine [s].
+# Longest wait for an announced message, used until the delay is known; shortest wait, which allows for a busy machine
+# [s].
 LONGEST_GRACE, SHORTEST_GRACE = 0.3, 0.02
-# A message counts as lost after this multiple of the largest delay so far.
+# A message counts as lost when its delay exceeds this multiple of the largest delay so far.
 MARGIN = 4.0
-# Decay of the largest delay with each message.
+# Factor by which the largest delay decays with each message.
 KEPT = 0.9
 
 
 class Patience:
-    """Estimate of the delay of published messages after their announcement.
+    """Estimate of the delay between the announcement of a message and its arrival.
 
-    An announcement is small and overtakes the message. On a quick link the message follows within milliseconds, so a
-    loss is noticed soon; on a slow link the message follows only after its transfer.
+    An announcement is small and overtakes its message. On a fast link, the message follows within milliseconds, so that
+    a loss is detected soon. On a slow link, the message arrives only after its transfer.
     """
 
     def __init__(self) -> None:
@@ -63,7 +66,7 @@ class Patience:
 
 
 class Fetcher:
-    """Fetches the last message of each publisher of a key if it was not received.
+    """Fetches the last message of each publisher of a key if it was not received by subscription.
 
     Attributes:
         fetched: number of messages fetched.
@@ -77,22 +80,23 @@ class Fetcher:
         on_lost: Callable[[int], None],
         subscribe: Callable[[bool], None] = lambda wanted: None,
     ) -> None:
-        """Subscribe to announcements and query the existing messages.
+        """Subscribe to announcements, and query which messages already exist.
 
         Args:
             session: open session.
             key: key of the publishers.
-            deliver: called with each payload that is newer than all earlier ones, on Zenoh's or the fetcher's thread.
+            deliver: called with each payload that is newer than all earlier ones of its publisher, on a thread of Zenoh
+                or the fetcher.
             on_lost: called with the number of messages that were lost for good.
-            subscribe: called on the fetcher's thread with False when the link is too slow for a subscription, and with
-                True when it is quick again.
+            subscribe: called on the fetcher's thread with False when the link becomes too slow for a subscription, and
+                with True when it is fast again.
         """
         self._session, self._key, self._deliver, self._on_lost = session, key, deliver, on_lost
         self._subscribe, self._is_subscribed = subscribe, True
         self._changed = threading.Condition()
         self._delivery = threading.Lock()
         self._newest: Recent[str, int] = Recent(REMEMBERED)
-        # Last number announced by each publisher, and the time at which it was first received.
+        # Last number announced by each publisher, and the time at which this number was first announced.
         self._announced: Recent[str, tuple[int, float]] = Recent(REMEMBERED)
         self._is_closed = False
         self._size = FIRST_PIECE
@@ -103,7 +107,7 @@ class Fetcher:
         self._thread.start()
 
     def take(self, source: str, number: int, payload: bytes) -> None:
-        """Deliver a message received by subscription, unless a later one of its publisher was delivered before."""
+        """Deliver a message received by subscription, unless a later one of the same publisher was delivered before."""
         with self._changed:
             announced, heard_at = self._announced.get(source, (-1, 0.0))
             self._patience.learn(time.monotonic() - heard_at if announced == number else 0.0)
@@ -126,7 +130,7 @@ class Fetcher:
         return is_new
 
     def close(self) -> None:
-        """Stop; safe to call twice."""
+        """Stop fetching; may be called twice."""
         with self._changed:
             self._is_closed = True
             self._changed.notify_all()
@@ -142,7 +146,7 @@ class Fetcher:
         with self._changed:
             announced, heard_at = self._announced.get(source, (-1, 0.0))
             self._announced[source] = number, heard_at if announced == number else time.monotonic()
-            # Most announcements repeat a known number: do not wake the thread for them.
+            # Most announcements repeat a known number; they need not wake the thread.
             if number > self._newest.get(source, -1):
                 self._changed.notify_all()
 
@@ -153,7 +157,7 @@ class Fetcher:
         return None
 
     def _left(self) -> float:
-        """Time until the announced message counts as lost [s]."""
+        """Return the time until the announced message counts as lost [s]."""
         wanted = self._wanted()
         _, heard_at = (0, 0.0) if wanted is None else self._announced[wanted[0]]
         return max(0.0, heard_at + self._patience.grace - time.monotonic())
@@ -178,7 +182,7 @@ class Fetcher:
                 raise
 
     def _fetch(self, source: str, number: int) -> None:
-        """Fetch the last message of one publisher; forget the announcement if that fails."""
+        """Fetch the last message of a publisher; forget its announcement if that fails."""
         buffer = bytearray()
         failures, took, fetched = 0, 0.0, 0
         while not self._is_closed and failures < ATTEMPTS:
@@ -240,7 +244,7 @@ class Fetcher:
         number: int,
         on_piece: Callable[[str, tuple[int, int, int], bytes], None],
     ) -> None:
-        """Query one piece and wait for the end of its replies, at most until the timeout."""
+        """Query one piece, and wait until the last reply or the timeout."""
         finished = threading.Event()
         timeout = LARGE_PIECE_TIMEOUT if size > FIRST_PIECE else PIECE_TIMEOUT
 

@@ -1,12 +1,13 @@
-"""Last message of a publisher, kept for late subscribers and for slow links, which query it in pieces.
+"""Last message of a publisher, kept for late subscribers and for slow links, over which it is fetched in pieces.
 
-Keys and heartbeat are the same as in Zenoh's advanced publisher, so advanced subscribers (including rmw_zenoh) are
-served too. Zenoh's own publisher replies to late joiners on the thread and under the lock of its puts, so one slow
-joiner delays all readers for seconds. Here every query is answered on a thread of its own.
+Keys and heartbeat are those of Zenoh's advanced publisher, so that advanced subscribers (including rmw_zenoh) are
+served too. Zenoh's own publisher replies to late joiners on the thread and under the lock of its puts, so that one slow
+joiner delays all readers for seconds. Here, a separate thread answers each kind of query.
 
-A reply cannot carry the number of the message (Zenoh's Python API has no argument for it), so an advanced subscriber
-may get a message twice: once published and once as a reply. A `stamped` publisher identifies messages by timestamps,
-which replies do carry, so each is delivered once; its subscribers query again when the token is declared anew.
+A reply cannot contain the number of a message (Zenoh's Python API has no argument for it), so that an advanced
+subscriber may receive a message twice: as published and as a reply. A `stamped` publisher identifies messages by
+timestamps, which replies can contain, so that each message is delivered once. Its subscribers query again whenever the
+token is declared anew.
 """
 
 from __future__ import annotations
@@ -27,53 +28,53 @@ from transport.links.answerer import Answerer, refuse
 from transport.links.session import Session
 
 logger = logging.getLogger(__name__)
-# Largest number of pending queries; more are dropped, and repeated by the readers.
+# Largest number of pending queries; further queries are dropped, and the readers repeat them.
 MAXIMUM_ANSWERS = 16
 # Largest piece [bytes]; it fits into the queue of a link (`configuration.QUEUES`).
 MAXIMUM_PIECE = 768 * 1024
-# Number of older messages kept for readers that are still fetching them, and the time for which they are kept after a
-# query [s]; a message that was never queried is dropped when the next one is published.
+# Number of older messages kept for readers that are still fetching them, and time for which they are kept after a query
+# [s]. A message that was never queried is dropped when the next one is published.
 KEPT = 3
 KEPT_FOR = 10.0
-# Attachment of a piece: number of the message, its length in bytes, offset of the piece in it.
+# Attachment of a piece: number of the message, length of the message in bytes, offset of the piece in the message.
 PIECE = struct.Struct("<QQQ")
 Payload = bytes | bytearray
 
 
 class MadeOnce:
-    """Payload that is encoded at its first use and cached."""
+    """Payload that is encoded at its first use and then cached."""
 
     def __init__(self, make: Callable[[], Payload]) -> None:
-        """Encode by `make` when needed."""
+        """Prepare the payload; `make` encodes it when it is first needed."""
         self._make: Callable[[], Payload] | None = make
         self._made: Payload = b""
         self._lock = threading.Lock()
 
     def __call__(self) -> Payload:
-        """Return the payload."""
+        """Return the payload; encode it at the first call."""
         with self._lock:
             if self._make is not None:
                 self._made, self._make = self._make(), None
             return self._made
 
 
-# Query time of a message that was never queried, and entry used for a number that is not kept.
+# Time of the last query of a message that was never queried, and entry used for a number that is not kept.
 NEVER = -math.inf
 NOTHING: tuple[MadeOnce, bytes | None, float] = (MadeOnce(bytes), None, NEVER)
 
 
 def announcement_key(key: str, source: str = "*/*") -> str:
-    """Key on which the number of the last message is announced, and which advanced subscribers query."""
+    """Return the key on which the number of the last message is announced, and which advanced subscribers query."""
     return f"{key}/@adv/pub/{source}/_"
 
 
 def pieces_key(key: str, source: str = "*/*") -> str:
-    """Key for queries of pieces of the last message, `KEY?piece=OFFSET;size=BYTES;number=N` (-1: the last)."""
+    """Return the key for pieces of messages, queried as `KEY?piece=OFFSET;size=BYTES;number=N` (-1: last message)."""
     return f"{key}/@adv/pieces/{source}"
 
 
 class LastMessage:
-    """Last message of one publisher, for late subscribers and slow links."""
+    """Store of the last message of one publisher, for late subscribers and slow links."""
 
     def __init__(
         self,
@@ -85,16 +86,16 @@ class LastMessage:
         answers: bool = False,
         stamped: bool = False,
     ) -> None:
-        """Declare the keys and the token, and start the heartbeat.
+        """Declare the keys and the liveliness token, and start the heartbeat.
 
         Args:
             session: open session.
             key: key of the publisher.
             source: identity of the publisher, as in `zenoh_api.source_of`.
             encoding: encoding of the publisher's payloads.
-            answers: True if a query of the key itself also returns the last message.
-            stamped: identify messages by timestamps. Instead of the heartbeat, the token is declared anew after each
-                message, so that subscribers query the last one.
+            answers: True if a query of the publisher's key itself also returns the last message.
+            stamped: True = identify messages by timestamps. Then there is no heartbeat; the token is declared anew
+                after each message, so that subscribers query the last one.
         """
         self._session, self._key, self._encoding = session, key, encoding
         self._pieces = pieces_key(key, source)
@@ -108,11 +109,11 @@ class LastMessage:
         self._is_stamped, self._announcements = stamped, announcements
         self._token = zenoh_api.declare_token(session.raw, announcements)
         self._beat = zenoh_api.declare_publisher(session.raw, announcements, "INTERACTIVE_LOW")
-        # Repeated, so that the loss of a message is noticed even if nothing follows it.
+        # The announcement is repeated, so that the loss of a message is detected even if no message follows.
         session.pulse.add(self, self._repeat)
 
     def keep(self, number: int, payload: MadeOnce, attachment: bytes | None, stamp: Any = None) -> None:
-        """Make this message the last one; `stamp` is its timestamp, if it has one."""
+        """Make a message the last one; `stamp` is its timestamp, or None."""
         now = time.monotonic()
         with self._lock:
             self._last, self._stamp = number, stamp
@@ -123,7 +124,7 @@ class LastMessage:
                     del self._kept[other]
 
     def announce(self) -> None:
-        """Announce the number of the last message, if there is one.
+        """Announce the number of the last message, if there is one and messages are not identified by timestamps.
 
         Raises:
             SessionClosed: the session is closed.
@@ -169,7 +170,7 @@ class LastMessage:
 
     def _answer_piece(self, query: Any) -> None:
         if query.parameters.get("piece") is None:
-            # A query of `KEY/@adv/**` by an advanced subscriber, which the other queryable answers.
+            # An advanced subscriber queries `KEY/@adv/**`, which matches this key too; the other queryable answers.
             return
         begin, size = _whole(query.parameters.get("piece"), 0), _whole(query.parameters.get("size"), 0)
         with self._lock:
@@ -185,7 +186,7 @@ class LastMessage:
             query.reply(self._pieces, piece, attachment=PIECE.pack(number, len(whole), begin))
 
     def close(self) -> None:
-        """Undeclare all keys."""
+        """Undeclare all keys and the token."""
         with self._lock:
             self._is_closing = True
         self._session.pulse.remove(self)
@@ -202,7 +203,7 @@ def _whole(text: str | None, default: int) -> int:
 
 
 def _is_within(number: int, span: str | None) -> bool:
-    """Test a number against the range `FIRST..LAST` of an advanced subscriber; either end may be missing."""
+    """Test that a number is in the range `FIRST..LAST` of an advanced subscriber; either end may be missing."""
     if span is None:
         return True
     first, _, last = span.partition("..")

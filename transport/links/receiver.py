@@ -1,4 +1,4 @@
-"""Receiver of the newest message of one key."""
+"""Receiver of the newest message on a key."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ T = TypeVar("T")
 
 
 class NewestReceiver(Resource, Generic[T]):
-    """Receiver of one key that keeps only the newest message.
+    """Receiver of the messages on a key that keeps only the newest one.
 
-    Zenoh's thread copies each payload over the one before; the reading thread decodes it, unless `refusal` needs it
-    earlier. A slow reader therefore never sees an old message and never delays another reader. A latched receiver
-    fetches messages that were published earlier or lost on a slow link.
+    Each payload that arrives replaces the one before. The reading thread decodes it, unless `refusal` requires decoding
+    on Zenoh's thread. A slow reader therefore never reads a superseded message and never delays another reader. A
+    latched receiver also fetches messages that were published earlier or lost on a slow link.
 
     Attributes:
         key: key of the messages.
-        received: number of samples that arrived.
-        superseded: number of samples replaced by a newer one before they were read.
-        missed: number of samples published but lost.
-        rejected: number of samples that proved invalid when read.
-        refused: number of samples from another sender, or out of order.
+        received: number of samples that arrived and were not refused.
+        superseded: number of samples that were replaced by a newer one before they were read.
+        missed: number of samples that were published but lost.
+        rejected: number of samples that could not be decoded when they were read.
+        refused: number of samples that `refusal` refused.
     """
 
     def __init__(
@@ -45,15 +45,15 @@ class NewestReceiver(Resource, Generic[T]):
         latched: bool = True,
         refusal: Callable[[T], str] | None = None,
     ) -> None:
-        """Subscribe.
+        """Subscribe to the key.
 
         Args:
             session: open session.
             key: key of the messages.
-            decode: decodes a payload; raises MessageError if it is not valid.
-            latched: fetch the last message published before, and detect losses.
-            refusal: returns the reason to refuse a message, or ""; called once for each, on Zenoh's thread. Refusals
-                are counted and logged at a limited rate.
+            decode: decodes a payload; raises MessageError if the payload is not valid.
+            latched: True = fetch the last message published before, and detect losses.
+            refusal: returns the reason to refuse a message, or ""; called once per message, on Zenoh's or the fetcher's
+                thread. Refused messages are counted, and logged at a limited rate.
 
         Raises:
             SessionClosed: the session is closed.
@@ -78,7 +78,7 @@ class NewestReceiver(Resource, Generic[T]):
         self._listen(True)
 
     def _listen(self, wanted: bool) -> None:
-        """Subscribe, or unsubscribe to fetch messages piece by piece instead."""
+        """Subscribe, or unsubscribe in order to fetch messages piece by piece."""
         with self._listening:
             if wanted and self._raw is None and not self.is_closed:
                 self._raw = zenoh_api.declare_subscriber(self._session.raw, self.key, self._on_sample)
@@ -88,12 +88,12 @@ class NewestReceiver(Resource, Generic[T]):
 
     @property
     def fetched(self) -> int:
-        """Number of samples that were fetched, because they were published earlier or lost."""
+        """Number of samples that were fetched because they were published earlier or lost."""
         return 0 if self._fetcher is None else self._fetcher.fetched
 
     def _on_sample(self, sample: Any) -> None:
-        # Copied on arrival, not when read: the payload may be in shared memory, which the publisher may overwrite while
-        # this process is suspended.
+        # Copy on arrival, not when reading: the payload may be in shared memory, which the publisher may overwrite
+        # while this process is suspended.
         payload = sample.payload.to_bytes()
         number = zenoh_api.number_of(sample)
         if self._fetcher is None or number is None:
@@ -133,17 +133,17 @@ class NewestReceiver(Resource, Generic[T]):
             raise
 
     def latest(self) -> Received[T] | None:
-        """Newest message; None before the first.
+        """Return the newest message, or None before the first.
 
         Raises:
-            MessageError: the newest sample is not a valid message; no older one is returned instead.
+            MessageError: the newest sample is not a valid message; an older one is not returned instead.
         """
         with self._changed:
             sample = self._sample
         return None if sample is None else self._open(sample)
 
     def wait_for(self, predicate: Callable[[T], bool], timeout: float | None) -> Received[T]:
-        """Wait as `wait_until` does, with a predicate on the message alone."""
+        """Wait as `wait_until` does, with a predicate of the message alone."""
         return self.wait_until(lambda received: predicate(received.message), timeout)
 
     def wait_until(
@@ -152,13 +152,14 @@ class NewestReceiver(Resource, Generic[T]):
         """Wait until `predicate` accepts the newest message; invalid samples are skipped.
 
         Args:
-            predicate: called in this thread with each newest message and its arrival.
+            predicate: called on the calling thread with each newest message and its time of arrival; returns True to
+                accept it.
             timeout: longest wait [s]; None = no limit. Ctrl-C ends the wait.
-            after: number of a sample; only later ones are considered.
+            after: number of a sample; only samples with larger numbers are considered.
 
         Raises:
-            ReceiveTimeout: none arrived in time.
-            SessionClosed: the receiver was closed.
+            ReceiveTimeout: no accepted message arrived in time.
+            SessionClosed: the receiver is closed.
         """
         deadline = None if timeout is None else time.monotonic() + timeout
         while True:
@@ -175,18 +176,18 @@ class NewestReceiver(Resource, Generic[T]):
                 return received
 
     def has_newer(self, received: Received[T]) -> bool:
-        """True if another message has arrived after this one."""
+        """Return True if another message has arrived after `received`."""
         return self.received > received.number
 
     def nothing(self, timeout: float) -> str:
-        """Error text of a wait of `timeout` seconds without a result."""
+        """Return the error text of a wait of `timeout` seconds without a result."""
         return (
             f"no matching message on {self.key!r} within {timeout:g} s; {self.received} arrived, "
             f"{self.rejected} were damaged, {self.missed} were lost"
         )
 
     def _next(self, after: int, timeout: float | None) -> Sample[T] | None:
-        """Wait for the newest sample with a number above `after`; None after `timeout` [s]."""
+        """Wait for the newest sample with a number above `after`; return None after `timeout` [s]."""
 
         def newer() -> Sample[T] | None:
             self._check_open()
@@ -200,16 +201,16 @@ class NewestReceiver(Resource, Generic[T]):
             raise SessionClosed(f"the receiver of {self.key!r} is closed")
 
     def on_newest(self, callback: Callable[[Received[T]], None]) -> None:
-        """Call `callback` with each newest message on a thread of its own.
+        """Call `callback` with each newest message, on a separate thread.
 
-        Of the messages that arrive during a call only the newest is passed on. An exception of the callback is logged;
-        the callback is called again with the next message.
+        Of the messages that arrive during a call, only the newest is passed on. If the callback raises an exception, it
+        is logged, and the callback is called again with the next message.
 
         Raises:
             SessionClosed: the receiver is closed.
         """
         self._check_open()
-        # A daemon thread: a callback that never returns must not keep the interpreter alive.
+        # The thread is a daemon, so that a callback that never returns does not keep the interpreter alive.
         thread = self._session.thread(f"transport-{self.key}", lambda: self._dispatch(callback))
         self._threads.append(thread)
         thread.start()

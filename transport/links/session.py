@@ -1,4 +1,4 @@
-"""Zenoh sessions of nodes and clients, which close everything declared in them."""
+"""Zenoh sessions of nodes and clients; closing a session closes everything declared in it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from transport.security.folder import configured_endpoints, load_configuration, 
 from transport.supervision import Failure, supervised
 
 logger = logging.getLogger(__name__)
-# Interval of attempts to connect [s]; short, so that Ctrl-C takes effect immediately.
+# Interval between attempts to connect [s]; short, so that Ctrl-C takes effect immediately.
 RETRY_INTERVAL = 0.1
 
 CHECK_LISTEN = (
@@ -36,7 +36,7 @@ CHECK_LISTEN = (
 )
 CHECK_CONNECT = (
     "Zenoh reports all causes alike. Check: is the node running and does it listen there? does the "
-    "protocol match (tcp without security, tls with it)? with security: is the certificate in date and of "
+    "protocol match (tcp without security, tls with it)? with security: is the certificate in date and from "
     "the same CA as the node's, does the node's certificate name this host? with a password: is it right? "
     "The node's log (RUST_LOG=warn) shows the cause."
 )
@@ -45,19 +45,19 @@ Configuration = Mapping[str, Any] | str
 
 
 class Session(AbstractContextManager["Session"]):
-    """Open Zenoh session with everything declared in it; use it in a `with` block.
+    """Open Zenoh session that owns everything declared in it; use it in a `with` block.
 
-    Made by `open_node` or `open_client`. Everything declared through this package is closed with it, at the latest when
-    the main thread ends, so that a script that crashes does not hang.
+    Made by `open_node` or `open_client`. Everything declared through this package is closed with the session. The
+    session is closed at the latest when the main thread ends, so that a script that fails does not hang.
 
     Attributes:
-        endpoints: addresses at which it listens or to which it connects.
+        endpoints: addresses at which the session listens or to which it connects.
         pulse: sender of periodic messages.
         is_closed: True after `close`.
     """
 
     def __init__(self, configuration: Configuration, endpoints: tuple[str, ...]) -> None:
-        """Open the session, without retries; see `open_node` and `open_client`."""
+        """Open the session in one attempt; see `open_node` and `open_client`."""
         warm_up()
         self._raw: Any = zenoh_api.open_raw(configuration)
         self._lock = threading.RLock()
@@ -69,12 +69,12 @@ class Session(AbstractContextManager["Session"]):
         exit_watcher.watch(self)
 
     def __exit__(self, *error: object) -> None:
-        """Close."""
+        """Close the session."""
         self.close()
 
     @property
     def raw(self) -> Any:
-        """The Zenoh session.
+        """Underlying `zenoh.Session`.
 
         Raises:
             SessionClosed: the session is closed.
@@ -88,37 +88,37 @@ class Session(AbstractContextManager["Session"]):
 
     @property
     def zenoh_id(self) -> str:
-        """Hexadecimal Zenoh id of this session."""
+        """Zenoh id of this session, in hexadecimal digits."""
         return str(self.raw.zid())
 
     def links(self) -> tuple[str, ...]:
-        """Remote addresses of all current links."""
+        """Return the remote addresses of all current links; none if the session is closed."""
         return () if self.is_closed else tuple(str(link.dst) for link in self._raw.info.links())
 
     def own(self, resource: Closable) -> None:
-        """Close `resource` with this session, before the session itself.
+        """Register a resource that `close` closes before the Zenoh session.
 
         Raises:
-            SessionClosed: the session is closed already.
+            SessionClosed: the session is already closed.
         """
         with self._lock:
             self._check_open()
             self._resources.append(resource)
 
     def disown(self, resource: Closable) -> None:
-        """Forget a resource that has been closed."""
+        """Unregister a resource that has been closed; does nothing for others."""
         with self._lock:
             if resource in self._resources:
                 self._resources.remove(resource)
 
     def undeclare(self, *declared: Any) -> None:
-        """Undeclare Zenoh entities, unless the session is closed, which undeclares them too."""
+        """Undeclare Zenoh entities; does nothing if the session is closed, since closing has undeclared them."""
         if not self._raw.is_closed():
             for entry in declared:
                 entry.undeclare()
 
     def thread(self, name: str, target: Callable[[], Any]) -> threading.Thread:
-        """Make a supervised thread, not started; if it fails for good, the session closes and later calls raise."""
+        """Create a supervised thread, not started; if it fails for good, the session closes and later calls raise."""
         return supervised(name, target, on_failure=self._on_failure)
 
     def _on_failure(self, failure: Failure) -> None:
@@ -127,11 +127,11 @@ class Session(AbstractContextManager["Session"]):
             self.close()
 
     def attempt(self, action: Callable[[], Any], what: str) -> Any:
-        """Call Zenoh and convert its errors into errors of this package.
+        """Call `action` and convert Zenoh's errors to errors of this package.
 
         Raises:
             SessionClosed: the session is closed.
-            TransportError: Zenoh reported an error; the message begins with `what`.
+            TransportError: Zenoh reported another error; the error message begins with `what`.
         """
         try:
             return action()
@@ -141,7 +141,7 @@ class Session(AbstractContextManager["Session"]):
             raise TransportError(f"{what}: {zenoh_api.error_text(error)}") from error
 
     def close(self) -> None:
-        """Close everything declared, newest first, then the session; safe to call twice."""
+        """Close everything declared, newest first, then the session; may be called twice."""
         with self._lock:
             if self.is_closed:
                 return
@@ -169,29 +169,31 @@ def open_node(
     shared_memory: bool = False,
     timeout: float = 5.0,
 ) -> Session:
-    """Open the session of a node that publishes.
+    """Open the session of a perception node.
 
     Args:
-        listen: endpoints for clients; the node is their Zenoh router. None = this machine only, or the endpoints of the
-            security folder.
+        listen: endpoints for clients, whose Zenoh router the node is. None = the default on this machine, or the
+            endpoints in the security folder.
         connect: endpoint of an external router; the node then does not listen.
-        uplink: endpoint of another router that the node connects to besides listening, with reconnection; does not
-            wait for it. Every message is sent over it once, however many readers are behind it.
+        uplink: endpoint of another router to which the node connects besides listening. It is dialled in the
+            background, again after each loss. Every message crosses the uplink once, however many readers are behind
+            it.
         security: folder made by `guara security init`, or its folder `node`.
-        allow_insecure: allow endpoints or an uplink beyond this machine without security.
-        shared_memory: let Zenoh pass large payloads through /dev/shm between processes of one machine. Saves a
-            millisecond per grid, but leaks 17 MB and 2 descriptors for each process that dies.
-        timeout: time to wait for an external router [s].
+        allow_insecure: True = `listen` and `uplink` may reach beyond this machine without security.
+        shared_memory: True = Zenoh passes large payloads through /dev/shm between processes of one machine. This saves
+            a millisecond per grid, but leaks 17 MB and 2 descriptors for each process that dies.
+        timeout: longest wait for an external router [s].
 
     Raises:
-        ConfigurationError: an endpoint is not valid, or open to other machines without security; both `connect` and
-            `uplink` are given.
+        ConfigurationError: an endpoint is not valid or is open to other machines without security, or both `connect`
+            and `uplink` are given.
         SecurityError: the security folder is incomplete.
-        ConnectionFailed: the port is in use, or the external router does not respond.
+        ConnectionFailed: the node cannot listen, for example because the port is in use, or the external router does
+            not respond.
     """
     if connect is not None and uplink is not None:
         raise ConfigurationError(
-            f"connect ({connect}) and uplink ({uplink}) exclude each other: a node is the client of one router, or "
+            f"connect ({connect}) and uplink ({uplink}) are mutually exclusive: a node is the client of one router, or "
             f"its own router with an uplink; give one of them"
         )
     if connect is not None:
@@ -199,7 +201,7 @@ def open_node(
     given = (listen,) if isinstance(listen, str) else tuple(listen or ())
     if security is None:
         endpoints = given or (DEFAULT_ENDPOINT,)
-        # Clients of the router at the other end of an uplink can reach this node too.
+        # Clients of the router at the other end of the uplink can reach this node too.
         check_exposure((*endpoints, *(() if uplink is None else (uplink,))), allow_insecure=allow_insecure)
         return listen_with(node_configuration(endpoints, uplink=uplink, shared_memory=shared_memory), endpoints)
     folder = role_folder(security, "node")
@@ -218,16 +220,17 @@ def open_client(
     """Open the session of a client: a planner, a viewer, the gait controller.
 
     Args:
-        endpoint: endpoint of the node or router. None = the default on this machine, or the one in the security folder.
-        security: folder of a role, such as `DIR/planner`, or `DIR` itself, made by `guara security init`.
-        role: role whose folder is used if `security` has several.
+        endpoint: endpoint of the node or router; None = the default on this machine, or the one in the security folder.
+        security: folder of a role made by `guara security init`, such as `DIR/planner`, or `DIR` itself.
+        role: role whose folder is used if `security` contains several.
         shared_memory: as in `open_node`.
-        timeout: time for attempts to connect [s]; Ctrl-C ends the wait.
+        timeout: time for repeated attempts to connect [s]; Ctrl-C ends the attempts.
 
     Raises:
-        ConfigurationError: the endpoint is not valid, or not encrypted although a security folder is given.
+        ConfigurationError: the endpoint is not valid, is not encrypted although `security` is given, or is missing in
+            the security folder.
         SecurityError: the security folder is incomplete.
-        ConnectionFailed: no connection within `timeout`; the message lists what to check.
+        ConnectionFailed: there was no connection within `timeout`; the error message lists what to check.
     """
     if security is None:
         target = endpoint or DEFAULT_ENDPOINT
@@ -235,13 +238,13 @@ def open_client(
     folder = role_folder(security, role)
     endpoints = (endpoint,) if endpoint is not None else configured_endpoints(folder, "connect")
     if not endpoints:
-        raise ConfigurationError(f"{folder} names no router to connect to; give an endpoint, tls/host:port")
+        raise ConfigurationError(f"{folder} contains no endpoint of a router; give an endpoint, tls/host:port")
     configuration = load_configuration(folder, connect=endpoints[0], shared_memory=shared_memory)
     return connect_with(configuration, endpoints, timeout)
 
 
 def listen_with(configuration: Configuration, endpoints: tuple[str, ...]) -> Session:
-    """Open a session that listens, from a complete Zenoh configuration; errors as in `open_node`."""
+    """Open a listening session from a complete Zenoh configuration; ConnectionFailed if it cannot listen."""
     try:
         return Session(configuration, endpoints)
     except zenoh_api.zenoh_error() as error:
@@ -251,7 +254,7 @@ def listen_with(configuration: Configuration, endpoints: tuple[str, ...]) -> Ses
 
 
 def connect_with(configuration: Configuration, endpoints: tuple[str, ...], timeout: float) -> Session:
-    """Open a client's session from a complete Zenoh configuration; errors as in `open_client`."""
+    """Open a client session from a complete Zenoh configuration; ConnectionFailed if it cannot connect in time."""
     deadline = time.monotonic() + timeout
     while True:
         try:
@@ -273,17 +276,17 @@ class Resource:
     """
 
     is_closed = False
-    # Entity declared by Zenoh.
+    # Entity declared in Zenoh.
     _raw: Any
 
     def __init__(self, session: Session) -> None:
-        """Register with `session`."""
+        """Register the object with `session`."""
         self._session = session
         self._close_lock = threading.Lock()
         session.own(self)
 
     def close(self) -> None:
-        """Undeclare it; safe to call twice, from any thread, and after the session was closed."""
+        """Undeclare the object; may be called twice, from any thread, and after the session was closed."""
         with self._close_lock:
             if self.is_closed:
                 return
@@ -292,5 +295,5 @@ class Resource:
         self._release()
 
     def _release(self) -> None:
-        """Undeclare and release everything; called once."""
+        """Undeclare and release everything; called at most once."""
         self._session.undeclare(self._raw)

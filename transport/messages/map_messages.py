@@ -1,4 +1,4 @@
-"""Messages made of a fused map, and their CDR payloads: a quantised summary, and its steppable regions."""
+"""Messages derived from a fused map, with their CDR payloads: a quantised summary, and the steppable regions."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ VERSION_MAJOR, VERSION_MINOR = 1, 0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class MapOrigin:
-    """Fields that a message has in common with the map it is made of.
+    """Fields that a message derived from a map copies from the message of that map.
 
     Attributes:
         type_name: ROS 2 type of the message.
         robot: instance name.
         sequence: sequence number of the map.
         step: number of the stance pause.
-        stamp, scan_end: stamps of the map [ns since the epoch].
-        valid_for: validity after `scan_end` [s]; may be infinite.
-        valid_pauses: number of pauses after `step` for which it may be used.
+        stamp, scan_end: time of the map, and time of the last frame [ns since the epoch].
+        valid_for: time after `scan_end` during which the message may be used [s]; may be infinite.
+        valid_pauses: number of pauses after `step` for which the message may be used.
         run, epoch: identity of the node's run and of the walk; empty if the map has none.
-        scan_end_clock: end of the scan by the node's monotonic clock [s]; None if the map has none.
-        provisional, withdrawn: as in the map.
+        scan_end_clock: end of the scan on the node's monotonic clock [s]; None if the map has none.
+        provisional, withdrawn: as in `TerrainMessage`.
         frame_id: frame of the content.
         version: (major, minor) of the message.
         stale_because: as in `TerrainMessage`.
@@ -77,11 +77,11 @@ class MapOrigin:
 
 
 def origin_of(terrain: TerrainMessage) -> dict[str, Any]:
-    """Fields of `MapOrigin` copied from the message of the map, except the version."""
+    """Return the fields of `MapOrigin`, except the version, copied from the message of a map."""
     return {field.name: getattr(terrain, field.name) for field in fields(MapOrigin) if field.name != "version"}
 
 
-# Value of unknown heights.
+# Value of an unknown height.
 UNKNOWN_HEIGHT = -32768
 # Dtypes of the layers in the payload, little endian.
 LAYERS: Mapping[str, np.dtype[Any]] = {
@@ -93,17 +93,17 @@ LAYERS: Mapping[str, np.dtype[Any]] = {
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SummaryMessage(MapOrigin):
-    """Quantised map: height, hazard flags and traversability of every cell.
+    """Quantised map: height, hazard flags and traversability of each cell.
 
     Attributes:
         resolution: edge length of a cell [m].
         origin: (x, y) of the corner of cell (0, 0) in `frame_id` [m].
         heights: (ny, nx) int16 [mm], `UNKNOWN_HEIGHT` where unknown.
         hazard: (ny, nx) uint16 flags.
-        traversability: (ny, nx) uint8 [1/255]; 0 = never step here.
+        traversability: (ny, nx) uint8 [1/255]; 0 = not steppable.
     """
 
-    # A kind of grid of its own, so that `GridJudge` orders summaries separately from maps.
+    # A separate kind of grid, so that `GridJudge` orders summaries independently of maps.
     extent: ClassVar[str] = "summary"
     type_name: ClassVar[str] = SUMMARY
 
@@ -132,13 +132,13 @@ class SummaryMessage(MapOrigin):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Number of cells (ny, nx)."""
+        """Shape (ny, nx) of the grid."""
         ny, nx = self.heights.shape
         return ny, nx
 
 
 def encode_summary(summary: SummaryMessage) -> bytearray:
-    """CDR payload of a summary, a guara_msgs/TerrainSummary.
+    """Encode a summary as CDR of guara_msgs/TerrainSummary.
 
     Raises:
         MessageError: a field does not fit its ROS 2 type.
@@ -154,7 +154,7 @@ def decode_summary(payload: bytes | bytearray | memoryview) -> SummaryMessage:
     """Decode and check the CDR payload of a summary.
 
     Raises:
-        VersionError: another major version.
+        VersionError: the message has another major version.
         MessageError: the payload is damaged, or a length or value is not allowed.
     """
     message = decode(payload, SUMMARY)
@@ -175,19 +175,19 @@ def _unpack(packed: Array, name: str, dtype: np.dtype[Any], shape: tuple[int, in
 
 
 MAXIMUM_REGIONS, MAXIMUM_CORNERS = 1000, 256
-# Tolerance of the length of a half-plane's normal [-], and of a corner's distance from half-planes and plane [m].
+# Tolerance of the length of a half-plane's normal [-], and of the distance from a corner to half-planes and plane [m].
 TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RegionMessage:
-    """Convex area in which a sole may be centred, in the frame of the message that contains it.
+    """Convex area in which the centre of a sole may be placed, in the frame of the message that contains it.
 
     Attributes:
         halfspaces: (n, 3) rows a, b, c of a x + b y <= c, with a^2 + b^2 = 1 and c in [m].
-        vertices: (m, 3) corners on the plane, counter-clockwise [m].
-        plane: (3,) p of z = p[0] x + p[1] y + p[2].
-        sigma: standard deviation of the ground about the plane [m].
+        vertices: (m, 3) corners of the area on the plane, counter-clockwise [m].
+        plane: (3,) coefficients p of z = p[0] x + p[1] y + p[2].
+        sigma: standard deviation of the ground heights about the plane [m].
         area: horizontal area [m^2].
     """
 
@@ -226,17 +226,17 @@ class RegionsMessage(MapOrigin):
     """All steppable regions of a map.
 
     Attributes:
-        regions: the regions, in the order in which they were found.
+        regions: the regions, in the order given by the sender.
     """
 
-    # A kind of grid of its own, as in `SummaryMessage`.
+    # A separate kind of grid, as in `SummaryMessage`.
     extent: ClassVar[str] = "regions"
     type_name: ClassVar[str] = REGIONS
 
     regions: tuple[RegionMessage, ...]
 
     def __post_init__(self) -> None:
-        """Check the fields."""
+        """Check the fields, and the number of regions."""
         super(RegionsMessage, self).__post_init__()
         set_fields(self, regions=tuple(self.regions))
         if len(self.regions) > MAXIMUM_REGIONS:
@@ -246,7 +246,7 @@ class RegionsMessage(MapOrigin):
 
 
 def encode_regions(message: RegionsMessage) -> bytearray:
-    """CDR payload of regions, a guara_msgs/SteppableRegions.
+    """Encode regions as CDR of guara_msgs/SteppableRegions.
 
     Raises:
         MessageError: a field does not fit its ROS 2 type.
@@ -257,7 +257,7 @@ def encode_regions(message: RegionsMessage) -> bytearray:
 def decode_regions(payload: bytes | bytearray | memoryview) -> RegionsMessage:
     """Decode and check the CDR payload of regions.
 
-    Raises:
+    VersionError: the message has another major version.
         VersionError: another major version.
         MessageError: the payload is damaged, or a length or value is not allowed.
     """
@@ -267,10 +267,10 @@ def decode_regions(payload: bytes | bytearray | memoryview) -> RegionsMessage:
 
 
 def _is_outlined(halfspaces: Float, corners: Float) -> bool:
-    """Check that half-planes bound exactly the polygon of corners (m, 2), which are inside every half-plane.
+    """Check that half-planes bound exactly the polygon of the corners (m, 2), which must lie inside every half-plane.
 
-    They do if every edge is on the border of a half-plane and the edges enclose a positive area. A closed path along
-    the border of an unbounded region goes back on itself and encloses none.
+    This is the case if every edge lies on the border of a half-plane and the edges enclose a positive area. A closed
+    path along the border of an unbounded region runs back along itself and encloses no area.
     """
     on_line = np.abs(corners @ halfspaces[:, :2].T - halfspaces[:, 2]) <= TOLERANCE
     on_border = (on_line & np.roll(on_line, -1, axis=0)).any(axis=1)
@@ -279,7 +279,7 @@ def _is_outlined(halfspaces: Float, corners: Float) -> bool:
 
 
 def _make_region(region: RegionMessage) -> Any:
-    """Make a guara_msgs/SteppableRegion; the x axis of the plane's frame is the grid's x axis, projected."""
+    """Convert to guara_msgs/SteppableRegion; the x axis of the plane's frame is the grid's x axis, projected."""
     x, y = region.vertices[:, :2].mean(axis=0)
     a, b, c = region.plane
     normal = np.array([-a, -b, 1.0]) / math.sqrt(a * a + b * b + 1.0)

@@ -1,4 +1,4 @@
-"""Scan requests, grid queries and their replies, and their CDR payloads."""
+"""Scan requests, grid queries and their replies, with their CDR payloads."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from transport.messages.submessages import finite
 from transport.messages.terrain_message import EXTENTS, MODES
 from transport.messages.typestore import QUERY_REQUEST, REFUSAL, SCAN_REPLY, SCAN_REQUEST, SENTENCE, check_value
 
-# Longest id of a request [characters].
+# Longest request id [characters].
 MAXIMUM_ID = 200
 LIMITS = ("x_min", "x_max", "y_min", "y_max")
 
@@ -30,9 +30,9 @@ class ScanRequest:
     """Request for a scan.
 
     Attributes:
-        id: unique id; a request with the same id returns the same scan.
+        id: unique id; a repeated request with the same id returns the same scan.
         mode: "coarse" or "standard".
-        timeout: time from arrival after which the scanner cancels the scan [s].
+        timeout: time after the arrival of the request at which the scanner cancels the scan [s].
     """
 
     id: str
@@ -60,14 +60,14 @@ class ScanReply:
 
     Attributes:
         id: id of the request.
-        state: ACCEPTED, PROGRESS, or one of the terminal DONE and FAILED.
-        stripes_done: stripes scanned so far.
-        stripes_total: stripes of the pattern.
-        step: with DONE, number of the pause.
-        sequence: with DONE, sequence of the terrain message, which was published before this reply.
-        stamp: with DONE, stamp of the terrain message [ns].
-        code: with FAILED, short name of the cause.
-        message: with FAILED, the cause as text.
+        state: ACCEPTED or PROGRESS, or the final state DONE or FAILED.
+        stripes_done: number of stripes scanned so far.
+        stripes_total: number of stripes of the scan.
+        step: if DONE, number of the pause.
+        sequence: if DONE, sequence number of the terrain message, which was published before this reply.
+        stamp: if DONE, stamp of the terrain message [ns].
+        code: if FAILED, short name of the cause.
+        message: if FAILED, description of the cause.
     """
 
     id: str
@@ -83,12 +83,12 @@ class ScanReply:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refusal:
-    """Refusal of a request.
+    """Refusal of a scan request or query.
 
     Attributes:
         id: id of the request; empty if it could not be read.
         code: "busy", "denied", "bad_request", "not_stationary", "expired" or "no_terrain".
-        message: the cause as text.
+        message: description of the cause.
     """
 
     id: str
@@ -98,11 +98,11 @@ class Refusal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QueryRequest:
-    """Query for the newest grid, or a region of it.
+    """Query for the newest grid or a region of that grid.
 
     Attributes:
         extent: "footprint" or "map".
-        region: (x_min, x_max, y_min, y_max) in the frame of the grid [m]; None for the whole grid.
+        region: (x_min, x_max, y_min, y_max) in the frame of the grid [m]; None = the whole grid.
     """
 
     extent: str = "footprint"
@@ -127,44 +127,44 @@ class QueryRequest:
 
 
 def encode_scan_request(request: ScanRequest) -> bytearray:
-    """CDR payload of a ScanRequest."""
+    """Encode a ScanRequest as CDR."""
     return encode(to_ros(SCAN_REQUEST, request))
 
 
 def decode_scan_request(payload: bytes) -> ScanRequest:
-    """Decode a ScanRequest; MessageError if it is damaged or a value is not allowed."""
+    """Decode a ScanRequest; MessageError if the payload is damaged or a value is not allowed."""
     return from_ros(ScanRequest, decode(payload, SCAN_REQUEST))
 
 
 def encode_scan_reply(reply: ScanReply) -> bytearray:
-    """CDR payload of a ScanReply."""
+    """Encode a ScanReply as CDR; a message that is too long is truncated."""
     return encode(to_ros(SCAN_REPLY, reply, message=SENTENCE.cut(reply.message)))
 
 
 def decode_scan_reply(payload: bytes) -> ScanReply:
-    """Decode a ScanReply; MessageError if it is damaged or its state is unknown."""
+    """Decode a ScanReply; MessageError if the payload is damaged or its state is unknown."""
     message = decode(payload, SCAN_REPLY)
     return from_ros(ScanReply, message, state=ScanState(message.state))
 
 
 def encode_refusal(refusal: Refusal) -> bytearray:
-    """CDR payload of a Refusal."""
+    """Encode a Refusal as CDR; a message that is too long is truncated."""
     return encode(to_ros(REFUSAL, refusal, message=SENTENCE.cut(refusal.message)))
 
 
 def decode_refusal(payload: bytes) -> Refusal:
-    """Decode a Refusal; MessageError if it is damaged."""
+    """Decode a Refusal; MessageError if the payload is damaged."""
     return from_ros(Refusal, decode(payload, REFUSAL))
 
 
 def encode_query_request(request: QueryRequest) -> bytearray:
-    """CDR payload of a QueryRequest."""
+    """Encode a QueryRequest as CDR."""
     limits = dict(zip(LIMITS, request.region or (0.0, 0.0, 0.0, 0.0), strict=True))
     return encode(to_ros(QUERY_REQUEST, request, whole=request.region is None, **limits))
 
 
 def decode_query_request(payload: bytes) -> QueryRequest:
-    """Decode a QueryRequest; MessageError if it is damaged or a value is not allowed."""
+    """Decode a QueryRequest; MessageError if the payload is damaged or a value is not allowed."""
     message = decode(payload, QUERY_REQUEST)
     region = None if message.whole else tuple(getattr(message, name) for name in LIMITS)
     return from_ros(QueryRequest, message, region=region)

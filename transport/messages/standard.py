@@ -31,7 +31,7 @@ from transport.messages.typestore import (
     message_class,
 )
 
-# Layer that defines which cells of a GridMap are known.
+# Layer that determines which cells of a GridMap are known.
 BASIC_LAYER = "elevation"
 
 
@@ -57,7 +57,8 @@ def occupancy_message(values: Percent, resolution: float, origin: Sequence[float
         stamp: time [ns since the epoch].
 
     Raises:
-        MessageError: another dtype or shape, a value out of range, or geometry that is not finite.
+        MessageError: `values` is not a non-empty int8 array (ny, nx), a value is out of range, or the geometry is not
+            valid.
     """
     edge, x, y = _geometry(resolution, origin)
     if values.dtype != np.int8 or values.ndim != 2 or values.size == 0:
@@ -83,18 +84,18 @@ def grid_map_message(
 ) -> Any:
     """Make a grid_map_msgs/GridMap message object.
 
-    A GridMap starts at the corner of maximum x and y, has rows along -x and columns along -y, and is column-major. Its
-    data for `a[iy, ix]`, x fastest, are therefore `a[::-1, ::-1].ravel()`.
+    A GridMap starts at the corner of maximum x and y, has rows along -x and columns along -y, and is stored in
+    column-major order. The data of `a[iy, ix]`, x fastest, are therefore `a[::-1, ::-1].ravel()`.
 
     Args:
-        layers: (ny, nx) arrays by name, of equal shape, including "elevation"; converted to float32.
+        layers: (ny, nx) arrays of equal shape by name, including "elevation"; converted to float32.
         resolution: edge length of a cell [m].
         origin: (x, y) of the corner of cell (0, 0), at minimum x and y [m].
         frame_id: frame of the grid.
         stamp: time [ns since the epoch].
 
     Raises:
-        MessageError: different shapes, no layer "elevation", or geometry that is not finite.
+        MessageError: the shapes differ or are empty, layer "elevation" is missing, or the geometry is not valid.
     """
     edge, x, y = _geometry(resolution, origin)
     shapes = {np.shape(array) for array in layers.values()}
@@ -111,7 +112,7 @@ def grid_map_message(
     )
     array_class = message_class("std_msgs/msg/Float32MultiArray")
     data = [array_class(layout, np.asarray(array, dtype=np.float32)[::-1, ::-1].ravel()) for array in layers.values()]
-    # The pose of a GridMap is that of its centre.
+    # The pose of a GridMap is the pose of its centre.
     info = message_class("grid_map_msgs/msg/GridMapInfo")(
         edge, nx * edge, ny * edge, _make_pose(x + 0.5 * nx * edge, y + 0.5 * ny * edge)
     )
@@ -123,11 +124,11 @@ DATATYPES = {"int8": 1, "uint8": 2, "int16": 3, "uint16": 4, "int32": 5, "uint32
 
 
 def point_cloud_message(fields: Mapping[str, Array], frame_id: str, stamp: int) -> Any:
-    """Make a sensor_msgs/PointCloud2 message object: one row of points, little endian, packed.
+    """Make a sensor_msgs/PointCloud2 message object: one row of points, little endian, without padding.
 
     Args:
-        fields: (n,) arrays by name, including `x`, `y` and `z` [m]; dtypes are kept. Viewers read colours from `rgb`,
-            uint32 0x00RRGGBB.
+        fields: (n,) arrays by name, including `x`, `y` and `z` [m]; dtypes are kept. Viewers read colours from a field
+            `rgb`, uint32 0x00RRGGBB.
         frame_id: frame of the points.
         stamp: time [ns since the epoch].
 

@@ -1,4 +1,4 @@
-"""Parts of messages (stance, transform, obstacle, declared ground), and the checks that they share."""
+"""Parts of messages (stance, transform, obstacle, declared ground), and checks that they share."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from transport.messages.typestore import GROUND_PATCH, check_gravity, check_valu
 Point = tuple[float, float, float]
 
 IDENTITY = np.eye(3)
-# Largest grid; the default map has 44,800 cells.
+# Largest number of cells of a grid; the default map has 44,800.
 MAXIMUM_CELLS = 4_000_000
 
 
 def set_fields(message: Any, **values: Any) -> None:
-    """Set fields of a frozen dataclass during its construction."""
+    """Set fields of a frozen dataclass in its `__post_init__`."""
     for name, value in values.items():
         object.__setattr__(message, name, value)
 
 
 def frozen(array: Array) -> Array:
-    """Read-only C-contiguous array: `array` itself if it is one, else a copy."""
+    """Return a read-only C-contiguous array: `array` itself if it is one already, otherwise a copy."""
     is_frozen = array.flags.c_contiguous and array.flags.aligned and not array.flags.writeable
     result = array if is_frozen else np.array(array, order="C")
     result.setflags(write=False)
@@ -37,10 +37,10 @@ def frozen(array: Array) -> Array:
 
 
 def checked_shape(shape: Sequence[int], what: str) -> tuple[int, int]:
-    """Check the shape of a grid and return it as (ny, nx).
+    """Check the shape of a grid, and return it as (ny, nx).
 
     Raises:
-        MessageError: not two dimensions, empty, or too many cells.
+        MessageError: there are not two dimensions, no cells, or too many cells.
     """
     if len(shape) != 2 or 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
         cells = " x ".join(map(str, shape))
@@ -49,10 +49,10 @@ def checked_shape(shape: Sequence[int], what: str) -> tuple[int, int]:
 
 
 def checked_origin(origin: Sequence[float]) -> tuple[float, float]:
-    """Check an origin and return it as (x, y).
+    """Check the origin of a grid, and return it as (x, y).
 
     Raises:
-        MessageError: not two finite numbers.
+        MessageError: the origin is not two finite numbers.
     """
     if len(origin) != 2:
         raise MessageError(f"origin has {len(origin)} numbers; allowed: 2, x and y")
@@ -60,10 +60,10 @@ def checked_origin(origin: Sequence[float]) -> tuple[float, float]:
 
 
 def finite(value: float, what: str) -> float:
-    """Check a number and return it as float.
+    """Check that a value is a finite number, and return it as float.
 
     Raises:
-        MessageError: not a finite number.
+        MessageError: the value is not a finite number.
     """
     try:
         number = float(value)
@@ -75,10 +75,10 @@ def finite(value: float, what: str) -> float:
 
 
 def checked_array(array: npt.ArrayLike, shape: tuple[int | None, ...], what: str) -> Float:
-    """Read-only float64 copy of an array after checking shape and finite values; None in `shape` = any length.
+    """Return a read-only float64 copy of an array of finite numbers; None in `shape` = any length along that axis.
 
     Raises:
-        MessageError: another shape, or a value that is not finite.
+        MessageError: the array has another shape, or a value is not a finite number.
     """
     try:
         copy = np.array(array, dtype=np.float64)
@@ -94,7 +94,7 @@ def checked_array(array: npt.ArrayLike, shape: tuple[int | None, ...], what: str
 
 
 def _determinant(m: Float) -> float:
-    """Determinant of a 3 x 3 matrix; written out, because it is computed for every grid received."""
+    """Compute the determinant of a 3 x 3 matrix; faster than numpy's, since it is needed for every grid received."""
     (a, b, c), (d, e, f), (g, h, i) = m.tolist()
     return float(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 
@@ -104,9 +104,9 @@ class StanceMessage:
     """Posture of the robot at a stance pause.
 
     Attributes:
-        joint_positions: joint name -> position [rad], read-only.
+        joint_positions: position of each joint by name [rad], read-only.
         support_feet: names of the legs that carry weight.
-        gravity_in_base: direction of gravity in `base_link`, pointing down, with a length within
+        gravity_in_base: direction of gravity in `base_link`, pointing down, of a length within
             `typestore.GRAVITY_LENGTH`; None if unknown.
     """
 
@@ -115,7 +115,7 @@ class StanceMessage:
     gravity_in_base: Point | None = None
 
     def __post_init__(self) -> None:
-        """Copy and check."""
+        """Copy and check the fields."""
         joints = {str(k): finite(v, f"position of joint {k!r}") for k, v in self.joint_positions.items()}
         feet = tuple(str(foot) for foot in self.support_feet)
         set_fields(self, joint_positions=MappingProxyType(joints), support_feet=feet)
@@ -130,10 +130,11 @@ class TransformMessage:
     """Transform between two frames: `transform_<source_frame>_to_<destination_frame>`.
 
     Attributes:
-        source_frame: for example `base_link`.
-        destination_frame: for example `base_footprint`.
-        matrix: (4, 4) float64, a rotation and a translation [m], read-only.
-        covariance: (6, 6) float64 in the order x, y, z, roll, pitch, yaw [m, rad], read-only; None if unknown.
+        source_frame: name of the source frame, such as `base_link`.
+        destination_frame: name of the destination frame, such as `base_footprint`.
+        matrix: (4, 4) float64 matrix of a rotation and a translation [m], read-only.
+        covariance: (6, 6) float64 covariance in the order x, y, z, roll, pitch, yaw [m, rad], read-only; None if
+            unknown.
     """
 
     source_frame: str
@@ -142,13 +143,13 @@ class TransformMessage:
     covariance: Float | None = None
 
     def __post_init__(self) -> None:
-        """Copy and check."""
+        """Copy and check the fields."""
         name = f"transform_{self.source_frame}_to_{self.destination_frame}"
         matrix = checked_array(self.matrix, (4, 4), name)
         rotation = matrix[:3, :3]
         if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
             raise MessageError(f"{name} has the last row {matrix[3].tolist()}; allowed: [0, 0, 0, 1]")
-        # 1e-6 is far above rounding and far below any relevant angle (1 um at 1 m).
+        # 1e-6 is far above rounding errors and far below any relevant angle (1 um at 1 m).
         error = np.abs(rotation @ rotation.T - IDENTITY).max()
         if error > 1e-6 or _determinant(rotation) < 0.0:
             raise MessageError(f"{name} does not contain a rotation in its upper left 3 x 3 part")
@@ -163,11 +164,11 @@ class ObstacleMessage:
     """Obstacle or hole in the terrain, in the frame of the message that contains it.
 
     Attributes:
-        outline: (n, 2) float64, corners of the horizontal outline, not closed, read-only [m].
-        height: height above its surroundings, negative for a hole [m].
-        position: (x, y, z) of the centre; z is the top, or the bottom of a hole [m].
+        outline: (n, 2) float64 corners of the horizontal outline, not closed, read-only [m].
+        height: height above the surroundings, negative for a hole [m].
+        position: (x, y, z) of the centre [m]; z is that of the top, or of the bottom of a hole.
         sigma: standard deviation of the height [m].
-        hazard: union of the hazard flags of its cells, 0 ... 65535.
+        hazard: union of the hazard flags of the obstacle's cells, 0 ... 65535.
     """
 
     outline: Float
@@ -177,7 +178,7 @@ class ObstacleMessage:
     hazard: int
 
     def __post_init__(self) -> None:
-        """Copy and check."""
+        """Copy and check the fields."""
         outline = checked_array(self.outline, (None, 2), "outline of an obstacle")
         height, sigma = finite(self.height, "height of an obstacle"), finite(self.sigma, "sigma of an obstacle")
         position = tuple(checked_array(self.position, (3,), "position of an obstacle").tolist())
@@ -191,8 +192,8 @@ class GroundPatch:
     """Ground declared safe by the gait controller.
 
     Attributes:
-        outline: (n, 2) float64, at least 3 corners, not closed, read-only [m].
-        height: z in the frame of the message that contains it [m].
+        outline: (n, 2) float64 corners, at least 3, not closed, read-only [m].
+        height: z of the ground in the frame of the message that contains the patch [m].
         sigma: standard deviation of the height [m].
     """
 
@@ -201,7 +202,7 @@ class GroundPatch:
     sigma: float
 
     def __post_init__(self) -> None:
-        """Copy and check."""
+        """Copy and check the fields."""
         outline = checked_array(self.outline, (None, 2), "outline of known ground")
         if len(outline) < 3:
             raise MessageError(f"outline of known ground has {len(outline)} corners; at least 3 are needed")
@@ -212,10 +213,10 @@ class GroundPatch:
 
 
 def texts(values: Sequence[str], what: str) -> tuple[str, ...]:
-    """Values as a tuple of strings.
+    """Return values as a tuple of strings.
 
     Raises:
-        MessageError: a single string was given instead of a list.
+        MessageError: `values` is a single string instead of a list.
     """
     if isinstance(values, str):
         raise MessageError(f"{what} is the string {values!r}; a list of strings is needed")

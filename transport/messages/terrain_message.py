@@ -1,4 +1,4 @@
-"""Terrain message: all layers of a grid with geometry, stance and validity; its CDR payload, plain and compact."""
+"""Terrain message: all layers of a grid with geometry, stance and validity; encoding as plain or compact CDR."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ MODES = ("coarse", "standard")
 ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
 # Longest identity of a walk or run [characters].
 MAXIMUM_IDENTITY = 100
-# Units of rounding, powers of two so that multiples are exact float32: heights (noise 0.1 mm or more), differences of
-# heights and clearance [m]; slope [rad].
+# Rounding units of elevations (whose noise is at least 0.1 mm), of step height and roughness, and of clearance [m], and
+# of slope [rad]. They are powers of two, so that their multiples are exact in float32.
 HEIGHT_UNIT, RELIEF_UNIT, CLEARANCE_UNIT, SLOPE_UNIT = 2.0**-13, 2.0**-12, 2.0**-10, 2.0**-9
 # Mantissa bits kept when rounding: a variance grows by at most 1/8, a local variance at most doubles, a score shrinks
 # by at most 1/32.
 VARIANCE_BITS, LOCAL_BITS, SCORE_BITS = 3, 0, 5
-# Multiple of a unit from which values are not rounded, since it may not fit the 23 mantissa bits of a float32.
+# From this many units on, a value is not rounded: the multiple may not fit the 23 mantissa bits of a float32.
 WHOLE_NUMBERS = 2.0**23
 MANTISSA_BITS = 23
-# Dtype of a layer by the message field that holds its values; types are numbered from 1 in this order.
+# Dtype of a layer by the message field that holds its values. The types of a message are numbered from 1 in this order.
 FIELDS = {f"{name}_values": np.dtype(name) for name in ("float32", "uint16", "uint8")}
 TYPES = {dtype: number for number, dtype in enumerate(FIELDS.values(), start=1)}
 
@@ -60,7 +60,8 @@ class LayerKind(NamedTuple):
 
 
 FLOAT = np.dtype(np.float32)
-# Layers of a Terrain message of this major version; all are required, others are ignored.
+# Layers of a Terrain message of this major version. All are required, except those that `_check_grid` fills in; other
+# layers are ignored.
 LAYERS: Mapping[str, LayerKind] = MappingProxyType(
     {
         "elevation": LayerKind(FLOAT, "m"),
@@ -81,7 +82,7 @@ LAYERS: Mapping[str, LayerKind] = MappingProxyType(
 )
 
 
-# Values of an unscanned cell other than NaN; `hazard` is gp.Hazard.UNSCANNED.
+# Values of layers in an unscanned cell; the layers not listed are NaN. The value of `hazard` is gp.Hazard.UNSCANNED.
 EMPTY = {"clearance": 0.0, "traversability": 0.0, "hazard": 4, "age": 255, "looks": 0}
 
 
@@ -106,46 +107,47 @@ def _check_layer(name: str, array: Array, shape: tuple[int, int]) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TerrainMessage:
-    """One scan of the terrain (extent "footprint"), or a snapshot of the fused map (extent "map").
+    """Grid of one scan (extent "footprint"), or snapshot of the fused map (extent "map").
 
-    Cell (0, 0) is at the corner of minimum x and y; the centre of cell (iy, ix) is
+    Cell (0, 0) is at the corner of minimum x and y. The centre of cell (iy, ix) is
     `origin + (ix + 0.5, iy + 0.5) * resolution` in `frame_id`.
 
     Attributes:
         robot: instance name.
         extent: "footprint" or "map".
-        sequence: number of the message of this extent since the node started, from 1.
+        sequence: number of the message among those of its extent since the node started, from 1.
         step: number of the stance pause.
         stamp: time for which the grid is valid [ns since the epoch].
         scan_start: time of the first frame [ns].
         scan_end: time of the last frame [ns].
-        valid_for: validity after `scan_end` [s]; may be infinite.
+        valid_for: time after `scan_end` during which the grid may be used [s]; may be infinite.
         valid_pauses: number of pauses after `step` for which the grid may be used.
         mode: "coarse" or "standard".
         method: stripe extraction method.
         calibration_hash: hash of the calibration.
         resolution: edge length of a cell [m].
         origin: (x, y) of the corner of cell (0, 0) [m].
-        layers: read-only arrays of shape (ny, nx) with the dtype of `LAYERS`; NaN where unknown.
+        layers: read-only arrays of shape (ny, nx), with the dtypes of `LAYERS`; values of unknown cells are NaN, except
+            in the layers of `EMPTY`.
         stance: posture during the scan.
-        attitude_source: "imu", "odometry", "support_plane" or "level".
+        attitude_source: source of the body's attitude: "imu", "odometry", "support_plane" or "level".
         transforms: transforms at the time of the scan.
         obstacles: obstacles and holes.
         point_counts: numbers of points measured, used, and rejected by cause.
         stage_ms: processing time by stage [ms].
         coverage: fraction of known cells, 0 ... 1.
         health: health of this scan.
-        health_reasons: reasons why it is not OK.
-        metadata: JSON text of an object.
+        health_reasons: reasons why `health` is not OK.
+        metadata: text of a JSON object.
         frame_id: frame of the grid.
         version: (major, minor) of the message.
-        epoch: from the metadata, identity of the walk; may be empty.
-        run: from the metadata, identity of the run of the node that sent it; may be empty.
-        provisional: from the metadata, True until the pause has confirmed that the robot stood still.
-        refinement_follows: from the metadata, True if a finer grid of the same pause follows.
-        withdrawn: from the metadata, True if it withdraws another grid; all its cells are unknown.
-        scan_end_clock: from the metadata, end of the scan by the node's monotonic clock [s]; may be None.
-        stale_because: objections despite which the client returned the grid; set by the client, not sent.
+        epoch: identity of the walk, from the metadata; may be empty.
+        run: identity of the run of the sending node, from the metadata; may be empty.
+        provisional: True until the pause has confirmed that the robot stood still; from the metadata.
+        refinement_follows: True if a finer grid of the same pause follows; from the metadata.
+        withdrawn: True if this message withdraws an earlier grid; all its cells are then unknown. From the metadata.
+        scan_end_clock: end of the scan on the node's monotonic clock [s], from the metadata; may be None.
+        stale_because: reasons why the grid is stale although the client returned it; set by the client, never sent.
     """
 
     robot: str
@@ -184,7 +186,7 @@ class TerrainMessage:
     scan_end_clock: float | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
-        """Check every field, and copy mutable values.
+        """Check the fields, and make read-only copies of mutable values.
 
         Raises:
             MessageError: a value is not allowed; the message names the field.
@@ -206,7 +208,7 @@ class TerrainMessage:
         origin = checked_origin(self.origin)
         given = dict(self.layers)
         if "variance" in given:
-            # Nodes of earlier versions send only the total variance; scans have no ceiling.
+            # Nodes of earlier versions send only the total variance, and the message of a scan omits its empty ceiling.
             given.setdefault("variance_local", given["variance"])
             given.setdefault("ceiling", np.full(np.shape(given["variance"]), np.nan, np.float32))
         missing = [name for name in LAYERS if name not in given]
@@ -237,7 +239,7 @@ class TerrainMessage:
         self._take_from(data)
 
     def _take_from(self, data: Mapping[str, Any]) -> None:
-        """Set the fields that are sent in the metadata, where earlier versions ignore them."""
+        """Set the fields that are sent in the metadata, so that earlier versions of a receiver ignore them."""
         for name in ("epoch", "run"):
             text = data.get(name, "")
             if not isinstance(text, str) or len(text) > MAXIMUM_IDENTITY:
@@ -262,11 +264,11 @@ class TerrainMessage:
         return ny, nx
 
     def emptied(self, stamp: int, reason: str) -> TerrainMessage:
-        """Copy with all cells unknown, for readers that cannot tell that the frame of a grid is no longer valid.
+        """Return a withdrawn copy with all cells unknown, for readers that cannot detect that its frame has ended.
 
         Args:
             stamp: stamp of the copy [ns since the epoch].
-            reason: reason, used as `health_reasons`.
+            reason: reason for the withdrawal, the only entry of `health_reasons`.
         """
         layers = {name: np.full(self.shape, EMPTY.get(name, np.nan), kind.dtype) for name, kind in LAYERS.items()}
         withdrawn = {**json.loads(self.metadata), "provisional": False, "withdrawn": True}
@@ -283,22 +285,22 @@ class TerrainMessage:
 
 
 def crop_terrain(terrain: TerrainMessage, region: tuple[float, float, float, float]) -> TerrainMessage:
-    """Crop a grid to the cells that a region touches.
+    """Crop a grid to the cells that overlap a region.
 
     Values are not recomputed: `clearance`, for example, still refers to the border of the whole grid. All obstacles are
-    kept.
+    kept, also those outside the region.
 
     Args:
         terrain: the whole grid.
         region: (x_min, x_max, y_min, y_max) in the frame of the grid [m].
 
     Raises:
-        MessageError: the region is outside the grid.
+        MessageError: the region is empty or outside the grid.
     """
     ny, nx = terrain.shape
     x_min, x_max, y_min, y_max = region
     edge, (x0, y0) = terrain.resolution, terrain.origin
-    # 1e-9 of a cell, so that rounding of a limit at a cell's border does not include the neighbour.
+    # A tolerance of 1e-9 cells: rounding of a limit at the border of a cell must not add the neighbouring cell.
     first_x, first_y = (max(0, math.floor((low - o) / edge + 1e-9)) for low, o in ((x_min, x0), (y_min, y0)))
     last_x = min(nx, math.ceil((x_max - x0) / edge - 1e-9))
     last_y = min(ny, math.ceil((y_max - y0) / edge - 1e-9))
@@ -312,7 +314,7 @@ def crop_terrain(terrain: TerrainMessage, region: tuple[float, float, float, flo
 
 
 def encode_terrain(terrain: TerrainMessage) -> bytearray:
-    """CDR payload of a TerrainMessage.
+    """Encode a TerrainMessage as CDR.
 
     Raises:
         MessageError: a field does not fit its ROS 2 type, for example a stamp past 2038.
@@ -321,12 +323,12 @@ def encode_terrain(terrain: TerrainMessage) -> bytearray:
 
 
 def decode_terrain(payload: bytes | bytearray | memoryview) -> TerrainMessage:
-    """Decode and check the payload of a guara_msgs/Terrain: CDR, or its compact form.
+    """Decode and check the payload of a guara_msgs/Terrain, plain CDR or compressed.
 
-    Unknown layers are ignored. The arrays are read-only views of the CDR payload.
+    Unknown layers are ignored. The arrays are read-only views of the CDR data.
 
     Raises:
-        VersionError: another major version.
+        VersionError: the message has another major version.
         MessageError: the payload is damaged, or a length, name or value is not allowed.
     """
     if bytes(payload[:4]) == FRAME_MAGIC:
@@ -340,12 +342,12 @@ def _make_layer(name: str, array: Array) -> Any:
 
 
 def _is_absent(name: str, array: Array) -> bool:
-    """Test that a layer is omitted: scans have no ceiling."""
+    """Return True if a layer is not sent: a ceiling without any value, as in every scan."""
     return name == "ceiling" and bool(np.isnan(array).all())
 
 
 def make_terrain(terrain: TerrainMessage) -> Any:
-    """Make the guara_msgs/Terrain message object of a TerrainMessage."""
+    """Convert a TerrainMessage to a guara_msgs/Terrain message object."""
     return to_ros(
         TERRAIN,
         terrain,
@@ -389,7 +391,7 @@ def _pairs(names: list[str], values: Array, what: str) -> dict[str, Any]:
 
 
 def read_terrain(message: Any) -> TerrainMessage:
-    """Make a TerrainMessage from a guara_msgs/Terrain message object; errors as in `decode_terrain`."""
+    """Convert a guara_msgs/Terrain message object to a TerrainMessage; errors as in `decode_terrain`."""
     check_version(message, "terrain message", VERSION_MAJOR)
     return from_ros(
         TerrainMessage,
@@ -402,7 +404,7 @@ def read_terrain(message: Any) -> TerrainMessage:
 
 
 def encode_compact(terrain: TerrainMessage) -> bytes:
-    """Compact payload: CDR of the `rounded` message, compressed by `transport.messages.shuffle`.
+    """Encode a message in the compact form: CDR of the `rounded` message, compressed by `transport.messages.shuffle`.
 
     Raises:
         MessageError: as in `encode_terrain`.
@@ -411,7 +413,7 @@ def encode_compact(terrain: TerrainMessage) -> bytes:
 
 
 def rounded(terrain: TerrainMessage) -> TerrainMessage:
-    """Copy with elevations rounded to the nearest unit and the other float32 layers to their safe side; idempotent."""
+    """Return a copy with rounded float32 layers: elevations to the nearest unit, others conservatively; idempotent."""
     layers = {name: ROUND[name](array) if name in ROUND else array for name, array in terrain.layers.items()}
     metadata = {**json.loads(terrain.metadata), "rounding": dict(ROUNDING)}
     return dataclasses.replace(terrain, layers=layers, metadata=json.dumps(metadata))
@@ -432,7 +434,7 @@ def _in_bits(bits: int, *, up: bool) -> Callable[[Array], Array]:
         """Round non-negative values, whose bit patterns are in the same order as the values."""
         integers = values.view(np.int32)
         result = ((integers + rest if up else integers) & ~rest).view(np.float32)
-        # Values that would become infinite or 0 are not rounded.
+        # Do not round a value that would become 0 or infinite.
         return np.where(np.isfinite(result) & (result > 0.0), result, values)
 
     return to_bits
@@ -453,5 +455,5 @@ ROUND: Mapping[str, Callable[[Array], Array]] = MappingProxyType(
         "traversability": _in_bits(SCORE_BITS, up=False),
     }
 )
-# Largest error of an elevation [m], and relative excess of a variance.
+# Largest rounding error of an elevation [m], and largest relative increase of a variance.
 ROUNDING: Mapping[str, float] = MappingProxyType({"elevation": HEIGHT_UNIT / 2, "variance": 2.0**-VARIANCE_BITS})

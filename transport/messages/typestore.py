@@ -1,4 +1,4 @@
-"""Message types of ROS 2, guara_msgs and grid_map_msgs: their classes, encodings in Zenoh, and ranges of fields."""
+"""Message types of ROS 2, guara_msgs and grid_map_msgs: classes, Zenoh encodings, and allowed values of fields."""
 
 from __future__ import annotations
 
@@ -42,21 +42,21 @@ TIME = "builtin_interfaces/msg/Time"
 MARKERS = "visualization_msgs/msg/MarkerArray"
 QUATERNION = "geometry_msgs/msg/Quaternion"
 
-# Kinds of fields in a message definition of rosbags.
+# Codes of field types in a message definition of rosbags.
 SUBMESSAGE, ARRAYS = 2, (3, 4)
 # Default values of the types that are not integers.
 ZEROS = {"string": "", "bool": False, "float32": 0.0, "float64": 0.0}
 GROUND_PATCH = "guara_msgs/msg/GroundPatch"
-# Largest coordinate in any frame [m]; float64 resolves 0.1 nm there.
+# Largest magnitude of a coordinate in any frame [m]; float64 resolves 0.1 nm there.
 FURTHEST = 1e6
 # Longest announced pause and longest timeout of a scan [s].
 LONGEST_TIME = 3600.0
-# Integers up to this one are exact as float64.
+# All integers up to this one are exact in float64.
 LARGEST_COUNT = 2**53
 
 
 def message_files() -> dict[str, str]:
-    """Texts of the `.msg` files of this package, by type name such as `guara_msgs/msg/Terrain`."""
+    """Return the text of each `.msg` file of this package, by type name such as `guara_msgs/msg/Terrain`."""
     folder = files("transport") / "msg"
     found: dict[str, str] = {}
     for package, path in (("guara_msgs", folder), ("grid_map_msgs", folder / "grid_map_msgs")):
@@ -68,7 +68,7 @@ def message_files() -> dict[str, str]:
 
 @cache
 def typestore() -> Typestore:
-    """Type store of rosbags with all types of this package, loaded at the first call."""
+    """Return the rosbags type store with all message types of this package; loaded at the first call."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
@@ -81,13 +81,13 @@ def typestore() -> Typestore:
 
 @cache
 def warm_up() -> None:
-    """Load the definitions of common messages, which would otherwise delay the first one by a tenth of a second."""
+    """Load the definitions of common messages; otherwise the first of them is delayed by a tenth of a second."""
     for name in (TERRAIN, STANCE_PAUSE, SCAN_REQUEST, SCAN_REPLY, QUERY_REQUEST, OCCUPANCY, GRID_MAP, STATUS):
         typestore().get_msgdef(name)
 
 
 def message_class(type_name: str) -> Any:
-    """Class of the message objects of a type; its fields are in the order of the definition.
+    """Return the class of the message objects of a type; its fields are in the order of the definition.
 
     Raises:
         MessageError: the type is not known.
@@ -102,7 +102,7 @@ def message_class(type_name: str) -> Any:
 
 
 def make_message(type_name: str, **given: Any) -> Any:
-    """Make a message object; fields that are not given are zero or empty, quaternions the identity.
+    """Make a message object. Fields that are not given are zero or empty; a quaternion is then the identity.
 
     Raises:
         MessageError: the type is not known.
@@ -124,49 +124,49 @@ def _zero(kind: int, details: Any) -> Any:
 
 
 def message_definition(type_name: str) -> str:
-    """Definition of a type with all types that it uses, in the form of `ros2msg` schemas in MCAP."""
+    """Return the definition of a type and of all types that it uses, in the form of `ros2msg` schemas in MCAP."""
     message_class(type_name)
     text, _ = typestore().generate_msgdef(type_name, ros_version=2)
     return text
 
 
 def type_hash(type_name: str) -> str:
-    """ROS 2 type hash (`RIHS01_...`) of a type, part of the keys of rmw_zenoh."""
+    """Return the ROS 2 type hash (`RIHS01_...`) of a type, which is part of rmw_zenoh keys."""
     message_class(type_name)
     return typestore().hash_rihs01(type_name)
 
 
 def dds_type_name(type_name: str) -> str:
-    """Name of a type in DDS style, such as `nav_msgs::msg::dds_::OccupancyGrid_`."""
+    """Return the DDS name of a type, such as `nav_msgs::msg::dds_::OccupancyGrid_`."""
     message_class(type_name)
     package, kind, name = type_name.split("/")
     return f"{package}::{kind}::dds_::{name}_"
 
 
 def cdr(type_name: str) -> str:
-    """Zenoh encoding of a CDR payload: `application/cdr;nav_msgs/msg/OccupancyGrid`.
+    """Return the Zenoh encoding of a CDR payload, such as `application/cdr;nav_msgs/msg/OccupancyGrid`.
 
-    It tells other tools the type. Receivers of this package do not read it: earlier versions sent none.
+    The encoding informs other tools of the type. This package does not read it, because earlier versions sent none.
     """
     return f"application/cdr;{type_name}"
 
 
 def compact(type_name: str) -> str:
-    """Zenoh encoding of a CDR payload that was compressed (`transport.messages.shuffle`)."""
+    """Return the Zenoh encoding of a CDR payload that is compressed by `transport.messages.shuffle`."""
     return f"application/zstd;shuffle=4;{cdr(type_name)}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
-    """Allowed values of one field, or of the elements of a list.
+    """Allowed values of a field, or of the elements of a list.
 
     Attributes:
         low, high: limits of a number, inclusive.
         unit: unit of the number.
         nan: True if NaN is allowed too.
-        entries: largest length of a list.
-        characters: largest length of a text.
-        names: field of the same message that names the elements of a list, for error messages.
+        entries: largest number of elements in a list; None = no limit.
+        characters: largest length of a text; None = no limit.
+        names: field of the same message with the names of the elements, for error messages; "" = none.
     """
 
     low: float = -math.inf
@@ -178,11 +178,11 @@ class Range:
     names: str = ""
 
     def cut(self, text: str) -> str:
-        """Truncate a text to the allowed length."""
+        """Truncate a text to `characters`, if there is such a limit."""
         return text[: self.characters]
 
     def __str__(self) -> str:
-        """Description for documents and error messages."""
+        """Describe the range, for documentation and error messages."""
         parts = [] if self.entries is None else [f"up to {self.entries:,} entries"]
         if self.characters is not None:
             parts.append(f"up to {self.characters:,} characters")
@@ -203,12 +203,12 @@ def _number(value: float) -> str:
 
 NAME, WORD, SENTENCE = (Range(characters=most) for most in (100, 200, 10_000))
 METRES = Range(low=-FURTHEST, high=FURTHEST, unit="m")
-# CELLS: cells of a grid. PARTS: obstacles in a grid, or corners of an obstacle.
+# CELLS: cells of a grid. PARTS: obstacles of a grid, or corners of an obstacle.
 CELLS, PARTS = Range(entries=4_000_000), Range(entries=100_000)
-# Compressed bytes; decompression has a limit of its own.
+# Number of compressed bytes; their decompressed size has a limit of its own.
 PACKED = Range(entries=64 * 1024 * 1024)
 
-# Ranges by field name. A name has the same meaning in every message, except in EXCEPTIONS.
+# Ranges by field name. A field name has the same meaning in every message, except in EXCEPTIONS.
 FIELDS: Mapping[str, Range] = {
     **dict.fromkeys(("robot", "run", "epoch", "extent", "mode", "method", "attitude_source", "unit", "code"), NAME),
     **dict.fromkeys(("calibration_hash", "name", "hardware_id", "key", "id", "on_topic", "off_topic"), WORD),
@@ -252,7 +252,7 @@ EXCEPTIONS: Mapping[str, Mapping[str, Range]] = {
     "guara_msgs/msg/Obstacle": {"outline": PARTS, "hazard": Range(low=0, high=2**16 - 1)},
     "geometry_msgs/msg/Vector3": dict.fromkeys("xyz", Range(low=-FURTHEST, high=FURTHEST)),
     QUATERNION: dict.fromkeys("xyzw", Range(low=-1.000001, high=1.000001)),
-    # One entry for each of up to 1,000 samples, and each of up to 256 joints or 64 legs.
+    # Flattened arrays of up to 1,000 samples, with up to 256 joints, 64 legs or 3 axes each.
     STANCE_STREAM: {
         "joint_positions": Range(entries=256_000, low=-1e6, high=1e6, unit="rad"),
         "legs": Range(entries=64, characters=200),
@@ -262,10 +262,10 @@ EXCEPTIONS: Mapping[str, Mapping[str, Range]] = {
         "angular_velocity": Range(entries=3000, low=-1e3, high=1e3, unit="rad/s", nan=True),
     },
 }
-# Types that are checked when decoded, including all submessages.
+# Types whose messages are checked after decoding, including all submessages.
 TYPES: tuple[str, ...] = (STANCE_PAUSE, TERRAIN, SUMMARY, REGIONS, SCAN_REQUEST, SCAN_REPLY, REFUSAL, QUERY_REQUEST)
 TYPES += (SCAN_START, STRIPE, SCAN_END, STATUS, TIME, STANCE_STREAM)
-# Length of a gravity vector, which may be in g, m/s^2 or sensor counts.
+# Length of a gravity vector in any unit: g, m/s^2 or sensor counts.
 GRAVITY_LENGTH = Range(low=1e-3, high=1e6)
 
 
@@ -273,7 +273,7 @@ def check_ranges(message: Any) -> None:
     """Check every field of a message object and its submessages, if its type is one of `TYPES`.
 
     Raises:
-        MessageError: a field is out of its range; the message contains field, value and range.
+        MessageError: a value is outside its range; the error message contains field, value and range.
     """
     if message.__msgtype__ in TYPES:
         _check_all(message)
@@ -291,7 +291,7 @@ def _check_all(message: Any) -> None:
 
 @cache
 def ranges(type_name: str) -> Mapping[str, Range]:
-    """Range of each field of a type; integers without an entry have the range of their type, submessages none."""
+    """Return the range of each field that has one. An integer without an entry has the range of its type."""
     own, found = EXCEPTIONS.get(type_name, {}), {}
     for name, (kind, details) in typestore().get_msgdef(type_name).fields:
         allowed = own.get(name, FIELDS.get(name))
@@ -315,10 +315,10 @@ def check_gravity(vector: tuple[float, float, float]) -> None:
 
 @cache
 def _checked_fields(type_name: str) -> tuple[tuple[str, str, Range | None, bool], ...]:
-    """Fields of a type that have a range or hold submessages, in the order of the definition.
+    """List the fields of a type that have a range or contain submessages, in the order of the definition.
 
     Returns:
-        For each field its name, its description in errors, its range, and True if it holds submessages.
+        For each such field: its name, its description in errors, its range, and True if it contains submessages.
     """
     message, fields = type_name.rpartition("/")[2], typestore().get_msgdef(type_name).fields
     found = ((name, ranges(type_name).get(name), bool(inner_type(*form))) for name, form in fields)
@@ -326,7 +326,7 @@ def _checked_fields(type_name: str) -> tuple[tuple[str, str, Range | None, bool]
 
 
 def inner_type(kind: int, details: Any) -> str:
-    """Type of the submessages in a field; empty if it has none."""
+    """Return the type of the submessages in a field, or "" if the field has none."""
     inner, name = details[0] if kind in ARRAYS else (kind, details)
     return name if inner == SUBMESSAGE else ""
 

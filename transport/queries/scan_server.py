@@ -1,4 +1,4 @@
-"""Server of scan requests: at most one scan per request id, and one final reply to each accepted request."""
+"""Server of scan requests: each request id is scanned at most once, and each accepted request gets one final reply."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from transport.messages.typestore import SCAN_REPLY, cdr
 from transport.supervision import Failure, join, supervised
 
 logger = logging.getLogger(__name__)
-# Number of finished requests whose result is kept for repeated requests.
+# Number of finished requests whose result is kept, in case the request is repeated.
 REMEMBERED = 32
 
 
 class ScanJob:
-    """Accepted request, passed to the handler.
+    """Accepted scan request, as passed to the handler.
 
     Attributes:
-        request: the request.
-        cancelled: set when the handler should stop.
-        progress: function that reports the number of stripes scanned and their total; returns immediately.
+        request: the accepted request.
+        cancelled: event that is set when the handler should stop.
+        progress: function that reports the numbers of stripes done and in total to the client; returns immediately.
     """
 
     def __init__(self, request: ScanRequest, report: Callable[[int, int], None]) -> None:
@@ -47,12 +47,12 @@ class ScanJob:
 
     @property
     def remaining(self) -> float:
-        """Time until the deadline of the request [s]; 0 after it."""
+        """Time until the deadline of the request [s]; 0 after the deadline."""
         return max(0.0, self._deadline - time.monotonic())
 
 
 class _Work:
-    """Running request: its job, the open queries, the latest progress, and the final reply once sent."""
+    """Running request: its job, its open queries, its latest progress, and its final reply once sent."""
 
     def __init__(self, job: ScanJob, queries: list[Any]) -> None:
         self.job = job
@@ -69,10 +69,10 @@ Admission = Callable[[ScanRequest], None]
 
 
 class ScanServer(Answerer):
-    """Server of scan requests of one robot.
+    """Server of the scan requests of one robot.
 
-    It works on one request at a time. A repeated id joins the running scan or gets the result of the finished one. At
-    the deadline the client gets a FAILED reply and `ScanJob.cancelled` is set.
+    Only one request is processed at a time. A request with the id of the running scan joins it, and one with the id of
+    a finished scan gets its result. At the deadline, the client gets a FAILED reply, and `ScanJob.cancelled` is set.
     """
 
     def __init__(
@@ -87,11 +87,11 @@ class ScanServer(Answerer):
 
         Args:
             session: open session.
-            handler: called on a background thread; must check `job.cancelled`, report progress, and return the grid
-                after publishing it, or raise ScanFailed with a code.
+            handler: called on a background thread. It must check `job.cancelled`, report progress, and either return
+                the grid after publishing it or raise ScanFailed with a code.
             robot: instance name.
-            admission: called before a request is accepted; raises ScanFailed with the code of the refusal, such as
-                "not_stationary".
+            admission: called before a request is accepted; raises ScanFailed with a code, such as "not_stationary", to
+                refuse it.
         """
         self._handler = handler
         self._admission = admission
@@ -104,11 +104,11 @@ class ScanServer(Answerer):
 
     @property
     def is_busy(self) -> bool:
-        """True while a scan is running."""
+        """True while a request is being processed."""
         return self._work is not None
 
     def _reply(self, query: Any, reply: ScanReply) -> None:
-        """Post a reply. Replies to one query are sent in order; none waits for the link of another query."""
+        """Post a reply. Replies to one query are sent in order; a slow link of one query does not delay the others."""
         payload = encode_scan_reply(reply)
         is_last = reply.state in (ScanState.DONE, ScanState.FAILED)
 
@@ -117,7 +117,7 @@ class ScanServer(Answerer):
             if is_last:
                 query.drop()
 
-        # The action keeps the query alive, so its `id` is unique.
+        # The posted action keeps the query alive, so its `id` remains unique.
         self._outbox.post("last" if is_last else reply.state.name, send, lane=str(id(query)))
 
     def _refuse(self, query: Any, request_id: str, code: str, message: str) -> None:
@@ -205,7 +205,7 @@ class ScanServer(Answerer):
     def _finish(self, work: _Work, last: ScanReply, *, returned: bool = False) -> None:
         with self._lock:
             if returned:
-                # Before the final reply, so that the client's next request is not refused as busy.
+                # Set before the final reply is sent, so that the client's next request is not refused as busy.
                 self._work = None
             if work.last is not None or self._is_stopped:
                 return
@@ -216,11 +216,11 @@ class ScanServer(Answerer):
                 self._reply(query, last)
 
     def _release(self) -> None:
-        # A running scan fails, and its handler gets some time to return.
+        # End a running scan with a failure, and give its handler some time to return.
         work = self._work
         if work is not None:
             work.job.cancelled.set()
-            self._finish(work, work.failed("closed", "the scanner shuts down"))
+            self._finish(work, work.failed("closed", "the scanner is shutting down"))
         with self._lock:
             self._is_stopped = True
         super()._release()

@@ -29,7 +29,7 @@ CAMERAS = ("camera/on", "camera/off", "camera/on/compressed", "camera/off/compre
 
 
 class StoredMessage(NamedTuple):
-    """Message in a file: offset of its chunk, topic, publish time [ns], log time [ns], payload."""
+    """Message in a file: offset of its chunk, topic, publish time [ns], log time [ns], and payload."""
 
     chunk: int
     topic: str
@@ -39,16 +39,16 @@ class StoredMessage(NamedTuple):
 
 
 class Recording(AbstractContextManager["Recording"]):
-    """Open MCAP recording; use it in a `with` block. Frames and grids are read from the file on demand.
+    """Open MCAP recording; use it in a `with` block. Frames and grids are read on demand.
 
     Attributes:
-        path: the file.
-        scans: scans in the order of recording; the last one of a recovered file may be incomplete.
+        path: path of the file.
+        scans: scans in the order of recording; the last scan of a recovered file may be incomplete.
         calibration: text of the attached `calibration.json`; None if there is none.
     """
 
     def __init__(self, path: str | Path) -> None:
-        """Open the file and read everything except frames and grids; see `open_recording`."""
+        """Open the file and read all but frames and grids; see `open_recording`."""
         from mcap.reader import make_reader
 
         self.path = Path(path)
@@ -65,7 +65,7 @@ class Recording(AbstractContextManager["Recording"]):
         except RecordingError:
             self._file.close()
             raise
-        except Exception as error:  # truncated data raise errors of the container, the decompressor and Python
+        except Exception as error:  # truncated data cause errors of the container, the decompressor or Python
             self._file.close()
             raise RecordingError(
                 f"{self.path} is not a complete recording ({type(error).__name__}: {error}); if it was truncated, "
@@ -73,43 +73,43 @@ class Recording(AbstractContextManager["Recording"]):
             ) from error
 
     def __exit__(self, *error: object) -> None:
-        """Close."""
+        """Close the recording."""
         self.close()
 
     def frame(self, reference: FrameReference) -> FrameRecord:
         """Read one frame.
 
         Raises:
-            RecordingError: it is not in the file.
-            MessageError: it is damaged.
+            RecordingError: the frame is not in the file.
+            MessageError: the frame is damaged.
         """
         topic, stamp = reference.topic, reference.stamp
         if (topic, stamp) in self._frames:
             for found in self._messages([topic], self._frames[topic, stamp]):
                 if found.stamp == stamp:
                     return read_frame(decode(found.payload, TYPES[short_name(topic)]), stamp)
-        raise RecordingError(f"{self.path} holds no frame of {topic} at {stamp} ns")
+        raise RecordingError(f"{self.path} contains no frame of {topic} at {stamp} ns")
 
     def terrains(self, extent: str = "footprint") -> Iterator[TerrainMessage]:
-        """Iterate over the grids of one extent, in order; MessageError for a damaged one."""
+        """Iterate over the grids of one extent, in order; MessageError if one is damaged."""
         if extent not in EXTENTS:
             raise RecordingError(f"extent is {extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
         return map(decode_terrain, self._payloads("terrain" if extent == "footprint" else "map"))
 
     def stance_pauses(self) -> Iterator[StancePause]:
-        """Iterate over the announcements of stance pauses, in order; MessageError for a damaged one."""
+        """Iterate over the announcements of stance pauses, in order; MessageError if one is damaged."""
         return map(decode_stance_pause, self._payloads("stance"))
 
     def stance_stream(self, since: int = 0, until: int | None = None) -> Iterator[StanceStream]:
-        """Iterate over the batches of stances written between two log times [ns]; MessageError for a damaged one."""
+        """Iterate over the stance batches written between two log times [ns]; MessageError if one is damaged."""
         for found in self._messages(self._topics("stance_stream"), since=since, until=until):
             yield decode_stance_stream(found.payload)
 
     def messages(self, short: str) -> Iterator[Any]:
-        """Iterate over the message objects of a topic, given by its short name (without the robot), in order.
+        """Iterate over the message objects of a topic in order; `short` is its short name, without the robot.
 
         Raises:
-            RecordingError: unknown topic.
+            RecordingError: the topic is unknown.
             MessageError: a message is damaged.
         """
         if short not in TYPES:
@@ -118,12 +118,12 @@ class Recording(AbstractContextManager["Recording"]):
             yield decode(payload, TYPES[short])
 
     def written(self, short: str) -> Iterator[tuple[int, Any]]:
-        """Iterate as `messages` does, over pairs of log time [ns since the epoch] and message object."""
+        """Iterate as `messages` does, but over pairs of log time [ns since the epoch] and message object."""
         for found in self._messages(self._topics(short)):
             yield found.log_time, decode(found.payload, TYPES[short])
 
     def close(self) -> None:
-        """Close the file; safe to call twice."""
+        """Close the file; may be called twice."""
         self._file.close()
 
     def _topics(self, *short_names: str) -> list[str]:
@@ -137,7 +137,7 @@ class Recording(AbstractContextManager["Recording"]):
     def _messages(
         self, topics: list[str], chunk: int | None = None, *, since: int = 0, until: int | None = None
     ) -> Iterator[StoredMessage]:
-        """Iterate over the messages of some topics, in the order of writing.
+        """Iterate over the messages of some topics, in the order in which they were written.
 
         Args:
             topics: full names of the topics.
@@ -152,12 +152,13 @@ class Recording(AbstractContextManager["Recording"]):
             for at, message in self._stored(summary, set(wanted), chunk, since, until):
                 is_timely = since <= message.log_time and (until is None or message.log_time <= until)
                 if message.channel_id in wanted and is_timely:
-                    # publish_time is the stamp of a frame; in recordings of earlier versions log_time is too.
+                    # The stamp of a frame is its publish_time, which equals its log_time in recordings of earlier
+                    # versions.
                     topic = wanted[message.channel_id]
                     yield StoredMessage(at, topic, message.publish_time, message.log_time, message.data)
         except GeneratorExit:
             raise
-        except Exception as error:  # errors of the container, the decompressor and Python
+        except Exception as error:  # of the container, the decompressor or Python
             raise RecordingError(
                 f"{self.path} is damaged ({type(error).__name__}: {error}); `guara recover` restores the rest"
             ) from error
@@ -165,10 +166,10 @@ class Recording(AbstractContextManager["Recording"]):
     def _stored(
         self, summary: Any, channels: set[int], chunk: int | None, since: int, until: int | None
     ) -> Iterator[tuple[int, Any]]:
-        """Iterate over the messages of chunks that may contain these channels and times, in order, or of one chunk.
+        """Iterate over the messages of the chunks that may contain these channels and times, or of one chunk, in order.
 
         Yields:
-            Offset of the chunk in the file, 0 without a chunk index; and the message.
+            Offset of the chunk in the file (0 if the file has no chunk index), and message.
         """
         from mcap.data_stream import ReadDataStream
         from mcap.records import Chunk, Message
@@ -186,7 +187,7 @@ class Recording(AbstractContextManager["Recording"]):
             is_there = chunk in (None, at) and since <= index.message_end_time
             is_there &= until is None or index.message_start_time <= until
             if is_there and (not index.message_index_offsets or channels & index.message_index_offsets.keys()):
-                # Skip the opcode and the length of the record.
+                # Skip opcode and length of the record.
                 self._file.seek(at + 9)
                 for record in unpacker.records(Chunk.read(ReadDataStream(cast(Any, self._file)))):
                     if isinstance(record, Message):
@@ -253,6 +254,6 @@ def open_recording(path: str | Path) -> Recording:
     """Open an MCAP recording.
 
     Raises:
-        RecordingError: the file cannot be read, is not an MCAP file, or is truncated.
+        RecordingError: the file cannot be read, is not an MCAP file, or is truncated or damaged.
     """
     return Recording(path)

@@ -1,4 +1,4 @@
-"""Records of a recorded scan: frames, stripes, and the scan itself."""
+"""Records of a recorded scan: frame, stripe, flash, and the scan itself."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ KINDS = {name: kind for kind, name in ENCODINGS.items()}
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FrameRecord:
-    """Camera image: either its pixels, or the content of an image file.
+    """Camera image, either as pixels or as the content of an image file.
 
     Attributes:
-        pixels: (h, w) grey or (h, w, 3) BGR, uint8 or uint16, read-only; None for an image file.
-        data: content of an image file; None for pixels.
-        format: "jpeg" or "png"; empty for pixels.
-        stamp: time [ns since the epoch].
+        pixels: (h, w) grey or (h, w, 3) BGR, uint8 or uint16, read-only; None if the image is a file.
+        data: content of the image file; None if the image is given as pixels.
+        format: format of the file, "jpeg" or "png"; empty for pixels.
+        stamp: time of the frame [ns since the epoch]; 0 = not given.
     """
 
     pixels: Array | None = None
@@ -46,7 +46,8 @@ class FrameRecord:
         """Check the fields.
 
         Raises:
-            MessageError: both or neither of pixels and data, an unknown format, or a wrong shape or dtype.
+            MessageError: both or neither of `pixels` and `data` are given, the format is unknown, or shape or dtype is
+                not allowed.
         """
         if (self.pixels is None) == (self.data is None):
             raise MessageError("a frame needs either pixels or the bytes of an image file, not both or none")
@@ -70,7 +71,7 @@ class FrameReference:
 
     Attributes:
         topic: topic of the frame's message.
-        stamp: stamp of the frame, unique in its topic [ns].
+        stamp: stamp of the frame [ns since the epoch], unique in its topic.
     """
 
     topic: str
@@ -79,11 +80,11 @@ class FrameReference:
 
 @dataclass(frozen=True, slots=True)
 class FlashRecord:
-    """Instant of a stripe's flash, by the clock that stamps the pauses.
+    """Time of a stripe's flash, on the clock that stamps the stance pauses.
 
     Attributes:
-        begin: stamp of the BEGIN of its pause [ns].
-        stamp: middle of the flash [ns].
+        begin: stamp of the BEGIN message of the flash's pause [ns].
+        stamp: time of the middle of the flash [ns].
         sigma: standard deviation of `stamp` [ns].
     """
 
@@ -100,11 +101,11 @@ class StripeRecord:
         index: index in the standard pattern.
         mirror_angle: commanded mirror angle [rad].
         on: frame with the laser on; None if it was lost.
-        off: frame with the laser off; None if there is none. Stripes may share one.
-        stamp: time [ns since the epoch].
-        dark: frame of the dark flash after the stripe; None if there was none or it was lost.
-        is_dark_due: True if the flash code of the sweep has a dark flash after the stripe.
-        flash: instant of its flash, if the stripe was placed by streamed joints; else None.
+        off: frame with the laser off; None if there is none. Several stripes may share it.
+        stamp: time of the stripe [ns since the epoch].
+        dark: frame of the dark flash after the stripe; None if there was no dark flash or its frame was lost.
+        is_dark_due: True if the scan should have a dark flash after the stripe.
+        flash: time of the flash, if the joint stream was used to place the stripe; otherwise None.
     """
 
     index: int
@@ -124,12 +125,12 @@ class ScanRecord:
     Attributes:
         robot: instance name.
         mode: "coarse" or "standard".
-        stamp: time [ns since the epoch].
+        stamp: time of the scan [ns since the epoch].
         step: number of the stance pause.
-        stance: stance at the beginning.
+        stance: stance at the beginning of the scan.
         calibration_hash: hash of the calibration; may be empty.
         stance_end: stance after the scan; None if it was not read.
-        stripes: the stripes, in the order of scanning.
+        stripes: stripes, in the order of scanning.
         is_whole: True if the recording contains the complete scan.
     """
 
@@ -147,7 +148,7 @@ class ScanRecord:
         """Check the fields.
 
         Raises:
-            MessageError: an unknown mode, or a mirror angle that is not finite.
+            MessageError: the mode is unknown, or a mirror angle is not finite.
         """
         if self.mode not in MODES:
             raise MessageError(f"mode is {self.mode!r}; allowed: {', '.join(map(repr, MODES))}")
@@ -161,8 +162,8 @@ def _kind(pixels: Array) -> tuple[str, int]:
 
 
 def image_message(pixels: Array, encoding: str, frame_id: str, stamp: int) -> Any:
-    """Make a sensor_msgs/Image message object from pixels (h, w) or (h, w, channels) in a ROS encoding."""
-    # Little endian, even on a big-endian machine.
+    """Make a sensor_msgs/Image message object of pixels (h, w) or (h, w, channels) in a ROS encoding."""
+    # The message is little endian, even on a big-endian machine.
     pixels = np.ascontiguousarray(pixels, dtype=pixels.dtype.newbyteorder("<"))
     height, width = pixels.shape[:2]
     return message_class(IMAGE)(
@@ -177,7 +178,7 @@ def image_message(pixels: Array, encoding: str, frame_id: str, stamp: int) -> An
 
 
 def make_frame(frame: FrameRecord, stamp: int) -> Any:
-    """Make a sensor_msgs/Image or sensor_msgs/CompressedImage message object."""
+    """Convert a frame to a sensor_msgs/Image or, for an image file, sensor_msgs/CompressedImage message object."""
     header = make_header(stamp, CAMERA_FRAME)
     if frame.pixels is None:
         data = np.frombuffer(frame.data or b"", dtype=np.uint8)
@@ -186,10 +187,10 @@ def make_frame(frame: FrameRecord, stamp: int) -> Any:
 
 
 def read_frame(message: Any, stamp: int) -> FrameRecord:
-    """Read a sensor_msgs/Image or sensor_msgs/CompressedImage message object.
+    """Convert a sensor_msgs/Image or sensor_msgs/CompressedImage message object to a frame.
 
     Raises:
-        MessageError: an encoding that is not in ENCODINGS, or data whose length does not match the size.
+        MessageError: encoding or file format is not allowed, or the length of the data does not match the size.
     """
     if message.__msgtype__ == COMPRESSED_IMAGE:
         return FrameRecord(data=message.data.tobytes(), format=message.format, stamp=stamp)

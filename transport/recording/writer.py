@@ -1,4 +1,4 @@
-"""Writer of recordings; acknowledged data survive the death of the process."""
+"""Writer of recordings; acknowledged data survive the end of the process, even if it is killed."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from transport.recording.topics import CALIBRATION_NAME, TYPES, full_name
 
 
 class RecordingWriter(TopicFile):
-    """Writer of an MCAP file of ROS 2 messages; use it in a `with` block. Thread-safe.
+    """Writer of an MCAP file with ROS 2 messages; use it in a `with` block. Thread-safe.
 
     A scan is acknowledged when `end_scan` returns, a grid when `add_terrain` returns. Acknowledged data survive the end
-    of the process. Records that a full disk did not accept are buffered, up to `MAXIMUM_PENDING`, and written when
-    there is space again; the file never contains an incomplete record before a complete one.
+    of the process. Records that do not fit on a full disk are buffered, up to `MAXIMUM_PENDING`, and written when there
+    is space again. The file never contains an incomplete record before a complete one.
 
-    In the file, log_time is the time of writing and never decreases. publish_time is the same, except for frames, where
-    it is the stamp by which stripes refer to them.
+    In the file, log_time is the time of writing and never decreases. publish_time equals log_time, except for frames:
+    theirs is the stamp by which stripes refer to them.
     """
 
     def __init__(
@@ -46,7 +46,8 @@ class RecordingWriter(TopicFile):
             calibration: text of `calibration.json` to attach.
 
         Raises:
-            RecordingError: the file exists or cannot be created. A full disk is reported at the next acknowledgement.
+            RecordingError: the file exists or cannot be created. A full disk is reported at the next acknowledgement
+                instead.
         """
         super().__init__(path, robot, atomic=atomic, sync=sync)
         self._stamps: dict[str, int] = {}
@@ -65,7 +66,7 @@ class RecordingWriter(TopicFile):
         return self._scan is not None
 
     def begin_scan(self, scan: ScanRecord) -> None:
-        """Start a scan; stripes are added by `add_stripe`, and `scan.stripes` is ignored.
+        """Start a scan. Its stripes are added by `add_stripe`; `scan.stripes` is ignored.
 
         Raises:
             RecordingError: another scan is open.
@@ -80,8 +81,8 @@ class RecordingWriter(TopicFile):
     def add_frame(self, frame: FrameRecord, *, laser_on: bool) -> FrameReference:
         """Add a frame and return the reference for `add_stripe`.
 
-        A frame without a stamp gets the stamp of the open scan. A stamp that is not later than the previous one on its
-        topic becomes the previous one plus 1 ns.
+        A frame without a stamp gets the stamp of the open scan. A stamp that is not later than the previous one on the
+        same topic is replaced by the previous one plus 1 ns.
         """
         kind = "on" if laser_on else "off"
         short = f"camera/{kind}" if frame.pixels is not None else f"camera/{kind}/compressed"
@@ -107,8 +108,10 @@ class RecordingWriter(TopicFile):
             index: index in the standard pattern.
             mirror_angle: commanded mirror angle [rad].
             on: frame with the laser on; None if it was lost.
-            off: frame with the laser off, or the reference of one that several stripes share; None if there is none.
-            stamp: time [ns]; None = stamp of the frame with the laser on, or of the scan if that frame was lost.
+            off: frame with the laser off, or the reference of a frame that several stripes share; None if there is
+                none.
+            stamp: time of the stripe [ns]; None = stamp of the frame with the laser on, or of the scan if that frame
+                was lost.
 
         Raises:
             RecordingError: no scan is open.
@@ -128,7 +131,7 @@ class RecordingWriter(TopicFile):
         Args:
             index, mirror_angle: as in `add_stripe`.
             frame: frame of the dark flash; None if it was lost.
-            stamp: time [ns].
+            stamp: time of the dark flash [ns].
 
         Raises:
             RecordingError: no scan is open.
@@ -146,7 +149,7 @@ class RecordingWriter(TopicFile):
         """
         with self._lock:
             message = _stripe_message(self._open_scan().step, index, 0.0, None, None, flash.begin)
-            # Messages of this topic hold the time of the flash and its sigma in place of frame stamps.
+            # On this topic, on_stamp and off_stamp contain the time of the flash and its sigma instead of frame stamps.
             message.on_stamp, message.off_stamp = make_time(flash.stamp), make_time(flash.sigma)
             self.add("scan/flash", encode(message))
 
@@ -167,31 +170,31 @@ class RecordingWriter(TopicFile):
             self.flush()
 
     def add_terrain(self, terrain: TerrainMessage) -> None:
-        """Add a grid of either extent and acknowledge it."""
+        """Add a grid of either extent, and acknowledge it."""
         short = "terrain" if terrain.extent == "footprint" else "map"
         self._put(short, encode_terrain(terrain))
 
     def add_stance_pause(self, pause: StancePause) -> None:
-        """Add an announcement of a stance pause and acknowledge it."""
+        """Add an announcement of a stance pause, and acknowledge it."""
         self._put("stance", encode_stance_pause(pause))
 
     def add_stance_stream(self, stream: StanceStream) -> None:
-        """Add a batch of stances without acknowledging it; the next acknowledgement covers it."""
+        """Add a stance batch without acknowledging it; the next acknowledgement includes it."""
         self.add("stance_stream", encode_stance_stream(stream))
 
     def add_message(self, short: str, message: Any) -> None:
-        """Add a message object of any topic in `TYPES`, such as "occupancy" or "/tf", and acknowledge it.
+        """Add a message object to a topic of `TYPES`, such as "occupancy" or "/tf", and acknowledge it.
 
         Raises:
-            RecordingError: unknown topic, or a message of another type.
+            RecordingError: the topic is unknown or has another message type, or the disk is full.
         """
         self.add_messages([(short, message)])
 
     def add_messages(self, named: Iterable[tuple[str, Any]]) -> None:
-        """Add several message objects, by topic as in `add_message`, and acknowledge them.
+        """Add several pairs of topic and message object, as in `add_message`, and acknowledge them.
 
         Raises:
-            RecordingError: as in `add_message`; the messages before the faulty one are added.
+            RecordingError: as in `add_message`; the messages before the faulty one have been added.
         """
         with self._lock:
             for short, message in named:
@@ -203,7 +206,7 @@ class RecordingWriter(TopicFile):
             self.flush()
 
     def add_status(self, payload: bytes | bytearray) -> None:
-        """Add the CDR payload of a node's status without acknowledging it; the next acknowledgement covers it."""
+        """Add the CDR payload of a node's status without acknowledging it; the next acknowledgement includes it."""
         self.add("status", payload)
 
     def _open_scan(self) -> ScanRecord:

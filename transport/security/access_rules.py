@@ -1,4 +1,4 @@
-"""Access rules by role, for a node that is its own router and for a router of several robots."""
+"""Zenoh access rules by role, for a node that is its own router and for a router that serves several robots."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from transport.keys import (
     summary_key,
 )
 
-# Roles of a robot, each with its own certificate; the node is the router that enforces the rules.
+# Roles of a robot's members, each with a certificate; the node is the router that enforces the rules.
 ROLES = ("node", "gait", "planner", "viewer")
 
-# Roles outside robots: a site router, and a fleet member, which may list the live robots and read their status.
+# Roles that belong to no robot: site router, and fleet member, which may list the live robots and read their status.
 ROUTER, FLEET = "router", "fleet"
 
 LOOKING = ("liveliness_query", "declare_liveliness_subscriber")
@@ -33,13 +33,13 @@ QUERYING = (*SUBSCRIBING, "query")
 SERVING = ("put", "reply", "declare_queryable", "liveliness_token")
 FLEET_KEYS = (FLEET_STATUS, FLEET_ALIVE)
 
-# Rules of each role for one robot. A router that reads from a node may not announce stances, and may request scans only
+# Rules of each role of a robot. A router that reads from a node must not announce stances, and may request scans only
 # if explicitly permitted, because its certificate stands for all clients behind it.
 READING = ("read", "history", "send", "ask")
 POLICIES = {"planner": (*READING, "trigger"), "viewer": READING, "gait": ("stance_in", "stance_out")}
 THIN = ("thin_read", "thin_ask", "thin_send")
 WATCHING = ("fleet_read", "fleet_ask", "fleet_send")
-# Rules of a router for a link that delivers a robot's grids, and for a node as its client, which also receives stance
+# Rules of a router for a link that delivers a robot's grids, and for a node that is its client and also receives stance
 # pauses.
 SOURCE = ("source_in", "source_out", "look", "looked")
 CLIENT_NODE = (*SOURCE, "stance_to", "stance_from")
@@ -47,13 +47,13 @@ CLIENT_NODE = (*SOURCE, "stance_to", "stance_from")
 
 @dataclass(frozen=True, slots=True)
 class Neighbours:
-    """Other routers linked to a router, by the common names of their certificates.
+    """Routers linked to a router, by the common names of their certificates.
 
     Attributes:
-        above: routers that it connects to; they read from it.
-        below: routers that connect to it, each with the robots whose grids it may send.
+        above: routers to which this router connects; they read from it.
+        below: routers that connect to this router, with the robots whose grids each may send.
         scans: True if the routers above may request scans.
-        summary_only: True if the routers above get only summaries, status and liveliness tokens.
+        summary_only: True if the routers above receive only summaries, status and liveliness tokens.
     """
 
     above: Sequence[str] = ()
@@ -63,7 +63,7 @@ class Neighbours:
 
 
 class _Rules:
-    """Builder of the rules, subjects and policies of a Zenoh configuration."""
+    """Builder of the section `access_control` of a Zenoh configuration: rules, subjects and policies."""
 
     def __init__(self) -> None:
         self._rules: dict[str, dict[str, Any]] = {}
@@ -71,14 +71,14 @@ class _Rules:
         self._policies: list[dict[str, Any]] = []
 
     def write(self, name: str, flow: str, messages: Iterable[str], keys: Iterable[str]) -> None:
-        # A rule without `flows` would apply to both directions.
+        # Without `flows`, a rule would apply to both directions.
         rule = {"id": name, "permission": "allow", "flows": [flow]}
         self._rules[name] = {**rule, "messages": list(messages), "key_exprs": list(keys)}
 
     def allow(self, subject: str, names: Sequence[str], rules: Sequence[str]) -> None:
-        """Grant these rules to the owners of these common names; a subject without names would match everybody."""
+        """Grant rules to the owners of common names. No names grant nothing; an empty subject would match everybody."""
         if names:
-            # One property per subject: all properties of a subject must match.
+            # The subject has a single property, because all properties of a subject must match.
             self._subjects.append({"id": subject, "cert_common_names": list(names)})
             self._policies.append({"rules": list(rules), "subjects": [subject]})
 
@@ -99,18 +99,18 @@ def access_control(
     routers: Sequence[str] = (),
     scanning_routers: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Section `access_control` of the Zenoh configuration of a node that is its own router.
+    """Return the section `access_control` of the Zenoh configuration of a node that is its own router.
 
-    Only the following is allowed: planner and viewer read everything under `<robot>/perception/v1` and query the newest
-    grid and the status; the planner also requests scans; the gait publishes stance pauses and its clock; a second node
-    declares that it waits for the name; a router that the node connects to reads like a viewer, or like a planner if it
-    is one of `scanning_routers`.
+    Only the following is allowed. Planner and viewer read everything under `<robot>/perception/v1` and query the newest
+    grid and the status. The planner also requests scans. The gait publishes stance pauses, the stance stream and its
+    clock. A second node announces that it waits for the name. A router linked to the node reads like a viewer, or like
+    a planner if it is one of `scanning_routers`.
 
     Args:
         robot: instance name.
         members: common names of the members by role; None = one member per role, named like the role.
-        routers: common names of routers that may read what the node publishes.
-        scanning_routers: routers that may also request scans, for the clients behind them.
+        routers: common names of the routers that may read what the node publishes.
+        scanning_routers: those of them that may also request scans, on behalf of the clients behind them.
     """
     rules = _Rules()
     _write_reading(rules, robot)
@@ -127,15 +127,15 @@ def access_control(
 def router_access_control(
     robots: Mapping[str, Mapping[str, Sequence[str]]], *, neighbours: Neighbours, fleet: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Section `access_control` of a router that serves several robots.
+    """Return the section `access_control` of a router that serves several robots.
 
-    Planner, viewer and gait of each robot have the same rights as at its node, and none for other robots; each node
-    sends the grids of its own robot. A router below sends the grids of its robots and nothing else, a router above
-    reads; no link between routers transfers stance pauses.
+    Planner, viewer and gait of each robot have the same rights as at their node, and none for other robots. Each node
+    sends the grids of its own robot. A router below sends the grids of its robots and nothing else. A router above
+    reads. No link between routers transfers stance pauses.
 
     Args:
-        robots: instance name -> role -> common names of its members.
-        neighbours: other routers.
+        robots: common names of the members, by robot (instance name) and role.
+        neighbours: routers linked to this router.
         fleet: common names of the members that may list the live robots and read their status.
     """
     rules = _Rules()
@@ -160,18 +160,18 @@ def router_access_control(
 
 
 def _perception(robot: str) -> list[str]:
-    # `**` does not match chunks that start with `@`, so these are listed.
+    # `**` does not match chunks that begin with `@`, so these are listed separately.
     prefix = perception_prefix(robot)
     return [f"{prefix}/**", f"{prefix}/**/@adv/**", _alive(robot)]
 
 
 def _alive(robot: str) -> str:
-    """Key expression of a robot's liveliness tokens."""
+    """Return the key expression of a robot's liveliness tokens."""
     return f"{perception_prefix(robot)}/@alive/**"
 
 
 def _stance_keys(robot: str) -> list[str]:
-    """Keys of the gait's stance pauses, joint stream and clock."""
+    """Return the keys of the gait's stance pauses, stance stream and clock."""
     stance = stance_key(robot)
     return [stance, f"{stance}/@adv/**", stance_stream_key(robot), gait_clock_key(robot)]
 
@@ -189,11 +189,11 @@ def _write_reading(rules: _Rules, robot: str, label: str = "") -> None:
 
 
 def _write_source(rules: _Rules, robot: str) -> None:
-    """Add rules for the link to a robot's node, or to the router in front of it."""
+    """Add rules for the link to a robot's node, or to the router between this router and the node."""
     perception, stance_keys = _perception(robot), _stance_keys(robot)
     rules.write(f"{robot} source_in", "ingress", SERVING, perception)
     rules.write(f"{robot} source_out", "egress", QUERYING, [*perception, *FLEET_KEYS])
-    # A node looks for others with its name.
+    # A node searches for other nodes with its name.
     rules.write(f"{robot} look", "ingress", LOOKING, [_alive(robot)])
     rules.write(f"{robot} looked", "egress", ["liveliness_token"], [_alive(robot)])
     rules.write(f"{robot} stance_to", "egress", SERVING, stance_keys)
@@ -201,7 +201,7 @@ def _write_source(rules: _Rules, robot: str) -> None:
 
 
 def _write_thin(rules: _Rules, robot: str) -> None:
-    """Add rules for routers that get only summary, status and liveliness tokens of a robot."""
+    """Add rules for routers that receive only summary, status and liveliness tokens of a robot."""
     keys = [summary_key(robot), status_key(robot), _alive(robot)]
     rules.write(f"{robot} thin_read", "ingress", SUBSCRIBING, keys)
     rules.write(f"{robot} thin_ask", "ingress", ["query"], [status_key(robot)])

@@ -1,4 +1,4 @@
-"""Management of certificates: validity, renewal, adding and revoking members."""
+"""Management of a security folder's certificates: expiry, renewal, and addition and revocation of members."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ from transport.security.members import (
 )
 from transport.security.whole_folder import write_file
 
-# Remaining validity below which a warning is given [days].
+# Remaining validity of a certificate from which on a warning is given [days].
 WARNING_DAYS = 30
 
 
 def days_left(certificate: str | Path) -> float:
-    """Remaining validity of a certificate [days]; negative after it has expired.
+    """Return the remaining validity of a certificate [days]; negative after it has expired.
 
     Raises:
-        SecurityError: it cannot be read.
+        SecurityError: the certificate cannot be read.
     """
     end = read_certificate(Path(certificate), lambda read: read.not_valid_after_utc)
     return (end - datetime.datetime.now(datetime.UTC)).total_seconds() / 86400.0
@@ -59,8 +59,8 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
     """Check a security folder for keys that others can read, expiring certificates and outdated access rules.
 
     Returns:
-        Health and its description: ERROR for a key that others can read or an expired certificate; WARN for a
-        certificate that expires within `WARNING_DAYS` or access rules of another version; else OK.
+        Health and its description: ERROR for a key that others can read or an expired certificate; otherwise WARN for a
+        certificate that expires within `WARNING_DAYS` or for access rules of another version; otherwise OK.
 
     Raises:
         SecurityError: there is no certificate, or a file cannot be read.
@@ -68,7 +68,7 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
     root = Path(folder)
     left = {str(path.relative_to(root)): days_left(path) for path in _files(root, "pem")}
     if not left:
-        raise SecurityError(f"{folder} holds no certificate; give what `guara security init` made, or a role's folder")
+        raise SecurityError(f"{folder} contains no certificate; give a folder that `guara security init` made")
     readable = [path for path in _files(root, "key") if _is_open(path)]
     if readable:
         return Health.ERROR, f"{readable[0].relative_to(root)} can be read by others on this machine; chmod 600 it"
@@ -99,21 +99,21 @@ def _has_current_rules(node: Path) -> bool:
 
 
 def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Renew keys and certificates of members, signed by the same CA; empty `names` renews all that are not revoked.
+    """Renew keys and certificates of members, signed by the same CA. Common names are kept.
 
-    Common names are kept.
-
-    Also updates configurations of earlier versions: access rules of nodes and routers, queues of links.
+    Also updates configurations of earlier versions: link queues of the renewed members and, if a node or router is
+    among them, the access rules of all nodes and routers.
 
     Args:
         folder: folder made by `init_security`.
-        names: roles or members; with several robots `<robot>.<role>`; routers as `<name>.router`.
+        names: roles or members; with several robots `<robot>.<role>`; routers as `<name>.router`. Empty = all that are
+            not revoked.
 
     Returns:
         Names of the renewed members.
 
     Raises:
-        SecurityError: no such member, a revoked member, or the folder lacks its CA.
+        SecurityError: a member does not exist or was revoked, or the folder lacks its CA.
     """
     authority, members = open_authority(folder), open_members(folder)
     gone = members.shut_out
@@ -133,7 +133,7 @@ def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
 
 
 def _complete_queues(configuration: dict[str, Any]) -> bool:
-    """Add missing settings of link queues to a member's configuration; existing settings are kept."""
+    """Add missing settings of link queues to a member's configuration, and keep existing ones; always True."""
     link, made = configuration["transport"]["link"], sending()
     configured = link.get("tx", {})
     link["tx"] = {**made, **configured, "queue": {**made["queue"], **configured.get("queue", {})}}
@@ -141,18 +141,18 @@ def _complete_queues(configuration: dict[str, Any]) -> bool:
 
 
 def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = ()) -> Path:
-    """Add a robot: make the folders of its roles, with certificates of the same CA.
+    """Add a robot: create the folders of its roles, with certificates from the same CA.
 
     Args:
         folder: folder made by `init_security`.
         robot: instance name.
-        hosts: host names and addresses of its node for clients.
+        hosts: host names and addresses under which clients reach its node.
 
     Returns:
         The folder of the robot, which contains the folders of its roles.
 
     Raises:
-        SecurityError: the name is taken, or the folder lacks its CA.
+        SecurityError: the name is not allowed, taken or was revoked, or the folder lacks its CA.
     """
     authority, members = open_authority(folder), open_members(folder)
     target = members.root / check_robot(robot)
@@ -162,7 +162,7 @@ def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = ()) ->
 
 
 def check_free(members: Members, name: str, member: Path) -> None:
-    """Check that a name of a robot, router or fleet member was never used; SecurityError if it was."""
+    """Check that no robot, router or fleet member has or had this name; SecurityError if one has."""
     if member.exists() or name in RESERVED or name in members.robots or name in members.revoked:
         raise SecurityError(f"the name {name!r} is taken or was revoked; names are never used again")
 
@@ -173,11 +173,12 @@ def add(folder: str | Path, name: str, role: str) -> Path:
     Args:
         folder: folder made by `init_security`.
         name: name of the member; with several robots `<robot>.<name>`.
-        role: "planner", "viewer" or "gait" of the robot; or "fleet", which may list the live robots on a router and
-            read their status.
+        role: role of the member: "planner", "viewer" or "gait" of a robot, or "fleet", which may list the live robots
+            on a router and read their status.
 
     Returns:
-        Its folder. The folders of the node and of its routers change too; copy them to their machines again.
+        The folder of the member. The folders of the node and its routers may change too; copy them to their machines
+        again.
 
     Raises:
         SecurityError: the name is taken or was revoked, the role is unknown or `node`, or the folder lacks its CA.
@@ -194,7 +195,7 @@ def add(folder: str | Path, name: str, role: str) -> Path:
     target = own.folder / own_name
     if own_name in own.revoked or own_name in (*RESERVED, ROUTER, FLEET) or target.exists():
         raise SecurityError(f"the name {own_name!r} is taken or was revoked; names are never used again")
-    # Prefix of the common names of the robot's members, empty in folders of an earlier version.
+    # Prefix of the common names of the robot's members; empty in folders made by an earlier version.
     prefix = common_name(own.folder / "node" / "node.pem").removesuffix("node")
     full = prefix + own_name
     _check_length(full)
@@ -217,7 +218,7 @@ def _split(members: Members, name: str) -> tuple[str, str]:
         return next(iter(members.robots)), name
     if not dot or robot not in members.robots:
         raise SecurityError(
-            f"{members.root} holds several robots: write ROBOT.{own_name or robot}, with one of "
+            f"{members.root} contains several robots: write ROBOT.{own_name or robot}, with one of "
             f"{', '.join(members.robots)}"
         )
     return robot, own_name
@@ -241,14 +242,14 @@ def _check_length(full: str) -> None:
 
 
 def revoke(folder: str | Path, name: str) -> tuple[Path, ...]:
-    """Revoke a member: its certificate can still connect, but has no rights.
+    """Revoke a member. It can still connect with its certificate, but no longer has any rights.
 
     Returns:
-        Changed folders of nodes and routers. Copy them to their machines and restart the programs, which read them
-        only at start.
+        Changed folders of nodes and routers; empty if the member was already revoked. Copy them to their machines and
+        restart the programs there, because they read their configuration only at start.
 
     Raises:
-        SecurityError: no such member, the member is the node itself, or the folder lacks its CA.
+        SecurityError: there is no such member, the member is the node itself, or the folder lacks its CA.
     """
     open_authority(folder)
     members = open_members(folder)
@@ -266,7 +267,7 @@ def revoke(folder: str | Path, name: str) -> tuple[Path, ...]:
 
 
 def hosts_of(certificate: Path) -> list[str]:
-    """Host names and addresses in a certificate; SecurityError if it contains none."""
+    """Return the host names and addresses in a certificate; SecurityError if there are none or it cannot be read."""
     from cryptography import x509
 
     kind = x509.SubjectAlternativeName

@@ -1,4 +1,4 @@
-"""Security folder: a CA, and a folder with certificate, key and Zenoh configuration for each role."""
+"""Security folder: a CA, and for each role a folder with certificate, key and Zenoh configuration."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from transport.security.whole_folder import create_folder, write_file
 # Name of the Zenoh configuration in a role's folder.
 CONFIGURATION = "zenoh.json5"
 
-# Endpoint of a secured node: all interfaces, because clients need a certificate.
+# Endpoint of a secured node. It may listen on all interfaces, because clients need a certificate.
 DEFAULT_LISTEN = "tls/0.0.0.0:7447"
 
-# Limits of size [bytes] and nesting of a configuration; the one made for a node has 7 kB and seven levels. Deep nesting
-# overflows the stack of Zenoh's parser, which ends the process.
+# Largest size [bytes] and nesting of a configuration; that of a node has 7 kB and seven levels. Deep nesting overflows
+# the stack of Zenoh's parser, which terminates the process.
 LARGEST_CONFIGURATION = 1024 * 1024
 DEEPEST_CONFIGURATION = 32
 
-# Longest name of a robot or member [characters]: a common name consists of two names and a dot, 64 characters at most.
+# Longest name of a robot or member [characters]: a common name is two names and a dot, and at most 64 characters long.
 LONGEST_NAME = 31
-# Folders in a security folder that do not belong to a robot.
+# Folder names in a security folder that a robot cannot have.
 RESERVED = (*ROLES, "ca")
 
 TLS = "transport/link/tls"
@@ -53,7 +53,7 @@ FILES = (
 
 
 def tls_links(name: str, *, listens: bool, prefix: str = "") -> dict[str, Any]:
-    """TLS part of `transport/link` for the member `name`; names of files begin with `prefix`."""
+    """Return the TLS part of `transport/link` for the member `name`; `prefix` is put before the names of its files."""
     files = {
         "root_ca_certificate": f"{prefix}ca.pem",
         "connect_private_key": f"{prefix}{name}.key",
@@ -83,24 +83,25 @@ def init_security(
     hosts: Sequence[str] = (),
     listen: str = DEFAULT_LISTEN,
 ) -> Path:
-    """Make a CA and the folders of all roles: `ca`, `node`, `gait`, `planner`, `viewer`.
+    """Make a CA, and the folders of all roles: `node`, `gait`, `planner`, `viewer`.
 
-    The common name of a certificate is `<robot>.<role>`. With several robots there is one CA, and a folder per robot
-    with the folders of its roles. Give each machine only the folders of its roles, and keep `ca` off the robot. The
-    folder is created completely or not at all.
+    The common name of a certificate is `<robot>.<role>`. Several robots share the CA, and each has a folder that
+    contains the folders of its roles. Copy to each machine only the folders of its roles, and keep `ca` off the robot.
+    The folder is created atomically.
 
     Args:
-        folder: new folder.
-        robot: instance name, or several; the access rules apply to its keys.
-        hosts: host names and addresses of the node for clients, besides localhost and this machine's name; with several
-            robots one for each, in the same order, or none.
+        folder: new folder, or an empty one.
+        robot: one or several instance names; the access rules of each apply to its own keys.
+        hosts: host names and addresses under which clients reach the node, besides localhost and this machine's name.
+            With several robots: one per robot in the same order, or none.
         listen: endpoint of the node.
 
     Returns:
         The folder.
 
     Raises:
-        SecurityError: the folder exists and is not empty, or cannot be written; a robot is given twice.
+        SecurityError: the folder exists and is not empty, or cannot be written; a robot occurs twice, or the number of
+            hosts does not fit.
         ConfigurationError: `listen` is not a TLS endpoint.
     """
     robots = [robot] if isinstance(robot, str) else list(robot)
@@ -133,11 +134,11 @@ def init_security(
 
 
 def check_robot(name: str) -> str:
-    """Check that a name can be an instance name and the first part of a common name, and return it.
+    """Check that a name can be an instance name and the first part of a common name; return the name.
 
     Raises:
-        KeyNameError: it cannot be part of a key.
-        SecurityError: it is too long, or the name of another folder in a security folder.
+        KeyNameError: the name cannot be part of a key.
+        SecurityError: the name is too long, or reserved for another folder in a security folder.
     """
     check_name(name)
     if len(name) > LONGEST_NAME or name in RESERVED:
@@ -149,7 +150,7 @@ def check_robot(name: str) -> str:
 
 
 def write_roles(folder: Path, authority: Credentials, robot: str, *, hosts: Sequence[str], listen: str) -> None:
-    """Write the folders of a robot's roles below `folder`."""
+    """Write the folders of all roles of a robot into `folder`."""
     for role in ROLES:
         own = folder / role
         own.mkdir()
@@ -159,16 +160,16 @@ def write_roles(folder: Path, authority: Credentials, robot: str, *, hosts: Sequ
 
 
 def own_hosts(hosts: Sequence[str]) -> list[str]:
-    """Host names and addresses of this machine: those given, localhost, and its own name."""
+    """Return the given host names and addresses, localhost, and the name of this machine, without duplicates."""
     return list(dict.fromkeys([*hosts, "localhost", "127.0.0.1", "::1", socket.gethostname()]))
 
 
 def write_member(
     own: Path, authority: Credentials, common_name: str, hosts: Sequence[str], configuration: dict[str, Any]
 ) -> None:
-    """Write certificate, key and configuration of a member into its new, empty folder.
+    """Write certificate, key and configuration of a member into its folder, which must be empty.
 
-    Certificate and key are named after the folder.
+    The files of certificate and key are named after the folder.
     """
     credentials = make_certificate(authority, common_name, hosts)
     write_file(own / "ca.pem", authority.certificate)
@@ -178,10 +179,10 @@ def write_member(
 
 
 def role_folder(folder: str | Path, role: str) -> Path:
-    """Folder of a role, from that folder itself or from the security folder that contains it.
+    """Return the folder of a role, given that folder itself or the security folder that contains it.
 
     Raises:
-        SecurityError: neither contains a Zenoh configuration.
+        SecurityError: neither of these contains a Zenoh configuration.
     """
     path = Path(folder)
     for candidate in (path, path / role):
@@ -194,7 +195,7 @@ def role_folder(folder: str | Path, role: str) -> Path:
 
 
 def _configuration_text(folder: Path) -> str:
-    """Text of a role's Zenoh configuration; ValueError if its nesting would crash Zenoh's parser."""
+    """Read a role's Zenoh configuration; ValueError if its size or nesting could crash Zenoh's parser."""
     with (folder / CONFIGURATION).open("rb") as file:
         content = file.read(LARGEST_CONFIGURATION + 1)
     if len(content) > LARGEST_CONFIGURATION:
@@ -216,19 +217,21 @@ def load_configuration(
     shared_memory: bool = True,
     local: bool = False,
 ) -> str:
-    """Zenoh configuration of a role's folder, with absolute paths of its files.
+    """Return the Zenoh configuration in a role's folder, with absolute paths of the files that it names.
 
     Args:
         folder: folder of a role.
-        listen: endpoints instead of the configured ones.
-        connect: endpoint instead of the configured one; a node becomes a client of that router.
-        uplink: endpoint of another router that a node connects to, with reconnection.
-        shared_memory: let Zenoh pass large payloads through /dev/shm between processes of one machine.
-        local: use the files in this folder, whatever paths are configured, and connect only to `connect` and `uplink`.
+        listen: endpoints that replace the configured ones; empty = no change.
+        connect: endpoint that replaces the configured ones; a node becomes a client of the router there.
+        uplink: endpoint of a further router to which a node connects, with reconnection.
+        shared_memory: True = Zenoh passes large payloads through /dev/shm between processes of one machine.
+        local: True = use the files in this folder, whatever paths are configured, and connect only to `connect` and
+            `uplink`.
 
     Raises:
-        SecurityError: the configuration cannot be read, or a file that it names is missing.
-        ConfigurationError: an endpoint without encryption.
+        SecurityError: the configuration cannot be read, a file that it names is missing, or others can read a private
+            key.
+        ConfigurationError: an endpoint is not encrypted.
     """
     for endpoint in (*listen, *(endpoint for endpoint in (connect, uplink) if endpoint is not None)):
         check_tls(endpoint, allows_quic=True)
@@ -268,7 +271,7 @@ def _existing(folder: Path, name: str, *, is_key: bool) -> Path:
 
 
 def read_configuration(folder: Path, key: str) -> Any:
-    """One value of a role's Zenoh configuration; None if not set. `key` is a path with slashes.
+    """Return one value of a role's Zenoh configuration, or None if it is not set; `key` is a path with slashes.
 
     Raises:
         SecurityError: the configuration cannot be read.
@@ -278,10 +281,10 @@ def read_configuration(folder: Path, key: str) -> Any:
 
 
 def configured_robot(folder: Path) -> str:
-    """Instance name for which the access rules of a node's folder were made.
+    """Return the instance name for which the access rules in a node's folder were made.
 
     Raises:
-        SecurityError: the configuration cannot be read, or has no rules.
+        SecurityError: the configuration cannot be read, or has no access rules.
     """
     with errors_as(SecurityError, f"cannot find the access rules in {folder / CONFIGURATION}", LookupError, TypeError):
         rules = read_configuration(folder, "access_control/rules") or []
@@ -289,13 +292,13 @@ def configured_robot(folder: Path) -> str:
 
 
 def configured_endpoints(folder: Path, kind: str) -> tuple[str, ...]:
-    """Endpoints in a role's folder; kind is "listen" or "connect".
+    """Return the endpoints configured in a role's folder; `kind` is "listen" or "connect".
 
     Raises:
         SecurityError: the configuration cannot be read.
     """
     found = read_configuration(folder, f"{kind}/endpoints")
-    # Endpoints are one list, or one list per mode of the session.
+    # Zenoh accepts one list of endpoints, or one list per mode of the session.
     if isinstance(found, dict):
         found = [endpoint for endpoints in found.values() for endpoint in endpoints]
     return tuple(found or ())

@@ -1,4 +1,4 @@
-"""Members of a security folder, and their access rules."""
+"""Members of a security folder (robots, routers, fleet members), and their access rules."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from transport.security.authority import Credentials, read_certificate
 from transport.security.folder import CONFIGURATION, configured_robot, read_configuration
 from transport.security.whole_folder import create_folder, write_file
 
-# File in `ca` with the added members and their roles, the routers, and the revoked members.
+# File in `ca` that lists added members with their roles, routers, and revoked members.
 MEMBERS = "members.json"
 
 
 @dataclass(frozen=True, slots=True)
 class Robot:
-    """Members of one robot.
+    """Members of a robot.
 
     Attributes:
-        folder: folder that contains the folders of its roles.
-        added: name -> role of the members beyond one per role.
-        revoked: names of revoked members.
+        folder: folder that contains the folders of the members.
+        added: role by name, of the members beyond the one per role.
+        revoked: names of the revoked members.
     """
 
     folder: Path
@@ -42,13 +42,13 @@ class Robot:
 
 @dataclass(frozen=True, slots=True)
 class Router:
-    """Site router.
+    """Site router: Zenoh router that serves several robots.
 
     Attributes:
-        robots: instance names of the robots that it serves.
-        uplink: name of the router that it connects to; empty for none.
-        scans: True if scans may be requested through it, by routers above and by its clients.
-        summary_only: True if the router above gets only summaries, status and liveliness tokens.
+        robots: instance names of the robots that the router serves.
+        uplink: name of the router to which this router connects; empty = none.
+        scans: True if the router above and the clients of this router may request scans through it.
+        summary_only: True if the router above receives only summaries, status and liveliness tokens.
     """
 
     robots: tuple[str, ...]
@@ -59,14 +59,14 @@ class Router:
 
 @dataclass(frozen=True, slots=True)
 class Members:
-    """Members of a security folder with its CA.
+    """Members of a security folder.
 
     Attributes:
-        root: the folder.
-        robots: instance name -> members of that robot.
-        routers: name -> router; its folder has the same name.
+        root: the security folder.
+        robots: members of each robot, by instance name.
+        routers: routers by name; the folder of a router has the same name.
         fleet: names of the members that may list the live robots and read their status.
-        revoked: names of revoked routers and fleet members.
+        revoked: names of the revoked routers and fleet members.
     """
 
     root: Path
@@ -77,7 +77,7 @@ class Members:
 
     @property
     def everybody(self) -> dict[str, Path]:
-        """Folder of each member by its name in commands; with a single robot, names have no prefix `<robot>.`."""
+        """Folder of each member by its name in commands. With a single robot, names have no prefix `<robot>.`."""
         found = {
             (name if len(self.robots) == 1 else f"{robot}.{name}"): own.folder / name
             for robot, own in self.robots.items()
@@ -88,15 +88,16 @@ class Members:
 
     @property
     def shut_out(self) -> frozenset[str]:
-        """Names in `everybody` that were revoked."""
+        """Names of `everybody` that were revoked."""
         gone = {own.folder / name for own in self.robots.values() for name in own.revoked}
         gone |= {self.root / name for name in self.revoked}
         return frozenset(name for name, folder in self.everybody.items() if folder in gone)
 
     def find(self, name: str) -> tuple[str, Path]:
-        """Full name and folder of a member.
+        """Return full name and folder of a member.
 
-        The endings `.router` and `.fleet` may be omitted; the prefix `<robot>.` of a single robot may be added.
+        The endings `.router` and `.fleet` may be omitted. If there is a single robot, the prefix `<robot>.` may be
+        added.
 
         Raises:
             SecurityError: there is no such member.
@@ -109,7 +110,7 @@ class Members:
         raise SecurityError(f"{self.root} has no member {name!r}; members: {', '.join(everybody)}")
 
     def names_of(self, robot: str) -> dict[str, list[str]]:
-        """Common names of a robot's members by role, without revoked ones."""
+        """Return the common names of a robot's members by role, without revoked members."""
         own = self.robots[robot]
         roles = {**{role: role for role in ROLES}, **own.added}
         named: dict[str, list[str]] = {role: [] for role in ROLES}
@@ -119,7 +120,7 @@ class Members:
         return named
 
     def routers_of(self, robot: str, *, scanning: bool = False) -> list[str]:
-        """Common names of the routers that serve a robot; if `scanning`, only of routers that may request scans."""
+        """Return the common names of the routers that serve a robot; `scanning`: only those that may request scans."""
         return [
             f"{name}.{ROUTER}"
             for name, router in self.routers.items()
@@ -135,7 +136,7 @@ class Members:
         )
 
     def rules_of_router(self, name: str) -> dict[str, Any]:
-        """Access rules of a router."""
+        """Return the access rules of a router."""
         router = self.routers[name]
         above = [f"{router.uplink}.{ROUTER}"] if router.uplink and router.uplink not in self.revoked else []
         below = {
@@ -152,17 +153,18 @@ class Members:
     def save(self) -> tuple[Path, ...]:
         """Write the rules of nodes and routers, then the list of members.
 
-        The rules are written first, so that the list never contains a member without rules.
+        The rules are written first, so that the list never contains a member that has no rules yet.
 
         Returns:
-            The folders that changed and must be copied again.
+            The folders whose rules changed and which must be copied to their machines again.
 
         Raises:
-            SecurityError: a configuration was edited by hand in a way that cannot be read, or cannot be written.
+            SecurityError: a configuration has been edited by hand and cannot be interpreted, or a file cannot be
+                written.
         """
         rules = {own.folder / "node": self._rules_of_node(robot) for robot, own in self.robots.items()}
         rules |= {self.root / name: self.rules_of_router(name) for name in self.routers}
-        # All are read before the first is written, so that an unreadable one leaves all unchanged.
+        # Read all files before writing the first, so that an unreadable one leaves all of them unchanged.
         for folder in rules:
             edit_configuration(folder / CONFIGURATION, lambda _: False)
             read_configuration(folder, "mode")
@@ -184,7 +186,7 @@ class Members:
         return tuple(changed)
 
     def with_robot(self, robot: str, own: Robot) -> Members:
-        """Copy with the members of a robot replaced, or a robot added."""
+        """Return a copy in which the members of a robot are replaced, or a robot is added."""
         return replace(self, robots={**self.robots, robot: own})
 
 
@@ -192,7 +194,7 @@ def open_members(folder: str | Path) -> Members:
     """Read the members of a folder made by `init_security`.
 
     Raises:
-        SecurityError: the list of members cannot be read.
+        SecurityError: the list of members or the configuration of a node cannot be read.
     """
     root = Path(folder)
     folders = sorted(path.parent.parent for path in root.glob(f"*/node/{CONFIGURATION}"))
@@ -204,7 +206,7 @@ def open_members(folder: str | Path) -> Members:
         found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
         lists = found.get("robots")
         if lists is None:
-            # Format of an earlier version, for one robot.
+            # Lists of an earlier version contain the members of a single robot.
             lists, found = dict.fromkeys(robots, found), {}
         members = {}
         for robot, own in robots.items():
@@ -218,10 +220,12 @@ def open_members(folder: str | Path) -> Members:
 
 
 def take_in(folder: Path, write: Callable[[Path], None], larger: Callable[[], Members]) -> Path:
-    """Make the folder of a new member by `write`, then save the members `larger()`; remove the folder if that fails.
+    """Create the folder of a new member by `write`, then save the members returned by `larger`.
+
+    If saving fails, the folder is removed.
 
     Raises:
-        SecurityError: the folder cannot be written, or as in `Members.save`.
+        SecurityError: the folder cannot be written, or `Members.save` fails.
     """
     create_folder(folder, write)
     try:
@@ -236,7 +240,7 @@ def open_authority(folder: str | Path) -> Credentials:
     """Read the CA of a security folder.
 
     Raises:
-        SecurityError: it is missing.
+        SecurityError: certificate or key of the CA cannot be read.
     """
     root = Path(folder)
     try:
@@ -248,10 +252,10 @@ def open_authority(folder: str | Path) -> Credentials:
 
 
 def common_name(certificate: Path) -> str:
-    """Common name in a certificate, which identifies its owner in the access rules.
+    """Return the common name in a certificate, which identifies its owner in the access rules.
 
     Raises:
-        SecurityError: it cannot be read, or has none.
+        SecurityError: the certificate cannot be read, or contains no common name.
     """
     from cryptography.x509.oid import NameOID
 
@@ -269,10 +273,13 @@ def _put_rules(path: Path, rules: dict[str, Any]) -> bool:
 
 
 def edit_configuration(path: Path, change: Callable[[dict[str, Any]], bool]) -> bool:
-    """Edit a member's configuration in place by `change`; write it and return True if `change` returns True.
+    """Pass a member's configuration to `change`, which edits it in place; if `change` returns True, write it.
+
+    Returns:
+        The result of `change`.
 
     Raises:
-        SecurityError: it does not have the form that `guara security` writes, or cannot be written.
+        SecurityError: the configuration does not have the form that `guara security` writes, or cannot be written.
     """
     try:
         configuration = json.loads(path.read_text(encoding="utf-8"))

@@ -46,7 +46,7 @@ def test_stuck_laser_is_found_and_put_out_by_the_supply(board: LaserBoard, emula
     with pytest.raises(LaserStuckOn, match="the board cut its supply"):
         board.laser_off()
     eventually(lambda: not emulated.view().laser_on)
-    with pytest.raises(LaserRefused, match="cannot work: the laser is on without a command"):
+    with pytest.raises(LaserRefused, match="not ready: the laser is on without a command"):
         board.ensure_ready()
     emulated.mend()
     assert not board.ensure_ready().faults
@@ -136,7 +136,7 @@ def test_going_before_homing_is_refused(board: LaserBoard) -> None:
 def test_angle_outside_the_travel_is_refused(board: LaserBoard, angle: float) -> None:
     """The message gives the angle and the travel in degrees."""
     board.home()
-    with pytest.raises(MirrorOutOfRange, match=r"degrees, the board's travel is -14\.998 \.\.\. 25\.003 degrees"):
+    with pytest.raises(MirrorOutOfRange, match=r"is outside the board's travel of -14\.998 \.\.\. 25\.003 degrees"):
         board.go_to_angle(angle)
 
 
@@ -144,7 +144,7 @@ def test_angle_outside_the_travel_is_refused(board: LaserBoard, angle: float) ->
 def test_step_outside_the_travel_is_refused_by_the_board(board: LaserBoard, step: int) -> None:
     """The firmware has the last word on its travel."""
     board.home()
-    with pytest.raises(MirrorOutOfRange, match=rf"step {step}, the board's travel is 64 \.\.\. \d+"):
+    with pytest.raises(MirrorOutOfRange, match=rf"step {step} is outside the board's travel of 64 \.\.\. \d+"):
         board.go_to_step(step)
 
 

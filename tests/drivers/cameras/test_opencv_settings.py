@@ -59,10 +59,10 @@ def test_a_missing_setting_is_named() -> None:
 @pytest.mark.parametrize(
     ("prop", "settings", "expected_text"),
     [
-        (cv2.CAP_PROP_EXPOSURE, CameraSettings(exposure=0.01), r"exposure \[100 us\] 100, but holds 333"),
-        (cv2.CAP_PROP_AUTO_EXPOSURE, CameraSettings(exposure=0.01), "manual exposure 1, but holds 333"),
-        (cv2.CAP_PROP_GAIN, CameraSettings(gain=10.0), "gain 10, but holds 333"),
-        (cv2.CAP_PROP_WB_TEMPERATURE, CameraSettings(white_balance=5000.0), r"white balance \[K\] 5000, but holds 333"),
+        (cv2.CAP_PROP_EXPOSURE, CameraSettings(exposure=0.01), r"exposure \[100 us\] 100, but reports 333"),
+        (cv2.CAP_PROP_AUTO_EXPOSURE, CameraSettings(exposure=0.01), "manual exposure 1, but reports 333"),
+        (cv2.CAP_PROP_GAIN, CameraSettings(gain=10.0), "gain 10, but reports 333"),
+        (cv2.CAP_PROP_WB_TEMPERATURE, CameraSettings(white_balance=5000.0), r"balance \[K\] 5000, but reports 333"),
     ],
 )
 def test_a_value_that_was_not_taken_is_refused(prop: int, settings: CameraSettings, expected_text: str) -> None:

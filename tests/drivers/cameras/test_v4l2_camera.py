@@ -163,7 +163,7 @@ def test_settings_are_locked_and_read_back() -> None:
     with V4l2Camera(video=video) as camera:
         assert camera.lock(CameraSettings(exposure=0.004, gain=3)) == CameraSettings(exposure=0.004, gain=3)
         assert video.controls["auto_exposure"].value == 1
-        with pytest.raises(CameraSettingRefused, match=r"exposure_time_absolute 500, but holds 100"):
+        with pytest.raises(CameraSettingRefused, match=r"exposure_time_absolute 500, but reports 100"):
             camera.lock(CameraSettings(exposure=0.05))
         with pytest.raises(CameraSettingRefused, match="has no setting gamma"):
             camera.lock(CameraSettings(gamma=1.0))
@@ -188,7 +188,7 @@ def test_what_is_held_is_read_back_later() -> None:
 @pytest.mark.parametrize(
     ("video", "options", "kind", "expected_text"),
     [
-        (FakeVideo(("MJPEG",)), {}, CameraSettingRefused, "MJPEG, GREY or YUYV is needed"),
+        (FakeVideo(("MJPEG",)), {}, CameraSettingRefused, "MJPEG; allowed: GREY or YUYV"),
         (
             FakeVideo(),
             {"size": (640, 480)},

@@ -278,7 +278,7 @@ def test_an_uplink_serves_readers_elsewhere_too(free_endpoint: str) -> None:
     ("arguments", "reported"),
     [
         (["--uplink", "tcp/site.local:7447"], "is reachable from other machines and nothing protects it"),
-        (["--uplink", "tcp/127.0.0.1:1", "--connect", "tcp/127.0.0.1:2"], "exclude each other"),
+        (["--uplink", "tcp/127.0.0.1:1", "--connect", "tcp/127.0.0.1:2"], "mutually exclusive"),
         (["--uplink", "site"], "is not valid"),
     ],
 )

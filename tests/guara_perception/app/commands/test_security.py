@@ -72,7 +72,7 @@ def test_add_and_revoke_say_what_to_copy(guara, keys: Path) -> None:
         (["check", "NOWHERE"], "nowhere' does not exist"),
         (["check", "KEYS", "--robot", "rex"], "has no robot 'rex'; robots: guara"),
         (["add", "KEYS", "router"], "the name 'router' is taken or was revoked"),
-        (["add", "KEYS", "rex.planner-2"], "holds several robots"),
+        (["add", "KEYS", "rex.planner-2"], "contains several robots"),
         (["renew", "KEYS", "rex"], "has no member 'rex'; members: node, gait, planner, viewer"),
         (["renew", "NOWHERE"], "cannot read the CA of"),
         (["add", "KEYS", "viewer"], "the name 'viewer' is taken or was revoked"),
@@ -122,7 +122,7 @@ def test_doctor_says_when_it_was_given_no_folder(guara, tmp_path: Path) -> None:
     """A check that was skipped is not "ok"; an empty folder is no security folder."""
     assert guara("doctor", "--only", "certificates").out.startswith("skip")
     said = guara("doctor", "--only", "certificates", "--security", tmp_path)
-    assert said.code == 1 and "holds no certificate" in said.out
+    assert said.code == 1 and "contains no certificate" in said.out
 
 
 @pytest.mark.slow
@@ -168,7 +168,7 @@ def test_a_router_for_several_robots_says_what_to_do(guara, tmp_path: Path) -> N
     said = guara("security", "add", site, "desk", "--role", "fleet")
     expected = f"{site / 'desk'}: for the new fleet member; copy the folders of the routers again and restart them"
     assert said.out.strip() == expected
-    assert "holds several robots: write ROBOT.planner-3" in guara("security", "add", site, "planner-3").err
+    assert "contains several robots: write ROBOT.planner-3" in guara("security", "add", site, "planner-3").err
     said = guara("security", "revoke", site, "rex.planner")
     changed = ", ".join(str(site / name) for name in ("rex/node", "top", "room"))
     assert said.out.startswith(f"copy {changed} to the machines again") and "rex.planner keeps its access" in said.out

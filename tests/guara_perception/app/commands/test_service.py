@@ -139,7 +139,7 @@ def test_a_check_names_every_mistake_at_once(tmp_path: Path, capsys: pytest.Capt
     assert run(["run", "--node", str(node), "--check"]) == 2
     error = capsys.readouterr().err
     assert "5 findings" in error
-    for part in ("mode is 'quick'", "unknown ros;", "unknown fsp;", "none.json", "keys holds no certificate"):
+    for part in ("mode is 'quick'", "unknown ros;", "unknown fsp;", "none.json", "keys contains no certificate"):
         assert part in error
     assert run(["run", "--node", str(node)]) == 2
     assert "2 findings" in capsys.readouterr().err
