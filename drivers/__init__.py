@@ -1,7 +1,7 @@
-"""Devices of the rangefinder: the USB laser board, cameras, and scans with both.
+"""Devices of the rangefinder: USB laser board and cameras, and scans with both.
 
-Usable on its own. Real devices, an emulated board at the USB level (`drivers.emulator`) and replayed frames have the
-same interfaces. pyusb and OpenCV are imported when a device is opened.
+The package can be used on its own. Real devices, a board emulated at the USB level (`drivers.emulator`) and replayed
+frames have the same interfaces. pyusb and OpenCV are imported only when a device is opened.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Array types of this package."""
+"""Names of the array types used in this package."""
 
 from __future__ import annotations
 

@@ -1,14 +1,14 @@
 """Exceptions of device drivers, all derived from `DriverError`.
 
 Each error also derives from a built-in exception (`TimeoutError`, `PermissionError`, ...), so that callers can catch it
-without importing this package. Messages state what was given or found, what is allowed, and what to do.
+without importing this package. Messages report what was given or found, what is allowed, and what to do.
 """
 
 from __future__ import annotations
 
 
 class DriverError(Exception):
-    """Root of every error raised by the package `drivers`."""
+    """Base class of all errors raised by the package `drivers`."""
 
 
 class BoardError(DriverError):
@@ -24,7 +24,7 @@ class BoardNotFound(BoardError, ConnectionError):
 
 
 class BoardPermissionDenied(BoardError, PermissionError):
-    """The board is plugged in, but this user may not open it; the message contains the udev rule to install."""
+    """The board is plugged in, but this user may not open it; the error message contains the udev rule to install."""
 
 
 class BoardInUse(BoardError, ConnectionError):
@@ -48,7 +48,7 @@ class BoardStalled(BoardError, ConnectionError):
 
 
 class BoardTransferFailed(BoardError, ConnectionError):
-    """A transfer failed on the bus for another reason."""
+    """A transfer failed on the bus for a reason that has no error class of its own."""
 
 
 class BadReply(BoardError, ValueError):
@@ -56,7 +56,7 @@ class BadReply(BoardError, ValueError):
 
 
 class ProtocolMismatch(BoardError, RuntimeError):
-    """Board and driver have incompatible versions of the protocol."""
+    """Board and driver use incompatible protocol versions."""
 
 
 class BoardTooOld(BoardError, NotImplementedError):
@@ -64,11 +64,11 @@ class BoardTooOld(BoardError, NotImplementedError):
 
 
 class LaserRefused(BoardError, RuntimeError):
-    """The board refuses to switch the laser on; the message names the fault."""
+    """The board refuses to switch the laser on; the error message names the fault."""
 
 
 class LaserStuckOn(BoardError, RuntimeError):
-    """The laser did not go off on command: cut its power by hand, unless the board has done so."""
+    """The laser did not go off on command: cut its power by hand, unless the board has already done so."""
 
 
 class LaserDead(BoardError, RuntimeError):
@@ -76,7 +76,7 @@ class LaserDead(BoardError, RuntimeError):
 
 
 class MirrorNotHomed(BoardError, RuntimeError):
-    """The mirror was commanded to an angle before homing."""
+    """The mirror was commanded to move before homing."""
 
 
 class MirrorOutOfRange(BoardError, ValueError):
@@ -88,7 +88,7 @@ class MirrorTimeout(BoardError, TimeoutError):
 
 
 class HomeNotFound(BoardError, RuntimeError):
-    """The board did not find the home switch in its whole travel."""
+    """The board did not find the home switch over the whole travel."""
 
 
 class CameraError(DriverError):
@@ -100,7 +100,7 @@ class CameraNotFound(CameraError, FileNotFoundError):
 
 
 class CameraBackendMissing(CameraError, ValueError):
-    """A library of the camera is missing: Aravis, or the backend of OpenCV (FireWire, GStreamer)."""
+    """A library for the camera is missing: Aravis, linuxpy, or an OpenCV backend (FireWire, GStreamer)."""
 
 
 class CameraNotOpen(CameraError, RuntimeError):
@@ -108,7 +108,7 @@ class CameraNotOpen(CameraError, RuntimeError):
 
 
 class CameraNotTriggered(CameraError, ValueError):
-    """A sweep was requested with a camera that is not triggered by the board."""
+    """A sweep was requested, but the camera is not triggered by the board."""
 
 
 class CameraTimeout(CameraError, TimeoutError):
@@ -116,11 +116,11 @@ class CameraTimeout(CameraError, TimeoutError):
 
 
 class CameraEnded(CameraError, EOFError):
-    """The camera was disconnected, or the video file, image sequence or replay has no further frame."""
+    """The camera was disconnected, or the video file, image sequence or replay has no more frames."""
 
 
 class CameraSettingRefused(CameraError, ValueError):
-    """The camera lacks a setting, does not allow a value, or reads back another one."""
+    """The camera lacks a setting, does not allow its value, or reads back another value."""
 
 
 class AcquisitionError(DriverError):
@@ -132,7 +132,7 @@ class BadFiringOrder(AcquisitionError, ValueError):
 
 
 class AcquisitionNotEntered(AcquisitionError, RuntimeError):
-    """A scan was iterated outside its `with` block."""
+    """A scan was iterated before its `with` block was entered."""
 
 
 class StripeClipped(AcquisitionError, ValueError):
@@ -140,4 +140,4 @@ class StripeClipped(AcquisitionError, ValueError):
 
 
 class LaserNotSeen(AcquisitionError, RuntimeError):
-    """Images with the laser on and off do not differ as they should."""
+    """Images with the laser on and off do not differ as expected."""

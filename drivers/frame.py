@@ -1,4 +1,4 @@
-"""Camera frame: an image with its number and times."""
+"""Camera frame: an image with its frame number and times."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from drivers.arrays import Image
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """Frame of a camera. Do not compare frames by `==`; compare their images with numpy.
+    """Frame of a camera. Do not compare frames with `==`; compare their images with numpy.
 
     Attributes:
         image: (height, width) or (height, width, 3) BGR, uint8 or uint16; read-only.
-        counter: number of the frame, increasing by 1; a gap means lost frames, if the camera counts (`counts_frames`).
+        counter: frame number, increasing by 1. A gap means lost frames, if the numbers come from the device
+            (`Camera.counts_frames`).
         stamp: time at which the host received the frame, on the monotonic clock [s].
         device_time: start of the exposure on the camera's own clock [s]; None if the camera does not report it.
     """
@@ -25,7 +26,7 @@ class Frame:
 
 
 def read_only(image: Image) -> Image:
-    """Read-only view of `image`."""
+    """Return a read-only view of `image`."""
     view = image.view()
     view.setflags(write=False)
     return view

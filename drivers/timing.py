@@ -1,4 +1,4 @@
-"""Monotonic clock of all devices, replaceable so that emulated devices run without waiting."""
+"""Monotonic clock of all devices; it can be replaced, so that emulated devices run without waiting."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ class Clock(Protocol):
     """Interface of a clock: time and waiting."""
 
     def monotonic(self) -> float:
-        """Time [s]."""
+        """Return the current time [s]."""
 
     def sleep(self, seconds: float, /) -> None:
-        """Wait."""
+        """Wait for `seconds`."""
 
 
 _clock: Clock = time
 
 
 def monotonic() -> float:
-    """Time on the clock in use [s]."""
+    """Return the time on the clock in use [s]."""
     return _clock.monotonic()
 
 
 def sleep(seconds: float) -> None:
-    """Wait on the clock in use."""
+    """Wait for `seconds` on the clock in use."""
     _clock.sleep(seconds)
 
 
@@ -44,7 +44,7 @@ def on_clock(clock: Clock) -> Iterator[None]:
 
 
 class EmulatedClock:
-    """Clock for emulated devices, used with `on_clock`, on which waiting advances the time; thread-safe."""
+    """Clock for emulated devices, used with `on_clock`; waiting advances the time at once. Thread-safe."""
 
     def __init__(self, start: float = 1000.0) -> None:
         """Start at `start` [s]."""
@@ -52,16 +52,16 @@ class EmulatedClock:
         self._lock = threading.Lock()
 
     def monotonic(self) -> float:
-        """Time [s]."""
+        """Return the current time [s]."""
         with self._lock:
             return self._now
 
     def catch_up(self) -> None:
-        """Advance the clock to the machine's monotonic clock, so that it is comparable with stamps of that clock."""
+        """Advance the clock to the machine's monotonic clock, so that it can be compared with stamps of that clock."""
         with self._lock:
             self._now = max(self._now, time.monotonic())
 
     def sleep(self, seconds: float) -> None:
-        """Advance the clock."""
+        """Advance the clock by `seconds`."""
         with self._lock:
             self._now += max(0.0, seconds)

@@ -1,4 +1,4 @@
-"""Terrain grids, scan requests and stance pauses over Zenoh and in recordings; usable alone."""
+"""Transport of terrain grids, scan requests and stance pauses over Zenoh and in recordings; usable on its own."""
 
 from __future__ import annotations
 

@@ -1,30 +1,30 @@
-"""Monotonic clock for ages, which keeps running while the machine is suspended."""
+"""Monotonic clock for ages; it keeps running while the machine is suspended."""
 
 from __future__ import annotations
 
 import time
 
-# Linux clock like CLOCK_MONOTONIC that also counts the time for which the machine was suspended.
+# Linux clock that equals CLOCK_MONOTONIC plus the time during which the machine was suspended.
 BOOT_CLOCK = getattr(time, "CLOCK_BOOTTIME", None)
 
 
 def now() -> float:
-    """Time since an arbitrary epoch, common to all processes of a machine [s]."""
+    """Return the time since an arbitrary epoch [s], which is common to all processes of a machine."""
     return time.monotonic() if BOOT_CLOCK is None else time.clock_gettime(BOOT_CLOCK)
 
 
 class JumpDetector:
     """Detector of jumps of the wall clock relative to the monotonic clock."""
 
-    # Smallest jump [s]; less is clock slewing by a time server, or a delay between the two readings.
+    # Smallest jump [s]; a smaller one is slewing by a time server, or a delay between two readings.
     LEAST = 0.1
 
     def __init__(self) -> None:
-        """Take the first reading."""
+        """Read both clocks for the first time."""
         self._offset = self._read()
 
     def jump(self) -> float:
-        """Jump of the wall clock since the last call [s]; 0 if there was none."""
+        """Return the jump of the wall clock since the last call [s]; 0 if there was none."""
         offset, last = self._read(), self._offset
         self._offset = offset
         return offset - last if abs(offset - last) > self.LEAST else 0.0

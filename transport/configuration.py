@@ -11,20 +11,20 @@ from transport.exceptions import ConfigurationError
 # Default endpoint of node and clients: this machine only.
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
-# A peer that is silent for this long is considered dead [ms]; a hung node is noticed within 2.5 s.
+# Time without a message after which a peer counts as dead [ms]; a hung node is then detected within 2.5 s.
 LEASE_MS = 2000
 
-# Longest wait for room on a link before a sample is dropped for that link [us]; all other readers wait meanwhile.
+# Longest wait for room on a link before a sample is dropped for this link [us]; all other readers wait meanwhile.
 WAIT_BEFORE_DROP_US = 20_000
 
-# The same for a client, which has only one link, and for a site router, since a robot's planner usually runs next to
-# its node [us]. It covers the time that a busy machine takes to run the threads of a hundred links; with less, maps
-# sent in bursts were lost between router and planner.
+# The same wait for a client, which has a single link, and for a site router, because a robot's planner usually runs
+# next to its node [us]. It includes the time that a busy machine needs to run the threads of a hundred links; with a
+# shorter wait, maps sent in bursts were lost between router and planner.
 PATIENT_WAIT_US = 100_000
 
-# Length of a link's queue by priority, in batches of 64 KiB (default 2, maximum 16). The grid of a scan fits, as do the
-# largest piece of a fetched message and most of a map: a reader that is preempted for some milliseconds loses nothing,
-# and a put does not wait.
+# Length of a link's queue by priority, in batches of 64 KiB (default 2, maximum 16). The grid of a scan, the largest
+# piece of a fetched message and most of a map fit into a queue. Therefore a reader that is preempted for some
+# milliseconds loses nothing, and a put does not wait.
 QUEUES = {"data_high": 16, "data_low": 8, "background": 16}
 
 PROTOCOLS = ("tcp", "tls", "udp", "quic", "ws", "unixsock-stream")
@@ -33,10 +33,10 @@ RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 
 
 
 def check_endpoint(endpoint: str) -> str:
-    """Check a Zenoh endpoint, `protocol/address`, and return it.
+    """Check a Zenoh endpoint, `protocol/address`; return the endpoint.
 
     Raises:
-        ConfigurationError: unknown protocol, or address or port missing.
+        ConfigurationError: the protocol is unknown, or address or port is missing.
     """
     protocol, _, address = endpoint.partition("/")
     has_port = protocol == "unixsock-stream" or address.split("?")[0].rpartition(":")[2].isdigit()
@@ -49,10 +49,10 @@ def check_endpoint(endpoint: str) -> str:
 
 
 def check_tls(endpoint: str, *, allows_quic: bool = False) -> str:
-    """Check that an endpoint is encrypted (TLS, optionally QUIC) and return it.
+    """Check that an endpoint is encrypted, with TLS or, optionally, QUIC; return the endpoint.
 
     Raises:
-        ConfigurationError: it is not encrypted.
+        ConfigurationError: the endpoint is not encrypted or not valid.
     """
     if not check_endpoint(endpoint).startswith(("tls/", "quic/") if allows_quic else "tls/"):
         raise ConfigurationError(f"endpoint {endpoint!r} is not encrypted; write tls/host:port")
@@ -60,12 +60,12 @@ def check_tls(endpoint: str, *, allows_quic: bool = False) -> str:
 
 
 def tls_endpoint(host: str, port: str) -> str:
-    """TLS endpoint of a host; IPv6 addresses are put in brackets."""
+    """Return the TLS endpoint of a host and port; IPv6 addresses are put in brackets."""
     return f"tls/[{host}]:{port}" if ":" in host and not host.startswith("[") else f"tls/{host}:{port}"
 
 
 def is_local(endpoint: str) -> bool:
-    """Test that an endpoint can be reached from this machine only."""
+    """Return True if an endpoint can be reached only from this machine."""
     protocol, _, address = check_endpoint(endpoint).partition("/")
     if protocol == "unixsock-stream":
         return True
@@ -82,7 +82,7 @@ def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:
     """Reject unprotected endpoints that other machines can reach, unless explicitly allowed.
 
     Raises:
-        ConfigurationError: an endpoint is reachable from other machines.
+        ConfigurationError: an endpoint can be reached from other machines, or is not valid.
     """
     for endpoint in endpoints:
         if not (is_local(endpoint) or allow_insecure):
@@ -93,7 +93,7 @@ def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:
 
 
 def sending(*, patient: bool = False) -> dict[str, Any]:
-    """Section `transport/link/tx`: lease, queues, and the wait before a sample is dropped."""
+    """Return the section `transport/link/tx`: lease, queues, and wait before a sample is dropped."""
     drop = {"max_wait_before_drop_fragments": PATIENT_WAIT_US if patient else WAIT_BEFORE_DROP_US}
     return {"lease": LEASE_MS, "queue": {"size": dict(QUEUES), "congestion_control": {"drop": drop}}}
 
@@ -106,7 +106,7 @@ def _base(*, shared_memory: bool, patient: bool = False) -> dict[str, Any]:
 
 
 def dialling(endpoint: str) -> dict[str, Any]:
-    """Section `connect` of a router that connects to another one and reconnects when the link is lost."""
+    """Return the section `connect` of a router that connects to another router, again after each loss of the link."""
     return {
         "endpoints": [check_endpoint(endpoint)],
         "timeout_ms": -1,
@@ -118,7 +118,7 @@ def dialling(endpoint: str) -> dict[str, Any]:
 def node_configuration(
     listen: Sequence[str], *, uplink: str | None = None, shared_memory: bool = True
 ) -> dict[str, Any]:
-    """Configuration of a node that is the router of its clients, and optionally connects to another router."""
+    """Return the configuration of a node that is the router of its clients and may connect to another router."""
     return {
         "mode": "router",
         "listen": {"endpoints": [check_endpoint(endpoint) for endpoint in listen]},
@@ -128,12 +128,12 @@ def node_configuration(
 
 
 def router_configuration(listen: Sequence[str], *, uplink: str | None = None) -> dict[str, Any]:
-    """Configuration of a site router: as for a node, but with a longer wait before samples are dropped."""
+    """Return the configuration of a site router: as for a node, but with a longer wait before samples are dropped."""
     return {**node_configuration(listen, uplink=uplink), **_base(shared_memory=False, patient=True)}
 
 
 def client_configuration(endpoint: str, *, shared_memory: bool = True) -> dict[str, Any]:
-    """Configuration of a client of one router; it reconnects when the router returns."""
+    """Return the configuration of a client of one router; the client reconnects when the router returns."""
     return {
         "mode": "client",
         "connect": {"endpoints": [check_endpoint(endpoint)], "timeout_ms": 0, "retry": dict(RETRY)},

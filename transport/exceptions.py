@@ -1,4 +1,4 @@
-"""Errors of the transport, all derived from `TransportError`."""
+"""Exceptions of the package `transport`, all derived from `TransportError`."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from contextlib import contextmanager
 
 
 class TransportError(Exception):
-    """Root of all errors of this package."""
+    """Base class of all errors raised by the package `transport`."""
 
 
 class MessageError(TransportError, ValueError):
-    """A payload or message violates its type: wrong length, type, shape, name or value."""
+    """A payload or message does not fit its type: a length, type, shape, name or value is wrong."""
 
 
 class VersionError(MessageError):
@@ -19,7 +19,7 @@ class VersionError(MessageError):
 
 
 class UnknownPhase(MessageError):
-    """A stance pause has a phase of a later version; the pause is ignored."""
+    """A stance pause has a phase that only later versions know; the pause is ignored."""
 
 
 class KeyNameError(TransportError, ValueError):
@@ -27,34 +27,34 @@ class KeyNameError(TransportError, ValueError):
 
 
 class ConfigurationError(TransportError, ValueError):
-    """Settings are not valid, contradict each other or are not safe, such as an open port without security."""
+    """Settings are not valid, contradict each other, or are not safe, such as an open port without security."""
 
 
 class NameTaken(TransportError, ConnectionError):
-    """Another node with the same instance name is running on this router."""
+    """Another node with this instance name is running on the router."""
 
 
 class SessionClosed(TransportError, RuntimeError):
-    """The session was used after it had been closed."""
+    """The session, or an object that belongs to it, was used after being closed."""
 
 
 class ScannerUnavailable(TransportError, ConnectionError):
-    """No scanner replies: none is running, or this client has no permission to read or trigger it."""
+    """No scanner replies: none is running, or this client may neither read its grids nor request scans."""
 
 
 class ConnectionFailed(ScannerUnavailable):
-    """The session could not be opened; the message lists what to check."""
+    """The session could not be opened; the error message lists what to check."""
 
 
 class ScannerGone(TransportError, ConnectionError):
-    """The scanner disappeared: its process died or hung, or its link was lost."""
+    """The scanner disappeared: its process died or hung, or the link to it was lost."""
 
 
 class StaleTerrain(TransportError, LookupError):
-    """The newest grid may not be used: too old, of another pause or walk, withdrawn, or its node is not alive.
+    """The newest grid may not be used: it is too old, from another pause or walk, withdrawn, or its node is not alive.
 
     Attributes:
-        is_final: True if no later message can make this grid usable again.
+        is_final: True if no later message can make the same grid usable again.
     """
 
     def __init__(self, message: str = "", *, is_final: bool = True) -> None:
@@ -71,7 +71,7 @@ class ScanBusy(TransportError, RuntimeError):
 
 
 class ScanFailed(TransportError, RuntimeError):
-    """The scanner refused the request or could not finish the scan; `code` is the short name of the cause."""
+    """The scanner refused the request or could not complete the scan; `code` is a short name of the cause."""
 
     def __init__(self, message: str, code: str = "failed") -> None:
         super().__init__(message)
@@ -79,7 +79,7 @@ class ScanFailed(TransportError, RuntimeError):
 
 
 class ScanTimeout(TransportError, TimeoutError):
-    """The scan was not finished by the deadline of the request."""
+    """The scan was not completed before the deadline of the request."""
 
 
 class RecordingError(TransportError, ValueError):
@@ -92,7 +92,7 @@ class SecurityError(TransportError, ValueError):
 
 @contextmanager
 def os_errors(kind: type[TransportError], what: str) -> Iterator[None]:
-    """Convert an OSError to an error of this `kind`, with `what` and the cause as its message."""
+    """Convert an OSError to an error of class `kind`, whose message consists of `what` and the cause."""
     try:
         yield
     except OSError as error:
@@ -101,7 +101,7 @@ def os_errors(kind: type[TransportError], what: str) -> Iterator[None]:
 
 @contextmanager
 def errors_as(kind: type[TransportError], what: str, *causes: type[Exception]) -> Iterator[None]:
-    """Convert errors of these `causes` to one of this `kind`, with `what` and the cause as its message."""
+    """Convert errors of the classes `causes` to errors of class `kind`, with `what` and the cause as the message."""
     try:
         yield
     except causes as error:

@@ -1,4 +1,4 @@
-"""Robots on a router and their state, from liveliness tokens and status messages."""
+"""Robots that are alive on a router, and their state, from liveliness tokens and status messages."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from transport.queries.asking import ask
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """State of one robot as reported by its node.
+    """State of a robot, as reported by its node.
 
     Attributes:
         robot: instance name.
-        step: number of the current or last stance pause; None if it reports none.
-        standing: True in a pause; None if unknown.
-        age: time since its last grid was published [s]; NaN if there was none.
-        health: worst level of all items of its status; STALE if it is alive but did not reply.
-        message: messages of the items that are not OK; empty if all are.
-        links: number of links of its node.
+        step: number of the current or last stance pause; None if the node reports none.
+        standing: True during a pause, False after it; None if unknown.
+        age: time since the last grid was published [s]; NaN if there was none.
+        health: worst level of all items of the status; STALE if the node is alive but did not reply.
+        message: messages of the status items that are not OK; empty if all are OK.
+        links: number of Zenoh links of the node.
         run: identity of the node's run.
     """
 
@@ -43,15 +43,15 @@ class RobotState:
 
 
 def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float = 2.0) -> tuple[RobotState, ...]:
-    """Query the state of all robots, or of the given ones, once; no grids are transferred.
+    """Query once the state of all robots, or of the given ones; no grids are transferred.
 
     Args:
         session: open session of a client of the router.
-        robots: instance names; empty = all, which with certificates requires the role `fleet`.
-        timeout: time to wait for replies [s].
+        robots: instance names; empty = all robots, which requires the role `fleet` if certificates are used.
+        timeout: time to wait for the replies to each query [s].
 
     Returns:
-        The robots that are alive, sorted by name.
+        State of each robot that is alive, sorted by name.
 
     Raises:
         ScannerUnavailable: no robot is visible to this client.
@@ -72,7 +72,7 @@ def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float
 
 
 def living_robots(session: Session, *, timeout: float = 2.0) -> tuple[str, ...]:
-    """Instance names, sorted, of the robots that are alive on a router and visible to this client.
+    """Return the sorted instance names of the robots that are alive on a router and visible to this client.
 
     Args:
         session: open session of a client of the router.
@@ -90,15 +90,15 @@ def _answers(session: Session, key: str, timeout: float) -> list[RobotState]:
         with suppress(MessageError):
             status = decode_status(answer.payload or b"")
             state = _state_of(status)
-            # The name in the status must match the key: no robot may report for another.
+            # The name in the status must match the key, so that no robot can report for another one.
             if state is not None and state.robot == robot_of(answer.key):
                 states.append((status.stamp, state))
-    # A router with a storage replies as well, with an older status: the newest comes last.
+    # A router with a storage replies too, with an older status; sort so that the newest comes last.
     return [state for _, state in sorted(states, key=lambda entry: entry[0])]
 
 
 def _state_of(status: Status) -> RobotState | None:
-    """State of the robot in a status; None if the status does not name its robot."""
+    """Return the state of the robot in a status; None if the status does not contain the robot's name."""
     own, word = status.item(STATUS_NAME), read_word(status, 0.0)
     if own is None or word is None or not own.hardware_id:
         return None

@@ -1,4 +1,4 @@
-"""Keys of all messages, queryables and liveliness tokens in Zenoh."""
+"""Zenoh keys of all messages, queryables and liveliness tokens."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from functools import partial
 
 from transport.exceptions import KeyNameError
 
-# Default instance name.
+# Default instance name of a robot.
 DEFAULT_ROBOT = "guara"
 
-# Major version of everything below `<robot>/perception`; other major versions have other keys.
+# Major version of all keys below `<robot>/perception`; another major version has other keys.
 PERCEPTION_VERSION = "v1"
 
 # Name of the perception node's liveliness token.
@@ -23,14 +23,14 @@ NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_\-]*")
 
 
 def check_name(name: str, what: str = "robot") -> str:
-    """Check that a name can be one chunk of a key, and return it.
+    """Check that a name can be one chunk of a key; return the name.
 
     Args:
-        name: instance name of a robot, or name of a role.
-        what: owner of the name, for the error message.
+        name: name to check, such as the instance name of a robot.
+        what: what the name belongs to, for the error message.
 
     Raises:
-        KeyNameError: the name is not made of ASCII letters, digits, `_` and `-`, or begins with `-`.
+        KeyNameError: the name does not consist of ASCII letters, digits, `_` and `-`, or begins with `-`.
     """
     if not isinstance(name, str) or NAME.fullmatch(name) is None:
         raise KeyNameError(
@@ -41,15 +41,15 @@ def check_name(name: str, what: str = "robot") -> str:
 
 
 def perception_prefix(robot: str = DEFAULT_ROBOT) -> str:
-    """Key below which the perception node publishes, without a trailing slash."""
+    """Key prefix of everything that the perception node publishes, without a trailing slash."""
     return f"{check_name(robot)}/perception/{PERCEPTION_VERSION}"
 
 
 def check_encoding(encoding: str) -> str:
-    """Check an encoding of Terrain messages and return it.
+    """Check an encoding of Terrain messages; return the encoding.
 
     Raises:
-        KeyNameError: it is not in `ENCODINGS`.
+        KeyNameError: the encoding is not in `ENCODINGS`.
     """
     if encoding not in ENCODINGS:
         raise KeyNameError(f"encoding {encoding!r} is unknown; allowed: {', '.join(map(repr, ENCODINGS))}")
@@ -65,7 +65,7 @@ def terrain_key(robot: str = DEFAULT_ROBOT, extent: str = "footprint", encoding:
         encoding: "lossless", or "compact" for slow links (see `transport.messages.terrain_message`).
 
     Raises:
-        KeyNameError: unknown extent or encoding.
+        KeyNameError: extent or encoding is unknown.
     """
     names = {"footprint": "terrain", "map": "map"}
     if extent not in names:
@@ -75,7 +75,7 @@ def terrain_key(robot: str = DEFAULT_ROBOT, extent: str = "footprint", encoding:
 
 
 def perception_key(name: str, robot: str = DEFAULT_ROBOT) -> str:
-    """Key of `name` below `perception_prefix`."""
+    """Key that consists of `perception_prefix` and `name`."""
     return f"{perception_prefix(robot)}/{name}"
 
 
@@ -85,7 +85,7 @@ grid_map_key = partial(perception_key, "grid_map")
 # Steppable regions of the newest map, and its summary for slow links.
 regions_key = partial(perception_key, "regions")
 summary_key = partial(perception_key, "summary")
-# Queryables for scan requests, and for the newest grid or a region of it.
+# Queryables for scan requests, and for queries of the newest grid or a region of it.
 scan_key = partial(perception_key, "scan")
 query_key = partial(perception_key, "query")
 # diagnostic_msgs/DiagnosticArray of the node, and its liveliness token.
@@ -103,17 +103,17 @@ def grid_keys(robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
 
 
 def alive_keys_of_all_versions(robot: str = DEFAULT_ROBOT) -> str:
-    """Key expression of the liveliness tokens of nodes of any major version."""
+    """Key expression of the liveliness tokens of a robot's nodes, of any major version."""
     return f"{check_name(robot)}/perception/*/@alive/{NODE_ROLE}"
 
 
 def run_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
-    """Key of the liveliness token of one run of the node; `*` matches all."""
+    """Key of the liveliness token of one run of the node; run `*` matches all."""
     return f"{perception_prefix(robot)}/@alive/run/{run}"
 
 
 def claim_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
-    """Key of the liveliness token of a node that waits for the name; `*` matches all."""
+    """Key of the liveliness token of a node that waits for the name; run `*` matches all."""
     return f"{perception_prefix(robot)}/@alive/claim/{run}"
 
 
@@ -132,10 +132,10 @@ def gait_clock_key(robot: str = DEFAULT_ROBOT) -> str:
     return f"{check_name(robot)}/gait/v1/clock"
 
 
-# The orthorectified range image, the causes of unknown pixels, and the standard deviations.
+# Names of the orthorectified range image, the causes of its unknown pixels, and its standard deviations.
 RANGE_IMAGES = ("range_image", "range_image_causes", "range_image_sigma")
 
-# Key expressions of the status and liveliness token of all robots.
+# Key expressions of the status and the liveliness tokens of all robots.
 FLEET_STATUS = f"*/perception/{PERCEPTION_VERSION}/status"
 FLEET_ALIVE = f"*/perception/{PERCEPTION_VERSION}/@alive/{NODE_ROLE}"
 

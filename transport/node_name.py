@@ -1,4 +1,4 @@
-"""Ensure that only one node uses a robot name: a second one waits for the first to stop, then fails."""
+"""Uniqueness of a robot's name on a router: a second node waits for the first one to stop, then fails."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from transport.messages.terrain_message import Health
 from transport.security.folder import configured_endpoints, role_folder
 
 logger = logging.getLogger(__name__)
-# Longest wait for another node to disappear [s]. A killed node disappears at once, a hung one within two seconds; the
-# rest is for a busy machine.
+# Longest wait for another node to stop [s]. A killed node disappears immediately, a hung one within two seconds; the
+# rest is a margin for a busy machine.
 NAME_TIMEOUT = 15.0
-# Interval of checks [s].
+# Interval of checks while waiting [s].
 POLL = 0.25
-# Timeout for connecting to the node that uses the port [s].
+# Timeout for connecting to the node that uses the port, in order to notify it [s].
 KNOCK_TIMEOUT = 0.5
 TWO_NODES = (
     "another node named {} is running behind an uplink: readers there accept the grids of only one of the two. Give "
@@ -38,18 +38,18 @@ ANYWHERE = re.compile(r"/(0\.0\.0\.0|\[::\]):")
 
 
 def claim_name(session: Session, robot: str, *, timeout: float = NAME_TIMEOUT) -> AliveToken:
-    """Wait until no other node uses the name, and reserve it.
+    """Wait until no other node uses the name, and reserve the name.
 
     Args:
         session: open session of the node.
         robot: instance name.
-        timeout: longest wait for another node to disappear [s].
+        timeout: longest wait for another node to stop [s].
 
     Returns:
-        The claim; close it after declaring the node's own tokens.
+        The claim. Close it after declaring the node's own tokens.
 
     Raises:
-        NameTaken: the other node is still running.
+        NameTaken: after `timeout`, another node with the name is still running.
     """
     mine = uuid.uuid4().hex
     claim = AliveToken(session, claim_key(robot, mine))
@@ -85,13 +85,13 @@ def open_only_node(
     """Open a session as `open_node` does; if a node already uses the port, notify it and wait for it to stop.
 
     Args:
-        robot: instance name, which the other node reports as waiting.
+        robot: instance name; the other node reports that a node waits for this name.
         listen, connect, uplink, security, allow_insecure: as in `open_node`.
-        timeout: longest wait for the port [s].
+        timeout: longest wait for the port to become free [s].
         is_stopped: returns True to end the wait.
 
     Raises:
-        ConnectionFailed: the port is still in use, or as in `open_node`.
+        ConnectionFailed: the port is still in use after the wait, or an error of `open_node`.
         ConfigurationError, SecurityError: as in `open_node`.
     """
     deadline = time.monotonic() + timeout
@@ -115,11 +115,11 @@ def open_only_node(
 
 
 def _knock(stack: ExitStack, listen: str | None, security: str | Path | None, robot: str) -> None:
-    """Notify the node that uses the port that another one is waiting."""
+    """Notify the node that uses the port that another node is waiting; without access, do nothing."""
     try:
         folder = None if security is None else role_folder(security, NODE_ROLE)
         own = (DEFAULT_ENDPOINT,) if folder is None else configured_endpoints(folder, "listen")
-        # A node that listens on all interfaces is reached as localhost, which its certificate contains.
+        # Connect to a node that listens on all interfaces as localhost, a name that its certificate contains.
         endpoint = ANYWHERE.sub("/localhost:", listen or own[0])
         session = stack.enter_context(open_client(endpoint, security=folder, timeout=KNOCK_TIMEOUT))
         AliveToken(session, claim_key(robot, uuid.uuid4().hex))
@@ -128,24 +128,24 @@ def _knock(stack: ExitStack, listen: str | None, security: str | Path | None, ro
 
 
 class NameWatch:
-    """Watcher for other nodes that use or claim a name."""
+    """Monitor of other nodes that use or claim a robot's name."""
 
     def __init__(self, session: Session, robot: str, run: str, on_change: Callable[[], None]) -> None:
-        """Start watching.
+        """Start to monitor the name.
 
         Args:
             session: open session of the node.
             robot: instance name.
             run: identity of the node's own run.
-            on_change: runs on Zenoh's thread and must not block.
+            on_change: called on Zenoh's thread when such a node appears or disappears; must not block.
         """
         self._robot, self._run = robot, run
         self._claims = TokenWatcher(session, claim_key(robot), lambda _: on_change())
-        # Over an uplink that was down when the name was claimed, another node may appear later.
+        # Another node may appear later, for example over an uplink that was down when the name was claimed.
         self._runs = TokenWatcher(session, run_key(robot), lambda _: on_change())
 
     def items(self) -> list[StatusItem]:
-        """Status item about another node with the name, if there is one."""
+        """Return a status item about another node that uses or claims the name, or none."""
         if self._runs.names - {self._run}:
             level, text = Health.ERROR, TWO_NODES
         elif self._claims.names:
@@ -156,6 +156,6 @@ class NameWatch:
         return [StatusItem(name="name", level=level, message=message, hardware_id=self._robot)]
 
     def close(self) -> None:
-        """Stop watching; safe to call twice."""
+        """Stop monitoring; may be called twice."""
         self._claims.close()
         self._runs.close()

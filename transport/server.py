@@ -117,7 +117,7 @@ class PerceptionServer(Resource):
         super().__init__(session)
 
     def next_sequence(self, extent: str) -> int:
-        """Return the sequence number of the next message of an extent; each call increases it by 1.
+        """Return the sequence number of the next message of an extent; it increases with every call.
 
         Raises:
             MessageError: unknown extent.

@@ -1,4 +1,4 @@
-"""Announcements of stance pauses: publisher of the gait controller, receiver, and the clock of their stamps."""
+"""Announcements of stance pauses: publisher for the gait controller, receiver, and clock of their stamps."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ from transport.messages.stance_pause import PausePhase, StancePause, decode_stan
 from transport.messages.typestore import STANCE_PAUSE, TIME, cdr
 from transport.queries.remote_clock import ClockBound, RemoteClock
 
-# Interval of queries of the gait's clock [s]; a clock that is set in between is noticed at the next reply.
+# Interval of queries of the gait's clock [s]. If the clock is set in between, the next reply reveals this.
 CLOCK_PERIOD = 2.0
-# Time without a reply after which a gait controller that replied before counts as lost [s]: it may have begun the next
-# pause.
+# Time without a reply after which a gait controller that has replied before counts as lost [s]; it may have begun the
+# next pause.
 GAIT_SILENT = 4.0
 
 
 class StancePublisher(Sender):
-    """Publisher of stance pauses and of the clock that stamps them; never waits for a receiver.
+    """Publisher of stance pauses and of the clock that stamps them. It never waits for a receiver.
 
-    Receivers that start during a pause still get its BEGIN.
+    Receivers that start during a pause still receive the BEGIN of the pause.
 
     Args:
         session: open session.
-        robot: instance name, the same as in each `StancePause`.
-        clock: returns the current time [ns] of the clock that stamps the pauses. The node queries it to distinguish a
-            late message from a clock offset, and does not confirm scans without it.
+        robot: instance name; equal in each published `StancePause`.
+        clock: returns the current time [ns] of the clock that stamps the pauses. The node queries this clock to
+            distinguish a late message from a clock offset; without this clock, the node does not confirm scans.
     """
 
     def __init__(
         self, session: Session, *, robot: str = DEFAULT_ROBOT, clock: Callable[[], int] = time.time_ns
     ) -> None:
-        """Declare the keys."""
+        """Declare the keys of pauses and clock."""
         self._robot, self._clock = robot, clock
         encoding = cdr(STANCE_PAUSE)
         self._publisher = Publisher(session, stance_key(robot), priority=URGENT, encoding=encoding)
-        # Not latched: late subscribers need the BEGIN.
+        # HOLD is not latched, because late subscribers need the last BEGIN or END.
         self._holds = Publisher(session, stance_key(robot), latched=False, priority=URGENT, encoding=encoding)
         self._count = 0
         self._answerer = Answerer(session, gait_clock_key(robot), self._answer)
@@ -56,7 +56,7 @@ class StancePublisher(Sender):
 
         Raises:
             SessionClosed: the session is closed.
-            MessageError: the pause has the name of another robot.
+            MessageError: the announcement is for another robot.
         """
         if pause.robot != self._robot:
             raise MessageError(
@@ -75,10 +75,10 @@ class StancePublisher(Sender):
 
 
 class GaitClock(RemoteClock):
-    """Clock of the gait controller, which stamps its announcements."""
+    """Clock of the gait controller, which stamps the announcements."""
 
     def __init__(self, session: Session, robot: str = DEFAULT_ROBOT, on_news: Callable[[], None] | None = None) -> None:
-        """Start querying; `on_news` is called on the querying thread when the bound of the clock improves."""
+        """Start to query the clock; `on_news` is called on the querying thread when the bound of the clock changes."""
         self._on_news = on_news
         self._bound: ClockBound | None = None
         self._heard = math.inf
@@ -86,18 +86,21 @@ class GaitClock(RemoteClock):
 
     @property
     def state(self) -> str:
-        """State of the gait controller: "heard", "silent" (it stopped replying), or "" before the first reply."""
+        """State of the gait controller: "heard", "silent" (it has stopped replying), or "" before the first reply."""
         if self._bound is None:
             return ""
         return "silent" if clock.now() - self._heard > GAIT_SILENT else "heard"
 
     def earliest(self, stamp: int) -> float | None:
-        """Earliest time of a stamp [ns] by `transport.clock` [s]; None if unknown."""
+        """Return the earliest time on `transport.clock` [s] at which the gait's clock can have shown `stamp` [ns].
+
+        Returns None before the first reply.
+        """
         bound = self._bound
         return None if bound is None else bound.earliest(stamp * 1e-9)
 
     def at(self, time: float) -> tuple[float, float] | None:
-        """Reading of the clock at a time of `transport.clock`, and the bound of its error [s]; None if unknown."""
+        """Return the gait's clock reading at a time on `transport.clock`, and its error bound [s]; None if unknown."""
         bound = self._bound
         return None if bound is None else bound.at(time)
 
@@ -111,10 +114,10 @@ class GaitClock(RemoteClock):
 
 
 class StanceReceiver(OrderedReceiver[StancePause]):
-    """Receiver of the stance pauses of one robot; `on_pause` gets every announcement, in the order of arrival.
+    """Receiver of the stance pauses of a robot; calls `on_pause` with every announcement, in the order of arrival.
 
-    `latest` and the waiting methods return only the newest one, as in every receiver. If too many announcements wait,
-    the oldest HOLD or invalid one is dropped, else the oldest.
+    `latest` and the waiting methods return only the newest announcement, as in every receiver. If too many
+    announcements wait, the oldest HOLD or invalid one is dropped; if there is none, the oldest announcement.
     """
 
     def __init__(
@@ -125,14 +128,14 @@ class StanceReceiver(OrderedReceiver[StancePause]):
         on_pause: Callable[[StancePause], None] | None = None,
         on_refused: Callable[[MessageError], None] | None = None,
     ) -> None:
-        """Subscribe.
+        """Subscribe to the announcements.
 
         Args:
             session: open session.
             robot: instance name.
             on_pause: called with each announcement, on a background thread.
-            on_refused: called on that thread when an announcement is invalid, which leaves the state of the robot
-                unknown; called once for several that wait in a row.
+            on_refused: called on that thread with the error when an announcement is not valid, which leaves the state
+                of the robot unknown; called once for several that wait in a row.
         """
         super().__init__(session, stance_key(robot), decode_stance_pause, on_pause, on_refused)
 

@@ -1,4 +1,4 @@
-"""Stream of joint samples from the gait controller to the node."""
+"""Stream of joint samples from the gait controller to the perception node: publisher and receiver."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from transport.messages.stance_stream import (
 from transport.messages.submessages import Point, StanceMessage
 from transport.messages.typestore import STANCE_STREAM, cdr
 
-# Duration of a batch [s]: short, since the node waits for a sample after its last stripe; long enough to spare the gait
-# a message per sample.
+# Duration of a batch [s]. It is short, because the node waits for a sample after its last stripe, but long enough that
+# the gait need not send a message per sample.
 BATCH_PERIOD = 0.02
-# Largest number of batches waiting to be sent. On a blocked link the oldest are dropped; the receiver notices the gap.
+# Largest number of batches waiting to be sent. On a blocked link, the oldest are dropped; the receiver detects the gap.
 MAXIMUM_WAITING = 64
 
 
@@ -37,27 +37,27 @@ class _Sample:
 
     @property
     def form(self) -> tuple[object, ...]:
-        """Properties that all samples of one batch share."""
+        """Properties that must be equal in all samples of a batch."""
         return tuple(self.stance.joint_positions), self.stance.gravity_in_base is None, self.angular_velocity is None
 
 
 def _or_nan(vector: Point | None) -> Point:
-    """The vector, or NaN if it was not measured."""
+    """Return the vector, or NaN if it was not measured."""
     return (np.nan, np.nan, np.nan) if vector is None else vector
 
 
 class StanceStreamPublisher(Sender):
-    """Publisher of joint samples, which it sends in batches; never waits for a receiver.
+    """Publisher that sends joint samples in batches and never waits for a receiver.
 
     Args:
         session: open session.
-        legs: legs of the robot; each sample states which of them carry weight.
+        legs: names of the robot's legs; each sample states which legs carry weight.
         robot: instance name.
         epoch: identity of the walk, as in `StancePause`.
     """
 
     def __init__(self, session: Session, legs: tuple[str, ...], *, robot: str = DEFAULT_ROBOT, epoch: str = "") -> None:
-        """Declare the key."""
+        """Declare the key of the stream."""
         self.epoch = epoch
         self._robot, self._legs = robot, tuple(legs)
         self._publisher = Publisher(
@@ -69,17 +69,19 @@ class StanceStreamPublisher(Sender):
         super().__init__(session, self._publisher)
 
     def add(self, stamp: int, stance: StanceMessage, angular_velocity: Point | None = None) -> None:
-        """Queue one sample and return at once.
+        """Queue a sample; returns immediately.
 
-        A batch is sent at the latest when a sample arrives `BATCH_PERIOD` after its first one; `flush` sends the rest.
+        A batch is sent when a sample arrives `BATCH_PERIOD` or more after the batch's first one; `flush` sends the
+        rest.
 
         Args:
-            stamp: time of the joints [ns], by the clock that stamps the pauses.
-            stance: joints, support feet and, where there is an IMU, gravity.
-            angular_velocity: of the body in `base_link` [rad/s]; None if not measured.
+            stamp: time of the joint positions, on the clock that stamps the pauses [ns since the epoch].
+            stance: joint positions, support feet and, if there is an IMU, gravity.
+            angular_velocity: angular velocity of the body in `base_link` [rad/s]; None if not measured.
 
         Raises:
-            MessageError: a support foot that is not one of the legs, or a stamp not later than the one before.
+            MessageError: a support foot is not one of the legs, the stamp is not later than the previous one, or a
+                queued sample is not valid.
             SessionClosed: the session is closed.
         """
         if unknown := set(stance.support_feet) - set(self._legs):
@@ -96,7 +98,7 @@ class StanceStreamPublisher(Sender):
             self._samples.append(sample)
 
     def flush(self, timeout: float) -> None:
-        """Send the queued samples and wait until that is done; ReceiveTimeout if it takes longer than `timeout` [s]."""
+        """Send the queued samples, and wait until they are sent; ReceiveTimeout if not done within `timeout` [s]."""
         with self._lock:
             self._send()
         super().flush(timeout)
@@ -127,7 +129,8 @@ class StanceStreamPublisher(Sender):
 class StanceStreamReceiver(OrderedReceiver[StanceStream]):
     """Receiver of the joint samples of one robot.
 
-    `on_batch` gets the batches in the order of arrival; if it falls far behind, the oldest waiting ones are dropped.
+    `on_batch` is called with the batches in the order of arrival. If it falls far behind, the oldest waiting batches
+    are dropped.
     """
 
     def __init__(
@@ -138,13 +141,14 @@ class StanceStreamReceiver(OrderedReceiver[StanceStream]):
         on_batch: Callable[[StanceStream], None] | None = None,
         on_refused: Callable[[MessageError], None] | None = None,
     ) -> None:
-        """Subscribe.
+        """Subscribe to the stream.
 
         Args:
             session: open session.
             robot: instance name.
-            on_batch: called with each batch, on a thread of its own.
-            on_refused: called on that thread when a batch is not valid, once for several that wait in a row.
+            on_batch: called with each batch, on a separate thread.
+            on_refused: called on that thread with the error when a batch is not valid, once for several that wait in a
+                row.
         """
         key = stance_stream_key(robot)
         super().__init__(session, key, decode_stance_stream, on_batch, on_refused, latched=False)

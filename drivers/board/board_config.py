@@ -15,14 +15,14 @@ class BoardConfig:
     Attributes:
         vendor_id: USB vendor id, 0 ... 0xFFFF.
         product_id: USB product id, 0 ... 0xFFFF.
-        serial: serial number, needed only if several boards are plugged in.
-        timeout: timeout of a transfer [s]; must be short, since the watchdog allows 0.4 s of silence. A command is
-            repeated for at most half of this time.
-        attempts: number of attempts of a transfer that times out, stalls or returns damaged data.
-        motion_timeout: longest duration of a motion [s].
-        home_timeout: longest duration of homing [s].
-        handle_signals: let SIGTERM and SIGHUP end the program through its `with` blocks while the board is open, unless
-            the program has its own handlers.
+        serial: serial number of the board; needed only if several boards are plugged in. None = the only one.
+        timeout: timeout of a transfer [s]. It must be short, because the watchdog allows 0.4 s of silence; a command is
+            repeated for at most half of the watchdog's time.
+        attempts: number of attempts for a transfer that times out, stalls, fails or returns damaged data.
+        motion_timeout: longest wait for the end of a motion [s].
+        home_timeout: longest wait for the end of homing [s].
+        handle_signals: True = while the board is open, SIGTERM and SIGHUP end the program through its `with` blocks,
+            unless the program has handlers of its own.
 
     Raises:
         ValueError: a value is not allowed.

@@ -1,8 +1,8 @@
-"""Closing of open boards, with their laser off, at the end of the program.
+"""Closing of open boards at the end of the program, so that their lasers are off.
 
-Exceptions unwind through `with` blocks. SIGTERM and SIGHUP do not, so they are converted to `SystemExit` while a board
-is open; a board opened without a `with` block is closed at interpreter exit. SIGKILL cannot be caught: then the board's
-watchdog turns the laser off.
+An exception unwinds through `with` blocks, but SIGTERM and SIGHUP do not. While a board is open, these signals are
+therefore converted to `SystemExit`. A board opened without a `with` block is closed at interpreter exit. SIGKILL cannot
+be caught; then, the board's watchdog turns the laser off.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasat
 
 
 class Closable(Protocol):
-    """Object with `close()`, which must be safe to call twice."""
+    """Object whose `close()` may be called twice."""
 
     def close(self) -> None:
-        """Turn the laser off and close."""
+        """Turn the laser off and close the object."""
 
 
 _open: list[Closable] = []
@@ -31,7 +31,12 @@ _lock = threading.RLock()
 
 
 def watch(device: Closable, handle_signals: bool = True) -> None:
-    """Close `device` at the end of the program, unless `release` is called first."""
+    """Close `device` at the end of the program, unless `release` is called first.
+
+    Args:
+        device: open device.
+        handle_signals: True = convert signals without another handler, if called from the main thread.
+    """
     with _lock:
         if device in _open:
             return
@@ -46,7 +51,7 @@ def watch(device: Closable, handle_signals: bool = True) -> None:
 
 
 def release(device: Closable) -> None:
-    """Forget `device`; after the last one, restore the signal handlers if called from the main thread."""
+    """Forget `device`; after the last device, restore the signal handlers if called from the main thread."""
     with _lock:
         if device in _open:
             _open.remove(device)

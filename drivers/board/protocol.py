@@ -1,11 +1,11 @@
-"""Constants of the protocol between host and board, defined in `PROTOCOL.md`."""
+"""Constants, enumerations, fault texts and checksum of the USB protocol of the laser board; see `PROTOCOL.md`."""
 
 from __future__ import annotations
 
 import binascii
 import enum
 
-# 0x1209:0x0001 is reserved by pid.codes for private testing. A board made in series needs its own id (`BoardConfig`).
+# 0x1209:0x0001 is reserved by pid.codes for private testing. A production board needs its own id (`BoardConfig`).
 VENDOR_ID = 0x1209
 PRODUCT_ID = 0x0001
 MANUFACTURER = "Guara"
@@ -13,12 +13,12 @@ PRODUCT = "Guara laser board"
 
 PROTOCOL_MAJOR = 1
 PROTOCOL_MINOR = 2
-# First version of the protocol with dark flashes in sweeps.
+# First version of the protocol in which sweeps can have dark flashes.
 DARKS_SINCE = (1, 2)
 
 INTERFACE = 0
 REPORT_ENDPOINT = 0x81
-# bmRequestType of every command: device to host, vendor, device. The reply is the data stage.
+# bmRequestType of every command: device to host, vendor, device. The data stage contains the reply.
 REQUEST_IN = 0xC0
 
 IDENTITY_MAGIC = b"GUAR"
@@ -29,9 +29,9 @@ MOTION_SIZE = 32
 # Length of a read from the interrupt endpoint [bytes].
 REPORT_SIZE = 32
 
-# First byte of a stripe record; a status report begins with its result, 0.
+# First byte of a stripe record. A status report begins with its result, which is 0.
 STRIPE_MARK = 0x53
-# Largest number of stripes of one sweep, and number of places in the table of steps.
+# Largest number of stripes in a sweep, and number of entries in the step table.
 SWEEP_STRIPES, SWEEP_PLACES = 256, 512
 FLASH_SHORTEST_US = 200
 FLASH_LONGEST_US = 20_000
@@ -39,12 +39,12 @@ PERIOD_LONGEST_US = 1_000_000
 WAIT_UNIT_US = 500
 WAIT_UNITS = 127
 
-# bRequest by which Windows reads the Microsoft OS 2.0 descriptors; never a command.
+# bRequest by which Windows reads the Microsoft OS 2.0 descriptors; it must not be a command.
 MICROSOFT_REQUEST = 0xF0
 
 
 class Request(enum.IntEnum):
-    """bRequest of each command."""
+    """Codes (bRequest) of the commands."""
 
     IDENTIFY = 0x01
     HELLO = 0x02
@@ -85,7 +85,7 @@ class Result(enum.IntEnum):
 
 
 class BoardFlag(enum.IntFlag):
-    """State of the board."""
+    """Flags of the board's state."""
 
     SESSION = 1
     LASER_COMMANDED = 2
@@ -99,7 +99,7 @@ class BoardFlag(enum.IntFlag):
 
 
 class SweepOffFrames(enum.IntEnum):
-    """Frames with the laser off that a sweep takes."""
+    """Laser-off frames that a sweep takes: none, one for all stripes, or one per stripe."""
 
     NONE = 0
     ONE = 1
@@ -114,7 +114,7 @@ class Shot(enum.IntEnum):
 
 
 class BoardFault(enum.IntFlag):
-    """Faults of the board; a fault persists until it is cleared after its cause is gone."""
+    """Faults of the board. A fault persists until its cause is gone and it is cleared."""
 
     WATCHDOG = 1
     LASER_TIME = 2
@@ -137,26 +137,26 @@ FAULT_MEANINGS = {
 
 
 def describe_faults(faults: BoardFault) -> str:
-    """Meanings of the faults as text, or "no fault"."""
+    """Describe faults as text, or return "no fault"."""
     meanings = [meaning for fault, meaning in FAULT_MEANINGS.items() if fault in faults]
     return "; ".join(meanings) if meanings else "no fault"
 
 
 def checksum(data: bytes) -> int:
-    """CRC-16 of the protocol: CCITT polynomial 0x1021, initial value 0xFFFF."""
+    """Compute the CRC-16 of the protocol: CCITT polynomial 0x1021, initial value 0xFFFF."""
     return binascii.crc_hqx(data, 0xFFFF)
 
 
 def split_argument(argument: int) -> tuple[int, int]:
-    """Split a signed 32-bit argument into (wValue, wIndex), its low and high half."""
+    """Split a signed 32-bit argument into (wValue, wIndex): its low and its high half."""
     return argument & 0xFFFF, argument >> 16 & 0xFFFF
 
 
 def join_argument(value: int, index: int) -> int:
-    """Join wValue and wIndex into a signed 32-bit argument, the inverse of `split_argument`."""
+    """Join wValue and wIndex into a signed 32-bit argument; inverse of `split_argument`."""
     return signed((index & 0xFFFF) << 16 | (value & 0xFFFF))
 
 
 def signed(argument: int) -> int:
-    """Signed value of an unsigned 32-bit argument."""
+    """Convert an unsigned 32-bit argument to the signed value with the same bits."""
     return argument - (1 << 32) if argument >= 1 << 31 else argument

@@ -1,4 +1,4 @@
-"""Stripe and motion records of protocol 1.1 and their encoding, as defined in `PROTOCOL.md`."""
+"""Stripe and motion records of protocol 1.1, and their decoding as defined in `PROTOCOL.md`."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ MOTION = struct.Struct("<IIIIH12xH")
 
 @dataclass(frozen=True, slots=True)
 class StripeRecord:
-    """Report of the board after each frame of a sweep.
+    """Report that the board sends after each frame of a sweep.
 
     Attributes:
         shot: purpose of the trigger.
-        motion: number of motions at the start of the sweep.
-        place: place of the stripe in the step table.
+        motion: motion number of the sweep (number of motions started since power-up), modulo 65536.
+        place: index of the stripe in the step table.
         left: number of remaining stripes.
-        clock: the board's clock at the trigger [s], modulo 2^32 us.
-        exposures: number of exposures until the next trigger; 0 if they are not counted.
-        delay: time from the trigger to the exposure [s].
+        clock: time of the trigger on the board's clock [s], modulo 2^32 us.
+        exposures: number of exposures until the next trigger; 0 if the board does not count them.
+        delay: time from the trigger to the start of the exposure [s].
         exposure: duration of the exposure [s].
         lit: time for which the laser was on [s].
         faults: faults that were set.
-        step: motor step of the mirror.
+        step: position of the mirror [steps from the home switch].
     """
 
     shot: Shot
@@ -46,10 +46,10 @@ class StripeRecord:
 
     @classmethod
     def unpack(cls, data: bytes) -> StripeRecord:
-        """Read the record.
+        """Decode a record.
 
         Raises:
-            BadReply: wrong length, wrong checksum, or not a stripe record.
+            BadReply: length or checksum is wrong, or the record is not a stripe record.
         """
         mark, shot, motion, place, left, clock, exposures, delay, exposure, lit, faults, step, _, _ = STRIPE.unpack(
             checked(data, STRIPE_SIZE, "stripe record")
@@ -66,11 +66,11 @@ class MotionProfile:
     """Speeds, acceleration and settling time of the motor, as reported by the board.
 
     Attributes:
-        start_speed: speed at the start and at the end of a motion [steps/s].
+        start_speed: speed at the beginning and at the end of a motion [steps/s].
         top_speed: highest speed [steps/s].
         acceleration: acceleration between the two speeds [steps/s^2].
         settle: settling time of the mirror after a motion [s].
-        overshoot: number of steps by which a downward motion overshoots its target before it returns.
+        overshoot: number of steps by which a downward motion passes its target before it returns.
     """
 
     start_speed: float
@@ -81,26 +81,26 @@ class MotionProfile:
 
     @classmethod
     def unpack(cls, data: bytes) -> MotionProfile:
-        """Read the record.
+        """Decode a record.
 
         Raises:
-            BadReply: wrong length or checksum.
+            BadReply: length or checksum is wrong.
         """
         start, top, acceleration, settle, overshoot, _ = MOTION.unpack(checked(data, MOTION_SIZE, "motion record"))
         return cls(start, top, acceleration, settle * 1e-6, overshoot)
 
     def time(self, steps: int) -> float:
-        """Duration of a motion, without settling [s].
+        """Compute the duration of a motion [s], without settling.
 
         Args:
-            steps: signed number of steps; negative = downward, including overshoot and return.
+            steps: signed number of steps; a negative, downward motion includes overshoot and return.
         """
         if steps < 0:
             return self._one_way(self.overshoot - steps) + self._one_way(self.overshoot)
         return self._one_way(steps)
 
     def _one_way(self, steps: int) -> float:
-        # Sum of the step intervals, with constant acceleration from both ends.
+        # Sum of the step intervals, with constant acceleration at the start and equal deceleration at the end.
         squared = self.start_speed**2
         ramp = round(min(max(0.0, (self.top_speed**2 - squared) / (2 * self.acceleration)), steps))
         half = min(ramp + 1, steps // 2)

@@ -86,7 +86,7 @@ class UsbLink:
             BoardPermissionDenied: this user may not open the board.
             BoardInUse: another program uses the board.
             BoardUnplugged: the board was unplugged during the call.
-            BoardError: a transfer failed for another reason; the subclass tells which.
+            BoardError: a transfer failed for another reason, which the subclass gives.
         """
         import usb.core
         import usb.util
@@ -123,7 +123,7 @@ class UsbLink:
 
         Raises:
             BoardNotOpen: the board is not open.
-            BoardError: the transfer failed; the subclass tells the cause.
+            BoardError: the transfer failed; its subclass gives the cause.
         """
         device = self._held()
         value, index = split_argument(argument)
@@ -145,7 +145,7 @@ class UsbLink:
         Raises:
             BoardNotOpen: the board is not open.
             BoardStalled: the endpoint was stalled; its halt has been cleared, so that it can be read again.
-            BoardError: the transfer failed; the subclass tells the cause.
+            BoardError: the transfer failed; its subclass gives the cause.
         """
         device = self._held()
         try:

@@ -1,4 +1,4 @@
-"""Access to Aravis, a library for GigE Vision and USB3 Vision cameras, and a search for cameras."""
+"""Access to Aravis, a library for GigE Vision and USB3 Vision cameras, and search for such cameras."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from typing import Any
 from drivers.errors import CameraBackendMissing, CameraNotFound
 
 API = "0.8"
-# Location of `gi` in Debian and Ubuntu, which is not visible in a virtual environment.
+# Location of the package `gi` in Debian and Ubuntu; virtual environments do not include it.
 SYSTEM_PACKAGES = ("/usr/lib/python3/dist-packages",)
-# Aravis's names of the attributes of an `AravisDevice`.
+# Aravis's names for the attributes of `AravisDevice`, in their order.
 DEVICE_FIELDS = ("id", "vendor", "model", "serial_nbr", "address", "protocol")
 INSTALL = f"apt install gir1.2-aravis-{API} python3-gi"
 
 
 def load_aravis() -> Any:
-    """Import the module `Aravis`.
+    """Import and return the module `Aravis`.
 
-    `gi` is imported from the environment or else from the system, without making other system packages visible.
+    The package `gi` is imported from the environment or, if it is missing there, from the system, without making other
+    system packages visible.
 
     Raises:
-        CameraBackendMissing: Aravis or `gi` is not installed, or not for this Python.
+        CameraBackendMissing: Aravis or `gi` is not installed, or `gi` is built for another Python version.
     """
     try:
         gi = importlib.import_module("gi")
@@ -40,7 +41,7 @@ def load_aravis() -> Any:
 
 
 def glib_error() -> type[Exception]:
-    """Type of Aravis errors; call `load_aravis` first."""
+    """Return the exception type of Aravis errors; `load_aravis` must have been called."""
     error: type[Exception] = importlib.import_module("gi.repository.GLib").Error
     return error
 
@@ -70,9 +71,9 @@ class AravisDevice:
     """Camera found by Aravis.
 
     Attributes:
-        name: name for `AravisCamera`.
-        maker, model, serial: as reported by the camera.
-        address: address on the network or bus.
+        name: name to pass to `AravisCamera`.
+        maker, model, serial: as reported by the camera; empty if not reported.
+        address: address of the camera on the network or bus.
         protocol: "GigEVision", "USB3Vision" or "Fake".
     """
 
@@ -85,7 +86,7 @@ class AravisDevice:
 
 
 def find_aravis_cameras() -> tuple[AravisDevice, ...]:
-    """Search for cameras on all networks and buses; takes about a second.
+    """Search for cameras on all networks and buses. The search takes about a second.
 
     Raises:
         CameraBackendMissing: Aravis is not installed.
@@ -99,10 +100,10 @@ def find_aravis_cameras() -> tuple[AravisDevice, ...]:
 
 
 def trigger_lines(name: str) -> tuple[str, ...]:
-    """Input lines of a camera that can trigger it.
+    """List the input lines of a camera that can trigger it.
 
     Args:
-        name: name of the camera, from `find_aravis_cameras`.
+        name: name of the camera, as returned by `find_aravis_cameras`.
 
     Raises:
         CameraBackendMissing: Aravis is not installed.

@@ -1,4 +1,4 @@
-"""Locking and reading back of the settings of a GenICam camera."""
+"""Locking and reading back the settings of a GenICam camera."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from typing import Any
 from drivers.cameras.camera import UNITS, CameraSettings, HeldSettings, check_held
 from drivers.errors import CameraSettingRefused
 
-# Absolute tolerance of gain and gamma, which cameras round.
+# Absolute tolerance of gain and gamma, because cameras round them.
 ROUNDING = 0.05
-# Setting -> (name in Aravis's methods, its unit, relative tolerance, absolute tolerance). Cameras round exposure to
-# rows or clock ticks, and gain to fractions of a decibel.
+# Per setting: name in Aravis's methods, unit, relative tolerance, absolute tolerance. Cameras round exposure to rows or
+# clock ticks, and gain to fractions of a decibel.
 FEATURES = {"exposure": ("exposure_time", 1e-6, 0.05, 0.0), "gain": ("gain", 1.0, 0.02, ROUNDING)}
 
 
 def lock_settings(camera: Any, aravis: Any, settings: CameraSettings, name: str) -> CameraSettings:
-    """Switch automatic modes off, apply the settings, read them back and return the values of the camera.
+    """Turn automatic modes off, apply the settings, and return the values read back from the camera.
 
     Args:
-        camera: an `Aravis.Camera`.
-        aravis: the module.
-        settings: settings to apply; None entries are not changed. Since frames are raw, a white balance is rejected,
-            and so is a gamma other than 1 if the camera has no gamma feature.
-        name: name of the camera, for messages.
+        camera: open `Aravis.Camera`.
+        aravis: module `Aravis`.
+        settings: settings to apply; None entries are not changed. Because frames are raw, a white balance is rejected;
+            so is a gamma other than 1 if the camera has no gamma feature.
+        name: name of the camera, for error messages.
 
     Raises:
-        CameraSettingRefused: the camera does not have the setting, or reads back another value.
+        CameraSettingRefused: the camera lacks a setting, does not allow a value, or reads back another value.
     """
     held: dict[str, float] = {}
     for setting, (feature, unit, tolerance, rounding) in FEATURES.items():
@@ -56,8 +56,8 @@ def held_settings(camera: Any, aravis: Any, locked: CameraSettings) -> HeldSetti
     """Read the locked settings back from the camera.
 
     Args:
-        camera: an `Aravis.Camera`.
-        aravis: the module.
+        camera: open `Aravis.Camera`.
+        aravis: module `Aravis`.
         locked: settings to read; None entries are not read.
     """
     values: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""Bayer mosaics and their colour patterns."""
+"""Bayer mosaics: their patterns, simulation, and red pixels."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from drivers.frame import Image
 
 RED = 2
-# GenICam pixel format -> BGR channel of each pixel of the upper left 2 x 2 block, by row.
+# By GenICam pixel format: BGR channel of each pixel in the upper left 2 x 2 block, by row.
 PATTERNS = {
     "BayerRG8": ((2, 1), (1, 0)),
     "BayerGR8": ((1, 2), (0, 1)),
@@ -17,14 +17,14 @@ PATTERNS = {
 
 
 def mosaic(picture: Image, pattern: str) -> Image:
-    """Mosaic that a sensor with a Bayer filter records of an image.
+    """Simulate the mosaic that a sensor with a Bayer filter would record.
 
     Args:
-        picture: (height, width, 3), BGR.
+        picture: (height, width, 3) BGR image.
         pattern: one of PATTERNS.
 
     Returns:
-        (height, width), of the same dtype.
+        (height, width) mosaic of the same dtype.
     """
     seen = np.empty(picture.shape[:2], picture.dtype)
     for row in (0, 1):
@@ -34,14 +34,14 @@ def mosaic(picture: Image, pattern: str) -> Image:
 
 
 def red_pixels(seen: Image, pattern: str) -> Image:
-    """Red pixels of a mosaic as an image of half the width and height, without interpolation.
+    """Extract the red pixels of a mosaic as an image of half the width and height, without interpolation.
 
     Args:
-        seen: mosaic (height, width), both even.
+        seen: mosaic (height, width); both must be even.
         pattern: one of PATTERNS.
 
     Returns:
-        (height / 2, width / 2), of the same dtype, a copy.
+        (height / 2, width / 2) image of the same dtype; a copy.
     """
     row, column = next((r, c) for r in (0, 1) for c in (0, 1) if PATTERNS[pattern][r][c] == RED)
     red: Image = seen[row::2, column::2].copy()

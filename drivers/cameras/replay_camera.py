@@ -1,4 +1,4 @@
-"""Camera that plays the frames of an iterable, for example of a scan or recording."""
+"""Camera that plays the frames of an iterable, such as those of a scan or a recording."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from drivers.frame import Frame, read_only
 class ReplayCamera(Camera):
     """Camera that returns the frames of an iterable in order, without dropping any.
 
-    The frames must be in the order in which `acquire` grabs them. An iterable that can be iterated again, such as a
-    list, starts over when the camera is reopened.
+    The frames must be in the order in which `acquire` grabs them. If the iterable can be iterated again, like a list,
+    the replay starts over when the camera is reopened.
     """
 
     lag = 0.0
@@ -24,12 +24,13 @@ class ReplayCamera(Camera):
         """Prepare the camera.
 
         Args:
-            frames: images, numbered from 0, or frames, which keep their numbers. All are stamped when grabbed.
-            fps: frame rate at which they become available [Hz]; None = immediately.
-            name: name of the camera, for messages.
+            frames: images, which are numbered from 0, or frames, which keep their numbers. All are stamped when they
+                are grabbed.
+            fps: rate at which the frames become available [Hz]; None = immediately.
+            name: name of the camera in messages.
 
         Raises:
-            ValueError: fps is not above 0.
+            ValueError: `fps` is not above 0.
         """
         if fps is not None and not fps > 0:
             raise ValueError(f"fps is {fps}, it must be above 0 (None: without waiting)")
@@ -41,18 +42,18 @@ class ReplayCamera(Camera):
         self._due = 0.0
 
     def open(self) -> None:
-        """Start at the first frame; does nothing when the camera is open."""
+        """Start at the first frame; does nothing if the camera is open."""
         if self._iterator is None:
             self._iterator = iter(self._frames)
             self._counter = 0
             self._due = timing.monotonic() + self._period
 
     def close(self) -> None:
-        """Stop."""
+        """Stop the replay."""
         self._iterator = None
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Accept empty settings only, since the frames exist already.
+        """Accept only empty settings, because the frames exist already.
 
         Raises:
             CameraSettingRefused: a setting is not None.
@@ -87,4 +88,4 @@ class ReplayCamera(Camera):
         return Frame(read_only(item), counter, timing.monotonic())
 
     def flush(self) -> None:
-        """Do nothing: frames arrive only when grabbed."""
+        """Do nothing, because frames arrive only when they are grabbed."""

@@ -8,9 +8,9 @@ VIDEO_DEVICES = Path("/sys/class/video4linux")
 
 
 def usb_identity(path: str) -> str:
-    """Product, USB ids and serial number, as "OV9281 (1bcf:0b09), serial 0042"; empty if it is not a USB camera.
+    """Return product, USB ids and serial number, such as "OV9281 (1bcf:0b09), serial 0042"; "" if not a USB camera.
 
-    Some manufacturers give their cameras no serial number, or all of them the same.
+    Some manufacturers give their cameras no serial number, or the same one to all of them.
 
     Args:
         path: path of the video device, or a link to it.

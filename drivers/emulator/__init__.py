@@ -1,4 +1,4 @@
-"""Emulated laser board at the USB level, and an emulated camera in front of it.
+"""Laser board emulated at the USB level, and an emulated camera that sees it.
 
 `emulated_backend(EmulatedBoard())` is a pyusb backend for `LaserBoard(backend=...)`. Imports `board` and `cameras`.
 """

@@ -1,6 +1,6 @@
-"""Pyusb backend whose only device is an emulated board; driver and pyusb run unchanged.
+"""Pyusb backend whose only devices are emulated boards; the driver and pyusb run unchanged.
 
-This module imports pyusb; the emulated board itself does not need it.
+Only this module of the emulator imports pyusb; the emulated board itself does not need it.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from drivers.emulator.bus import CLEAR_FEATURE, SET_CONFIGURATION, TO_DEVICE, TO
 
 _T = TypeVar("_T")
 
-# Timeout of standard requests [s].
+# Timeout of standard requests, such as reading a descriptor [s].
 DESCRIPTOR_TIMEOUT = 1.0
 
-# libusb's error codes, as the real backend returns them.
+# libusb's error code for each errno, as the real backend returns them.
 LIBUSB_CODES = {
     errno.EIO: -1,
     errno.EACCES: -3,
@@ -35,38 +35,38 @@ LIBUSB_CODES = {
 
 
 class EmulatedBackend(usb.backend.IBackend):
-    """A pyusb backend over one or more emulated buses, each with one board."""
+    """Pyusb backend for one or more emulated buses, each with one board."""
 
     def __init__(self, *buses: Bus) -> None:
-        """Offer the boards of these buses."""
+        """Provide the boards on these buses."""
         self._buses = buses
 
     def enumerate_devices(self) -> Iterator[int]:
-        """Yield the numbers of the buses whose board is plugged in."""
+        """Iterate over the numbers of the buses whose boards are plugged in."""
         return (number for number, bus in enumerate(self._buses) if bus.present())
 
     def get_parent(self, dev: int) -> None:
-        """None: no hub is emulated."""
+        """Return None: hubs are not emulated."""
         return None
 
     def get_device_descriptor(self, dev: int) -> SimpleNamespace:
-        """Device descriptor, with the device's place on the bus."""
+        """Return the device descriptor, with the position of the device on the bus."""
         data, number = self._descriptor(dev, descriptors.DEVICE, 18), dev + 1
         place = {"address": number, "bus": 1, "port_number": number, "port_numbers": (number,), "speed": 2}
         return descriptors.parse(data, descriptors.DEVICE, **place)
 
     def get_configuration_descriptor(self, dev: int, config: int) -> SimpleNamespace:
-        """Configuration descriptor 0; IndexError for another."""
+        """Return configuration descriptor 0; IndexError for any other."""
         _only_zero(config)
         return descriptors.parse(self._configuration(dev), descriptors.CONFIGURATION, extra_descriptors=[])
 
     def get_interface_descriptor(self, dev: int, intf: int, alt: int, config: int) -> SimpleNamespace:
-        """Interface descriptor 0; IndexError for another."""
+        """Return interface descriptor 0; IndexError for any other."""
         _only_zero(intf, alt, config)
         return descriptors.parse(self._configuration(dev), descriptors.INTERFACE_KIND, extra_descriptors=[])
 
     def get_endpoint_descriptor(self, dev: int, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
-        """Endpoint descriptor 0; IndexError for another."""
+        """Return endpoint descriptor 0; IndexError for any other."""
         _only_zero(ep, intf, alt, config)
         further = {"bRefresh": 0, "bSynchAddress": 0, "extra_descriptors": []}
         return descriptors.parse(self._configuration(dev), descriptors.ENDPOINT_KIND, **further)
@@ -79,7 +79,7 @@ class EmulatedBackend(usb.backend.IBackend):
         return self._descriptor(dev, descriptors.CONFIGURATION, 255)
 
     def open_device(self, dev: int) -> Bus:
-        """Open the board; the handle is the bus."""
+        """Open the board; the returned handle is its bus."""
         bus = self._buses[dev]
         _translated(bus.open)
         return bus
@@ -89,13 +89,13 @@ class EmulatedBackend(usb.backend.IBackend):
         dev_handle.release()
 
     def set_configuration(self, dev_handle: Bus, config_value: int) -> None:
-        """Set the only configuration."""
+        """Set configuration 1, the only one."""
         if config_value != 1:
             raise usb.core.USBError("Entity not found", -5, errno.ENOENT)
         _translated(lambda: dev_handle.command(TO_DEVICE, SET_CONFIGURATION, config_value, 0, DESCRIPTOR_TIMEOUT))
 
     def get_configuration(self, dev_handle: Bus) -> int:
-        """Current configuration."""
+        """Return the number of the current configuration."""
         return _translated(lambda: dev_handle.control(0x80, 8, 0, 0, 1, DESCRIPTOR_TIMEOUT))[0]
 
     def claim_interface(self, dev_handle: Bus, intf: int) -> None:
@@ -120,7 +120,7 @@ class EmulatedBackend(usb.backend.IBackend):
         data: array[int],
         timeout: int,
     ) -> int:
-        """Make a control transfer; one with data from the host stalls, since the board has no such request."""
+        """Make a control transfer. A transfer with data from the host stalls, because the board has no such request."""
         if not bmRequestType & 0x80:
             if len(data):
                 raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
@@ -132,12 +132,12 @@ class EmulatedBackend(usb.backend.IBackend):
         return _fill(data, answer)
 
     def intr_read(self, dev_handle: Bus, ep: int, intf: int, buff: array[int], timeout: int) -> int:
-        """Read the interrupt endpoint; a record longer than the buffer is an overflow."""
+        """Read a record from the interrupt endpoint; overflow error if the record is longer than the buffer."""
         return _fill(buff, _translated(lambda: dev_handle.interrupt(len(buff), timeout / 1e3)))
 
 
 def emulated_backend(*boards: EmulatedBoard) -> EmulatedBackend:
-    """Make a pyusb backend with these emulated boards plugged in."""
+    """Make a pyusb backend with the given emulated boards plugged in."""
     return EmulatedBackend(*(LocalBus(board) for board in boards))
 
 
@@ -150,7 +150,7 @@ def _fill(buffer: array[int], answer: bytes) -> int:
 
 def _only_zero(*numbers: int) -> None:
     if any(numbers):
-        raise IndexError(f"the emulated board has one of each, number 0; asked for {numbers}")
+        raise IndexError(f"the emulated board has only index 0 of each kind of descriptor; asked for {numbers}")
 
 
 def _translated(transfer: Callable[[], _T]) -> _T:

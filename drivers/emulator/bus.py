@@ -1,4 +1,4 @@
-"""Emulated USB bus: transfers to an emulated board."""
+"""Emulated USB bus: its transfers are served by an emulated board."""
 
 from __future__ import annotations
 
@@ -15,57 +15,57 @@ from drivers.emulator.descriptors import descriptor
 TO_DEVICE, TO_ENDPOINT, FROM_DEVICE = 0x00, 0x02, 0x80
 CLEAR_FEATURE, GET_DESCRIPTOR, GET_CONFIGURATION, SET_CONFIGURATION = 1, 6, 8, 9
 CLEAR_REPORT_HALT = (TO_ENDPOINT, CLEAR_FEATURE, 0, REPORT_ENDPOINT)
-# Polling interval while the mirror is at rest [s].
+# Interval of checks for a report while the mirror is at rest [s].
 REPORT_SLICE = 0.002
 
 
 class BusError(OSError):
-    """Failed transfer, with the `errno` of libusb."""
+    """Failed transfer, with the `errno` that libusb would report."""
 
 
 class Bus(Protocol):
-    """Interface of a bus with one board, in this or another process, for the pyusb backend."""
+    """Interface of a bus with one board, in this process or another one, as used by the pyusb backend."""
 
     def present(self) -> bool:
-        """True while the board is plugged in."""
+        """Return True while the board is plugged in."""
 
     def open(self) -> None:
-        """Open the device, or raise BusError."""
+        """Open the device; BusError if this fails."""
 
     def claim(self) -> None:
-        """Claim its interface, or raise BusError."""
+        """Claim the interface of the device; BusError if this fails."""
 
     def release(self) -> None:
-        """Release the interface."""
+        """Release the interface of the device."""
 
     def control(self, request_type: int, request: int, value: int, index: int, length: int, timeout: float) -> bytes:
-        """Make a control transfer with data to the host, or raise BusError; `timeout` in seconds."""
+        """Make a control transfer with data to the host; BusError if it fails. `timeout` is in [s]."""
 
     def command(self, request_type: int, request: int, value: int, index: int, timeout: float) -> None:
-        """Make a control transfer without a data stage, or raise BusError; `timeout` in seconds."""
+        """Make a control transfer without a data stage; BusError if it fails. `timeout` is in [s]."""
 
     def interrupt(self, length: int, timeout: float) -> bytes:
-        """Read the interrupt endpoint, or raise BusError; `timeout` in seconds."""
+        """Read the interrupt endpoint; BusError if this fails. `timeout` is in [s]."""
 
 
 class LocalBus:
-    """Bus in this process; thread-safe."""
+    """Bus with a board in this process; thread-safe."""
 
     def __init__(self, board: EmulatedBoard) -> None:
-        """Plug `board` in."""
+        """Plug `board` into the bus."""
         self._board = board
         self._claimed = False
         self._claim_lock = threading.Lock()
 
     def present(self) -> bool:
-        """True: nothing unplugs this board."""
+        """Return True: this board is always plugged in."""
         return True
 
     def open(self) -> None:
-        """Open the device."""
+        """Open the device; nothing has to be done."""
 
     def claim(self) -> None:
-        """Claim the interface, unless it is claimed already."""
+        """Claim the interface; BusError if it is already claimed."""
         with self._claim_lock:
             if self._claimed:
                 raise BusError(errno.EBUSY, "Resource busy")
@@ -77,7 +77,7 @@ class LocalBus:
             self._claimed = False
 
     def control(self, request_type: int, request: int, value: int, index: int, length: int, timeout: float) -> bytes:
-        """Make a control transfer: a command of the board, or a standard request."""
+        """Make a control transfer with data to the host: a command of the board, or a standard request."""
         command = REQUESTS.get(request) if request_type == REQUEST_IN else None
         if command is None:
             return self._standard(request_type, request, value)[:length]
@@ -92,13 +92,13 @@ class LocalBus:
         return answer
 
     def command(self, request_type: int, request: int, value: int, index: int, timeout: float) -> None:
-        """Make a control transfer without data: set the configuration, or clear the endpoint's halt."""
+        """Make a control transfer without data: set the configuration, or clear the halt of the report endpoint."""
         sets_configuration = (request_type, request, value) == (TO_DEVICE, SET_CONFIGURATION, 1)
         if not sets_configuration and (request_type, request, value, index) != CLEAR_REPORT_HALT:
             raise BusError(errno.EPIPE, "Pipe error")
 
     def interrupt(self, length: int, timeout: float) -> bytes:
-        """Wait for the next report and return it."""
+        """Wait for the next report, and return it; BusError after `timeout` [s]."""
         deadline = timing.monotonic() + timeout
         while True:
             report = self._next_report()

@@ -1,4 +1,4 @@
-"""Configuration of the emulated board: mirror, limits of the laser, delay of the bus."""
+"""Configuration of the emulated board: mirror, limits of the laser, and delay of the bus."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from drivers.board.board_records import BoardIdentity
 from drivers.board.protocol import PROTOCOL_MAJOR, PROTOCOL_MINOR
 
-# Step of a 1.8 degree stepper with 256 microsteps that drives the mirror directly: 0.00703 degrees. The travel is 40
-# degrees with zero 15 degrees above its low end, which covers the scan of the Guara (-6.3 ... 18.6 degrees).
+# Step of a 1.8 degree stepper motor with 256 microsteps that drives the mirror directly: 0.00703 degrees. The travel is
+# 40 degrees, with the zero angle 15 degrees above its low end; this includes the scan of the Guara (-6.3 ... 18.6
+# degrees).
 STEP_NANORAD = 122718
 STEP = STEP_NANORAD * 1e-9
 
@@ -34,14 +35,14 @@ class EmulatorConfig:
     """Configuration of an `EmulatedBoard`.
 
     Attributes:
-        identity: identity reported by the board, with the limits that it enforces.
-        serial: serial number.
+        identity: identity that the board reports, with the limits that it enforces.
+        serial: serial number of the board.
         mirror_speed: speed of the mirror [rad/s]; 7 rad/s is 220 full steps per second, slow for a stepper.
         settle: settling time of the mirror after a motion [s].
-        overshoot: number of steps by which a downward motion overshoots, to take up backlash.
-        periodic_error: amplitude [rad] of the stepper's periodic error, whose period is 8 full steps.
+        overshoot: number of steps by which a downward motion passes its target, to take up backlash.
+        periodic_error: amplitude of the stepper motor's periodic error [rad]; its period is 8 full steps.
         temperature: temperature of the board [degrees Celsius].
-        bus_delay: duration of a transfer [s]; a real full-speed control transfer takes about 0.001.
+        bus_delay: duration of a transfer [s]; about 0.001 for a real full-speed control transfer.
     """
 
     identity: BoardIdentity = field(default_factory=_default_identity)

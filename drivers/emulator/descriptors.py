@@ -1,4 +1,4 @@
-"""USB descriptors of the emulated board, and a parser into the form that pyusb's backends return."""
+"""USB descriptors of the emulated board, and a parser to the form that pyusb's backends return."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drivers.board.protocol import INTERFACE, MANUFACTURER, PRODUCT, PRODUCT_ID,
 DEVICE, CONFIGURATION, STRING, INTERFACE_KIND, ENDPOINT_KIND = 1, 2, 3, 4, 5
 # String descriptor 0: English (United States), 0x0409.
 LANGUAGE = b"\x04\x03\x09\x04"
-# Layout of each kind, and the names (USB specification) of its fields after length and kind.
+# Layout of each type of descriptor, and the names (as in the USB specification) of the fields after length and type.
 LAYOUTS = {
     DEVICE: (
         struct.Struct("<BBHBBBBHHHBBBB"),
@@ -32,11 +32,11 @@ LAYOUTS = {
 
 
 def descriptor(kind: int, index: int, serial: str) -> bytes | None:
-    """Descriptor of the emulated board; None if it has no such descriptor.
+    """Return a descriptor of the emulated board, or None if the board has no such descriptor.
 
     Args:
-        kind: type of the descriptor, the high byte of wValue.
-        index: index of the descriptor, the low byte of wValue.
+        kind: type of the descriptor (high byte of wValue).
+        index: index of the descriptor (low byte of wValue).
         serial: serial number of the board.
     """
     if kind == STRING:
@@ -53,7 +53,7 @@ def descriptor(kind: int, index: int, serial: str) -> bytes | None:
 
 
 def parse(data: bytes, kind: int, **further: Any) -> SimpleNamespace:
-    """Parse the first descriptor of a kind in the data of a device, and add further attributes.
+    """Parse the first descriptor of a type in the data of a device; `further` attributes are added to the result.
 
     Raises:
         IndexError: there is no such descriptor.

@@ -1,4 +1,4 @@
-"""Free-running emulated camera that renders each exposure of an emulated board."""
+"""Free-running emulated camera that renders the exposures of an emulated board."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from drivers.frame import Frame, read_only
 
 
 class Exposes(Protocol):
-    """Interface of a board that cameras can expose: `EmulatedBoard` or `RemoteBoard`."""
+    """Interface of a board that emulated cameras can see: `EmulatedBoard` or `RemoteBoard`."""
 
     def exposure(self, start: float, end: float) -> ExposureView:
-        """View of an exposure from `start` to `end` [s]."""
+        """Return the state of the board during an exposure from `start` to `end` [s]."""
 
 
 class EmulatedCamera(Camera):
-    """Camera that exposes at a fixed rate; a slow reader gets only the newest frame.
+    """Emulated camera that exposes at a fixed rate; a slow reader receives only the newest frame.
 
-    Frame n is exposed for `exposure` from `start + n / fps` on, and arrives `latency` after the exposure.
+    Frame n is exposed for `exposure`, starting at `start + n / fps`, and arrives `latency` after the end of the
+    exposure.
     """
 
     def __init__(
@@ -38,19 +39,20 @@ class EmulatedCamera(Camera):
         name: str = "emulated camera",
         identity: str = "emulated camera, serial EMU0001",
     ) -> None:
-        """Prepare the camera.
+        """Prepare the camera; `open` starts the exposures.
 
         Args:
-            board: the board whose laser and mirror it sees.
-            render: renders the image of an exposure from the state of the board and the camera's settings.
+            board: board whose laser and mirror the camera sees.
+            render: renders the image of an exposure from the state of the board and the settings of the camera.
             fps: frame rate [Hz].
             exposure: initial exposure time [s].
-            latency: time from the end of the exposure to the arrival [s].
+            latency: time from the end of an exposure to the arrival of its frame [s].
             name: name of the camera in messages.
             identity: see `Camera`.
 
         Raises:
-            ValueError: fps or exposure is not above 0, or the exposure is longer than a frame.
+            ValueError: `fps` or `exposure` is not above 0, the exposure is longer than a frame period, or `latency` is
+                negative.
         """
         if not (fps > 0 and 0 < exposure <= 1 / fps and latency >= 0):
             raise ValueError(
@@ -67,16 +69,16 @@ class EmulatedCamera(Camera):
         self._next = 0
 
     def open(self) -> None:
-        """Start exposing; does nothing when open."""
+        """Start exposing; does nothing if the camera is open."""
         if self._start is None:
             self._start, self._next = timing.monotonic(), 0
 
     def close(self) -> None:
-        """Stop."""
+        """Stop exposing."""
         self._start = None
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Accept all settings; an exposure longer than the frame period is reduced to it, as in real cameras."""
+        """Accept all settings, but limit the exposure to the frame period, as real cameras do."""
         self._started()
         given = settings.given()
         if "exposure" in given:
@@ -87,14 +89,14 @@ class EmulatedCamera(Camera):
         return self._settings
 
     def held(self, locked: CameraSettings) -> HeldSettings:
-        """Report all settings."""
+        """Report all settings of the camera, whatever was locked."""
         return HeldSettings(values=asdict(self._settings))
 
     def grab(self, timeout: float) -> Frame:
-        """Return the next frame, or the newest if several have arrived since the last grab.
+        """Return the next frame, or the newest one if several have arrived since the last grab.
 
         Raises:
-            CameraTimeout: no frame in time.
+            CameraTimeout: no frame arrives in time.
             CameraNotOpen: the camera is not open.
         """
         start = self._started()
@@ -111,7 +113,7 @@ class EmulatedCamera(Camera):
         return frame
 
     def flush(self) -> None:
-        """Discard the frames that have arrived."""
+        """Discard the frames that have already arrived."""
         self._started()
         self._next = max(self._next, self._arrived(timing.monotonic()) + 1)
 

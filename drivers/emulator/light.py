@@ -1,4 +1,4 @@
-"""Emulated laser and its firmware: switch, photodiode, watchdog, time limit, temperature, supply relay."""
+"""Emulated laser and its firmware: switch, photodiode, watchdog, time limit, temperature and supply relay."""
 
 from __future__ import annotations
 
@@ -14,45 +14,45 @@ BLOCKING = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERA
 
 @dataclass(frozen=True, slots=True)
 class Switching:
-    """Switching event: the laser changed to `on` at `time` [s]."""
+    """Change of the laser to the state `on` at `time` [s]."""
 
     time: float
     on: bool
 
 
 class Laser:
-    """Laser with a log of its changes, from which the light in an exposure is computed."""
+    """Emulated laser with a log of its changes, from which the light during an exposure is computed."""
 
     def __init__(self, now: float) -> None:
-        """Start switched off."""
+        """Start with the laser off."""
         self._log: deque[Switching] = deque([Switching(now, False)], maxlen=8192)
 
     @property
     def on(self) -> bool:
-        """True while it is on."""
+        """True while the laser is on."""
         return self._log[-1].on
 
     def switch(self, on: bool, now: float) -> None:
-        """Switch at `now`; does nothing if the laser is in that state already."""
+        """Switch the laser at `now`; does nothing if the laser is already in that state."""
         if on != self.on:
             self._log.append(Switching(now, on))
 
     def switchings(self) -> tuple[Switching, ...]:
-        """Logged changes, oldest first."""
+        """Return the logged changes, oldest first."""
         return tuple(self._log)
 
     def at(self, time: float) -> bool:
-        """True if it was on at `time`."""
+        """Return True if the laser was on at `time`."""
         for event in reversed(self._log):
             if event.time <= time:
                 return event.on
         return False
 
     def fraction(self, start: float, end: float) -> float:
-        """Fraction of the interval from `start` to `end` during which it was on, 0 ... 1."""
+        """Return the fraction of the interval from `start` to `end` during which the laser was on, 0 ... 1."""
         if end <= start:
             return 1.0 if self.at(start) else 0.0
-        # Backwards from the newest change: the interval is recent, and the log may be long.
+        # Search backwards from the newest change: the interval is recent, and the log may be long.
         lit, until = 0.0, end
         for event in reversed(self._log):
             if event.time < until:
@@ -65,16 +65,16 @@ class Laser:
 
 
 class LightUnit:
-    """Laser, its supply relay, and its safety timers."""
+    """Emulated laser, its supply relay, and the safety timers of its firmware."""
 
     def __init__(self, identity: BoardIdentity, temperature: float, now: float) -> None:
-        """Start switched off; `temperature` of a healthy board in degrees Celsius."""
+        """Start with the laser off; `temperature` is that of a healthy board [degrees Celsius]."""
         self.laser = Laser(now)
         self._identity, self._temperature = identity, temperature
         self.power_on(now)
 
     def power_on(self, now: float) -> None:
-        """Start as after a reset."""
+        """Reset the state of the firmware, as at power-up."""
         self.faults = BoardFault(0)
         self._commanded = False
         self._supply = True
@@ -83,11 +83,11 @@ class LightUnit:
         self._update(now)
 
     def feed(self, now: float) -> None:
-        """Restart the watchdog."""
+        """Reset the watchdog."""
         self._fed = now
 
     def command(self, on: bool, now: float) -> bool:
-        """Switch the laser; return True if the firmware permits it."""
+        """Switch the laser; return False if a blocking fault prevents switching it on."""
         if on and self.faults & BLOCKING:
             return False
         if on and not self._commanded:
@@ -108,7 +108,7 @@ class LightUnit:
         self._update(now)
 
     def advance(self, now: float) -> None:
-        """Apply the hardware timer that is due first, as of its due time."""
+        """Process the safety timer that expires first, if it has expired, with the time at which it expired."""
         if not self.laser.on:
             return
         silent, limit = self._fed + self._identity.watchdog, self._run_start + self._identity.laser_limit
@@ -116,24 +116,24 @@ class LightUnit:
             self.cut(BoardFault.WATCHDOG if silent <= limit else BoardFault.LASER_TIME, min(silent, limit))
 
     def flags(self) -> int:
-        """Bits of the laser in the status flags."""
-        # As integers: operators of enums would take most of the time of a transfer.
+        """Return the laser's bits of the status flags."""
+        # Integers are used because operators of enums would take most of the time of a transfer.
         flags = int(BoardFlag.HAS_SENSOR)
         flags |= int(BoardFlag.LASER_COMMANDED) if self._commanded else 0
         flags |= int(BoardFlag.LASER_SENSED) if self.sensed else 0
         return flags
 
     def temperature(self) -> float:
-        """Temperature of the board [degrees Celsius]."""
+        """Return the temperature of the board [degrees Celsius]."""
         return self._temperature
 
     def time_on(self, now: float) -> float:
-        """Time for which the laser has been on without a rest [s]."""
+        """Return the time for which the laser has been on without a rest [s]."""
         return now - self._run_start if self.laser.on else 0.0
 
     @property
     def sensed(self) -> bool:
-        """True if the photodiode sees the laser."""
+        """True if the photodiode detects the laser."""
         return self.laser.on
 
     def cut(self, fault: BoardFault, now: float) -> None:

@@ -1,4 +1,4 @@
-"""State of the emulated board during one exposure."""
+"""State of the emulated board during a camera exposure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class ExposureView:
         end: end of the exposure [s].
         laser_fraction: fraction of the exposure during which the laser was on, 0 ... 1.
         mirror_angle: true mirror angle at the middle of the exposure [rad].
-        mirror_travel: rotation of the mirror during the exposure [rad]; the laser plane rotates by twice as much.
+        mirror_travel: rotation of the mirror during the exposure [rad]; the laser plane rotates by twice this angle.
     """
 
     start: float

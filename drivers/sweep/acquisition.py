@@ -178,7 +178,7 @@ class StripeStream:
 
     @property
     def report(self) -> ScanReport:
-        """Result of the scan, complete after its end."""
+        """Result of the scan so far; complete once the scan has ended."""
         worker, grabber, verdicts = self._worker, self._worker.grabber, tuple(self._verdicts)
         return ScanReport(
             planned=tuple(stripe.index for stripe in self._task.firing_order),

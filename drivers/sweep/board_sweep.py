@@ -1,4 +1,4 @@
-"""Sweeps run by the board: options, step table, start, and trigger times."""
+"""Sweeps that the board executes: options, step table, start, and trigger times."""
 
 from __future__ import annotations
 
@@ -11,20 +11,24 @@ from drivers.board.sweep_records import StripeRecord
 from drivers.errors import BoardTooOld
 from drivers.sweep.options import OffFrames
 
-# Modulus of the numbers of sweeps.
+# Modulus of the sweep numbers.
 NUMBERS = 128
 # The board's clock counts microseconds in 32 bits.
 CLOCK_WRAP = (1 << 32) * 1e-6
 
 
 class BoardSweep:
-    """Sweeps of one open board."""
+    """Sweeps of an open board.
+
+    Attributes:
+        counts_exposures: True if the board counts the exposures of the camera.
+    """
 
     def __init__(self, board: LaserBoard) -> None:
-        """Attach to an open board.
+        """Check that an open board can execute sweeps.
 
         Raises:
-            BoardTooOld: its firmware cannot sweep by itself (protocol 1.0).
+            BoardTooOld: the firmware cannot execute sweeps (protocol 1.0).
         """
         status = board.status()
         if BoardFlag.HAS_SWEEP not in status.flags:
@@ -42,31 +46,31 @@ class BoardSweep:
         """Set the options of all sweeps of a scan.
 
         Args:
-            flash: longest flash of a stripe [s].
+            flash: longest duration of a stripe's flash [s].
             period: shortest time between two triggers [s].
-            off: off frames.
+            off: off frames to take.
         """
         self._board.command(Request.SWEEP_FLASH, round(flash * 1e6))
         self._board.command(Request.SWEEP_PERIOD, round(period * 1e6))
         self.set_off_frames(off)
 
     def set_off_frames(self, off: OffFrames) -> None:
-        """Set the off frames."""
+        """Set which off frames the following sweeps take."""
         self._board.command(Request.SWEEP_OFF_FRAMES, SweepOffFrames[off.name])
 
     def begin(
         self, steps: Sequence[int], waits: Sequence[int], first: int = 0, dark_after: Collection[int] = ()
     ) -> BoardStatus:
-        """Write the step table and start a sweep; return the status, whose `motion` identifies its records.
+        """Write the step table and start a sweep; return a status whose `motion` identifies the records of the sweep.
 
         Args:
-            steps: motor steps of the stripes, in order, at most 256.
+            steps: motor steps of the stripes, in order; at most 256.
             waits: wait before the trigger of each stripe, in units of 0.5 ms.
-            first: place of the first stripe in the table. Entries that the board already has are not sent again.
-            dark_after: places whose stripe is followed by a dark flash.
+            first: index of the first stripe in the step table. Entries that the board already has are not sent again.
+            dark_after: indices in the table whose stripe is followed by a dark flash.
 
         Raises:
-            ValueError: too many stripes, a different number of waits, or a wait out of range.
+            ValueError: there are too many stripes or none, the number of waits differs, or a wait is out of range.
             BoardError: the board rejects a command.
         """
         if not 1 <= len(steps) <= SWEEP_STRIPES or len(waits) != len(steps):
@@ -90,7 +94,7 @@ class BoardSweep:
         return self._board.begin_sweep(signed(self._number << 25 | first << 16 | len(steps)))
 
     def clock_of(self, record: StripeRecord) -> float:
-        """Time of a record's trigger relative to the first record [s], corrected for the wrap of the board's clock."""
+        """Return the time of a record's trigger relative to the first record [s]; wraps of the clock are removed."""
         if self._first_clock is None:
             self._first_clock = record.clock
         return (record.clock - self._first_clock + 0.5 * CLOCK_WRAP) % CLOCK_WRAP - 0.5 * CLOCK_WRAP

@@ -1,4 +1,4 @@
-"""Measurement of a camera's lag: the age of the oldest light in a frame at the time of its stamp."""
+"""Measurement of a camera's lag: age of the oldest light in a frame at the time of the frame's stamp."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ FULL = 0.9
 GOLDEN = 0.618034
 # Largest allowed fraction of clipped pixels in the stripe.
 MAX_CLIPPED = 0.1
-# Number of frames after which any camera's pipeline shows the new state.
+# Number of frames after which the pipeline of any camera shows the new state of the laser.
 SETTLE_FRAMES = 6
-# Frames without the expected change after which the measurement fails.
+# Number of frames without the expected change after which the measurement fails.
 MOST_FRAMES = 20
 
 
@@ -31,7 +31,7 @@ class LagMeasurement:
 
     Attributes:
         lag: upper bound of the lag [s]. A frame with stamp t shows nothing older than t - lag, except for at most a
-            tenth of its light, which cannot be distinguished from noise.
+            tenth of its light, which is below the detection threshold.
         uncertainty: width of the measured interval [s]; the true lag is between lag - uncertainty and lag.
         period: time between frames [s].
         toggles: number of times that the laser was switched.
@@ -46,20 +46,20 @@ class LagMeasurement:
 def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: float = 1.0) -> LagMeasurement:
     """Measure a camera's lag by switching the laser at different phases of the frame period.
 
-    Set `camera.lag` to the result; this function does not change the camera. Meter the exposure first, so that the
-    stripe is not clipped. The laser is off on return, even after an exception.
+    Set `camera.lag` to the result; this function does not do so. Meter the exposure first, so that the stripe is not
+    clipped. The laser is off on return, even if an exception is raised.
 
     Args:
-        board: an open board, its mirror at rest at an angle at which the camera sees the stripe.
-        camera: an open camera.
-        toggles: number of switchings, at least 4; more reduce the uncertainty.
+        board: open board with the mirror at rest, at an angle at which the camera sees the stripe.
+        camera: open camera.
+        toggles: number of times that the laser is switched, at least 4; a larger number reduces the uncertainty.
         timeout: longest wait for a frame [s].
 
     Raises:
-        ValueError: too few toggles.
+        ValueError: `toggles` is too small.
         LaserNotSeen: the frames do not depend on the laser, or contradict each other.
         StripeClipped: the stripe is too bright to distinguish a partial exposure from a full one.
-        CameraTimeout: no frame arrived, or stamps or counters do not increase.
+        CameraTimeout: no frame arrived, or stamps or frame counters do not increase.
     """
     if toggles < 4:
         raise ValueError(f"toggles is {toggles}; allowed: at least 4")
@@ -105,7 +105,7 @@ def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: flo
 
 
 class _ShareOfLight:
-    """Fraction of the laser's light in a frame: 0 for a dark frame, 1 for a lit one."""
+    """Measurement of the laser's light in a frame, as a fraction: 0 in a dark frame, 1 in a lit one."""
 
     def __init__(self, dark: Image, lit: Image) -> None:
         self._dark = dark
@@ -128,7 +128,7 @@ class _ShareOfLight:
             )
 
     def of(self, image: Image) -> float:
-        """Fraction of the laser's light in `image`."""
+        """Return the fraction of the laser's light in `image`."""
         return float((_flat(image) - _flat(self._dark))[self._stripe].sum()) / self._whole
 
 

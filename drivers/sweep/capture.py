@@ -12,7 +12,7 @@ from drivers.sweep.firing_order import PlannedStripe
 
 
 class StripeVerdict(enum.Enum):
-    """Verdict on a stripe: whether laser, mirror and frame match the commands ("in step").
+    """Verdict on a stripe, which is in step if laser, mirror and frame match the commands.
 
     Attributes:
         OK: laser, mirror and frame are in step.
@@ -127,7 +127,7 @@ class StripeCapture:
 
 @dataclass(frozen=True, slots=True)
 class ScanReport:
-    """Result of a scan, complete after its end.
+    """Result of a scan so far; complete once the scan has ended.
 
     Attributes:
         planned: indices of the planned stripes, in the firing order.

@@ -1,4 +1,4 @@
-"""Firing order of a scan: stripe indices and mirror angles, in order."""
+"""Firing order of a scan: stripe indices with their mirror angles, in the order of scanning."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from drivers.errors import BadFiringOrder
 
 @dataclass(frozen=True, slots=True)
 class PlannedStripe:
-    """Stripe of a firing order: its index in the standard pattern and its mirror angle [rad]."""
+    """Stripe of a firing order: index in the standard pattern, and mirror angle [rad]."""
 
     index: int
     mirror_angle: float
 
 
-# Image rows (first, end) between which a stripe must appear.
+# Image rows (first, end) in which a stripe must appear.
 RowRange = tuple[int, int]
-# Function that returns the row range of a stripe by its index, known from a calibration.
+# Function that returns the row range of a stripe, given its index; known from a calibration.
 RowRangeOf = Callable[[int], RowRange]
 
 
 def check_firing_order(firing_order: Iterable[tuple[int, float]]) -> tuple[PlannedStripe, ...]:
-    """Check a firing order and return it as a tuple.
+    """Check a firing order, and return it as a tuple.
 
     Args:
         firing_order: pairs (index, mirror angle [rad]) in the order of scanning.
 
     Raises:
-        BadFiringOrder: it is empty, an index is repeated or negative, or an angle is not finite.
+        BadFiringOrder: the order is empty, an index is repeated or negative, or an angle is not finite.
     """
     stripes = tuple(PlannedStripe(int(index), float(angle)) for index, angle in firing_order)
     if not stripes:

@@ -1,4 +1,4 @@
-"""Flash code of a sweep: dark flashes at random, unpredictable places of its firing order."""
+"""Flash code of a sweep: dark flashes at random, unpredictable places in the firing order."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import secrets
 from collections.abc import Sequence
 from itertools import pairwise
 
-# Number of stripes per random dark flash. A standard sweep has three, a coarse one has one; with the last flash that is
-# 6 % more frames.
+# Number of stripes per random dark flash: a standard sweep has three such flashes, a coarse one has one. Together with
+# the last flash, they add 6 % to the frames of a sweep.
 STRIPES_OF_PART = 23
-# Shorter sweeps have only the last flash.
+# Least number of stripes of a sweep with random dark flashes; a shorter sweep has only the last flash.
 FEWEST_STRIPES = 8
 
 
 def draw_code(indices: Sequence[int]) -> frozenset[int]:
-    """Draw the stripes after which the camera takes a frame with the laser off.
+    """Draw the stripes after which a frame with the laser off (dark flash) is taken; return their indices.
 
     These are one random stripe in each part of the sweep, and the last stripe. Wherever frames begin to be shifted
-    relative to the stripes, a dark flash follows and reveals it.
+    relative to the stripes, a later dark flash reveals the shift.
 
     Args:
         indices: indices of the stripes in firing order.

@@ -1,4 +1,4 @@
-"""Source of frames that were exposed after a command had taken effect, with counts of lost frames."""
+"""Source of frames that were exposed after a command had taken effect, with counts of skipped and lost frames."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from drivers.errors import CameraTimeout
 from drivers.frame import Frame
 from drivers.sweep.options import AcquireOptions
 
-# Longest wait for a frame before the status is read, which feeds the board's watchdog [s].
+# Longest wait for a frame before the status is read, which resets the board's watchdog [s].
 SLICE = 0.1
 
 
 class FrameGrabber:
-    """Grabber of the frames of a scan.
+    """Source of the frames of a scan, without those exposed too early.
 
     Attributes:
         used: number of frames returned.
-        skipped: number of frames that were exposed, at least partly, before the command.
-        dropped: number of frames missing by the camera's counter while one was expected.
-        repeated: number of frames with a number already seen.
+        skipped: number of frames that were exposed, at least partly, before the command had taken effect.
+        dropped: number of frames that are missing in the camera's counter and were due while a frame was expected.
+        repeated: number of frames whose number had already been seen.
         last_stamp: stamp of the last frame returned [s].
     """
 
     def __init__(
         self, camera: Camera, board: Board, options: AcquireOptions, check: Callable[[], object] = bool
     ) -> None:
-        """Prepare.
+        """Prepare the grabber.
 
         Args:
-            camera: an open camera.
-            board: an open board, whose watchdog is fed while waiting.
+            camera: open camera.
+            board: open board, whose watchdog is reset while waiting.
             options: options of the scan.
-            check: called often; may raise to abort.
+            check: called often; may raise an exception to abort.
         """
         self._camera, self._board, self._options, self._check = camera, board, options, check
         self._before: Frame | None = None
@@ -43,20 +43,21 @@ class FrameGrabber:
         self.last_stamp = timing.monotonic()
 
     def restart(self) -> None:
-        """Discard the frames queued in the camera, and restart counting at the next one."""
+        """Discard the frames queued in the camera, and restart the counting of lost frames at the next frame."""
         self._camera.flush()
         self._before = None
 
     def after(self, ready: float, proved: Callable[[], float] | None = None) -> Frame | None:
-        """Return the first frame exposed entirely after `ready` [s]; None on timeout.
+        """Return the first frame that was exposed entirely after `ready` [s]; None if none arrives in time.
 
         Args:
-            ready: time at which the command had taken effect [s]; with `proved`, the earliest possible time.
-            proved: called once, when a possible frame has arrived; waits until the command has taken effect and
+            ready: time at which the command had taken effect [s]; if `proved` is given, the earliest possible such
+                time.
+            proved: called once, when a candidate frame has arrived; waits until the command has taken effect, and
                 returns that time [s].
 
         Raises:
-            CameraEnded: the camera has no more frames.
+            CameraEnded: the camera will not deliver any more frames.
         """
         deadline = timing.monotonic() + self._options.frame_timeout
         lag = self._camera.lag
@@ -78,7 +79,7 @@ class FrameGrabber:
                 ready, proved = max(ready, proved()), None
                 deadline = timing.monotonic() + self._options.frame_timeout
             if frame.stamp - (lag or 0.0) < ready or to_skip > 0:
-                # With an unknown lag, frames that arrived before the command do not count as flushed.
+                # If the lag is unknown, frames that arrived before the command do not count as flushed.
                 to_skip -= 1 if frame.stamp >= ready else 0
                 self.skipped += 1
                 continue
@@ -93,7 +94,7 @@ class FrameGrabber:
             return False
         self._before = frame
         if before is not None:
-            # Only missing frames that were due after the request count as lost.
+            # Of the missing frames, only those that were due after the request count as lost.
             gap = frame.counter - before.counter
             period = (frame.stamp - before.stamp) / gap
             self.dropped += sum(before.stamp + missed * period > asked for missed in range(1, gap))

@@ -1,4 +1,4 @@
-"""Check of a scan's first frames for clipping and for too little light."""
+"""Check of the first frames of a scan for clipping and for a stripe that is too dark."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from drivers.arrays import Image
 from drivers.sweep.capture import StripeCapture
 from drivers.sweep.metering import brightness_of
 
-# Stride of the sampled background pixels, in rows and columns.
+# Stride of the sampled background pixels, along rows and columns.
 INTERVAL = 8
 # Fraction of full scale at which a pixel counts as clipped.
 CLIPPED = 0.996
 # Allowed fraction of clipped background pixels; in a well-exposed image, lamps and reflections clip fewer.
 CLIPPED_PICTURE = 0.05
-# Allowed fraction of clipped stripe columns. Bright floors clip three quarters of them and are still measured well.
+# Allowed fraction of clipped stripe columns. Bright floors clip three quarters of the columns and are still measured
+# well.
 CLIPPED_STRIPE = 0.85
-# Least stripe brightness, as a fraction of full scale; a darker stripe is close to the noise of cheap cameras. Metering
+# Least stripe brightness, as a fraction of full scale. A darker stripe is close to the noise of cheap cameras; metering
 # aims at 0.7.
 DARK_STRIPE = 0.1
-# Largest number of stripes examined in search of one that shows the laser; over holes and black ground none does.
+# Largest number of stripes examined until one shows the laser; over holes and black ground, none does.
 MOST_STRIPES = 4
 WHAT_TO_DO = "(`guara record` meters the exposure and writes it to devices.toml)"
 
@@ -34,17 +35,17 @@ class LightCheck:
     """
 
     def __init__(self) -> None:
-        """Start without stripes."""
+        """Start without problems."""
         self.problems: tuple[str, ...] = ()
         self._examined = 0
         self._has_background = False
 
     def look(self, capture: StripeCapture, rows: tuple[int, int]) -> None:
-        """Check a stripe, unless enough have been checked.
+        """Check a stripe, unless enough stripes have been checked.
 
         Args:
-            capture: the next stripe of the scan.
-            rows: (first, end) between which the stripe can appear; (0, 0) if it is out of view.
+            capture: next stripe of the scan.
+            rows: image rows (first, end) in which the stripe can appear; (0, 0) if it is out of view.
         """
         if self._examined >= MOST_STRIPES or capture.on is None:
             return

@@ -1,4 +1,4 @@
-"""Options of a scan: off frames, timeouts, buffers, and sweeps run by the board."""
+"""Options of a scan: off frames, timeouts, queues, and sweeps that the board executes."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ class SweepOptions:
     """Options of a sweep with a triggered camera.
 
     Attributes:
-        flash: longest flash of a stripe [s].
+        flash: longest duration of a stripe's flash [s].
         period: shortest time between two triggers [s].
-        tolerance: allowed difference between an interval of triggers and the same interval by the camera's clock [s].
-        repeats: number of further sweeps for stripes whose frames could not be verified.
+        tolerance: allowed difference between an interval of triggers and the same interval on the camera's clock [s].
+        repeats: number of additional sweeps for stripes whose frames could not be verified.
 
     Raises:
         ValueError: a value is not allowed.
@@ -42,12 +42,13 @@ class SweepOptions:
 
 
 class OffFrames(enum.Enum):
-    """Frames with the laser off, with which the others are compared.
+    """Frames with the laser off, with which the frames of stripes are compared.
 
     Attributes:
-        PER_STRIPE: one after each on frame, while the mirror moves; safe in changing light, twice the frames.
-        ONE: one before the first stripe, shared by all; for light that does not change during a scan.
-        NONE: no off frame.
+        PER_STRIPE: one off frame after each on frame, while the mirror moves; robust in changing light, but twice as
+            many frames.
+        ONE: one off frame before the first stripe, shared by all stripes; for light that does not change during a scan.
+        NONE: no off frames.
     """
 
     PER_STRIPE = "per stripe"
@@ -60,21 +61,22 @@ class AcquireOptions:
     """Options of `acquire`.
 
     Attributes:
-        off: off frames.
-        frame_timeout: timeout after which a frame counts as lost [s].
-        max_lost: number of consecutive lost frames that ends the scan.
-        flush_frames: number of frames dropped after every change of laser or mirror if the camera's `lag` is unknown.
-        queue_size: number of stripes that may wait for the caller, rounded up to whole groups of `together`; if the
+        off: off frames to take.
+        frame_timeout: time after which a frame counts as lost [s].
+        max_lost: number of consecutive lost frames that ends the scan with an error.
+        flush_frames: number of frames dropped after every change of laser or mirror, if the camera's `lag` is unknown.
+        queue_size: number of stripes that may wait for the caller, rounded up to whole groups of `together`. If the
             queue is full, the scan waits with the laser off.
-        together: number of stripes per group that is handed to the caller. Groups shrink towards the end, to at most
-            twice the number of remaining stripes, and the last stripe is alone. A caller that takes at most half a
-            frame's time per stripe is then ready for the last stripe when it arrives. Processing in groups takes less
-            time, but each stripe takes the memory of a frame.
-        limits: thresholds for differences between frames.
-        dark_after: indices of the stripes that are followed by a frame with the laser off, see `draw_code`. A stripe
+        together: number of stripes in each group handed to the caller. Groups shrink towards the end of the scan, to at
+            most twice the number of remaining stripes, and the last stripe is alone. A caller that needs at most half a
+            frame's time per stripe is then ready for the last stripe when it arrives. Processing in groups is faster,
+            but each stripe takes the memory of a frame.
+        limits: thresholds of the comparison of frames.
+        dark_after: indices of the stripes that are followed by a frame with the laser off (see `draw_code`). A stripe
             whose dark frame is lost counts as lost.
-        sweep: options of a sweep run by the board, which triggers the camera; None = the host moves the mirror and the
-            camera is free-running. A sweep does not wait for a slow caller: all its frames may be queued.
+        sweep: options of a sweep in which the board moves the mirror and triggers the camera; None = the host moves the
+            mirror, and the camera is free-running. A sweep does not wait for a slow caller, so all its frames may be
+            queued.
 
     Raises:
         ValueError: a value is not allowed.

@@ -22,7 +22,7 @@ COLUMNS = 80
 ROWS = 512
 # Every 32nd sampled row and every 4th sampled column are used for offset and noise.
 COARSE_STRIDES = (32, 4)
-# Number of stripes over which the shift per radian is averaged by its median.
+# Number of stripes whose median shift per radian is used.
 MEMORY = 9
 # Fraction of columns lit within the band at which lit columns elsewhere can no longer change the verdict.
 PLAINLY_LIT = 0.5
@@ -42,8 +42,7 @@ class ProofLimits:
         noise_factor: the same excess in standard deviations of the difference; the larger of the two thresholds
             applies.
         min_lit_fraction: least fraction of lit columns at which the laser counts as seen.
-        min_leak_fraction: fraction of columns brighter in the off frame from which the laser counts as on in that
-            frame.
+        min_leak_fraction: least fraction of columns that are brighter in the off frame for it to count as lit.
         max_offset: largest brightness change of the whole frame, as a fraction of full scale.
         min_shift: least shift of a stripe, as a fraction of the expected shift.
         max_out_of_band: largest fraction of lit columns outside the band.
@@ -214,8 +213,8 @@ class StripeProof:
         """Return True if a stripe has moved relative to the previous one or to the last plainly lit one.
 
         The last plainly lit stripe is tried as well if fewer than half of the lit columns were also lit in the previous
-        stripe: the lit columns of that one may be edges of a moving scene, which must not make later stripes look
-        stuck.
+        stripe: the lit columns of the previous stripe may be edges of a moving scene, which must not make later stripes
+        look stuck.
         """
         before, plain = self._before, self._plain
         if self._moved(seen, before, shift):

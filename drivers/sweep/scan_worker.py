@@ -1,4 +1,4 @@
-"""Thread of a scan in which the host commands mirror and laser for each stripe, and grabs its frames."""
+"""Thread of a scan in which the host commands mirror and laser for each stripe and grabs the frames."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from drivers.sweep.frame_grabber import FrameGrabber
 from drivers.sweep.options import OffFrames
 from drivers.sweep.stripe_worker import ScanStopped, ScanTask, StripeWorker
 
-# Interval between checks of a stop request while the caller is slow [s].
+# Interval of checks for cancellation while the queue is full [s].
 QUEUE_SLICE = 0.05
 
 
 class ScanWorker(StripeWorker):
-    """Thread that takes a scan stripe by stripe with a camera that runs freely; the queue to the caller is bounded.
+    """Thread that scans stripe by stripe with a free-running camera; the queue to the caller is bounded.
 
     Attributes:
-        grabber: source of the frames, with their counts.
+        grabber: source of the frames, with counts of skipped and lost ones.
     """
 
     def __init__(self, task: ScanTask) -> None:
@@ -36,7 +36,7 @@ class ScanWorker(StripeWorker):
 
     def _take(self) -> None:
         self.grabber.restart()
-        # Computed in advance: after a sleep, as between frames, each call takes many times as long.
+        # Computed in advance: a call right after a sleep, as between frames, is many times slower.
         self._steps = [self._board.step_at(stripe.mirror_angle) for stripe in self._firing_order]
         try:
             if self._options.off is OffFrames.PER_STRIPE:
@@ -48,7 +48,7 @@ class ScanWorker(StripeWorker):
             raise
 
     def _take_last_dark(self) -> None:
-        """Take a dark flash at the end of a scan that was stopped early, to verify its last stripes."""
+        """If the scan was stopped early, end it with a laser-off frame (dark flash) that verifies the last stripes."""
         if not (self.stopped_early and self._options.dark_after and self._group) or self._group[-1].dark is not None:
             return
         self._should_stop = None
@@ -73,7 +73,7 @@ class ScanWorker(StripeWorker):
             self.switch.off()
             dark = timing.monotonic()
             here, reached = reached, self._move_on(number, reached)
-            # An off frame does not depend on the mirror, which turns meanwhile.
+            # The off frame does not depend on the mirror, which moves on in the meantime.
             off = self._off_frame(dark)
             self._collect(number, self._capture(stripe, here, on, off))
 
@@ -82,9 +82,9 @@ class ScanWorker(StripeWorker):
         reached = self._board.go_to_step(self._steps[0], wait=False)
         off = self._off_frame(timing.monotonic()) if self._options.off is OffFrames.ONE else None
         for number, stripe in enumerate(self._firing_order):
-            # While the laser stays on, a free-running camera exposes its next frame while the mirror comes to rest:
-            # one wait instead of two. The board then tells whether the mirror was still in time. A replay (lag 0) or a
-            # camera of unknown lag is read only after the mirror is still.
+            # With the laser on, a free-running camera exposes the next frame while the mirror settles, which saves one
+            # wait; the board's status then shows whether the mirror was at rest before the exposure. With a replay (lag
+            # 0) or an unknown lag, wait for the mirror first.
             self._check()
             ahead = bool(self._camera.lag) and self.switch.may_stay_on
             if not ahead:
@@ -102,10 +102,10 @@ class ScanWorker(StripeWorker):
         return reached
 
     def _capture(self, stripe: PlannedStripe, reached: float, on: Frame | None, off: Frame | None) -> StripeCapture:
-        """Make the stripe; take the frame of its dark flash if one is due, with the laser already off."""
+        """Make the capture of a stripe; if a dark flash is due, take its frame first, with the laser already off."""
         if stripe.index not in self._options.dark_after:
             return StripeCapture.of(stripe, reached, on, off)
-        # If the first frame is lost, the next one serves as well.
+        # If the first frame is lost, the next one serves the purpose as well.
         dark = self.grabber.after(timing.monotonic()) or self.grabber.after(timing.monotonic())
         return StripeCapture.of(stripe, reached, None if dark is None else on, off, dark)
 
@@ -115,7 +115,7 @@ class ScanWorker(StripeWorker):
         return frame
 
     def _lit_and_still(self) -> float:
-        """Wait until the mirror is still; return a time since which it has been still with the laser on [s]."""
+        """Wait until the mirror is at rest; return a time after which it was at rest and the laser was on [s]."""
         status, since = self._board.still_since()
         if status.laser_commanded:
             return since
@@ -133,10 +133,10 @@ class ScanWorker(StripeWorker):
         return frame
 
     def _collect(self, number: int, stripe: StripeCapture) -> None:
-        """Add a stripe to the group and hand the group over when it is full; groups shrink near the end of the scan.
+        """Add a stripe to the group, and hand the group over when it is full; groups shrink near the end of the scan.
 
-        In a scan with dark flashes the newest stripe is held back, since a scan that is stopped early ends with a dark
-        flash of its last stripe.
+        In a scan with dark flashes, the newest stripe is held back, because a scan that is stopped early ends with a
+        dark flash for its last stripe.
         """
         self._group.append(stripe)
         left = len(self._firing_order) - 1 - number
@@ -152,7 +152,7 @@ class ScanWorker(StripeWorker):
                 self.grabber.restart()
 
     def _put(self, item: tuple[StripeCapture, ...] | None) -> bool:
-        """Put an item into the queue when there is room; False if the scan is cancelled first."""
+        """Put an item into the queue when there is room; return False if the scan is cancelled first."""
         while not self._cancelled.is_set():
             try:
                 self.items.put(item, timeout=QUEUE_SLICE)

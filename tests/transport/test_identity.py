@@ -151,7 +151,7 @@ def test_a_walk_that_counts_anew_is_another_walk(node, client, peer, eventually)
     assert client.wait_for_step(600, timeout=PATIENCE).epoch == "walk-a"
     node.begin_step(0, "walk-b")
     for extent in ("footprint", "map"):
-        with pytest.raises(transport.ReceiveTimeout, match="of walk 'walk-a'; the robot is on walk 'walk-b'"):
+        with pytest.raises(transport.ReceiveTimeout, match="from walk 'walk-a'; the robot is on walk 'walk-b'"):
             client.wait_for_step(0, timeout=0.5, extent=extent)
         with pytest.raises(transport.StaleTerrain, match="the robot is on walk 'walk-b'"):
             client.latest(extent=extent)

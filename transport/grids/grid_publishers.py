@@ -1,4 +1,4 @@
-"""Publishers of the grids of a node and of all messages derived from them."""
+"""Publishers of a node's grids and of all messages derived from them."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from transport.messages.standard import grid_map_message, occupancy_message
 from transport.messages.terrain_message import EXTENTS, LAYERS, TerrainMessage, encode_compact, encode_terrain
 from transport.messages.typestore import GRID_MAP, OCCUPANCY, REGIONS, SUMMARY, TERRAIN, cdr, compact
 
-# Layers of the GridMap, whose only type is float32: the float32 layers except `ceiling`, and the hazard flags, which
-# are exact below 2^24.
+# Layers of the GridMap, whose values are all float32: the float32 layers except `ceiling`, and the hazard flags, which
+# are exact in float32 because they are below 2^24.
 GRID_MAP_LAYERS = (*(name for name, kind in LAYERS.items() if kind.dtype == np.float32 and name != "ceiling"), "hazard")
 
 
 class GridPublishers:
-    """Publishers that encode and send on threads of the outbox; grids of one extent never wait for the other extent."""
+    """Publishers that encode and send on threads of the outbox; neither extent waits for grids of the other."""
 
     def __init__(self, session: Session, robot: str, outbox: Outbox) -> None:
         """Declare the keys.
@@ -34,7 +34,7 @@ class GridPublishers:
         Args:
             session: open session of the node.
             robot: instance name.
-            outbox: outbox of the node, closed by its owner before these publishers.
+            outbox: outbox of the node; its owner closes it before these publishers.
 
         Raises:
             SessionClosed: the session is closed.
@@ -42,7 +42,7 @@ class GridPublishers:
         self._outbox = outbox
 
         def latched(key: str, encoding: str, priority: str) -> Publisher:
-            """Publisher that keeps its last message for late subscribers and queries."""
+            """Make a publisher that keeps its last message for late subscribers and queries."""
             return Publisher(session, key, priority=priority, encoding=encoding, answers=True)
 
         self._terrain = {
@@ -54,13 +54,13 @@ class GridPublishers:
         }
         self._occupancy = latched(occupancy_key(robot), cdr(OCCUPANCY), SMALL)
         self._grid_map = latched(grid_map_key(robot), cdr(GRID_MAP), LARGEST)
-        # Not latched: routers may drop summaries on purpose, and readers must not fetch these.
+        # Not latched, because routers may drop summaries on purpose, and readers must not fetch those.
         self._summary = Publisher(session, summary_key(robot), latched=False, encoding=cdr(SUMMARY))
         self._regions = latched(regions_key(robot), cdr(REGIONS), SMALL)
 
     @property
     def count(self) -> int:
-        """Number of terrain messages published."""
+        """Number of terrain messages that have been published."""
         return sum(publisher.count for publisher in self._terrain.values())
 
     def post(
@@ -69,11 +69,11 @@ class GridPublishers:
         summary: Callable[[], Payload] | None,
         regions: Callable[[], RegionsMessage] | None,
     ) -> None:
-        """Publish a grid, and summary and regions of a map; arguments as in `PerceptionServer.publish`."""
+        """Publish a grid and, for a map, its summary and regions; arguments as in `PerceptionServer.publish`."""
         publisher, lane = self._terrain[terrain.extent], terrain.extent
         self._outbox.post(publisher.key, lambda: publisher.put(encode_terrain(terrain)), lane=lane)
         small = self._compact[terrain.extent]
-        # Encoded only if there are subscribers: it costs twenty times as much as the lossless form.
+        # The compact form is encoded only if there are subscribers: it takes twenty times as long as the lossless form.
         self._outbox.post(small.key, lambda: small.put(lambda: encode_compact(terrain)), lane=lane)
         if summary is not None:
             self._outbox.post(self._summary.key, partial(self._summary.put, summary), lane=self._summary.key)
@@ -90,10 +90,10 @@ class GridPublishers:
         self._regions.close()
 
     def post_derived(self, terrain: TerrainMessage, occupancy: Percent, bridge: Ros2Bridge | None) -> None:
-        """Publish occupancy and grid map of a footprint, also for ROS 2 if there is a `bridge`."""
+        """Publish occupancy and grid map of a footprint, also on ROS 2 topics if there is a `bridge`."""
         geometry = (terrain.resolution, terrain.origin, terrain.frame_id, terrain.stamp)
         layers = {name: terrain.layers[name] for name in GRID_MAP_LAYERS}
-        # Encoded only if there are subscribers: planners do not read them.
+        # These messages are encoded only if there are subscribers, because planners do not read them.
         for publisher, name, kind, make in (
             (self._occupancy, "occupancy", OCCUPANCY, lambda: encode(occupancy_message(occupancy, *geometry))),
             (self._grid_map, "grid_map", GRID_MAP, lambda: encode(grid_map_message(layers, *geometry))),
@@ -103,7 +103,7 @@ class GridPublishers:
 
 
 def _send(publisher: Publisher, made: MadeOnce, bridge: Ros2Bridge | None, name: str, kind: str) -> None:
-    """Publish on the publisher's key, and on a ROS 2 topic if there is a bridge."""
+    """Publish a message on the publisher's key, and on a ROS 2 topic if there is a bridge."""
     publisher.put(made)
     if bridge is not None:
         bridge.put(name, kind, made())

@@ -1,4 +1,4 @@
-"""Waiting for usable grids, and the errors when none arrives."""
+"""Waiting for usable grids, and the errors raised if none arrives."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from transport.links.receiver import NewestReceiver
 from transport.links.session import Session
 from transport.messages.terrain_message import TerrainMessage
 
-# Longest time from subscribing until the last grid and the node's liveliness token arrive [s]: below 0.1 s on an idle
-# machine, more on a busy one. Only a wait for a grid that does not exist takes that long.
+# Longest time from subscribing until the last grid and the node's liveliness token arrive [s]; below 0.1 s on an idle
+# machine, more on a busy one. Only a wait for a grid that does not exist takes this long.
 SETTLE = 2.0
-# Longest wait for the BEGIN of the next walk [s] when the robot is not standing and a grid is of a later pause than
-# requested: it may be of a walk that has ended.
+# Longest wait for the BEGIN of the next walk [s], if the robot is not standing and a grid is from a later pause than
+# requested, since that grid may be from a walk that has ended.
 NEWS = 1.0
 
 
 class GridWaiter:
-    """Waits for grids that a `GridJudge` accepts."""
+    """Waiting for grids that a `GridJudge` accepts."""
 
     def __init__(self, session: Session, judge: GridJudge, robot: str) -> None:
-        """Wait for grids of the instance `robot`."""
+        """Prepare to wait for grids of the robot with the instance name `robot`."""
         self._session, self._judge, self._robot = session, judge, robot
 
     def wait(
@@ -45,21 +45,22 @@ class GridWaiter:
         says_stale: bool = False,
         takes_back: bool = False,
     ) -> Received[G]:
-        """Wait until the newest message may be used and `predicate` accepts it.
+        """Wait until the newest message may be used and `predicate` accepts it; return the message.
 
         Args:
             receiver: receiver of the messages.
-            predicate: called with each newest message.
+            predicate: called with each newest message; returns True to accept it.
             timeout: longest wait [s]; None = no limit.
-            terms: conditions of the caller.
-            after: number of a sample; only later ones are considered.
-            says_stale: raise StaleTerrain if only unusable messages arrived, instead of the errors below.
-            takes_back: also accept a message that withdraws another, with the objections to it.
+            terms: conditions under which the caller accepts a message.
+            after: number of a sample; only samples with larger numbers are considered.
+            says_stale: True = if only unusable messages arrived, raise StaleTerrain instead of the other errors.
+            takes_back: True = also accept a message that withdraws another one, with the reasons why it is stale.
 
         Raises:
-            StaleTerrain: see `says_stale`.
-            ReceiveTimeout: none arrived in time although the node is alive.
-            ScannerGone, ScannerUnavailable: none arrived, and the node disappeared or was never seen.
+            StaleTerrain: only unusable messages arrived, and `says_stale` is True.
+            ReceiveTimeout: no accepted message arrived in time although the node is alive.
+            ScannerGone: no accepted message arrived, and the node has disappeared.
+            ScannerUnavailable: no accepted message arrived, and no node was ever seen.
         """
         deadline = math.inf if timeout is None else clock.now() + timeout
         stale: StaleTerrain | None = None
@@ -80,7 +81,7 @@ class GridWaiter:
                 if error.is_final or left <= 0.0:
                     after = received.number
                 else:
-                    # The node may return and confirm the grid: check it again.
+                    # The node may return and confirm the grid, so check the same grid again.
                     time.sleep(min(POLL, left))
             except ReceiveTimeout:
                 if stale is not None and says_stale:
@@ -91,7 +92,7 @@ class GridWaiter:
     def is_of_step(
         self, step: int, epoch: str | None, *, refined_only: bool = False
     ) -> Callable[[Received[TerrainMessage]], bool]:
-        """Predicate for grids of stance pause `step` or later; arguments as in `PerceptionClient.wait_for_step`."""
+        """Return a predicate for grids of pause `step` or later; arguments as in `PerceptionClient.wait_for_step`."""
 
         def predicate(received: Received[TerrainMessage]) -> bool:
             terrain = received.message
@@ -106,8 +107,8 @@ class GridWaiter:
         return predicate
 
     def unavailable(self, found: str = "") -> ScannerUnavailable:
-        """Error for a missing node; its message begins with `found`."""
-        # Nodes of other major versions have other keys, so none of their messages is received.
+        """Make the error for a missing node; its message begins with `found`."""
+        # Nodes of other major versions use other keys, so none of their messages are received.
         others = alive_keys(self._session, alive_keys_of_all_versions(self._robot))
         versions = sorted({key.split("/")[2] for key in others} - {PERCEPTION_VERSION})
         if versions:
@@ -121,7 +122,7 @@ class GridWaiter:
         )
 
     def _not_received(self, found: str) -> ReceiveTimeout | ScannerGone | ScannerUnavailable:
-        """Error for a wait without result, depending on the state of the node."""
+        """Make the error for a wait without a result, depending on the state of the node."""
         if self._judge.node.is_alive:
             return ReceiveTimeout(found)
         if self._judge.node.was_seen:

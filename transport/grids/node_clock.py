@@ -1,4 +1,4 @@
-"""Estimate of a node's monotonic clock, for ages of grids that do not depend on wall clocks."""
+"""Estimate of a node's monotonic clock, so that ages of grids do not depend on wall clocks."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from transport.messages.status_message import Status, decode_status
 from transport.queries.remote_clock import ClockBound, RemoteClock
 
 logger = logging.getLogger(__name__)
-# Interval of queries [s].
+# Interval of queries of the node's clock [s].
 PERIOD = 10.0
-# Offsets of the wall clocks, or changes of the offset, above this are logged [s].
+# Offset of the wall clocks, or change of this offset, above which a warning is logged [s].
 LOGGED_CHANGE = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class ClockOffset:
-    """Offset of the node's wall clock from this machine's.
+    """Offset between the wall clocks of the node and of this machine.
 
     Attributes:
-        offset: the node's wall clock minus this machine's [s].
-        doubt: bound of the error of the offset [s].
+        offset: wall clock of the node minus wall clock of this machine [s].
+        doubt: error bound of the offset [s].
         jumps: number of jumps of this machine's wall clock since the client was opened.
     """
 
@@ -43,16 +43,17 @@ class NodeClock(RemoteClock):
     """Monotonic clock of a node, bounded by queries of its status; a faster reply gives a tighter bound.
 
     Attributes:
-        offset: offset of the two wall clocks; None until the node has replied.
+        offset: offset between the two wall clocks; None until the node has replied.
     """
 
     def __init__(self, session: Session, robot: str, report: Callable[[Status, float], str]) -> None:
-        """Query the node in a background thread.
+        """Start to query the node on a background thread.
 
         Args:
             session: open session.
-            robot: name of the robot.
-            report: called with each status and the time of its query [s]; returns the reason to reject it, or "".
+            robot: instance name.
+            report: called with each status and the time at which it was queried [s]; returns the reason to reject the
+                status, or "".
         """
         self._lock = threading.Lock()
         self._bounds: Recent[str, ClockBound] = Recent(8)
@@ -63,16 +64,17 @@ class NodeClock(RemoteClock):
         super().__init__(session, status_key(robot), period=PERIOD)
 
     def age(self, run: str, reading: float) -> float | None:
-        """Time since the clock of a run of the node showed `reading` [s]; None if that clock is not known.
+        """Return the time since the clock of a run of the node showed `reading` [s]; None if that clock is unknown.
 
-        The node reads its clock after the query was sent. The time of sending is used, so the age is never too small.
+        The node reads its clock after the query was sent; the age is computed from the time of sending, so it is never
+        too small.
         """
         with self._lock:
             bound = self._bounds.get(run)
         return None if bound is None else max(0.0, clock.now() - bound.earliest(reading))
 
     def latest(self, run: str, reading: float) -> float:
-        """Latest time at which the clock of a run of the node can have shown `reading` [s]; infinite if unknown."""
+        """Return the latest time at which the clock of a run can have shown `reading` [s]; infinity if unknown."""
         with self._lock:
             bound = self._bounds.get(run)
         return math.inf if bound is None else bound.latest(reading)
@@ -81,7 +83,7 @@ class NodeClock(RemoteClock):
         wall = time.time_ns() - round((clock.now() - asked) * 1e9)
         status = decode_status(payload)
         if self._report(status, asked):
-            # The reply is from a run that has ended, or from another node.
+            # The reply is from a run that has ended or from another node.
             return False
         word = read_word(status, asked)
         if word is None or not (word.run and word.clock):

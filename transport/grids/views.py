@@ -1,4 +1,4 @@
-"""Messages for viewers: points, camera image and range images of the last scan."""
+"""Publisher of messages for viewers: points, camera image and range images of the last scan."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from transport.messages.typestore import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD, c
 
 
 class ViewSender(Sender):
-    """Publishes points, camera image and range images of each scan at the lowest priority; keeps the last of each."""
+    """Publisher of points, camera image and range images at the lowest priority; the last message of each is kept."""
 
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT) -> None:
         """Declare the keys.
@@ -33,10 +33,10 @@ class ViewSender(Sender):
         super().__init__(session, *self._publishers.values())
 
     def send(self, make: Callable[[], Iterable[Any]]) -> None:
-        """Send message objects, sensor_msgs/PointCloud2 and sensor_msgs/CompressedImage; returns immediately.
+        """Send sensor_msgs/PointCloud2 and sensor_msgs/CompressedImage message objects; returns immediately.
 
         Args:
-            make: returns the message objects; called on a thread of the outbox. A newer one replaces a waiting one.
+            make: returns the message objects; called on a thread of the outbox. A newer call replaces a waiting one.
         """
 
         def put() -> None:
@@ -46,10 +46,10 @@ class ViewSender(Sender):
         self._outbox.post("views", put)
 
     def send_range_images(self, make: Callable[[], Mapping[str, Any]]) -> None:
-        """Send the sensor_msgs/Image messages of RANGE_IMAGES; returns immediately.
+        """Send the sensor_msgs/Image message objects of RANGE_IMAGES; returns immediately.
 
         Args:
-            make: returns the messages by name; called only if an image has subscribers or is queried later.
+            make: returns the message objects by name; called only if an image has subscribers or is queried later.
         """
 
         def payload(name: str) -> bytearray:

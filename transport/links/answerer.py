@@ -1,4 +1,4 @@
-"""Queryables that reply on separate threads: a slow link does not delay others, and excess queries are dropped."""
+"""Queryables that reply on separate threads, so that a slow link does not delay others; excess queries are dropped."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from transport.links.session import Resource, Session
 from transport.messages.scan_messages import Refusal, encode_refusal
 from transport.messages.typestore import REFUSAL, cdr
 
-# Largest number of pending queries; more are dropped, so that a flood cannot exhaust memory.
+# Largest number of pending queries; further queries are dropped, so that a flood cannot exhaust the memory.
 MAXIMUM_PENDING = 64
 
 
 class Answerer(Resource):
-    """Queryable of one key.
+    """Queryable on one key.
 
     Attributes:
         key: key of the queryable.
@@ -39,9 +39,9 @@ class Answerer(Resource):
         Args:
             session: open session.
             key: key of the queryable.
-            answer: sends the replies to a query, on a thread of the outbox.
-            limit: largest number of pending queries; more are dropped.
-            in_order: process queries one after the other. `answer` must then drop each query itself after its last
+            answer: sends the replies to a query; called on a thread of the outbox.
+            limit: largest number of pending queries; further queries are dropped.
+            in_order: True = process queries one after the other. `answer` must then drop each query after its last
                 reply, which may be posted on the outbox.
 
         Raises:
@@ -57,7 +57,7 @@ class Answerer(Resource):
         super().__init__(session)
 
     def _on_query(self, query: Any) -> None:
-        # Runs on Zenoh's thread, which must not be blocked.
+        # This runs on Zenoh's thread, which must not be blocked.
         number = str(next(self._numbers))
         with suppress(SessionClosed):
             if self._outbox.pending < self._limit:

@@ -1,7 +1,7 @@
-"""Closing of open sessions when the main thread ends, so that Zenoh does not keep a crashed script alive.
+"""Closing of open sessions when the main thread ends, so that Zenoh does not keep a failed script alive.
 
-An open session with a subscriber blocks the exit of the interpreter, and `atexit` functions run too late. One thread
-for the whole process therefore joins the main thread.
+An open session with a subscriber prevents the interpreter from exiting, and `atexit` functions run too late. Therefore,
+one thread of the process joins the main thread.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _watcher: threading.Thread | None = None
 
 
 class Closable(Protocol):
-    """Object with `close()`, which must be safe to call twice."""
+    """Object whose `close()` may be called twice."""
 
     def close(self) -> None:
         """Release all resources."""
@@ -31,13 +31,13 @@ def watch(resource: Closable) -> None:
     with _lock:
         _open.add(resource)
         if _watcher is None or not _watcher.is_alive():
-            # Not a daemon: the interpreter must wait until the sessions are closed.
+            # Not a daemon, because the interpreter must wait until the sessions are closed.
             _watcher = supervised("transport-exit-watcher", _run, daemon=False)
             _watcher.start()
 
 
 def forget(resource: Closable) -> None:
-    """Stop watching `resource`."""
+    """Do not close `resource` when the main thread ends."""
     with _lock:
         _open.discard(resource)
 

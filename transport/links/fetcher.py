@@ -66,7 +66,7 @@ class Patience:
 
 
 class Fetcher:
-    """Fetches the last message of each publisher of a key if it was not received by subscription.
+    """Fetcher of the last message of each publisher of a key, if it was not received by subscription.
 
     Attributes:
         fetched: number of messages fetched.

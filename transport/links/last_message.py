@@ -2,7 +2,7 @@
 
 Keys and heartbeat are those of Zenoh's advanced publisher, so that advanced subscribers (including rmw_zenoh) are
 served too. Zenoh's own publisher replies to late joiners on the thread and under the lock of its puts, so that one slow
-joiner delays all readers for seconds. Here, a separate thread answers each kind of query.
+joiner delays all readers for seconds. Here, each query is answered on a separate thread.
 
 A reply cannot contain the number of a message (Zenoh's Python API has no argument for it), so that an advanced
 subscriber may receive a message twice: as published and as a reply. A `stamped` publisher identifies messages by

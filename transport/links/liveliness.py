@@ -1,4 +1,4 @@
-"""Zenoh liveliness tokens, declared by a node and watched by its clients."""
+"""Zenoh liveliness tokens: declared by a node, and monitored by its clients."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ from transport.links.session import Resource, Session
 
 
 def alive_keys(session: Session, keys: str, timeout: float = 1.0) -> list[str]:
-    """Keys of the tokens that are alive now and match `keys`, a key expression; waits up to `timeout` [s] for them."""
+    """Return the keys of the live tokens that match `keys`, a key expression; waits up to `timeout` [s] for replies."""
     what = f"cannot look for {keys!r}"
     found: list[str] = session.attempt(lambda: zenoh_api.tokens(session.raw, keys, timeout), what)
     return found
 
 
 class AliveToken(Resource):
-    """Liveliness token of a session; others see it disappear when the session closes or is lost."""
+    """Liveliness token of a session; it disappears for others when the session closes or its link is lost."""
 
     def __init__(self, session: Session, key: str) -> None:
-        """Declare the token on `key`, for example `keys.alive_key(robot)`."""
+        """Declare the token on `key`, such as `keys.alive_key(robot)`."""
         self.key = key
         self._raw = session.attempt(lambda: zenoh_api.declare_token(session.raw, key), f"cannot declare {key!r}")
         super().__init__(session)
 
 
 class TokenWatcher(Resource):
-    """Watcher of all tokens that match a key expression.
+    """Monitor of all liveliness tokens that match a key expression.
 
     Attributes:
-        names: last chunk of the key of each live token.
+        names: last chunks of the keys of the live tokens.
     """
 
     def __init__(self, session: Session, keys: str, on_change: Callable[[frozenset[str]], None]) -> None:
-        """Watch `keys`, a key expression; `on_change(names)` runs on Zenoh's thread and must not block."""
+        """Start to monitor `keys`, a key expression; `on_change(names)` runs on Zenoh's thread and must not block."""
         self._lock = threading.Lock()
         self.names: frozenset[str] = frozenset()
         self._on_change = on_change
@@ -51,14 +51,14 @@ class TokenWatcher(Resource):
 
 
 class AliveWatcher(TokenWatcher):
-    """Watcher of the token on one key.
+    """Monitor of the liveliness token on one key.
 
     Attributes:
         was_seen: True if the token has been alive at least once.
     """
 
     def __init__(self, session: Session, key: str, on_change: Callable[[bool], None] = lambda is_alive: None) -> None:
-        """Watch `key`; `on_change(is_alive)` runs on Zenoh's thread and must not block."""
+        """Start to monitor `key`; `on_change(is_alive)` runs on Zenoh's thread and must not block."""
         self._changed = threading.Condition()
         self.was_seen = False
         self._on_alive = on_change
@@ -70,7 +70,7 @@ class AliveWatcher(TokenWatcher):
         return bool(self.names)
 
     def wait(self, alive: bool, timeout: float) -> bool:
-        """Wait until the token is alive (or gone); False after `timeout` [s], or when the watcher is closed."""
+        """Wait until the token is alive (or gone, if not `alive`); False after `timeout` [s] or if closed before."""
         with self._changed:
             self._changed.wait_for(lambda: self.is_alive == alive or self.is_closed, timeout)
             return self.is_alive == alive

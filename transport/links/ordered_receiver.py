@@ -1,4 +1,4 @@
-"""Receiver that passes every message of one key to a callback, in the order of arrival."""
+"""Receiver that passes every message on a key to a callback, in the order of arrival."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from transport.links.session import Session
 from transport.supervision import report
 
 # Largest number of messages that wait for the callback. If one more arrives, the oldest dispensable or invalid message
-# is dropped, or else the oldest.
+# is dropped; if there is none, the oldest message.
 MAXIMUM_WAITING = 256
 
 T = TypeVar("T")
 
 
 class OrderedReceiver(NewestReceiver[T]):
-    """Receiver of one key that also calls back with each message, on a thread of its own."""
+    """Receiver of a key that also calls a function with every message, on a separate thread."""
 
     def __init__(
         self,
@@ -31,12 +31,13 @@ class OrderedReceiver(NewestReceiver[T]):
         *,
         latched: bool = True,
     ) -> None:
-        """Subscribe.
+        """Subscribe to the key.
 
         Args:
             session, key, decode, latched: as in `NewestReceiver`.
-            on_message: called with each message.
-            on_refused: called when a message is not valid, once for several that wait in a row. Requires `on_message`.
+            on_message: called with each message; None = keep only the newest message.
+            on_refused: called with the error when a message is not valid, once for several that wait in a row; has no
+                effect without `on_message`.
         """
         self._on_message, self._on_refused = on_message, on_refused
         self._waiting: deque[T | MessageError] = deque()
@@ -47,7 +48,7 @@ class OrderedReceiver(NewestReceiver[T]):
             thread.start()
 
     def _is_dispensable(self, message: T) -> bool:
-        """True for a message that may be dropped before others."""
+        """Return True for a message that may be dropped before others."""
         return False
 
     def _take(self, payload: bytes) -> None:

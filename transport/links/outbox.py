@@ -1,4 +1,4 @@
-"""Background sender: callers never wait, and lanes never wait for each other."""
+"""Background sender: callers do not wait for a transmission, nor does one lane wait for another."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ logger = logging.getLogger(__name__)
 
 
 class Outbox:
-    """Runs actions on background threads, in order within a lane and in parallel across lanes.
+    """Queue of actions that run on background threads: in order within a lane, in parallel across lanes.
 
-    At most one action per key and lane waits: a newer one replaces it. The thread of an empty lane ends.
+    In each lane, at most one action per key waits; a newer one replaces it. The thread of a lane ends when the lane is
+    empty.
 
     Attributes:
         sent: number of actions that succeeded.
         superseded: number of actions that were replaced before they ran.
-        failed: number of actions that raised.
-        last_error: text of the last error, or "".
+        failed: number of actions that raised an exception, and of lanes that failed for good.
+        last_error: text of the last error, or "" if there was none.
         longest: duration of the slowest action [s].
     """
 
     def __init__(self) -> None:
-        """Start empty."""
+        """Start without lanes."""
         self._changed = threading.Condition()
         self._lanes: dict[str, dict[str, Callable[[], None]]] = {}
         self._threads: dict[str, threading.Thread] = {}
@@ -47,7 +48,7 @@ class Outbox:
 
         Args:
             key: name of the message; a waiting action with the same key and lane is dropped.
-            action: function that encodes and sends.
+            action: function that encodes and sends the message.
             lane: name of the lane.
 
         Raises:
@@ -61,7 +62,8 @@ class Outbox:
                 self.superseded += 1
             waiting[key] = action
             if lane not in self._threads:
-                # A daemon: a put that blocks on a broken link must not keep the interpreter alive; close() joins it.
+                # A daemon, because a put that blocks on a broken link must not keep the interpreter alive; close()
+                # joins it.
                 thread = supervised(
                     f"transport-outbox {lane}",
                     lambda: self._run(lane),
@@ -71,10 +73,10 @@ class Outbox:
                 thread.start()
 
     def flush(self, timeout: float, *, lane: str | None = None) -> None:
-        """Wait until all actions have run, or all actions of one lane.
+        """Wait until all actions have run; if `lane` is given, only those of this lane.
 
         Raises:
-            ReceiveTimeout: it took longer than `timeout` [s].
+            ReceiveTimeout: not all of these actions have run after `timeout` [s].
         """
 
         def is_empty() -> bool:
@@ -85,7 +87,7 @@ class Outbox:
                 raise ReceiveTimeout(f"{self.pending} messages were not sent within {timeout:g} s")
 
     def close(self) -> None:
-        """Run the waiting actions, for up to two seconds, and end the threads; safe to call twice."""
+        """Run waiting actions for up to two seconds, drop the others, and end the threads; may be called twice."""
         with self._changed:
             self._closed = True
             threads = list(self._threads.values())
@@ -93,7 +95,7 @@ class Outbox:
         self._abandoned = True
 
     def _on_failure(self, lane: str, failure: Failure) -> None:
-        """Clear the lane if its thread has failed for good; the next action starts a new one."""
+        """If the thread of a lane has failed for good, clear the lane; the next action starts a new thread."""
         if failure.is_final:
             with self._changed:
                 self._lanes.pop(lane, None)
@@ -118,7 +120,7 @@ class Outbox:
                 action()
             except Exception as failure:
                 error = f"{key}: {failure}"
-                # Messages lost because the session was closed are not an error.
+                # Losing messages because the session was closed is not an error.
                 is_expected = self._closed or isinstance(failure, SessionClosed)
                 logger.log(logging.INFO if is_expected else logging.ERROR, "sending on %s failed: %s", key, failure)
             with self._changed:

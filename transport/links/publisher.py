@@ -1,4 +1,4 @@
-"""Publishers of one key: plain, or latched, which keep the last message for late subscribers."""
+"""Publishers of a single key: plain ones, and latched ones, which keep the last message for late subscribers."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ LARGEST = "BACKGROUND"
 
 
 class Publisher(Resource):
-    """Publisher of one key; a latched one keeps the last payload for late subscribers.
+    """Publisher of one key. A latched publisher keeps the last payload for late subscribers.
 
-    A payload is dropped only for readers whose link is congested. A latched publisher keeps it, and `NewestReceiver`
-    fetches it in pieces.
+    A payload is dropped only for readers whose link is congested. If the publisher is latched, `NewestReceiver` then
+    fetches the payload in pieces.
 
     Attributes:
-        key: key on which it publishes.
+        key: key on which payloads are published.
         count: number of payloads published.
     """
 
@@ -46,13 +46,13 @@ class Publisher(Resource):
         Args:
             session: open session.
             key: key on which to publish.
-            latched: True if late subscribers get the last payload, and receivers detect losses.
+            latched: True = late subscribers receive the last payload, and receivers detect losses.
             priority: priority on congested links, one of `URGENT`, `SMALL`, `LARGE`, `LARGEST`.
-            encoding: Zenoh encoding of the payloads, as `typestore.cdr`; None = unspecified.
-            answers: True if a query (`get`) of the key itself also returns the last payload.
-            stamped: identify payloads by timestamps instead of numbers. Zenoh's advanced subscribers then get each
-                payload once, but `NewestReceiver` does not detect losses.
-            attach: makes the attachment of a payload from its number, 0 for the first.
+            encoding: Zenoh encoding of the payloads, such as `typestore.cdr(type_name)`; None = unspecified.
+            answers: True = a query (`get`) of the key itself returns the last payload; needs `latched`.
+            stamped: True = identify payloads by timestamps instead of numbers. Zenoh's advanced subscribers then
+                receive each payload once, but `NewestReceiver` does not detect losses.
+            attach: returns the attachment of the payload with the given number; the first has number 0.
 
         Raises:
             SessionClosed: the session is closed.
@@ -73,10 +73,10 @@ class Publisher(Resource):
         super().__init__(session)
 
     def put(self, payload: Payload | Callable[[], Payload]) -> None:
-        """Publish a payload. Not an error if there are no subscribers or the link is down.
+        """Publish a payload. It is not an error if there are no subscribers or the link is down.
 
         Args:
-            payload: payload, or a function that makes it, called only if there are subscribers or a later query.
+            payload: payload, or a function that makes it; called only if there are subscribers or it is queried later.
 
         Raises:
             SessionClosed: the session is closed.
@@ -100,7 +100,8 @@ class Publisher(Resource):
     def _release(self) -> None:
         if self._last is not None:
             self._last.close()
-        # Zenoh cannot undeclare a publisher in use by another thread; then closing the session undeclares it.
+        # Zenoh cannot undeclare a publisher that another thread is using; it is then undeclared when the session is
+        # closed.
         if self._lock.acquire(timeout=CLOSE_TIMEOUT):
             try:
                 self._session.undeclare(self._raw)
@@ -109,15 +110,15 @@ class Publisher(Resource):
 
 
 class Sender(Resource):
-    """Publishers and queryables that send through an outbox of their own, so that callers never wait."""
+    """Group of publishers and queryables that send through a common outbox, so that callers never wait."""
 
     def __init__(self, session: Session, *parts: Resource) -> None:
-        """Take `parts`, which are closed after the outbox, in this order."""
+        """Take ownership of `parts`, which are closed in this order, after the outbox."""
         self._outbox, self._parts = Outbox(), parts
         super().__init__(session)
 
     def flush(self, timeout: float) -> None:
-        """Wait until everything is sent; ReceiveTimeout if that takes longer than `timeout` [s]."""
+        """Wait until everything is sent; ReceiveTimeout if this takes longer than `timeout` [s]."""
         self._outbox.flush(timeout)
 
     def _release(self) -> None:

@@ -1,4 +1,4 @@
-"""Periodic messages of a session, sent together from one thread."""
+"""Periodic messages of a session, sent together on one thread."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Callable
 
 from transport.supervision import join, report, supervised
 
-# Period [s].
+# Period of the messages [s].
 PERIOD = 0.5
 
 
 class Pulse:
-    """Calls all added actions periodically, on a thread that runs from the first action until `close`.
+    """Periodic calls of all added actions, on a thread that runs from the first `add` until `close`.
 
-    Every message wakes the sender, the router and the reader; messages sent together wake each of them once.
+    Every message wakes the sender, the router and the reader; messages that are sent together wake each of them once.
     """
 
     def __init__(self) -> None:
@@ -25,12 +25,12 @@ class Pulse:
         self._thread: threading.Thread | None = None
 
     def add(self, owner: object, action: Callable[[], None], *, first: bool = False) -> None:
-        """Call `action` in each period from now on, until `owner` is removed.
+        """Call `action` in each period until `remove(owner)`.
 
         Args:
-            owner: object that the action belongs to; a second action of the same owner replaces the first.
-            action: function that sends a small message; must be quick.
-            first: call it before the existing actions.
+            owner: object to which the action belongs; a second action of the same owner replaces the first.
+            action: function that sends a small message; must return quickly.
+            first: True = call this action before the existing ones.
         """
         with self._lock:
             self._actions = {owner: action, **self._actions} if first else {**self._actions, owner: action}
@@ -39,12 +39,12 @@ class Pulse:
                 self._thread.start()
 
     def remove(self, owner: object) -> None:
-        """Remove the action of `owner`; a call in progress is not interrupted. Safe to call twice."""
+        """Remove the action of `owner`; a call in progress is not interrupted. May be called twice."""
         with self._lock:
             self._actions = {other: action for other, action in self._actions.items() if other is not owner}
 
     def close(self) -> None:
-        """Stop; safe to call twice."""
+        """Stop calling the actions; may be called twice."""
         self._closing.set()
         join(self._thread)
 

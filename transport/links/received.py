@@ -1,4 +1,4 @@
-"""Received messages with their time of arrival, decoded at their first use."""
+"""Received messages with their time of arrival; each is decoded at its first use."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Received(Generic[T]):
 
     Attributes:
         message: decoded message.
-        number: number of the sample at this receiver, from 1.
-        arrival: time of arrival by `transport.clock.now()` [s].
-        arrival_stamp: time of arrival by this machine's wall clock [ns since the epoch].
+        number: number of the sample at its receiver, from 1.
+        arrival: time of arrival on the clock `transport.clock.now()` [s].
+        arrival_stamp: time of arrival on this machine's wall clock [ns since the epoch].
     """
 
     message: T
@@ -32,15 +32,15 @@ class Received(Generic[T]):
 
     @property
     def age(self) -> float:
-        """Time since the arrival [s]."""
+        """Time since the message arrived [s]."""
         return clock.now() - self.arrival
 
 
 class Sample(Generic[T]):
-    """Payload with its time of arrival, decoded at most once."""
+    """Received payload with its time of arrival; decoded at most once."""
 
     def __init__(self, payload: bytes, number: int, decode: Callable[[bytes], T]) -> None:
-        """Record the current time as the time of arrival."""
+        """Create a sample that arrives now."""
         self.number = number
         self.taken = False
         self._arrival = (clock.now(), time.time_ns())
@@ -50,7 +50,7 @@ class Sample(Generic[T]):
         self._result: Received[T] | MessageError | None = None
 
     def open(self, *, counts: bool = True) -> Received[T]:
-        """Decode the message; it then counts as read unless `counts` is False.
+        """Decode the message and return it; with `counts`, the sample counts as read from then on.
 
         Raises:
             MessageError: the payload is not a valid message.

@@ -1,4 +1,4 @@
-"""Dictionary that keeps the most recently set entries."""
+"""Dictionary of limited size that keeps the most recently set entries."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ V = TypeVar("V")
 
 
 class Recent(dict[K, V]):
-    """Dictionary of at most `most` entries; setting one makes it the newest, and the oldest is dropped if necessary."""
+    """Dictionary that keeps at most `most` entries: those that were set most recently."""
 
     def __init__(self, most: int) -> None:
-        """Start empty."""
+        """Start without entries."""
         super().__init__()
         self._most = most
 
     def __setitem__(self, key: K, value: V) -> None:
-        """Set an entry."""
+        """Set an entry, and drop the oldest one if there are too many."""
         self.pop(key, None)
         super().__setitem__(key, value)
         while len(self) > self._most:

@@ -1,4 +1,4 @@
-"""Bridge to ROS 2: publishes messages as rmw_zenoh does, so that ROS 2 nodes see them as topics."""
+"""Bridge to ROS 2: publishes messages like rmw_zenoh, so that ROS 2 nodes receive them as topics."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from transport.links.publisher import Publisher
 from transport.links.session import Resource, Session
 from transport.messages.typestore import GRID_MAP, OCCUPANCY, cdr, dds_type_name, type_hash
 
-# Node name shown by ROS 2 tools.
+# Name of the node in ROS 2 tools.
 NODE_NAME = "guara_perception"
 
 # Quality of service: reliable, transient local, keep last 1, otherwise defaults.
 QOS = ":1:,1:,:,:,,"
 
-# Highest ROS domain id.
+# Largest ROS 2 domain id.
 MAXIMUM_DOMAIN = 232
 
 NODE_ID = 0
@@ -27,7 +27,7 @@ FIRST_ENTITY_ID = 10
 
 
 def data_key(domain: int, topic: str, type_name: str) -> str:
-    """Key of a topic in rmw_zenoh; `topic` without leading slash."""
+    """Key of a topic in rmw_zenoh; `topic` has no leading slash."""
     return f"{domain}/{topic}/{dds_type_name(type_name)}/{type_hash(type_name)}"
 
 
@@ -37,7 +37,7 @@ def node_token_key(domain: int, zenoh_id: str) -> str:
 
 
 def publisher_token_key(domain: int, zenoh_id: str, entity_id: int, topic: str, type_name: str) -> str:
-    """Key of the liveliness token that represents a publisher in ROS 2; `topic` without leading slash."""
+    """Key of the liveliness token that represents a publisher in ROS 2; `topic` has no leading slash."""
     mangled = "%" + topic.replace("/", "%")
     return (
         f"@ros2_lv/{domain}/{zenoh_id}/{NODE_ID}/{entity_id}/MP/%/%/{NODE_NAME}/{mangled}/"
@@ -46,28 +46,29 @@ def publisher_token_key(domain: int, zenoh_id: str, entity_id: int, topic: str, 
 
 
 def publisher_id(token_key: str) -> bytes:
-    """Identity of a publisher, 16 bytes: the hash of its token's key, low half first."""
+    """Identity of a publisher in rmw_zenoh: 16-byte hash of its token's key, low half first."""
     import xxhash
 
     return bytes(xxhash.xxh3_128_intdigest(token_key.encode()).to_bytes(16, "little"))
 
 
 def make_attachment(sequence: int, stamp: int, identity: bytes) -> bytes:
-    """Attachment of a sample in rmw_zenoh: sequence from 1, time [ns], length of the id, the id."""
+    """Make the attachment of an rmw_zenoh sample: sequence number from 1, time [ns], length of identity, identity."""
     return struct.pack("<qqB", sequence, stamp, len(identity)) + identity
 
 
 class Ros2Bridge(Resource):
-    """Topics for ROS 2 nodes that use rmw_zenoh: reliable, and transient local for late subscribers.
+    """Topics for ROS 2 nodes that use rmw_zenoh; reliable, and transient local for late subscribers.
 
-    `/<robot>/occupancy` and `/<robot>/grid_map` exist from the start, other topics from their first message on.
+    The topics `/<robot>/occupancy` and `/<robot>/grid_map` exist from the start, other topics from their first message
+    on.
     """
 
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT, domain: int = 0) -> None:
-        """Declare the node and the two topics.
+        """Declare the ROS 2 node and its first two topics.
 
         Raises:
-            ConfigurationError: the domain is not valid, or the name cannot be part of a ROS 2 topic.
+            ConfigurationError: the domain is not valid, or the robot's name cannot be part of a ROS 2 topic.
             KeyNameError: the robot's name cannot be part of a key.
         """
         if not 0 <= domain <= MAXIMUM_DOMAIN:
@@ -86,12 +87,12 @@ class Ros2Bridge(Resource):
         super().__init__(session)
 
     def put(self, name: str, type_name: str, payload: bytes | bytearray) -> None:
-        """Send a CDR payload.
+        """Send a CDR payload on a topic; the first payload declares the topic.
 
         Args:
             name: name of the topic below `/<robot>/`, or the full name with a leading slash.
             type_name: message type of the topic, such as `nav_msgs/msg/OccupancyGrid`.
-            payload: payload of that type.
+            payload: CDR payload of that type.
         """
         topic = name[1:] if name.startswith("/") else f"{self._robot}/{name}"
         self._topic(topic, type_name).put(payload)

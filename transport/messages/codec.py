@@ -104,7 +104,7 @@ def check_version(message: Any, name: str, major: int) -> None:
     """Check that a message object has the major version `major`.
 
     Raises:
-        VersionError: the major version is another one.
+        VersionError: the message has another major version.
     """
     if message.version_major != major:
         raise VersionError(
@@ -122,7 +122,7 @@ def to_ros(type_name: str, value: Any, **given: Any) -> Any:
         given: values of fields that are used instead of those of `value`.
 
     Raises:
-        MessageError: a value cannot be converted; most values are checked only by `encode`.
+        MessageError: the type is unknown, or a stamp is out of range; other values are checked by `encode`.
     """
     for name, (kind, details) in _definition(type_name).items():
         if name not in given:

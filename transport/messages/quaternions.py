@@ -10,16 +10,18 @@ from transport.arrays import Float
 from transport.exceptions import MessageError
 
 Quaternion = tuple[float, float, float, float]
-# Signs of each diagonal element of a rotation in 4 x^2, 4 y^2, 4 z^2 and 4 w^2.
+# Sign of each diagonal element of a rotation matrix in 4 x^2, 4 y^2, 4 z^2 and 4 w^2.
 SIGNS = np.array([[1.0, -1.0, -1.0, 1.0], [-1.0, 1.0, -1.0, 1.0], [-1.0, -1.0, 1.0, 1.0]])
 
 
 def quaternion_from_matrix(rotation: Float) -> Quaternion:
-    """Unit quaternion (x, y, z, w), w >= 0, of a (3, 3) rotation matrix.
+    """Convert a (3, 3) rotation matrix to a unit quaternion (x, y, z, w) with w >= 0.
 
-    The row of 4 q q^T with the largest diagonal element is normalised; its norm is far from zero (Shepperd's method).
+    The result is the normalised row of 4 q q^T with the largest diagonal element, whose norm is far from zero
+    (Shepperd's method).
     """
-    # products = 4 q q^T: R + R^T gives xy, xz and yz; R - R^T the products with w; the diagonal of R the squares.
+    # products = 4 q q^T: R + R^T gives xy, xz and yz; R - R^T gives the products with w; the diagonal of R gives the
+    # squares.
     products = np.empty((4, 4))
     products[:3, :3] = rotation + rotation.T
     turn = rotation - rotation.T
@@ -33,10 +35,10 @@ def quaternion_from_matrix(rotation: Float) -> Quaternion:
 
 
 def matrix_from_quaternion(quaternion: Quaternion, what: str = "rotation") -> Float:
-    """Rotation matrix (3, 3) of a unit quaternion (x, y, z, w).
+    """Convert a unit quaternion (x, y, z, w) to a (3, 3) rotation matrix.
 
     Raises:
-        MessageError: the quaternion is not finite or its length is not 1 within 1e-6.
+        MessageError: the quaternion is not finite, or its length differs from 1 by more than 1e-6.
     """
     length = math.hypot(*quaternion)
     if not math.isfinite(length) or abs(length - 1.0) > 1e-6:

@@ -1,7 +1,7 @@
 """Compression of arrays for slow links: byte shuffle, then zstd.
 
-The shuffle, as in HDF5 and Blosc, stores the first bytes of all elements, then all second bytes, and so on; bytes after
-the last whole element are appended unchanged.
+The byte shuffle, as in HDF5 and Blosc, stores the first bytes of all elements, then all second bytes, and so on. Bytes
+after the last complete element are appended unchanged.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from transport.arrays import Bytes
 from transport.exceptions import MessageError
 from transport.messages.codec import MAXIMUM_PAYLOAD
 
-# First bytes of every zstd frame, and of no CDR payload.
+# First bytes of every zstd frame; no CDR payload begins with them.
 FRAME_MAGIC = b"\x28\xb5\x2f\xfd"
-# A higher level gains a few per cent and takes several times as long.
+# A higher level saves a few per cent and takes several times as long.
 ZSTD_LEVEL = 3
 
 
 def compress(data: bytes | bytearray | memoryview, itemsize: int = 4) -> bytes:
-    """Shuffle and compress into one zstd frame with content size and checksum.
+    """Shuffle data and compress them to one zstd frame with content size and checksum.
 
     Args:
-        data: array of elements.
+        data: bytes of an array.
         itemsize: size of an element [bytes].
     """
     zstd = _zstd()
@@ -36,15 +36,16 @@ def compress(data: bytes | bytearray | memoryview, itemsize: int = 4) -> bytes:
 
 
 def decompress(data: bytes | bytearray | memoryview, itemsize: int = 4, *, maximum: int = MAXIMUM_PAYLOAD) -> bytes:
-    """Decompress and unshuffle; inverse of `compress`.
+    """Decompress and unshuffle data; inverse of `compress`.
 
     Args:
-        data: one complete zstd frame.
-        itemsize: size of an element, the same as in `compress` [bytes].
-        maximum: largest result [bytes]; a frame that declares more is rejected before decompression.
+        data: a single complete zstd frame.
+        itemsize: size of an element [bytes], as in `compress`.
+        maximum: largest allowed result [bytes]; a frame that declares more is rejected before decompression.
 
     Raises:
-        MessageError: the frame is damaged, truncated, too large, does not state its length, or has trailing bytes.
+        MessageError: the frame is damaged, truncated or too large, does not declare its length, or is followed by other
+            data.
     """
     zstd = _zstd()
     try:
@@ -63,17 +64,17 @@ def decompress(data: bytes | bytearray | memoryview, itemsize: int = 4, *, maxim
 
 
 def _zstd() -> Any:
-    """Python's own module, or its backport, which rosbags needs too."""
+    """Import Python's own zstd module or, before Python 3.14, its backport, which rosbags also needs."""
     return importlib.import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
 
 
 def _transposed(data: bytes | bytearray | memoryview, itemsize: int, *, encode: bool) -> Bytes:
-    """Shuffle (`encode`) or unshuffle the bytes of the whole elements."""
+    """Shuffle (`encode`) or unshuffle the bytes of all complete elements."""
     flat = np.frombuffer(data, np.uint8)
     count = len(flat) // itemsize
     whole = count * itemsize
     result = np.empty_like(flat)
-    # Strided slices: numpy takes five times as long to copy a transposed array.
+    # Strided slices are used because numpy takes five times as long to copy a transposed array.
     for byte in range(itemsize):
         together, apart = slice(byte * count, (byte + 1) * count), slice(byte, whole, itemsize)
         here, there = (together, apart) if encode else (apart, together)

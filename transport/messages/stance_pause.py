@@ -14,14 +14,14 @@ from transport.messages.codec import decode, encode, from_ros, to_ros
 from transport.messages.submessages import GroundPatch, StanceMessage, finite, set_fields
 from transport.messages.typestore import LARGEST_COUNT, STANCE_PAUSE, check_value
 
-# Largest payload [bytes]; a pause with sixteen patches of known ground has 20 kB.
+# Largest payload [bytes]; an announcement with sixteen patches of known ground has 20 kB.
 MAXIMUM_ANNOUNCEMENT = 256 * 1024
 # Longest identity of a walk [characters].
 MAXIMUM_EPOCH = 100
 
 
 class PausePhase(IntEnum):
-    """Event that is announced: the pause begins, continues (HOLD) or ends."""
+    """Announced event: the pause begins (BEGIN), continues (HOLD) or ends (END)."""
 
     BEGIN = 1
     END = 2
@@ -37,13 +37,13 @@ class StancePause:
         step: number of the pause.
         phase: BEGIN, HOLD or END.
         stamp: time of the joint state [ns since the epoch].
-        stance: joints, support feet, gravity.
-        time_available: time from the stamp to the planned end of the pause [s]; 0 if unknown.
-        known_ground: ground that the gait declares safe, in `frame_id`.
+        stance: joint positions, support feet and gravity.
+        time_available: time from `stamp` to the planned end of the pause [s]; 0 if unknown.
+        known_ground: ground that the gait controller declares safe, in `frame_id`.
         frame_id: frame of `known_ground`.
-        epoch: identity of the walk, the same in all its pauses; empty if the gait gives none.
-        standing_pauses: for each support foot, the number of previous pauses through which it has stayed on the ground,
-            0 if it was set down after the last one; empty if unknown.
+        epoch: identity of the walk, equal in all its pauses; empty if the gait controller sends none.
+        standing_pauses: for each support foot, number of previous pauses since it was set down (0: it was set down
+            after the last pause); empty if unknown.
     """
 
     robot: str
@@ -61,7 +61,7 @@ class StancePause:
         """Check the fields.
 
         Raises:
-            UnknownPhase: a phase that this version does not know.
+            UnknownPhase: this version does not know the phase.
             MessageError: a value is not allowed.
             KeyNameError: the robot's name cannot be part of a key.
         """
@@ -96,12 +96,12 @@ class StancePause:
 
 
 def make_stance_pause(pause: StancePause) -> Any:
-    """Make the guara_msgs/StancePause message object."""
+    """Convert an announcement to a guara_msgs/StancePause message object."""
     return to_ros(STANCE_PAUSE, pause, standing_pauses=np.array(pause.standing_pauses, np.uint32))
 
 
 def encode_stance_pause(pause: StancePause) -> bytearray:
-    """CDR payload of a stance pause.
+    """Encode an announcement as CDR.
 
     Raises:
         MessageError: a field does not fit its ROS 2 type.
@@ -110,10 +110,10 @@ def encode_stance_pause(pause: StancePause) -> bytearray:
 
 
 def decode_stance_pause(payload: bytes | bytearray | memoryview) -> StancePause:
-    """Decode and check the CDR payload of a guara_msgs/StancePause, with or without its last two fields.
+    """Decode and check the CDR payload of a guara_msgs/StancePause; its last two fields may be missing.
 
     Raises:
-        UnknownPhase: the phase is not known to this version.
+        UnknownPhase: this version does not know the phase.
         MessageError: the payload is damaged, or a value is not allowed.
     """
     if len(payload) > MAXIMUM_ANNOUNCEMENT:
@@ -122,14 +122,14 @@ def decode_stance_pause(payload: bytes | bytearray | memoryview) -> StancePause:
 
 
 def _decoded(payload: bytes | bytearray | memoryview) -> Any:
-    """Decode the message object. Older gait controllers omit `standing_pauses`, and the oldest omit `epoch` too."""
+    """Decode the message object. Older gait controllers omit `standing_pauses`, and the oldest also omit `epoch`."""
     try:
         return decode(payload, STANCE_PAUSE)
     except MessageError as error:
         if len(payload) < 8:
             raise
-        # Without `standing_pauses` the payload ends with the zero byte of `epoch`; without `epoch` too it ends on a
-        # multiple of four bytes. Any other payload was truncated.
+        # Without `standing_pauses`, the payload ends with the zero byte of `epoch`. Without `epoch` as well, it ends at
+        # a multiple of four bytes. Any other payload was truncated.
         fill, one, nothing = bytes(-len(payload) % 4), (1).to_bytes(4, "little" if payload[1] else "big"), bytes(4)
         for is_earlier, missing in ((payload[-1] == 0, fill + nothing), (not fill, one + nothing + nothing)):
             if not is_earlier:

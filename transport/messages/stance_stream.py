@@ -1,4 +1,4 @@
-"""Stream of stances of the gait controller: message in Python, and its CDR payload."""
+"""Stream of stances from the gait controller: batch message and its CDR payload."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ from transport.messages.quaternions import Quaternion, matrix_from_quaternion
 from transport.messages.submessages import checked_array, set_fields, texts
 from transport.messages.typestore import GRAVITY_LENGTH, STANCE_STREAM, check_value
 
-# Largest number of samples of one message: a second at 1 kHz.
+# Largest number of samples in a message: one second at 1 kHz.
 MAXIMUM_SAMPLES = 1000
-# Largest payload [bytes]; a second at 1 kHz of sixteen joints, four legs and an IMU has 190 kB.
+# Largest payload [bytes]. One second at 1 kHz of sixteen joints, four legs and an IMU has 190 kB.
 MAXIMUM_BATCH = 4 * 1024 * 1024
-# Epoch of samples whose source does not know the walk; they belong to the current one.
+# Epoch of samples whose source does not know the walk; they belong to the current walk.
 ANY_WALK = "*"
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class StanceStream:
-    """Batch of n stances, one after the other; all arrays are read-only.
+    """Batch of n consecutive stances; all arrays are read-only.
 
     Attributes:
         robot: instance name.
-        stamp: time of the first sample [ns since the epoch], by the clock that stamps the pauses.
-        sequence: number of the batch; a gap means that a batch was lost.
-        joint_names: names of j joints.
-        legs: names of l legs.
-        times: (n,) since the stamp, ascending from 0 [s].
-        joint_positions: (n, j) [rad].
-        supports: (n, l) True where the leg carries weight.
-        gravity_in_base: (n, 3) direction of gravity in `base_link`, pointing down; None without an IMU.
-        angular_velocity: (n, 3) of the body, in `base_link` [rad/s]; None if not measured.
-        epoch: identity of the walk, as in `StancePause`.
-        frame_id: `base_link`.
+        stamp: time of the first sample, on the clock that stamps the pauses [ns since the epoch].
+        sequence: number of the batch; a gap in the numbers means that a batch was lost.
+        joint_names: names of the j joints.
+        legs: names of the l legs.
+        times: (n,) times of the samples after `stamp`, ascending from 0 [s].
+        joint_positions: (n, j) positions [rad].
+        supports: (n, l) True if the leg carries weight.
+        gravity_in_base: (n, 3) direction of gravity in `base_link`, pointing down; None if not measured.
+        angular_velocity: (n, 3) angular velocity of the body in `base_link` [rad/s]; None if not measured.
+        epoch: identity of the walk, as in `StancePause`, or `ANY_WALK`.
+        frame_id: name of the body frame, `base_link`.
     """
 
     robot: str
@@ -56,10 +56,10 @@ class StanceStream:
     frame_id: str = "base_link"
 
     def __post_init__(self) -> None:
-        """Copy and check.
+        """Copy and check the fields.
 
         Raises:
-            MessageError: a value is not allowed, or the lengths of arrays differ.
+            MessageError: a value is not allowed, or lengths of arrays do not match.
             KeyNameError: the robot's name cannot be part of a key.
         """
         check_name(self.robot)
@@ -104,12 +104,12 @@ class StanceStream:
 
     @property
     def stamps(self) -> npt.NDArray[np.int64]:
-        """(n,) time of each sample [ns since the epoch]."""
+        """(n,) times of the samples [ns since the epoch]."""
         return self.stamp + np.rint(1e9 * np.asarray(self.times)).astype(np.int64)
 
 
 def _rows(values: npt.ArrayLike, rows: int, columns: int, what: str) -> Float:
-    """Values as (rows, columns); a flat array is taken row by row."""
+    """Return values as a checked array (rows, columns); a flat array is split row by row."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim == 1 and array.size == rows * columns:
         array = array.reshape(rows, columns)
@@ -117,7 +117,7 @@ def _rows(values: npt.ArrayLike, rows: int, columns: int, what: str) -> Float:
 
 
 def _vectors(values: npt.ArrayLike | None, rows: int, what: str) -> Float | None:
-    """Values as (rows, 3); None if all are NaN, which marks them as not measured in a message."""
+    """Return values as a checked array (rows, 3), or None if all are NaN, which means not measured in a message."""
     if values is None:
         return None
     array = np.asarray(values, dtype=np.float64)
@@ -125,12 +125,12 @@ def _vectors(values: npt.ArrayLike | None, rows: int, what: str) -> Float | None
 
 
 def encode_stance_stream(stream: StanceStream) -> bytearray:
-    """CDR payload of one batch.
+    """Encode a batch as CDR.
 
     Raises:
         MessageError: a field does not fit its ROS 2 type.
     """
-    # Writers of CDR disagree on the padding after an empty list of float64, so none is ever empty.
+    # Writers of CDR disagree on the padding after an empty list of float64, so no list is ever empty.
     nothing = np.full((len(stream.stamps), 3), np.nan)
     gravity = nothing if stream.gravity_in_base is None else stream.gravity_in_base
     turning = nothing if stream.angular_velocity is None else stream.angular_velocity
@@ -141,7 +141,7 @@ def encode_stance_stream(stream: StanceStream) -> bytearray:
 
 
 def decode_stance_stream(payload: bytes | bytearray | memoryview) -> StanceStream:
-    """Read and check the CDR payload of a guara_msgs/StanceStream.
+    """Decode and check the CDR payload of a guara_msgs/StanceStream.
 
     Raises:
         MessageError: the payload is damaged, or a value is not allowed.
@@ -152,10 +152,12 @@ def decode_stance_stream(payload: bytes | bytearray | memoryview) -> StanceStrea
 
 
 def gravity_of_orientation(quaternion: Quaternion) -> tuple[float, float, float]:
-    """Direction of gravity in `base_link`, pointing down, from an orientation (x, y, z, w) relative to a z-up world.
+    """Compute the direction of gravity in `base_link`, pointing down, from an orientation (x, y, z, w).
+
+    The orientation is that of the body relative to a world frame with z up.
 
     Raises:
-        MessageError: not a unit quaternion.
+        MessageError: `quaternion` is not a unit quaternion.
     """
     x, y, z = (-matrix_from_quaternion(quaternion, "orientation")[2]).tolist()
     return x, y, z

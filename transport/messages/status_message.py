@@ -24,8 +24,8 @@ class StatusItem:
         name: name of the part, for example "scanner".
         level: OK, WARN, ERROR or STALE.
         message: one line of text.
-        hardware_id: device or robot; may be empty.
-        values: values as text by name, with the unit in the name.
+        hardware_id: name of the device or robot; may be empty.
+        values: values as text, by name; a name includes the unit of its value, if there is one.
     """
 
     name: str
@@ -35,7 +35,7 @@ class StatusItem:
     values: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Convert the values to read-only text; texts that are too long are truncated so that the message is valid."""
+        """Convert the values to read-only texts, and truncate texts that are too long for the message."""
         for name, allowed in (("name", WORD), ("message", SENTENCE), ("hardware_id", WORD)):
             object.__setattr__(self, name, allowed.cut(getattr(self, name)))
         values = {WORD.cut(str(key)): SENTENCE.cut(str(value)) for key, value in self.values.items()}
@@ -44,10 +44,10 @@ class StatusItem:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Status:
-    """Status of the node: one item for each of its parts.
+    """Status of the node, with one item for each part of the node.
 
     Attributes:
-        stamp: time [ns since the epoch].
+        stamp: time of the status [ns since the epoch].
         items: status of each part.
     """
 
@@ -60,12 +60,12 @@ class Status:
         return max((item.level for item in self.items), default=Health.STALE)
 
     def item(self, name: str) -> StatusItem | None:
-        """Item of one part, or None."""
+        """Return the item of one part, or None."""
         return next((item for item in self.items if item.name == name), None)
 
 
 def whole_number(text: str) -> int | None:
-    """Value of a status as an integer; None if it is not one."""
+    """Convert a value of a status to an integer; None if it is not an integer."""
     try:
         return int(text)
     except ValueError:
@@ -73,7 +73,7 @@ def whole_number(text: str) -> int | None:
 
 
 def number(text: str) -> float:
-    """Value of a status as a float; NaN if it is not a number."""
+    """Convert a value of a status to a float; NaN if it is not a number."""
     try:
         return float(text)
     except ValueError:
@@ -81,7 +81,7 @@ def number(text: str) -> float:
 
 
 def encode_status(status: Status) -> bytearray:
-    """CDR payload of a status, a diagnostic_msgs/DiagnosticArray.
+    """Encode a status as CDR of diagnostic_msgs/DiagnosticArray.
 
     Raises:
         MessageError: a field does not fit its ROS 2 type.
@@ -95,7 +95,7 @@ def decode_status(payload: bytes | bytearray | memoryview) -> Status:
     """Decode and check the CDR payload of a status.
 
     Raises:
-        MessageError: the payload is damaged or a field is out of its range.
+        MessageError: the payload is damaged, or a value is outside its range.
     """
     message = decode(payload, STATUS)
     items = [

@@ -38,8 +38,8 @@ MODES = ("coarse", "standard")
 ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
 # Longest identity of a walk or run [characters].
 MAXIMUM_IDENTITY = 100
-# Rounding units of elevations (whose noise is at least 0.1 mm), of step height and roughness, and of clearance [m], and
-# of slope [rad]. They are powers of two, so that their multiples are exact in float32.
+# Rounding units: elevations (whose noise is at least 0.1 mm), step height and roughness, clearance [m]; slope [rad].
+# Powers of two, so that their multiples are exact in float32.
 HEIGHT_UNIT, RELIEF_UNIT, CLEARANCE_UNIT, SLOPE_UNIT = 2.0**-13, 2.0**-12, 2.0**-10, 2.0**-9
 # Mantissa bits kept when rounding: a variance grows by at most 1/8, a local variance at most doubles, a score shrinks
 # by at most 1/32.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from transport import zenoh_api
 from transport.links.session import Session
 
-# Time added to the caller's timeout, so that the server's own timeout message can still arrive [s].
+# Time added to the caller's timeout, so that a timeout reported by the server itself can still arrive [s].
 GRACE = 0.5
 
 # Interval of liveliness checks while waiting [s].
@@ -21,13 +21,13 @@ ZENOH_TIMEOUT = b"Timeout"
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Event of an open query.
+    """Event of a query: a reply, an error, or the end of the query.
 
     Attributes:
-        key: key of a reply, which identifies the sender, since access rules restrict who may use it.
+        key: key of a reply, which identifies the sender, because access rules restrict who may use the key.
         payload: payload of a reply, or None.
         error: payload of an error reply, or None.
-        timed_out: True if the deadline passed.
+        timed_out: True if the deadline has passed.
         vanished: True if the server disappeared while the query was open.
         ended: True if no more replies will follow.
     """
@@ -50,15 +50,15 @@ def ask(
     priority: str = "INTERACTIVE_HIGH",
     encoding: str | None = None,
 ) -> Iterator[Answer]:
-    """Send a query and yield the replies; the last event is `ended`, `timed_out` or `vanished`.
+    """Send a query and yield its events; the last event is `ended`, `timed_out` or `vanished`.
 
     Args:
         session: open session.
         key: key of the queryable.
         payload: payload of the query.
-        timeout: time granted to the server [s]; the wait is at most `GRACE` longer. Ctrl-C ends it.
-        is_alive: returns True while the server is alive; called while waiting.
-        priority: priority of the query and its replies on congested links.
+        timeout: time granted to the server [s]; the caller waits up to `GRACE` longer. Ctrl-C ends the wait.
+        is_alive: returns True while the server is alive; called repeatedly while waiting.
+        priority: name of the Zenoh priority of the query and its replies.
         encoding: Zenoh encoding of the payload.
 
     Raises:

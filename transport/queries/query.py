@@ -1,4 +1,4 @@
-"""Queries for the newest grid or a region of it, and their server."""
+"""Queries for the newest grid or a region of it: server and client."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from transport.messages.terrain_message import (
 from transport.messages.typestore import QUERY_REQUEST, TERRAIN, cdr, compact
 from transport.queries.asking import ask
 
-# Largest number of pending queries; more are dropped.
+# Largest number of pending queries; further queries are dropped.
 MAXIMUM_ANSWERS = 16
 
 Provider = Callable[[str], TerrainMessage | None]
 
 
 class QueryServer(Answerer):
-    """Server of queries for the newest grid of one robot."""
+    """Server of queries for the newest grid of a robot."""
 
     def __init__(self, session: Session, provider: Provider, *, robot: str = DEFAULT_ROBOT) -> None:
-        """Declare the queryable; `provider(extent)` returns the newest message or None without blocking."""
+        """Declare the queryable; `provider(extent)` returns the newest message or None, and must not block."""
         self._provider = provider
         super().__init__(session, query_key(robot), self._reply, limit=MAXIMUM_ANSWERS)
 
@@ -65,22 +65,22 @@ def query_terrain(
     timeout: float = 5.0,
     encoding: str = "lossless",
 ) -> TerrainMessage:
-    """Query the newest grid, or the cells that a region touches.
+    """Query the newest grid, or its cells that overlap a region.
 
     Args:
         session: open session.
         robot: instance name.
         extent: "footprint" or "map".
-        region: (x_min, x_max, y_min, y_max) in the frame of the grid [m]; None for the whole grid.
+        region: (x_min, x_max, y_min, y_max) in the frame of the grid [m]; None = the whole grid.
         timeout: longest wait [s].
-        encoding: "lossless" or "compact"; nodes of earlier versions reply lossless.
+        encoding: "lossless" or "compact"; nodes of earlier versions always reply lossless.
 
     Raises:
-        KeyNameError: unknown encoding.
-        MessageError: the extent is not allowed, or the region is not allowed or outside the grid.
+        KeyNameError: the encoding is unknown.
+        MessageError: the extent is unknown, the region is not valid or outside the grid, or the reply is damaged.
         StaleTerrain: the node has no grid yet.
-        ScannerUnavailable: no reply, or no permission to query.
-        ReceiveTimeout: no reply in time.
+        ScannerUnavailable: there was no reply, or this client may not query the node.
+        ReceiveTimeout: no reply arrived in time.
     """
     request = QueryRequest(extent=extent, region=region)
     payload = encode_query_request(request)

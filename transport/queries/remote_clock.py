@@ -1,4 +1,4 @@
-"""Clock of another process, bounded by a round trip: it was read between query and reply."""
+"""Estimate of another process's clock, bounded by a round trip: the clock is read between query and reply."""
 
 from __future__ import annotations
 
@@ -17,35 +17,36 @@ logger = logging.getLogger(__name__)
 # Interval of attempts while there is no reply [s].
 RETRY = 0.5
 ANSWER_TIMEOUT = 2.0
-# Relative drift of two clocks: a time server slews a wall clock by up to 500 ppm, oscillators add 50 ppm each.
+# Largest relative drift of two clocks: a time server slews a wall clock by up to 500 ppm, and oscillators add 50 ppm
+# each.
 DRIFT = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class ClockBound:
-    """Bound of another clock: it showed `reading` between `asked` and `answered` of this machine's clock [s]."""
+    """Bound of another clock, which showed `reading` between `asked` and `answered` on this machine's clock [s]."""
 
     reading: float
     asked: float
     answered: float
 
     def earliest(self, reading: float) -> float:
-        """Earliest time by this machine's clock at which the other clock can have shown `reading` [s]."""
+        """Return the earliest time on this machine's clock at which the other clock can have shown `reading` [s]."""
         since = reading - self.reading
         return self.asked + since - DRIFT * abs(since)
 
     def latest(self, reading: float) -> float:
-        """Latest time by this machine's clock at which the other clock can have shown `reading` [s]."""
+        """Return the latest time on this machine's clock at which the other clock can have shown `reading` [s]."""
         since = reading - self.reading
         return self.answered + since + DRIFT * abs(since)
 
     def at(self, time: float) -> tuple[float, float]:
-        """Reading of the other clock at `time` by this machine's clock, and the bound of its error [s]."""
+        """Return the other clock's reading at `time` on this machine's clock, and the bound of its error [s]."""
         middle = (self.asked + self.answered) / 2
         return self.reading + (time - middle), (self.answered - self.asked) / 2 + DRIFT * abs(time - middle)
 
     def after(self, newer: ClockBound) -> ClockBound:
-        """Better of this bound and a newer one: the tighter, or the newer if the clock was set in between."""
+        """Return the better of two bounds: the tighter one, or the newer one if the clock was set in between."""
         drift = DRIFT * (newer.answered - self.answered)
         was_set = (
             newer.reading - newer.asked < self.reading - self.answered - drift
@@ -56,14 +57,14 @@ class ClockBound:
 
 
 class RemoteClock(Resource):
-    """Clock of another process, queried periodically on a background thread.
+    """Clock of another process that a background thread queries periodically.
 
     Attributes:
-        key: key that is queried.
+        key: key of the queryable that returns the time.
     """
 
     def __init__(self, session: Session, key: str, *, period: float) -> None:
-        """Start querying every `period` [s]."""
+        """Start to query the clock every `period` [s]."""
         self.key, self._period = key, period
         self._tried = threading.Event()
         self._wake = threading.Event()
@@ -72,16 +73,16 @@ class RemoteClock(Resource):
         self._thread.start()
 
     def wake(self) -> None:
-        """Query now, because a server appeared or the reading is needed."""
+        """Query now instead of after the period, for example because the queryable has appeared."""
         self._tried.clear()
         self._wake.set()
 
     def wait(self, timeout: float) -> None:
-        """Wait for the end of the query that `wake` started, at most `timeout` [s]."""
+        """Wait up to `timeout` [s] for the end of the query that `wake` started."""
         self._tried.wait(max(0.0, timeout))
 
     def ask(self, timeout: float = ANSWER_TIMEOUT) -> bool:
-        """Query now, in this thread; True if a valid reply arrived.
+        """Query the clock on the calling thread; return True if a valid reply arrived.
 
         Raises:
             SessionClosed: the session is closed.
@@ -100,7 +101,7 @@ class RemoteClock(Resource):
 
     @abstractmethod
     def _take(self, payload: bytes, asked: float, answered: float) -> bool:
-        """Process a reply, given the times of query and reply [s]; return False to wait for another one.
+        """Process a reply, given the times of query and reply [s]; return False to wait for another reply.
 
         Raises:
             MessageError: the reply is not valid.

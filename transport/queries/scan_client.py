@@ -1,4 +1,4 @@
-"""Client of scan requests: sends a request, follows its progress and raises its failure."""
+"""Client of scan requests: sends a request, follows its progress, and raises its failure as an exception."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from transport.messages.terrain_message import TerrainMessage
 from transport.messages.typestore import SCAN_REQUEST, cdr
 from transport.queries.asking import ask
 
-# Time within which the death of a process is noticed [s].
+# Time within which the end of a process is detected [s].
 GONE_WITHIN = 0.5
-# Least time to wait for the grid after its scan was reported as done [s].
+# Least time to wait for a grid after its scan was reported as done [s].
 ARRIVES_WITHIN = 2.0
 
 
@@ -54,26 +54,26 @@ def request_scan(
         robot: instance name.
         mode: "coarse" or "standard".
         timeout: time within which the scan must be done [s]; Ctrl-C ends the wait.
-        request_id: a repeated id returns the same scan instead of a second one; None = a new id.
-        on_progress: called in this thread with each PROGRESS reply.
-        is_alive: returns True while the node is alive, to notice a hung one before the timeout.
+        request_id: id of the request; repeating an id returns the same scan instead of a second one. None = a new id.
+        on_progress: called on the calling thread with each PROGRESS reply.
+        is_alive: returns True while the node is alive; with it, a hung node is detected before the timeout.
 
     Returns:
-        The DONE reply, with step and sequence of the terrain message, which was published before it.
+        The DONE reply, with step and sequence number of the terrain message, which was published before the reply.
 
     Raises:
         MessageError: the mode or the timeout is not allowed.
-        ScannerUnavailable: no reply, or no permission to request scans.
+        ScannerUnavailable: there was no reply, or this client may not request scans.
         ScanBusy: the scanner is working on another request.
-        ScanFailed: the scanner refused or could not finish; `code` is the cause.
-        ScanTimeout: not done in time.
-        ScannerGone: the scanner died during the scan.
+        ScanFailed: the scanner refused the request or could not complete the scan; `code` is the cause.
+        ScanTimeout: the scan was not done in time.
+        ScannerGone: the node disappeared during the scan, or before it replied.
     """
     request = ScanRequest(id=request_id or uuid.uuid4().hex, mode=mode, timeout=timeout)
     payload, encoding = encode_scan_request(request), cdr(SCAN_REQUEST)
 
     def asked(timeout: float) -> ScanReply | None:
-        """Send the request and follow it; return the DONE reply, or None if there is no reply."""
+        """Send the request and follow it; return the DONE reply, or None if there is no reply at all."""
         accepted = False
         for answer in ask(session, scan_key(robot), payload, timeout, is_alive=is_alive, encoding=encoding):
             if answer.payload is not None:
@@ -111,7 +111,7 @@ def request_scan(
             break
         if _has_gone(is_alive):
             raise ScannerGone(f"the node of {robot!r} disappeared before it replied")
-        # The token of a node that has just started is seen slightly before its queryable: try once more.
+        # A client may see the token of a node that has just started slightly before its queryable, so try once more.
     raise ScannerUnavailable(
         f"no scanner replies on {scan_key(robot)!r}: no node of robot {robot!r} is running, or the role of this "
         "client's certificate does not permit scan requests"
@@ -119,7 +119,7 @@ def request_scan(
 
 
 def result_of(done: ScanReply, before: int) -> Callable[[Received[TerrainMessage]], bool]:
-    """Predicate for the grid of a requested scan, or a later one.
+    """Return a predicate that accepts the grid of a requested scan, or a later grid.
 
     Args:
         done: reply that ended the request.
@@ -128,7 +128,7 @@ def result_of(done: ScanReply, before: int) -> Callable[[Received[TerrainMessage
 
     def is_result(received: Received[TerrainMessage]) -> bool:
         terrain = received.message
-        # Sequences restart with the node, so a later one counts only if it arrived after the request.
+        # Sequence numbers restart with the node, so a later number counts only if the sample arrived after the request.
         is_later = received.number > before and terrain.sequence > done.sequence
         return is_later or (terrain.sequence, terrain.stamp) == (done.sequence, done.stamp)
 
@@ -136,7 +136,7 @@ def result_of(done: ScanReply, before: int) -> Callable[[Received[TerrainMessage
 
 
 def _has_gone(is_alive: Callable[[], bool]) -> bool:
-    """Test that the node has died; the end of its replies may be noticed before its token disappears."""
+    """Test if the node has died; the client may see the end of its replies before its token disappears."""
     deadline = time.monotonic() + GONE_WITHIN
     while is_alive():
         if time.monotonic() > deadline:
@@ -149,7 +149,7 @@ def _read_refusal(payload: bytes) -> Refusal:
     try:
         return decode_refusal(payload)
     except MessageError:
-        # Zenoh itself replies with plain text, for example if a queryable raised.
+        # Zenoh itself replies with plain text, for example if a queryable raised an exception.
         return Refusal(id="", code="failed", message=payload[:200].decode("utf-8", "replace"))
 
 

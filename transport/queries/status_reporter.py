@@ -1,4 +1,4 @@
-"""Status of a node: published once a second and on change, and returned to queries."""
+"""Status of a node: published once a second and on change, and sent as a reply to queries."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from transport.messages.typestore import STATUS, cdr
 from transport.supervision import join
 
 logger = logging.getLogger(__name__)
-# Number of pulse periods, half a second each, between two messages without change.
+# Number of pulse periods, half a second each, between two reports without a change.
 BEATS = 2
-# Least time between two messages on change [s], so that a flood of events does not become a flood of messages.
+# Shortest time between two reports on change [s], so that a flood of events does not cause a flood of messages.
 LEAST_GAP = 0.05
 
 
 class StatusReporter(Resource):
-    """Publishes the items that `collect` returns: once a second with the session's pulse, and on change."""
+    """Publisher of the status items that `collect` returns: once a second with the session's pulse, and on change."""
 
     def __init__(
         self,
@@ -34,7 +34,7 @@ class StatusReporter(Resource):
         *,
         robot: str = DEFAULT_ROBOT,
     ) -> None:
-        """Start reporting; `collect` is called from several threads and must be quick."""
+        """Start to report; `collect` is called on several threads and must return quickly."""
         self._collect = collect
         self._beats = 0
         self._reporting = threading.Lock()
@@ -49,11 +49,11 @@ class StatusReporter(Resource):
         session.pulse.add(self, self._on_beat, first=True)
 
     def changed(self) -> None:
-        """Report now, or `LEAST_GAP` after the last report on change; returns immediately."""
+        """Report the status now, or `LEAST_GAP` after the last report on change; returns immediately."""
         self._wake.set()
 
     def follow(self, take: Callable[[bytearray], None]) -> None:
-        """Also pass the payload of each status sent to `take`, which must be quick."""
+        """Also pass the payload of each reported status to `take`, which must return quickly."""
         self._followers.append(take)
 
     def _run(self) -> None:
@@ -76,7 +76,7 @@ class StatusReporter(Resource):
 
     def _report(self) -> None:
         try:
-            # Statuses must be sent in the order of collection.
+            # Statuses must be sent in the order in which their items were collected.
             with self._reporting:
                 payload = self._status()
                 self._publisher.put(payload)

@@ -1,4 +1,4 @@
-"""Append-only file of complete records: a record that a full disk left incomplete is removed."""
+"""Append-only file of complete records; a record that a full disk left incomplete is removed."""
 
 from __future__ import annotations
 
@@ -9,47 +9,48 @@ from pathlib import Path
 
 
 class GrowingFile:
-    """File that buffers writes and appends the buffer completely or not at all.
+    """File that buffers writes, and appends the buffer completely or not at all.
 
     Attributes:
-        pending: bytes that were not appended yet.
+        pending: buffered bytes that have not been appended yet.
     """
 
     def __init__(self, path: Path, *, empties: bool = False) -> None:
         """Create the file.
 
         Args:
-            path: name of the file.
-            empties: truncate an existing file.
+            path: path of the file.
+            empties: True = truncate an existing file.
 
         Raises:
-            OSError: it exists or cannot be created.
+            OSError: the file exists and `empties` is False, or it cannot be created.
         """
         how = os.O_TRUNC if empties else os.O_EXCL
         self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | how | os.O_CLOEXEC, 0o666)
-        # The lock tells other processes that the file still grows. Some network file systems do not support it.
+        # The lock tells other processes that the file is still being written. Some network file systems do not support
+        # locks.
         with suppress(OSError):
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._size = 0
         self.pending = bytearray()
 
     def write(self, data: bytes) -> int:
-        """Add to the buffer; never fails."""
+        """Add data to the buffer; never fails."""
         self.pending += data
         return len(data)
 
     def tell(self) -> int:
-        """Offset of the next byte in the file."""
+        """Return the offset of the next byte in the file."""
         return self._size + len(self.pending)
 
     def flush(self) -> None:
-        """Do nothing: only `append` writes to the file."""
+        """Do nothing, because only `append` writes to the file."""
 
     def append(self) -> None:
         """Append the buffer to the file.
 
         Raises:
-            OSError: the disk is full or gone. File and buffer are unchanged, so that `append` can be repeated.
+            OSError: the write failed. On a full disk, file and buffer are unchanged, and `append` can be repeated.
         """
         if not self.pending:
             return
@@ -59,7 +60,7 @@ class GrowingFile:
                 while written < len(view):
                     written += os.write(self._descriptor, view[written:])
         except OSError:
-            # Remove the incomplete record: a reader stops at it and would not see what follows.
+            # Remove the incomplete record, because a reader would stop there and miss what follows.
             os.ftruncate(self._descriptor, self._size)
             os.lseek(self._descriptor, self._size, os.SEEK_SET)
             raise
@@ -67,15 +68,15 @@ class GrowingFile:
         self.pending.clear()
 
     def sync(self) -> None:
-        """Flush to the disk.
+        """Flush the file to the disk.
 
         Raises:
-            OSError: the disk is gone.
+            OSError: the disk failed or is gone.
         """
         os.fsync(self._descriptor)
 
     def close(self) -> None:
-        """Close the file; the buffer is lost. Safe to call twice."""
+        """Close the file without appending the buffer; may be called twice."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1

@@ -1,4 +1,4 @@
-"""Limits on the memory for reading a recording: 128 kB of a hostile file can decompress to gigabytes."""
+"""Limits of the memory needed to read a recording: 128 kB of a hostile file can decompress to gigabytes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from transport.exceptions import RecordingError
 
-# Largest decompressed chunk [bytes]: usually 1 MiB, or a single frame (12 Mpx of three channels at 16 bit: 72 MB).
+# Largest decompressed chunk [bytes]; usually 1 MiB, or a single frame (12 Mpx with three channels of 16 bits: 72 MB).
 MAXIMUM_CHUNK = 96 * 1024 * 1024
 # Largest decompressed size of a file [bytes]: MAXIMUM_UNPACKED plus MAXIMUM_RATIO times the size of the file.
 MAXIMUM_UNPACKED, MAXIMUM_RATIO = 256 * 1024 * 1024, 100
@@ -19,21 +19,21 @@ MAXIMUM_RECORDS, BYTES_PER_RECORD = 100_000, 64
 
 
 class BoundedFile(BufferedReader):
-    """File whose reads are limited to the remaining bytes, whatever lengths its records claim."""
+    """File whose reads are limited to the bytes that remain, whatever lengths its records claim."""
 
     def __init__(self, path: Path) -> None:
-        """Open for reading; OSError if that fails."""
+        """Open the file for reading; OSError if this fails."""
         super().__init__(FileIO(path))
         self.size = path.stat().st_size
 
     def read(self, count: int | None = -1) -> bytes:
-        """Read at most `count` bytes."""
+        """Read at most `count` bytes; None or a negative count reads all bytes that remain."""
         left = max(0, self.size - self.tell())
         return super().read(left if count is None or count < 0 else min(count, left))
 
 
 class Unpacker:
-    """Decompressor of the chunks of one file, with limits that depend on the file's size."""
+    """Decompressor for the chunks of one file, with limits that depend on the size of the file."""
 
     def __init__(self, size: int) -> None:
         """Set the limits for a file of `size` bytes."""
@@ -45,7 +45,7 @@ class Unpacker:
 
         Raises:
             RecordingError: a limit is exceeded.
-            Exception: errors of the decompressor and of MCAP for damaged data.
+            Exception: the data are damaged; raised by the decompressor or by MCAP.
         """
         from mcap.data_stream import ReadDataStream
         from mcap.opcode import Opcode
@@ -80,7 +80,7 @@ class Unpacker:
         if chunk.compression == "zstd":
             import zstandard
 
-            # The decompressor uses the size stated in the frame, not `max_output_size`.
+            # The decompressor allocates the size stated in the frame, not `max_output_size`.
             stated = zstandard.get_frame_parameters(chunk.data).content_size
             if stated not in (size, zstandard.CONTENTSIZE_UNKNOWN):
                 raise RecordingError(f"a chunk of {size} bytes states that it decompresses to {stated}")

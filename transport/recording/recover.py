@@ -1,4 +1,4 @@
-"""Recovery of truncated or damaged recordings: every intact record is copied into a new file with an index."""
+"""Recovery of truncated or damaged recordings: every intact record is copied to a new file with an index."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from transport.exceptions import RecordingError
 from transport.recording.limits import MAXIMUM_CHUNK, BoundedFile, Unpacker
 from transport.recording.topic_file import CHUNK_SIZE
 
-# Largest record [bytes]; larger ones count as damaged.
+# Largest record [bytes]; a larger record counts as damaged.
 RECORD_LIMIT = MAXIMUM_CHUNK + 1024 * 1024
 
 
@@ -23,10 +23,10 @@ class Recovery:
     """Result of the recovery of a recording.
 
     Attributes:
-        messages: number of messages recovered.
-        attachments: number of attachments recovered.
-        damaged_chunks: number of complete chunks with damaged content, which were left out.
-        bytes_lost: number of bytes at the end of the file that are not a complete record.
+        messages: number of recovered messages.
+        attachments: number of recovered attachments.
+        damaged_chunks: number of complete chunks that were left out because their content is damaged.
+        bytes_lost: number of bytes after the last complete record; 0 if the file was not truncated.
         was_whole: True if the file was complete and nothing was damaged.
     """
 
@@ -38,10 +38,10 @@ class Recovery:
 
 
 def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
-    """Copy all intact records of `source` into the new file `destination`.
+    """Copy all intact records of `source` to the new file `destination`.
 
     Raises:
-        RecordingError: `source` cannot be read or is not an MCAP file; `destination` exists or cannot be written.
+        RecordingError: `source` cannot be read or is not an MCAP file, or `destination` exists or cannot be written.
     """
     from mcap.writer import CompressionType, Writer
 
@@ -49,7 +49,7 @@ def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
     if new.exists():
         raise RecordingError(f"{new} exists; give another name, or remove it first")
     partial = new.with_name(f".{new.name}.part")
-    # Numbers of messages, attachments and damaged chunks; position in the file; 1 once its end was reached.
+    # Counts of messages, attachments and damaged chunks; position in the file; "ended" is 1 once the end was reached.
     counts = Counter[str]()
     try:
         size = old.stat().st_size
@@ -73,7 +73,7 @@ def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
 
 
 def _records(stream: Any, counts: Counter[str], path: Path) -> Iterator[Any]:
-    """Iterate over the records, including those in chunks, in the order of the file, until it ends or is truncated."""
+    """Iterate over the records, including those in chunks, in the order of the file, until its end or truncation."""
     from mcap.records import Chunk, DataEnd
     from mcap.stream_reader import StreamReader
 
@@ -85,7 +85,7 @@ def _records(stream: Any, counts: Counter[str], path: Path) -> Iterator[Any]:
             record = next(records)
         except StopIteration:
             return
-        except Exception as error:  # EndOfFile, struct.error or any other error that truncated data cause
+        except Exception as error:  # truncated data may cause EndOfFile, struct.error or any other error
             if counts["position"] == 0:
                 raise RecordingError(f"{path} is not an MCAP file ({error})") from error
             return
@@ -96,7 +96,7 @@ def _records(stream: Any, counts: Counter[str], path: Path) -> Iterator[Any]:
         if not isinstance(record, Chunk):
             yield record
             continue
-        # A chunk is copied completely or not at all: a message may be meaningless without the messages before it.
+        # A chunk is copied completely or not at all, because a message may be meaningless without those before it.
         try:
             inner = list(unpacker.records(record))
         except Exception:  # errors of the decompressor and of MCAP

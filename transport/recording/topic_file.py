@@ -1,4 +1,4 @@
-"""MCAP file to which payloads are added by topic; flushed data survive the process."""
+"""MCAP file to which payloads are added by topic; flushed data survive the end of the process."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from transport.messages.typestore import message_definition
 from transport.recording.growing_file import GrowingFile
 from transport.recording.topics import TYPES, full_name, quality_of_service
 
-# Size of a chunk [bytes]; larger ones compress no better, and a killed process loses the last one.
+# Size of a chunk [bytes]. Larger chunks do not compress better, and a process that is killed loses its last chunk.
 CHUNK_SIZE = 1024 * 1024
-# Largest buffer for data that a full disk did not accept [bytes]: about one scan.
+# Largest buffer for data that do not fit on a full disk [bytes]; about one scan.
 MAXIMUM_PENDING = 64 * 1024 * 1024
 
 
 class TopicFile(AbstractContextManager["TopicFile"]):
-    """MCAP file that is being written. Thread-safe; topics are registered at their first payload."""
+    """MCAP file that is being written; thread-safe. Each topic is registered with its first payload."""
 
     def __init__(self, path: str | Path, robot: str, *, atomic: bool = False, sync: bool = False) -> None:
         """Create the file.
 
         Args:
-            path: new file, usually `*.mcap`.
-            robot: instance name, part of the topics.
-            atomic: write under a temporary name and rename the file when it is complete.
-            sync: flush to the disk at each acknowledgement, against loss of power.
+            path: path of the new file, usually `*.mcap`.
+            robot: instance name, which is part of the topic names.
+            atomic: True = write under a temporary name, and rename the file when it is complete.
+            sync: True = flush to the disk at each acknowledgement, so that acknowledged data survive a loss of power.
 
         Raises:
-            RecordingError: the file exists or cannot be written.
+            RecordingError: the file exists or cannot be created.
         """
         from mcap.writer import CompressionType, Writer
 
@@ -59,7 +59,7 @@ class TopicFile(AbstractContextManager["TopicFile"]):
             return self._file.tell()
 
     def attach(self, name: str, kind: str, content: bytes) -> None:
-        """Attach the content of a file; buffered if the disk is full.
+        """Attach the content of a file; the attachment is buffered if the disk is full.
 
         Raises:
             RecordingError: the file is closed.
@@ -70,7 +70,7 @@ class TopicFile(AbstractContextManager["TopicFile"]):
             self._file.append()
 
     def add(self, short: str, payload: bytes | bytearray, stamp: int | None = None) -> None:
-        """Add a CDR payload by the name of its topic in `TYPES`; `stamp` is its publish time [ns], None = now.
+        """Add a CDR payload to a topic of `TYPES`; `stamp` is its publish time [ns], None = the time of writing.
 
         Raises:
             RecordingError: the file is closed, or the disk is full and the buffer exceeds `MAXIMUM_PENDING`.
@@ -79,20 +79,20 @@ class TopicFile(AbstractContextManager["TopicFile"]):
             self._check_open()
             if len(self._file.pending) > MAXIMUM_PENDING:
                 self.flush()
-            # The clock may be set back during a recording; log_time must keep the order of writing.
+            # The clock may be set back during a recording, but log_time must increase in the order of writing.
             self._log_time = max(self._log_time, time.time_ns())
             self._writer.add_message(
                 self._channel(short), self._log_time, bytes(payload), self._log_time if stamp is None else stamp
             )
-            # Not acknowledged yet: a persistent error is raised by the next flush.
+            # The data are not acknowledged yet; if the error persists, the next flush raises it.
             with suppress(OSError):
                 self._file.append()
 
     def flush(self) -> None:
-        """Write everything added to the file, and to the disk with `sync`.
+        """Write all added data to the file, and with `sync` also to the disk.
 
         Raises:
-            RecordingError: the disk is full or gone, or the file is closed.
+            RecordingError: the file is closed, or the write failed, for example because the disk is full.
         """
         with self._lock, os_errors(RecordingError, f"cannot write {self.path}"):
             self._check_open()
@@ -102,10 +102,10 @@ class TopicFile(AbstractContextManager["TopicFile"]):
                 self._file.sync()
 
     def close(self) -> None:
-        """Write the index, and rename an atomic file; safe to call twice.
+        """Write the index and close the file; with `atomic`, also rename it. May be called twice.
 
         Raises:
-            RecordingError: the disk is full or gone.
+            RecordingError: the write failed, for example because the disk is full.
         """
         with self._lock, os_errors(RecordingError, f"cannot finish {self.path}"), closing(self._file):
             if not self._closed:
@@ -117,7 +117,7 @@ class TopicFile(AbstractContextManager["TopicFile"]):
                     self._partial.replace(self.path)
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
-        """Finish the file; delete an atomic one if the block was left by an exception."""
+        """Finish the file; with `atomic`, delete it instead if the block was left by an exception."""
         if error is None or not self._atomic:
             self.close()
         elif not self._closed:

@@ -22,8 +22,8 @@ from transport.messages.typestore import (
     TEXT,
 )
 
-# Types of topics by short name: the part after `/<robot>/`, or the full name of topics without a robot.
-# Volatile topics: late subscribers get only later messages.
+# Volatile topics, of which late subscribers receive only later messages: type by short name. The short name is the part
+# after `/<robot>/`, or the full name if the topic name does not contain the robot.
 STREAMED = {
     "scan/start": SCAN_START,
     "scan/stripe": STRIPE,
@@ -38,7 +38,7 @@ STREAMED = {
     "stance_stream": STANCE_STREAM,
     "/tf": FRAMES,
 }
-# All topics: the volatile ones, and transient local ones, whose last message late subscribers also get.
+# All topics: the volatile ones, and transient local ones, of which late subscribers also receive the last message.
 TYPES = STREAMED | {
     "terrain": TERRAIN,
     "map": TERRAIN,
@@ -59,22 +59,22 @@ TYPES = STREAMED | {
 # Infinite duration in ROS 2: 2^63 - 1 ns.
 _ENDLESS = "{sec: 9223372036, nsec: 854775807}"
 
-# Name of the attachment with the calibration.
+# Name of the attachment that contains the calibration.
 CALIBRATION_NAME = "calibration.json"
 
 
 def full_name(short: str, robot: str) -> str:
-    """Full name of a topic, such as `/guara/scan/start`."""
+    """Return the full name of a topic, such as `/guara/scan/start`."""
     return short if short.startswith("/") else f"/{robot}/{short}"
 
 
 def short_name(topic: str) -> str:
-    """Short name of a topic, the inverse of `full_name`; empty if nothing follows the robot's name."""
+    """Return the short name of a topic (inverse of `full_name`); empty if nothing follows the robot's name."""
     return topic if topic in TYPES else topic.lstrip("/").partition("/")[2]
 
 
 def quality_of_service(short: str) -> str:
-    """Quality of service of a topic for `ros2 bag play`, as YAML of rosbag2."""
+    """Return the quality of service of a topic for `ros2 bag play`, as YAML of rosbag2."""
     depth, durability = (10, "volatile") if short in STREAMED else (1, "transient_local")
     return "\n".join(
         (

@@ -102,15 +102,15 @@ def access_control(
     """Return the section `access_control` of the Zenoh configuration of a node that is its own router.
 
     Only the following is allowed. Planner and viewer read everything under `<robot>/perception/v1` and query the newest
-    grid and the status. The planner also requests scans. The gait publishes stance pauses, the stance stream and its
-    clock. A second node announces that it waits for the name. A router linked to the node reads like a viewer, or like
-    a planner if it is one of `scanning_routers`.
+    grid and the status. The planner also requests scans. The gait publishes stance pauses and the stance stream, and
+    serves its clock. A second node announces that it waits for the name. A router linked to the node reads like a
+    viewer, or like a planner if it is one of `scanning_routers`.
 
     Args:
         robot: instance name.
         members: common names of the members by role; None = one member per role, named like the role.
         routers: common names of the routers that may read what the node publishes.
-        scanning_routers: those of them that may also request scans, on behalf of the clients behind them.
+        scanning_routers: those of `routers` that may also request scans, on behalf of the clients behind them.
     """
     rules = _Rules()
     _write_reading(rules, robot)

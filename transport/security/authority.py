@@ -1,4 +1,4 @@
-"""Private certificate authority and the certificates that it signs, as PEM texts."""
+"""Private certificate authority, and certificates that it signs, as PEM texts."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from transport.exceptions import SecurityError, errors_as
 
 T = TypeVar("T")
 
-# Lifetime of a CA [days]; a CA is not renewed; it is replaced together with the whole security folder.
+# Lifetime of a CA [days]. A CA is never renewed; it is replaced together with the whole security folder.
 AUTHORITY_DAYS = 3650
 
-# Longest lifetime that common TLS libraries accept for a server's certificate [days].
+# Longest lifetime of a server certificate that common TLS libraries accept [days].
 CERTIFICATE_DAYS = 825
 
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """Certificate with its private key.
+    """Certificate and its private key.
 
     Attributes:
         certificate: PEM text.
-        key: PEM text, not encrypted; store it readable by its owner only.
+        key: PEM text, not encrypted; store it so that only its owner can read it.
     """
 
     certificate: bytes
@@ -40,14 +40,14 @@ def _signed(
     issuer: Any = None,
     signer: Any = None,
 ) -> Credentials:
-    """New P-256 key with its certificate, self-signed without an issuer and a signer.
+    """Make a P-256 key and its certificate, which is self-signed unless issuer and signer are given.
 
     Args:
         common_name: name of the owner.
         days: lifetime from now [days].
-        extensions: extensions of X.509, each with True if it is critical.
-        issuer: subject of the authority.
-        signer: key of the authority.
+        extensions: X.509 extensions, each with True if it is critical.
+        issuer: subject of the CA that signs the certificate.
+        signer: private key of that CA.
     """
     from cryptography import x509
     from cryptography.hazmat.primitives import hashes, serialization
@@ -57,7 +57,7 @@ def _signed(
     key = ec.generate_private_key(ec.SECP256R1())
     now = datetime.datetime.now(datetime.UTC)
     end = now + datetime.timedelta(days=days)
-    # Valid from an hour ago, for a robot whose clock is slightly behind.
+    # The certificate is valid from one hour ago on, for a robot whose clock is slightly behind.
     begin = min(now, end) - datetime.timedelta(hours=1)
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
     builder = (
@@ -78,10 +78,10 @@ def _signed(
 
 
 def read_certificate(path: Path, take: Callable[[Any], T]) -> T:
-    """Read a certificate file and return the result of `take`.
+    """Read a certificate file, and return what `take` extracts from the certificate.
 
     Raises:
-        SecurityError: the file cannot be read, or lacks what `take` reads.
+        SecurityError: the file cannot be read, or lacks what `take` extracts.
     """
     from cryptography import x509
 
@@ -90,7 +90,7 @@ def read_certificate(path: Path, take: Callable[[Any], T]) -> T:
 
 
 def make_authority(common_name: str) -> Credentials:
-    """Make a self-signed P-256 CA that may sign only certificates and revocation lists."""
+    """Make a self-signed P-256 CA that may sign only end certificates and revocation lists."""
     from cryptography import x509
 
     others = ("digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_agreement")
@@ -102,13 +102,13 @@ def make_authority(common_name: str) -> Credentials:
 def make_certificate(
     authority: Credentials, common_name: str, hosts: Sequence[str], *, days: int = CERTIFICATE_DAYS
 ) -> Credentials:
-    """Make a certificate signed by `authority`, for both ends of a TLS connection.
+    """Make a certificate signed by `authority` that is valid for both ends of a TLS connection.
 
     Args:
-        authority: CA.
-        common_name: name of the owner, such as `<robot>.<role>`, used in the access rules.
+        authority: certificate and key of the CA.
+        common_name: name of the owner, such as `<robot>.<role>`, by which the access rules identify it.
         hosts: host names and addresses of the owner.
-        days: lifetime from now [days]; negative for an expired certificate.
+        days: lifetime from now [days]; a negative value makes an expired certificate.
     """
     from cryptography import x509
     from cryptography.hazmat.primitives.serialization import load_pem_private_key

@@ -37,7 +37,7 @@ from transport.security.members import (
 )
 from transport.security.whole_folder import write_file
 
-# Remaining validity of a certificate from which on a warning is given [days].
+# A certificate whose remaining validity is not longer than this causes a warning [days].
 WARNING_DAYS = 30
 
 

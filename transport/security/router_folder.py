@@ -1,4 +1,4 @@
-"""Folder of a router of several robots: certificate, and a complete configuration for a stock `zenohd`."""
+"""Folder of a router that serves several robots: certificate, and complete configuration for a stock `zenohd`."""
 
 from __future__ import annotations
 
@@ -37,29 +37,32 @@ def make_router(
     summary_only: bool = False,
     place: str | None = None,
 ) -> Path:
-    """Make a router's folder, and grant the router access at its robots' nodes and at the router above.
+    """Make the folder of a router, and grant the router access at its robots' nodes and at the router above.
 
-    The router gets only the rights it needs: at a node it reads like a viewer (with `scans`, like a planner), and to
-    the router above it sends the grids of its own robots. Its certificate stands for all clients behind it.
+    The router gets only the rights that it needs. At a node, it reads like a viewer (with `scans`, like a planner). To
+    the router above, it sends the grids of its own robots. Its certificate stands for all clients behind it.
 
     Args:
-        folder: folder made by `init_security`; if it does not exist, it is made with all robots.
-        robots: instance names of the robots that it serves; folders of new ones are made too.
-        name: name of the router; its folder is `folder/name`, the common name of its certificate `<name>.router`.
-        hosts: its host names and addresses for robots, clients and routers below.
-        listen: its endpoint.
-        uplink: name of a router in the same folder that it connects to; empty for none.
-        uplink_host: host name or address of that router; empty = the first of its hosts.
-        scans: True if planners that are linked to nodes through this router, or are above it, may request scans.
-        summary_only: True if the router above gets only summaries, status and liveliness tokens: for a slow link, or
-            for a router of very many robots, which then handles fewer keys.
-        place: folder of its files on the machine where it runs; None = the folder made here.
+        folder: folder made by `init_security`; if it does not exist, it is made for all these robots.
+        robots: instance names of the robots that the router serves; the folders of new robots are made too.
+        name: name of the router. Its folder is `folder/name`, and the common name of its certificate is
+            `<name>.router`.
+        hosts: host names and addresses of the router for robots, clients and routers below.
+        listen: endpoint of the router.
+        uplink: name of a router in the same folder to which this router connects; empty = none.
+        uplink_host: host name or address of that router; empty = the first host in its certificate.
+        scans: True if scans may be requested through this router, by its clients and by the router above.
+        summary_only: True if the router above receives only summaries, status and liveliness tokens. Meant for a slow
+            link, or for a router above with very many robots, which then handles fewer keys.
+        place: folder of the router's files on the machine where it runs; None = the folder made here.
 
     Returns:
-        The new folder. The folders of its robots' nodes and of the router above change too; copy them again.
+        The new folder. The folders of the robots' nodes and of the router above change too; copy them to their machines
+        again.
 
     Raises:
-        SecurityError: a name is taken or unknown, no robot is given, or a robot is not served by the router above.
+        SecurityError: a name is taken or unknown, no robot is given, the router above does not serve a robot, or
+            `summary_only` is set without an uplink.
         ConfigurationError: `listen` is not a TLS endpoint.
     """
     check_tls(listen)

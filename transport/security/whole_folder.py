@@ -1,4 +1,4 @@
-"""Atomic creation of folders, and of files that only their owner can read."""
+"""Atomic creation of folders, and creation of files that only their owner can read."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from transport.exceptions import SecurityError, os_errors
 
 
 def write_file(path: Path, data: bytes, *, private: bool = False) -> None:
-    """Create a file and flush it to the disk; a private one is never readable by others."""
+    """Create a file and flush it to the disk; a `private` file is never readable by others."""
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if private else 0o644)
     with os.fdopen(descriptor, "wb") as file:
         file.write(data)
@@ -22,8 +22,8 @@ def create_folder(target: Path, write: Callable[[Path], None]) -> None:
     """Create a folder atomically: `write` fills a temporary folder next to it, which is then renamed.
 
     Args:
-        target: folder to create; an empty one is replaced.
-        write: function that writes the files into the given folder.
+        target: folder to create; an existing empty folder is replaced.
+        write: function that writes the files into the folder that it receives.
 
     Raises:
         SecurityError: the folder cannot be written, or exists and is not empty.

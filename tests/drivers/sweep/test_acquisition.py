@@ -183,7 +183,7 @@ def test_misuse_is_refused_in_words(board: LaserBoard, camera: BenchCamera, firi
         list(acquire(board, camera, firing_order).groups())
     with pytest.raises(BadFiringOrder, match="the firing order is empty"):
         acquire(board, camera, [])
-    with pytest.raises(MirrorOutOfRange, match="travel is"), acquire(board, camera, [(0, 1.0)]):
+    with pytest.raises(MirrorOutOfRange, match="outside the board's travel"), acquire(board, camera, [(0, 1.0)]):
         pytest.fail("a firing order beyond the travel must not begin")
 
 
