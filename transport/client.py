@@ -192,7 +192,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         takes_back: bool = False,
         **accepted: Unpack[Accepted],
     ) -> Received[TerrainMessage]:
-        """Wait until the newest grid may be used and `predicate` accepts it.
+        """Wait until the newest grid may be used and `predicate` accepts it; return the grid with its time of arrival.
 
         Args:
             predicate: called with each newest grid; returns True to accept it.

@@ -55,7 +55,7 @@ class StripeRecord:
             checked(data, STRIPE_SIZE, "stripe record")
         )
         if mark != STRIPE_MARK or shot not in (Shot.OFF, Shot.STRIPE):
-            raise BadReply(f"unknown stripe record, its first bytes are {data[:2].hex()}: update the driver")
+            raise BadReply(f"unknown stripe record (first bytes {data[:2].hex()}): update the driver")
         clock, delay, exposure, lit = (microseconds * 1e-6 for microseconds in (clock, delay, exposure, lit))
         faults = BoardFault(faults)
         return cls(Shot(shot), motion, place, left, clock, exposures, delay, exposure, lit, faults, step)

@@ -257,8 +257,8 @@ def encode_regions(message: RegionsMessage) -> bytearray:
 def decode_regions(payload: bytes | bytearray | memoryview) -> RegionsMessage:
     """Decode and check the CDR payload of regions.
 
-    VersionError: the message has another major version.
-        VersionError: another major version.
+    Raises:
+        VersionError: the message has another major version.
         MessageError: the payload is damaged, or a length or value is not allowed.
     """
     message = decode(payload, REGIONS)

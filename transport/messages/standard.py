@@ -271,7 +271,7 @@ def frames_message(transforms: Iterable[TransformMessage], stamp: int) -> Any:
     (`header.frame_id`) and the source is the child.
 
     Args:
-        transforms: transforms that form a forest: each source occurs once.
+        transforms: transforms that form a forest; each source occurs at most once.
         stamp: stamp of all transforms [ns since the epoch].
 
     Raises:
@@ -304,7 +304,7 @@ def camera_info_message(
         stamp: time [ns since the epoch].
 
     Raises:
-        MessageError: a wrong shape, or a value that is not finite.
+        MessageError: a shape is wrong, or a value is not finite.
     """
     intrinsic = checked_array(matrix, (3, 3), "camera matrix")
     width, height = size

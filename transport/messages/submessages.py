@@ -88,7 +88,7 @@ def checked_array(array: npt.ArrayLike, shape: tuple[int | None, ...], what: str
         wanted = ", ".join("n" if n is None else str(n) for n in shape)
         raise MessageError(f"{what} has shape {copy.shape}; allowed: ({wanted})")
     if not np.isfinite(copy).all():
-        raise MessageError(f"{what} holds NaN or infinity; finite numbers are needed")
+        raise MessageError(f"{what} contains NaN or infinity; finite numbers are needed")
     copy.setflags(write=False)
     return copy
 

@@ -189,7 +189,7 @@ def role_folder(folder: str | Path, role: str) -> Path:
         if (candidate / CONFIGURATION).is_file():
             return candidate
     raise SecurityError(
-        f"{path} holds no {CONFIGURATION}, nor does {path / role}; give the folder of a role, "
+        f"neither {path} nor {path / role} contains {CONFIGURATION}; give the folder of a role, "
         f"made by `guara security init`"
     )
 
@@ -204,7 +204,7 @@ def _configuration_text(folder: Path) -> str:
     for character in content:
         depth += (character in b"[{") - (character in b"]}")
         if depth > DEEPEST_CONFIGURATION:
-            raise ValueError(f"it nests more than {DEEPEST_CONFIGURATION} deep")
+            raise ValueError(f"it is nested more than {DEEPEST_CONFIGURATION} levels deep")
     return content.decode()
 
 
