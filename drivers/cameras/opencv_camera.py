@@ -109,8 +109,8 @@ class OpenCvCamera(Camera):
         source = self._source if isinstance(self._source, int) else str(self._source)
         if not capture.open(source, number):
             raise CameraNotFound(
-                f"{self.name} cannot be opened (backend {self._backend}): check path, cable and that your user is in "
-                "the group `video`"
+                f"{self.name} cannot be opened (backend {self._backend}): check path and cable, and that your user is "
+                "in group `video`"
             )
         self._capture = capture
         try:
