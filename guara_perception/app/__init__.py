@@ -1,6 +1,6 @@
-"""Commands, node, client and files: all of perception that does I/O.
+"""Commands, node, client and files: all parts of perception that do I/O.
 
-Its folders: `commands`, `node`, `files`, `figures`, `scene`, `demo`, `record`, `calibration_report`, `targets`,
-`robot_folder`; modules beside them are used by several of them. `app` imports from every other folder of
-`guara_perception`; none of those imports from `app`.
+The folders are `commands`, `node`, `files`, `figures`, `scene`, `demo`, `record`, `calibration_report`, `targets` and
+`robot_folder`; the modules beside them are used by several folders. `app` may import from every other folder of
+`guara_perception`, and none of those imports from `app`.
 """

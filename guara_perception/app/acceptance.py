@@ -1,4 +1,4 @@
-"""Acceptance of a rangefinder: known blocks on a flat floor, measured in scans with a power cycle before each."""
+"""Acceptance test of a rangefinder: blocks of known height on a flat floor, with a power cycle before each scan."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ if TYPE_CHECKING:
 
 FORMAT: Final = "guara-acceptance/1"
 REPORT_FILE: Final = "report.html"
-# Lowest block that is detected as an obstacle of a grid, and highest block allowed [m].
+# Lowest block that is detected as an obstacle, and highest block allowed [m].
 LOWEST_M, HIGHEST_M = 0.008, 0.5
-# Least difference between heights [m], by which blocks are identified; and largest number of blocks.
+# Smallest difference between heights [m], since blocks are identified by height; and largest number of blocks.
 LEAST_APART_M, MOST_BLOCKS = 0.005, 6
 # Cells closer than this to the outline of a block may contain its edge.
 RIM_M = 0.010
-# Largest error allowed, in standard deviations that the grid states.
+# Largest error allowed, as a multiple of the standard deviation stated by the grid.
 SIGMAS = 3.0
 
 
 class AcceptanceFailed(PerceptionError, RuntimeError):
-    """Scan that does not show the blocks. Earlier scans are kept; the same command continues after them."""
+    """Scan that does not show exactly the given blocks. Earlier scans are kept; the same command resumes the test."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +50,9 @@ class Turn(FrozenArrays):
     """Measurement of the blocks in one scan, lowest block first.
 
     Attributes:
-        heights: (n,) measured heights over the floor [m].
-        sigmas: (n,) median stated standard deviation of the cells on each block, combined with the floor's [m].
-        known: share of the grid that is known.
+        heights: (n,) measured heights above the floor [m].
+        sigmas: (n,) median stated standard deviation of the cells on each block, combined with that of the floor [m].
+        known: fraction of the grid that is known.
         reasons: reasons of the grid's health.
     """
 
@@ -63,10 +63,10 @@ class Turn(FrozenArrays):
 
 
 def parse_blocks(text: str) -> tuple[float, ...]:
-    """Parse heights of blocks [m], separated by commas; return them in ascending order.
+    """Parse comma-separated heights of blocks [m]; return them in ascending order.
 
     Raises:
-        InvalidInput: no numbers, too low or high, too many or two nearly the same.
+        InvalidInput: a height is not a number, too low or too high, there are too many, or two are nearly equal.
     """
     try:
         heights = tuple(sorted(float(height) for height in text.split(",")))
@@ -82,10 +82,10 @@ def parse_blocks(text: str) -> tuple[float, ...]:
 
 
 def measure(terrain: TerrainGrid, heights: Sequence[float]) -> Turn:
-    """Measure the blocks of a grid: median height of their cells above the fitted floor.
+    """Measure the blocks in a grid: for each block, the median height of its cells above the fitted floor.
 
     Args:
-        terrain: grid of one scan, with nothing but the blocks on the floor.
+        terrain: grid of one scan of a floor with nothing but the blocks on it.
         heights: true heights in ascending order [m].
 
     Raises:
@@ -97,7 +97,7 @@ def measure(terrain: TerrainGrid, heights: Sequence[float]) -> Turn:
         layer[rows, columns].astype(np.float64)
         for layer in (terrain.elevation, terrain.variance, terrain.variance_local)
     )
-    # Without the variance of the pose, whose error is the same for floor and blocks.
+    # Exclude the variance of the pose, whose error is the same for floor and blocks.
     sigma = np.sqrt(np.maximum(variance - pose_variance(terrain, x, y), local))
     floor = fit_floor(x, y, z)
     found = []
@@ -113,7 +113,7 @@ def measure(terrain: TerrainGrid, heights: Sequence[float]) -> Turn:
     if len(found) != len(heights) or np.abs(measured - heights).max() > limit:
         seen = ", ".join(f"{1e3 * height:.1f}" for height in measured) or "none"
         raise AcceptanceFailed(
-            f"blocks of {seen} mm are seen, allowed: those of --blocks, "
+            f"the scan shows blocks of {seen} mm, allowed: those of --blocks, "
             f"{', '.join(f'{1e3 * height:g}' for height in heights)} mm: place them 5 cm or more apart, entirely in "
             f"the scanned area, each {4e3 * RIM_M:.0f} mm wide or wider, with nothing else in view"
         )
@@ -127,8 +127,8 @@ def device_facts(rangefinder: Rangefinder, calibration: Calibration, picture: Im
 
     Args:
         rangefinder: open devices.
-        calibration: their calibration.
-        picture: image with the laser off.
+        calibration: calibration of the devices.
+        picture: laser-off image, for the brightness of the ambient light.
     """
     brightness = float(picture.mean()) / np.iinfo(picture.dtype).max
     identity, locked = rangefinder.board.identity, rangefinder.settings
@@ -151,14 +151,14 @@ def device_facts(rangefinder: Rangefinder, calibration: Calibration, picture: Im
 
 @dataclass(frozen=True, slots=True)
 class Acceptance:
-    """All scans of an acceptance.
+    """Result of an acceptance test.
 
     Attributes:
         blocks: true heights in ascending order [m].
         turns: measurements, one per scan.
-        device: facts of the device, by name.
+        device: facts about the device, from `device_facts`.
         note: the operator's note on light, floor and blocks.
-        is_simulated: no real device was used.
+        is_simulated: True if no real device was used.
     """
 
     blocks: tuple[float, ...]
@@ -174,12 +174,12 @@ class Acceptance:
 
     @property
     def is_held(self) -> bool:
-        """True if every error is within SIGMAS standard deviations that its grid states."""
+        """True if every error is within SIGMAS standard deviations stated by its grid."""
         return bool(np.all(np.abs(self.errors) <= SIGMAS * np.array([turn.sigmas for turn in self.turns])))
 
     @property
     def verdict(self) -> str:
-        """The verdict in one sentence."""
+        """Verdict as one sentence."""
         worst = 1e3 * float(np.abs(self.errors).max())
         held = "all" if self.is_held else "not all"
         return (
@@ -189,7 +189,7 @@ class Acceptance:
         )
 
     def save(self, folder: Path) -> Path:
-        """Write acceptance.json and report.html into a folder; return the path of the report."""
+        """Write acceptance.json and report.html to a folder; return the path of the report."""
         data = {"format": FORMAT, "is_held": self.is_held, **asdict(self)}
         for turn in data["turns"]:
             turn.update(heights=turn["heights"].tolist(), sigmas=turn["sigmas"].tolist())

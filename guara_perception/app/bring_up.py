@@ -1,4 +1,4 @@
-"""First power-up of a laser board built as in docs/build.md: point by point, with measurements by the board itself."""
+"""First power-up of a laser board built as in docs/build.md, point by point, with measurements by the board itself."""
 
 from __future__ import annotations
 
@@ -11,40 +11,42 @@ from drivers.board.protocol import BoardFault, describe_faults
 from drivers.errors import HomeNotFound, LaserDead, LaserRefused, LaserStuckOn
 from guara_perception.exceptions import InvalidInput, PerceptionError
 
-# Points that must have passed with an LED before a laser is driven.
+# Points that must have passed with an LED before a laser may be connected.
 DARK = ("5", "6")
 RECORD = "bring_up.json"
 TRIES = 3
-# [s] Time beyond the board's watchdog after which the laser must be dark; period of commands; lead by which a light
-# that is watched is turned off before the board's time limit.
+# [s] Time beyond the board's watchdog after which the laser must be dark; period of commands; time before the board's
+# limit at which a light that did not go out is turned off.
 LATE, PERIOD, BEFORE_LIMIT = 0.06, 0.1, 2.0
 HOMINGS = 10
 
 
 class PointFailed(PerceptionError):
-    """A point of the first power-up did not pass; the message names the remedy."""
+    """Failure of a point of the first power-up; the message names the remedy."""
 
 
 class BringUp:
-    """First power-up, in which an operator follows instructions and answers questions on the terminal."""
+    """First power-up of a board by an operator, who follows instructions and answers questions on the terminal."""
 
     def __init__(self, board: LaserBoard, folder: Path, ask: Callable[[str], str], tell: Callable[[str], None]) -> None:
-        """Prepare; nothing is opened yet.
+        """Store the parts without opening the board.
 
         Args:
             board: the board, closed.
-            folder: folder of the record of passed points.
-            ask: shows a question and returns the answer.
-            tell: shows a line.
+            folder: folder of bring_up.json, the record of passed points.
+            ask: function that shows a question and returns the answer.
+            tell: function that shows a line.
         """
         self._board, self._path, self._ask, self._tell = board, folder / RECORD, ask, tell
         self._laser = False
 
     def run(self) -> None:
-        """Lead the operator through all points for the light at J1, an LED or a laser.
+        """Guide the operator through all points for the light at J1, an LED or a laser.
+
+        A run with an LED starts with an empty record.
 
         Raises:
-            PointFailed: a point did not pass; it is removed from the record if it passed before.
+            PointFailed: a point did not pass; a point that passed before is removed from the record.
             InvalidInput: no valid answer, or a laser before the points that need an LED have passed.
             DriverError: the board cannot be reached.
         """
@@ -56,7 +58,7 @@ class BringUp:
         if self._laser and missing:
             raise InvalidInput(
                 f"J1 is a laser, but board {serial} has not passed point {' and '.join(missing)} with an LED, allowed: "
-                "a laser after both. Open SW1, wire the LED of docs/build.md to J1 and begin again"
+                "a laser after both. Open SW1, wire the LED of docs/build.md to J1 and start again"
             )
         if not self._laser:
             passed = set()
@@ -128,11 +130,11 @@ class BringUp:
                 board.laser_off()
             except (LaserStuckOn, LaserRefused):
                 pass
-            # The board judges the photodiode for some milliseconds, before and after it has opened the supply.
+            # The board evaluates the photodiode for some milliseconds before and after it opens the supply.
             timing.sleep(LATE)
             status = board.status()
             if BoardFault.LASER_STUCK_ON not in status.faults or status.laser_sensed:
-                raise PointFailed("the board did not detect the stuck light: is Q4 bridged, does D3 see it? Open SW1")
+                raise PointFailed("the board did not detect the stuck light: check the bridge of Q4, and D3. Open SW1")
             self._confirm("Is it dark now?", "SUPPLY is low and Q1 conducts: check Q1, Q2 and R1. Open SW1")
             self._do("Remove the bridge")
             faults = board.clear_faults().faults
@@ -147,18 +149,27 @@ class BringUp:
                 "pull the wire of HEARTBEAT off",
                 "Put the wire of HEARTBEAT on",
                 False,
-                "the monostable does not end by itself: check C4, RV1 and that R8 is there",
+                "the monostable does not time out: check C4, RV1 and that R8 is present",
             ),
             ("open SW1", "Close SW1", False, "SW1 is not in the laser's circuit: check the wire from F1 to Q1"),
         ):
-            self._do(f"Get ready to {action}: do it while the light is on, which is for some seconds")
+            self._do(f"Get ready to {action}: do it during the few seconds in which the light is on")
             self._lose_light(action, reset, remedy)
-            self._confirm("Did it go dark at once, within half a second?", f"{remedy}. Open SW1")
+            self._confirm("Did it go dark within half a second?", f"{remedy}. Open SW1")
             self._do(back)
         return "dark by reset, without heartbeats and by hand"
 
     def _lose_light(self, action: str, reset: bool, remedy: str) -> None:
-        """Turn the light on, and watch it until it is lost in the expected way."""
+        """Turn the light on, and wait until it is lost in the expected way.
+
+        Args:
+            action: what the operator has to do, for the message.
+            reset: True if the board must stop answering, False if it must report the missing light.
+            remedy: remedy if the light stays on, for the message.
+
+        Raises:
+            PointFailed: the light stays on, or is lost in another way.
+        """
         lit = False
         try:
             with self._board as board:
@@ -182,7 +193,11 @@ class BringUp:
         raise PointFailed(f"the light stayed on: {action} in time, or {remedy}. Open SW1")
 
     def _light(self, board: LaserBoard) -> None:
-        """Clear faults, then turn the light on."""
+        """Clear faults, then turn the light on.
+
+        Raises:
+            PointFailed: the board senses light before, or no light afterwards.
+        """
         status = board.clear_faults()
         if status.laser_sensed or status.faults:
             said = describe_faults(status.faults)
@@ -199,13 +214,13 @@ class BringUp:
                 board.home()
                 lost = [error for _ in range(HOMINGS) if (error := self._away_and_home(board))]
             except HomeNotFound as missed:
-                raise PointFailed(f"{missed}. If it turns away from the switch, swap one coil's wires") from missed
+                raise PointFailed(f"{missed}. If the motor turns the wrong way, swap one coil's wires") from missed
         if lost:
             raise PointFailed(
                 f"{len(lost)} of {HOMINGS} homings lost steps ({', '.join(map(str, lost))}): raise the motor's "
                 "current, or lower TOP_SPEED and ACCELERATION in firmware/config.h"
             )
-        return f"home {HOMINGS} times without a lost step"
+        return f"found home {HOMINGS} times without a lost step"
 
     def _away_and_home(self, board: LaserBoard) -> int:
         board.go_to_step(board.identity.max_step)
@@ -227,7 +242,11 @@ class BringUp:
         raise InvalidInput(f"no valid answer to {question!r} in {TRIES} tries, allowed: {', '.join(allowed)}")
 
     def _passed(self, serial: str) -> set[str]:
-        """Points that this board has passed with an LED."""
+        """Points that this board has passed with an LED; empty if the record belongs to another board.
+
+        Raises:
+            InvalidInput: the file is not a record.
+        """
         try:
             record = json.loads(self._path.read_text(encoding="utf-8"))
             return set(record["passed"]) if record["serial"] == serial else set()
@@ -242,10 +261,10 @@ class BringUp:
 
 
 def bring_up(board: object, folder: Path, ask: Callable[[str], str], tell: Callable[[str], None]) -> bool:
-    """Lead through the first power-up; return True if every point passed.
+    """Guide the operator through the first power-up; return True if every point passed.
 
     Raises:
-        InvalidInput: a board other than `LaserBoard`; see also `BringUp.run`.
+        InvalidInput: the board is not a `LaserBoard`; see also `BringUp.run`.
     """
     if not isinstance(board, LaserBoard):
         raise InvalidInput(f"the first power-up is for the board of docs/build.md, not for {type(board).__name__}")

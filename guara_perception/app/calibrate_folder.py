@@ -1,4 +1,4 @@
-"""Calibration from a session folder, or a refusal with its reasons."""
+"""Calibration from a session folder, with an error if the verdict is `refused`."""
 
 from __future__ import annotations
 
@@ -24,23 +24,25 @@ def calibrate(
     not_mirrored: bool = False,
     force: bool = False,
 ) -> Calibration:
-    """Calibrate camera, mount and laser from one session folder.
+    """Calibrate camera, mount and laser from a session folder.
 
     Args:
-        session_folder: a folder with `session.json` (docs/files.md).
-        robot: its model, name or folder; None = the robot that the session names.
+        session_folder: folder with `session.json` (docs/files.md).
+        robot: model, name or folder of the robot; None = the robot named in the session.
         distortion: lens coefficients to estimate: "k1k2", "k1k2p1p2" or "k1k2p1p2k3".
-        camera_info: file of a known lens (OpenCV, ROS or Kalibr): pictures of the board then only check it, and may
-            be left out.
+        camera_info: file of a known lens (OpenCV, ROS or Kalibr). Images of the board then only check the lens, and may
+            be missing.
         square: edge of the board's squares [m]; None = as in the session.
-        not_mirrored: assert that the images are not mirrored, whatever the colours of the board.
-        force: return a calibration whose verdict is `refused` instead of raising.
+        not_mirrored: True to assert that the images are not mirrored, whatever the colours of the board.
+        force: True to return a calibration even if its verdict is `refused`.
 
     Raises:
-        CalibrationRefused: the verdict is `refused`, or a fault leaves nothing to compute; the message has the reasons.
-        CalibrationMismatch: another robot, pictures of different sizes.
-        MissingFile, FileFormatError, InvalidInput: the session cannot be read; the message names file and field.
-        kinematics.KinematicsError: no such robot, or the stance does not fit it.
+        CalibrationRefused: the verdict is `refused` and `force` is False, or no calibration can be computed; the
+            message gives the reasons.
+        CalibrationMismatch: the session belongs to another robot, or images have different sizes.
+        MissingFile, FileFormatError, InvalidInput: an argument is invalid or the session cannot be read; the message
+            names file and field.
+        kinematics.KinematicsError: the robot does not exist, or the stance does not fit it.
     """
     result = calibrate_folder(session_folder, robot, camera_info, square, distortion, not_mirrored)
     if not force:
@@ -57,7 +59,7 @@ def calibrate_folder(
     not_mirrored: bool,
     progress: Progress | None = None,
 ) -> CalibrationResult:
-    """Calibrate as `calibrate` with `force`; return the whole result, for reports."""
+    """Calibrate like `calibrate` with `force=True`, but return the complete result, for reports."""
     session = open_session(session_folder, square)
     model = robot_model(session.robot if robot is None else robot)
     camera = None if camera_info is None else read_camera_info(camera_info)
@@ -67,10 +69,10 @@ def calibrate_folder(
 
 
 def refuse(result: CalibrationResult) -> None:
-    """Refuse a calibration whose verdict is `refused`.
+    """Raise an error if the verdict of a calibration is `refused`.
 
     Raises:
-        CalibrationRefused: the verdict is `refused`; the message has the reasons.
+        CalibrationRefused: the verdict is `refused`; the message gives the reasons.
     """
     if result.verdict == "refused":
         raise CalibrationRefused(f"{result.session.source}: calibration refused: {'; '.join(result.reasons)}")

@@ -1,4 +1,4 @@
-"""Client for planners: receives grids and requests scans."""
+"""Planner's client of the perception node: receives grids and requests scans."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class AcceptedState(TypedDict, total=False):
 
 
 class TerrainClient(AbstractContextManager["TerrainClient"]):
-    """Receiver of the newest terrain of one robot; use it in a `with` block.
+    """Client that receives the newest terrain of one robot; use it in a `with` block.
 
     Example:
         with TerrainClient("tcp/127.0.0.1:7447", robot="guara") as client:
@@ -46,18 +46,18 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
         timeout: float = 5.0,
         encoding: str = "lossless",
     ) -> None:
-        """Connect.
+        """Connect to a node or router.
 
         Args:
-            endpoint: endpoint of the node or the router; None = tcp/127.0.0.1:7447, or that of the security folder.
+            endpoint: endpoint of the node or the router; None = that of the security folder, or tcp/127.0.0.1:7447.
             robot: instance name of the robot.
             security: folder of a role made by `guara security init`, for a node with security.
             timeout: seconds to wait for the connection.
-            encoding: "lossless", or "compact" for slow links: an eighth of the size, heights to 0.06 mm, all else
-                rounded conservatively, so that nothing is accepted that the lossless grid rejects.
+            encoding: "lossless", or "compact" for slow links: an eighth of the size, heights accurate to 0.06 mm,
+                everything else rounded conservatively, so that nothing is accepted that the lossless grid rejects.
 
         Raises:
-            transport.KeyNameError: unknown encoding.
+            transport.KeyNameError: invalid robot name or unknown encoding.
             transport.ConnectionFailed: no answer; the message lists what to check.
         """
         check_name(robot)
@@ -71,17 +71,17 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
 
     @property
     def is_alive(self) -> bool:
-        """True while the node's liveliness token is present."""
+        """True while the node is running, by its liveliness token."""
         return self._client.is_alive
 
     def status(self) -> Status | None:
-        """The node's newest status, None before the first; an item `node` reports a node that has been silent."""
+        """Newest status of the node; None before the first. If the node has been silent, an item `node` reports it."""
         return self._client.status()
 
     def counts(self, extent: str = "footprint") -> dict[str, int]:
-        """Numbers of grids received, superseded before use, lost in transfer, and rejected.
+        """Numbers of grids received, superseded before use, lost in transit ("missed"), and rejected.
 
-        A grid is rejected if it is damaged, of another robot, frame or node, or older than the one before.
+        A grid is rejected if it is damaged, from another robot, frame or node, or older than the grid before it.
         """
         receiver = self._client.receiver(extent)
         counts = {name: getattr(receiver, name) for name in ("received", "superseded", "missed")}
@@ -89,7 +89,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
 
     @property
     def clock_offset(self) -> ClockOffset | None:
-        """Offset of the node's wall clock from this machine's, None before it is known; ages do not depend on it."""
+        """Offset of the node's wall clock from this machine's; None before it is known. Ages do not depend on it."""
         return self._client.clock_offset
 
     def latest(
@@ -100,7 +100,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
         *,
         confirmed_only: bool = False,
     ) -> TerrainGrid:
-        """The newest grid, if it may be used.
+        """Return the newest grid if it may be used.
 
         A footprint may be used from its scan until the next pause begins or the gait announces movement, while its node
         is alive. A map may be used for as many pauses as its record states.
@@ -108,14 +108,15 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
         Args:
             max_age: largest age since the end of the scan [s]; None = the grid's own validity. Relaxes no other rule.
             extent: "footprint" (last scan) or "map" (fused).
-            allow_stale: return a stale grid too: of another pause or walk, withdrawn, too old, or of a node that is no
-                longer alive. `stale_because` of the grid gives the reasons, and its queries require `allow_stale` too.
+            allow_stale: also return a stale grid: one of another pause or walk, withdrawn, too old, or from a node that
+                is no longer alive. The reasons are in `stale_because` of the grid, whose queries then also require
+                `allow_stale`.
             confirmed_only: reject a provisional grid.
 
         Raises:
-            StaleTerrain: the newest grid may not be used, or there is none yet.
-            ScannerUnavailable: no grid and no node.
-            UnsafeGrid: the grid breaks the safety invariant and must not be used.
+            StaleTerrain: the newest grid may not be used, or there is no grid yet.
+            ScannerUnavailable: there is neither a grid nor a node.
+            UnsafeGrid: the grid violates the safety invariant and must not be used.
         """
         return message_to_terrain(
             self._client.latest(extent=extent, max_age=max_age, allow_stale=allow_stale, confirmed_only=confirmed_only)
@@ -124,41 +125,41 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
     def summary(
         self, timeout: float = 30.0, max_age: float | None = None, **accepted: Unpack[AcceptedState]
     ) -> TerrainSummary:
-        """Newest summary of the fused map: a few kilobytes, for slow links.
+        """Return the newest summary of the fused map: a few kilobytes, for slow links.
 
-        A router may drop summaries, since none depends on an earlier one. The first call waits for a summary; a later
-        one waits only if the newest may not be used.
+        Summaries may be lost on the way, since none depends on an earlier one. The first call waits for a summary; a
+        later call waits only if the newest summary may not be used.
 
         Args:
-            timeout: seconds to wait for one that may be used.
+            timeout: seconds to wait for a summary that may be used.
             max_age: as in `latest`.
             accepted: allow_stale, confirmed_only as in `latest`.
 
         Raises:
-            StaleTerrain: the newest summary may not be used, and no newer one came in time.
-            transport.ReceiveTimeout: none came in time although the node is alive.
-            ScannerGone, ScannerUnavailable: none came, and the node went away or was never there.
-            UnsafeGrid: the summary breaks the safety invariant and must not be used.
+            StaleTerrain: the newest summary may not be used, and no newer one arrived in time.
+            transport.ReceiveTimeout: no summary arrived in time although the node is alive.
+            ScannerGone, ScannerUnavailable: no summary arrived, and the node went away or was never there.
+            UnsafeGrid: the summary violates the safety invariant and must not be used.
         """
         return message_to_summary(self._client.summary(timeout=timeout, max_age=max_age, **accepted))
 
     def regions(
         self, timeout: float = 30.0, max_age: float | None = None, **accepted: Unpack[AcceptedState]
     ) -> MapRegions:
-        """Convex steppable regions of the newest fused map, largest first, without the map itself.
+        """Return the convex steppable regions of the newest fused map, largest first, without the map itself.
 
-        Arguments and errors are those of `summary`; a client that connects later gets the last message at once.
+        Arguments and errors are those of `summary`. A client that connects later gets the last message immediately.
         """
         return message_to_regions(self._client.regions(timeout=timeout, max_age=max_age, **accepted))
 
     def stream(
         self, timeout: float | None = None, extent: str = "footprint", **accepted: Unpack[Accepted]
     ) -> Iterator[TerrainGrid]:
-        """Yield the newest grid that may be used, then each newer one as it comes; stale ones are skipped.
+        """Yield the newest grid that may be used, then newer grids as they arrive; stale grids are skipped.
 
-        A pause gives up to three grids: coarse, refined, and confirmed once the gait has announced that the robot stood
-        still. A grid that withdraws earlier ones is yielded too: nothing is known in it, and `stale_because` gives the
-        reason.
+        A pause has up to three grids: a coarse grid, a refined grid, and a confirmed grid once the gait has announced
+        that the robot stood still. A grid that withdraws earlier grids is also yielded: no cell of it is known, and
+        `stale_because` gives the reason.
 
         Args:
             timeout: seconds to wait for each grid; None = no limit (Ctrl-C works).
@@ -166,8 +167,9 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
             accepted: max_age, allow_stale, confirmed_only as in `latest`.
 
         Raises:
-            transport.ReceiveTimeout: no grid in time.
-            ScannerGone, ScannerUnavailable: none came, and the node went away or was never there.
+            transport.ReceiveTimeout: no grid arrived in time.
+            ScannerGone, ScannerUnavailable: no grid arrived, and the node went away or was never there.
+            UnsafeGrid: a grid violates the safety invariant and must not be used.
         """
         number = 0
         while True:
@@ -185,10 +187,9 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
     def on_terrain(
         self, callback: Callable[[TerrainGrid], None], extent: str = "footprint", **accepted: Unpack[Accepted]
     ) -> None:
-        """Call `callback` with the newest grid when one arrives, on the client's own thread; older ones are skipped.
+        """Call `callback` with each new grid, on the client's own thread; a grid superseded meanwhile is skipped.
 
-        The grids and arguments are those of `stream`. A grid that may not be used or breaks the safety invariant is
-        logged and not passed on.
+        Grids and arguments are as in `stream`. A grid that violates the safety invariant is logged and not passed on.
         """
 
         def hand_over(message: TerrainMessage) -> None:
@@ -212,23 +213,24 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
         refined_only: bool = False,
         **accepted: Unpack[Accepted],
     ) -> TerrainGrid:
-        """Wait for the newest grid of stance pause `step`, or of a later one of the same walk.
+        """Wait for the newest grid of stance pause `step` or of a later pause of the same walk.
 
         Args:
             step: number of the pause.
             timeout: seconds to wait.
             extent: "footprint" or "map".
-            epoch: identity of the walk as the gait announces it; None = the current walk of the node. Give it if
-                the gait restarts its count: until the first BEGIN, the node is still in the previous walk.
+            epoch: identity of the walk as announced by the gait; None = the current walk of the node. Required if the
+                gait restarts its step count: until the first BEGIN, the node is still in the previous walk.
             confirmed: the same as `confirmed_only`.
-            refined_only: skip a coarse grid that is refined in the same pause; a confirmed grid is never coarse.
+            refined_only: skip a coarse grid that is refined later in the same pause.
             accepted: max_age, allow_stale as in `latest`; confirmed_only to wait until the gait has confirmed that the
-                robot stood still through the scan. Until then a grid is provisional (`TerrainGrid.is_provisional`):
-                usable while the robot stands, and may be withdrawn.
+                robot stood still throughout the scan. Until then a grid is provisional (`TerrainGrid.is_provisional`):
+                it is usable while the robot stands, and may be withdrawn.
 
         Raises:
-            transport.ReceiveTimeout: none came in time although the node is alive.
-            ScannerGone, ScannerUnavailable: none came, and the node went away or was never there.
+            transport.ReceiveTimeout: no such grid arrived in time although the node is alive.
+            ScannerGone, ScannerUnavailable: no such grid arrived, and the node went away or was never there.
+            UnsafeGrid: the grid violates the safety invariant and must not be used.
         """
         if confirmed:
             accepted["confirmed_only"] = True
@@ -256,10 +258,10 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
                 provisional until then.
 
         Raises:
-            ScanBusy: a scan is under way.
+            ScanBusy: a scan is already under way.
             ScanFailed: the node refused the scan or could not finish it.
             ScanTimeout: the scan was not finished in time.
-            ScannerGone: the node went away meanwhile.
+            ScannerGone: the node went away during the scan.
             ScannerUnavailable: there is no node, or this client may not request scans.
         """
         return message_to_terrain(
@@ -275,14 +277,14 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
     ) -> TerrainGrid:
         """Fetch the node's newest grid once, or a region (x_min, x_max, y_min, y_max) [m] of it.
 
-        `accepted`: max_age, allow_stale and confirmed_only as in `latest`.
+        `accepted` may contain max_age, allow_stale and confirmed_only, as in `latest`.
 
         Raises:
-            StaleTerrain: the newest grid may not be used, or there is none yet.
+            StaleTerrain: the newest grid may not be used, or there is no grid yet.
             ScannerUnavailable: no node answers.
         """
         return message_to_terrain(self._client.query(extent=extent, region=region, timeout=timeout, **accepted))
 
     def close(self) -> None:
-        """Disconnect; safe to call twice."""
+        """Disconnect. May be called twice."""
         self._client.close()

@@ -1,4 +1,4 @@
-"""`devices.toml`: camera and board of one robot, with their measured values."""
+"""`devices.toml`: camera and laser board of one robot, with their measured values."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 _Device = TypeVar("_Device")
 FORMAT = "guara-devices/1"
-# Largest size of a devices file, which normally has a dozen lines.
+# Largest size of a devices file [byte]; it normally has a dozen lines.
 LARGEST_BYTES = 64 * 1024
-# Numeric keys of [camera] with their limits; all but the first two are settings, which are locked and read back.
+# Numeric keys of [camera] with their limits. All but the first two are settings: locked at opening and read back.
 NUMBERS = {
     "fps": (0.1, 10_000.0),
     "lag": (0.0, 2.0),
@@ -47,24 +47,25 @@ KNOWN = {
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """Camera and board of a robot, and their settings at its calibration.
+    """Camera and laser board of a robot, and their settings during its calibration.
 
     Attributes:
         source: source of the camera: number, device path, GStreamer pipeline, "aravis" or "aravis:NAME" for GigE and
             USB3 Vision, "v4l2:/dev/video0" for V4L2 with the kernel's frame numbers, or "package.module:Class" of a
             `drivers.Camera`.
-        size: picture width and height [px], or None for the camera's default.
+        size: image width and height [px]; None = the camera's default.
         fps: frame rate to request [1/s], or None.
         lag: measured `drivers.Camera.lag` [s], or None.
-        settings: exposure [s], gain, white_balance [K], gamma: locked when the camera is opened and read back.
-        board: vendor_id, product_id, serial of the laser board; defaults are those of the protocol. Or source, the
+        settings: exposure [s], gain, white_balance [K] and gamma, as far as given; the camera is locked to them when it
+            is opened, and they are read back.
+        board: vendor_id, product_id and serial of the laser board, by default those of the protocol; or source, the
             "package.module:Class" of a `drivers.Board`.
-        trigger: camera line wired to the board's TRIGGER, for sweeps run by the board; None = the camera runs freely.
+        trigger: camera line wired to the board's TRIGGER, for sweeps run by the board; None = a free-running camera.
         exposure_output: camera line that is active during an exposure, or None.
-        pixel_format: pixel format to request, or None for the camera's best.
-        off_frames: frames with the laser off, one of OFF_FRAMES.
+        pixel_format: pixel format to request; None = the camera's best.
+        off_frames: laser-off frames of a scan, one of OFF_FRAMES.
         identity: `drivers.Camera.identity`, compared when the camera is opened; empty if unknown.
-        folder: folder of devices.toml, also searched for user-defined classes.
+        folder: folder of devices.toml, also searched for user-defined classes; None without a file.
     """
 
     source: str = "0"
@@ -81,14 +82,14 @@ class Devices:
     folder: Path | None = field(default=None, compare=False)
 
     def camera(self, *, free: bool = False) -> Camera:
-        """Create the camera; it is not opened.
+        """Create the camera without opening it.
 
         Args:
-            free: let it run freely although it has a trigger, for images outside a sweep.
+            free: create a free-running camera even if `trigger` is given, for images outside a sweep.
 
         Raises:
-            InvalidInput: "package.module:Class" cannot be imported or is not a `drivers.Camera`; a trigger is given for
-                a camera without trigger input.
+            InvalidInput: "package.module:Class" cannot be imported or is not a `drivers.Camera`, the driver rejects a
+                value, or a trigger is given for a camera without trigger input.
         """
         from drivers import AravisCamera, Camera, OpenCvCamera, V4l2Camera
 
@@ -120,7 +121,7 @@ class Devices:
         return made
 
     def sweep_options(self) -> SweepOptions | None:
-        """Options of sweeps run by the board, for a triggered camera; None if the camera runs freely.
+        """Options of sweeps run by the board, for a triggered camera; None for a free-running camera.
 
         Raises:
             InvalidInput: the exposure is not an allowed duration of a laser flash.
@@ -133,7 +134,7 @@ class Devices:
             return SweepOptions(flash=self.settings.get("exposure", TRIGGERED_EXPOSURE_S))
 
     def camera_settings(self) -> CameraSettings:
-        """Settings that are locked when the camera is opened."""
+        """Settings to which the camera is locked when it is opened; a triggered camera always has an exposure."""
         from drivers import CameraSettings
 
         if self.trigger is not None:
@@ -141,10 +142,10 @@ class Devices:
         return CameraSettings(**self.settings)
 
     def laser_board(self) -> Board:
-        """Create the laser board; it is not opened.
+        """Create the laser board without opening it.
 
         Raises:
-            InvalidInput: its class cannot be imported or is not a `drivers.Board`.
+            InvalidInput: the user-defined class cannot be imported or is not a `drivers.Board`.
         """
         from drivers import Board, BoardConfig, LaserBoard
 
@@ -161,12 +162,12 @@ def devices_of(
     fps: float | None = None,
     off_frames: str | None = None,
 ) -> Devices:
-    """Devices of a file, or the default devices; options of a command override the values of the file.
+    """Devices from a file, or the default devices; the options of a command override both.
 
     Args:
         path: devices.toml, or None.
-        camera: as `Devices.source`; None = as in the file.
-        trigger, fps, off_frames: as in `Devices`; None = as in the file.
+        camera: as `Devices.source`; None or empty = unchanged.
+        trigger, fps, off_frames: as in `Devices`; None = unchanged.
 
     Raises:
         MissingFile, FileFormatError: see `load_devices`.
@@ -183,8 +184,8 @@ def load_devices(path: str | Path) -> Devices:
     """Read and check devices.toml.
 
     Raises:
-        MissingFile: no such file.
-        FileFormatError: the message names the field, what was given and what is allowed.
+        MissingFile: the file does not exist.
+        FileFormatError: a key is unknown or a value invalid; the message names it and what is allowed.
     """
     path = existing_file(path, "; `guara record` writes one")
     data = read_toml(path, LARGEST_BYTES)
@@ -229,7 +230,7 @@ def load_devices(path: str | Path) -> Devices:
 
 
 def save_devices(devices: Devices, path: str | Path) -> None:
-    """Write devices.toml, whole or not at all.
+    """Write devices.toml atomically.
 
     Raises:
         MissingFile: the folder does not exist.
@@ -252,7 +253,7 @@ def save_devices(devices: Devices, path: str | Path) -> None:
 
 
 def _own(kind: type[_Device], what: str, source: str, folder: Path | None) -> _Device:
-    """Create a device of a user-defined class "package.module:Class", also from a file beside devices.toml."""
+    """Create a device from a user-defined class "package.module:Class", which may be in a file beside devices.toml."""
     module, _, name = source.partition(":")
     beside = [] if folder is None else [str(folder.resolve())]
     sys.path += beside
@@ -273,5 +274,5 @@ def _own(kind: type[_Device], what: str, source: str, folder: Path | None) -> _D
 
 
 def _toml_lines(values: Mapping[str, Any]) -> list[str]:
-    # Strings, numbers and lists of numbers are written alike in JSON and TOML.
+    # Strings, numbers and lists of numbers have the same syntax in JSON and TOML.
     return [f"{name} = {json.dumps(value, ensure_ascii=False)}" for name, value in values.items() if value is not None]

@@ -1,4 +1,4 @@
-"""Checks of the hardware, files and machine that a scan needs, as run by `guara doctor`."""
+"""Checks of hardware, files and machine, as run by `guara doctor`."""
 
 from __future__ import annotations
 
@@ -29,15 +29,16 @@ from transport import Health, TransportError
 
 OK, SKIP, WARN, FAIL = "ok", "skip", "warn", "FAIL"
 CHECKS = ("usb", "board", "camera", "cameras", "zenoh", "calibration", "drift", "disk", "speed", "certificates")
-# An older calibration is doubtful: a mount may have been knocked. The paper's rig was calibrated before each session.
+# Age above which a calibration is doubtful, since a mount may have been knocked [days]. The paper's rig was calibrated
+# before each session.
 CALIBRATION_AGE_DAYS = 30
-# A standard scan with its recording takes about 60 MB; ten of them should fit.
+# [byte] Free disk space required: a recorded standard scan takes about 60 MB, and ten of them must fit.
 DISK_BYTES = 1_000_000_000
 NO_FLOOR = (
-    "scan again with more floor in view; if flat, empty floor fills the view, the calibration is of another camera or "
-    "mount"
+    "scan again with more floor in view; if flat, empty floor fills the view, the calibration belongs to another "
+    "camera or mount"
 )
-# Longest time for one stripe of 1280x1024 px: less than half the time between frames at 30 per second.
+# Longest time for one stripe of 1280x1024 px [s]: less than half the interval of frames at 30 per second.
 STRIPE_SECONDS = 0.015
 
 
@@ -47,7 +48,7 @@ class Finding:
 
     Attributes:
         level: "ok", "skip" (not checked), "warn" or "FAIL".
-        message: what was found and, unless ok, what to do.
+        message: what was found and, unless the level is "ok", what to do.
     """
 
     level: str
@@ -64,13 +65,13 @@ def examine(
     checks: tuple[str, ...] = (),
     security: Path | None = None,
 ) -> Iterator[tuple[str, Finding]]:
-    """Run the checks one by one; yield the name and the finding of each.
+    """Run the checks one by one; yield the name and the finding of each check.
 
     Args:
-        devices: camera, its settings to lock, and board.
-        calibration: file to check, or None.
+        devices: camera with the settings to lock, and board.
+        calibration: calibration file to check, or None.
         listen: endpoint on which the node would listen.
-        folder: folder of the recordings.
+        folder: folder of the recordings, whose disk must have room.
         scan: recorded scan with floor in view, for the drift check; None = skip the check.
         checks: names of the checks to run; empty = all.
         security: security folder to check, or None.
@@ -93,7 +94,7 @@ def examine(
 
 
 def attempt(check: Callable[..., Finding], *arguments: Any) -> Finding:
-    """Run a check and report a known error that it raises as FAIL."""
+    """Run a check; report an expected error that it raises as FAIL."""
     try:
         return check(*arguments)
     except (DriverError, PerceptionError, KinematicsError, TransportError, ValueError) as error:
@@ -108,13 +109,13 @@ def check_usb() -> Finding:
 
 
 def check_board(devices: Devices) -> Finding:
-    """Check that the laser board is connected, can be opened and speaks the protocol."""
+    """Check that the laser board can be opened and supports the protocol."""
     with devices.laser_board() as board:
         identity = board.identity
     if not isinstance(board, LaserBoard):
         return Finding(OK, f"{devices.board['source']}: {np.degrees(identity.step_angle):.3f} degrees per step")
     firmware, protocol = (".".join(map(str, version)) for version in (identity.firmware, identity.protocol))
-    sweeps = "sweeps by itself" if identity.protocol >= SWEEPS_SINCE else "no sweeps of its own"
+    sweeps = "can sweep by itself" if identity.protocol >= SWEEPS_SINCE else "cannot sweep by itself"
     return Finding(
         OK,
         f"firmware {firmware}, protocol {protocol} ({sweeps}), {np.degrees(identity.step_angle):.3f} degrees per step",
@@ -173,7 +174,7 @@ def check_endpoint(listen: str) -> Finding:
 
 
 def check_calibration(path: Path | None, devices: Devices) -> Finding:
-    """Check that a calibration loads and is of the camera in devices.toml; report its verdict and age."""
+    """Check that a calibration can be loaded and belongs to the camera in devices.toml; report its verdict and age."""
     if path is None:
         return Finding(WARN, "none given: -c calibration.json; `guara calibrate` makes one")
     calibration = load_calibration(path)
@@ -182,7 +183,7 @@ def check_calibration(path: Path | None, devices: Devices) -> Finding:
 
 
 def judge_calibration(calibration: Calibration) -> Finding:
-    """Verdict and age of a calibration."""
+    """Finding about the verdict and age of a calibration."""
     verdict = str(calibration.quality.get("verdict"))
     reasons = "; ".join(map(str, calibration.quality.get("reasons", ())))
     text = f"{verdict}{f' ({reasons})' if reasons else ''}, {len(calibration.stripes)} stripes"
@@ -199,7 +200,7 @@ def judge_calibration(calibration: Calibration) -> Finding:
 
 
 def check_scan_drift(calibration: Path | None, scan: Path | None) -> Finding:
-    """Check that the calibration still holds on the floor of a scan."""
+    """Check that the calibration still agrees with the floor in a scan."""
     if calibration is None or scan is None:
         return Finding(SKIP, "not checked: give -c calibration.json and --scan SCAN, a scan with floor in view")
     recorded, calibrated = open_scan(scan), load_calibration(calibration)
@@ -230,7 +231,7 @@ def check_certificates(folder: Path | None) -> Finding:
 
 
 def check_speed() -> Finding:
-    """Check that this machine extracts stripes fast enough for 30 frames per second."""
+    """Check that this machine extracts stripes fast enough for a camera with 30 frames per second."""
     from guara_perception.stripes.extract import extract_stripe
 
     rows = np.arange(1024, dtype=np.float32)[:, None]

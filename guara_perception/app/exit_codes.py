@@ -4,9 +4,9 @@ from __future__ import annotations
 
 EXIT_FAILED = 1
 EXIT_BAD_INPUT = 2
-# A thread of the node failed and was restarted too often (`transport.supervision`).
+# A thread of the node failed too often to be restarted again (`transport.supervision`).
 EXIT_THREAD_FAILED = 3
-# `guara run` with a calibration that is refused, or is of another robot or camera: a restart does not help.
+# The calibration of `guara run` is refused or belongs to another robot or camera, so a restart does not help.
 EXIT_CALIBRATION = 4
-# As shells report a program ended by Ctrl-C.
+# Code that shells report for a program ended by Ctrl-C.
 EXIT_INTERRUPTED = 130

@@ -1,4 +1,4 @@
-"""Search for the cameras of this machine; reports how the frames of each can be verified."""
+"""Search for the cameras of this machine, with the verification of frames that each of them allows."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ VIDEO_CLASS: Final = Path("/sys/class/video4linux")
 
 @dataclass(frozen=True, slots=True)
 class FoundCamera:
-    """Camera of this machine.
+    """Camera found on this machine.
 
     Attributes:
-        source: its name for --camera and devices.toml.
-        description: maker and model, and how it is reached.
-        evidence: how its frames are verified.
-        lines: lines on which it can be triggered, for --trigger; empty if it can only run freely.
+        source: value for --camera and devices.toml.
+        description: name or model, and connection.
+        evidence: how the frames of the camera are verified, or the error if the camera cannot be opened.
+        lines: lines on which the camera can be triggered, for --trigger; empty if it cannot be triggered.
     """
 
     source: str
@@ -33,13 +33,13 @@ class FoundCamera:
 
 
 def find_cameras(video_class: Path = VIDEO_CLASS) -> tuple[list[FoundCamera], str]:
-    """Look for cameras; takes a second or two.
+    """Search for cameras, which takes a second or two.
 
     Args:
         video_class: folder in which the kernel lists video devices.
 
     Returns:
-        The cameras, and a text on the kinds of camera that could not be searched for; empty if there are none.
+        The cameras, and a text about kinds of cameras that could not be searched for, "" if there are none.
     """
     found = [_video(folder) for folder in sorted(video_class.glob("video*"))]
     try:

@@ -1,4 +1,4 @@
-"""Import of pictures taken by another program as scan folders and calibration sessions."""
+"""Import of images taken by another program as scan folders and calibration sessions."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFi
 from guara_perception.settings import MODES, Settings
 from kinematics import KinematicsError, RobotModel, Stance
 
-# Largest position of a joint of a leg [rad]; larger ones are given in degrees.
+# Largest plausible joint position [rad]; a larger value was given in degrees.
 LARGEST_ANGLE = 2 * math.pi
 
 
 def check_sizes(pictures: Sequence[Path]) -> tuple[int, int]:
-    """Width and height of all pictures.
+    """Return the common width and height of all images [px].
 
     Raises:
-        InvalidInput: the sizes differ; the message names the pictures of rarer sizes.
-        MissingFile, FileFormatError: a picture cannot be read.
+        InvalidInput: the sizes differ; the message names the images that do not have the most common size.
+        MissingFile, FileFormatError: an image cannot be read.
     """
     sizes = {path: read_picture(path).shape[1::-1] for path in pictures}
     (width, height), _ = Counter(sizes.values()).most_common(1)[0]
@@ -45,16 +45,16 @@ def check_sizes(pictures: Sequence[Path]) -> tuple[int, int]:
 
 
 def stripe_indices(pairs: Sequence[PicturePair], robot: RobotModel, mode: str | None, is_index: bool) -> list[int]:
-    """Index of the stripe of each pair.
+    """Return the stripe index of each pair of images.
 
     Args:
-        pairs: pictures in order.
+        pairs: pairs in firing order.
         robot: robot whose pattern was scanned.
-        mode: pattern; None = the one that has as many stripes as there are pairs.
+        mode: scan pattern; None = the pattern with as many stripes as there are pairs.
         is_index: True if the numbers in the names are the indices.
 
     Raises:
-        InvalidInput: the pattern has another number of stripes, or lacks an index.
+        InvalidInput: no allowed pattern has this number of stripes, or an index is not in the pattern.
     """
     settings = Settings.of(robot)
     if is_index:
@@ -78,7 +78,7 @@ def stripe_indices(pairs: Sequence[PicturePair], robot: RobotModel, mode: str | 
 
 
 def mode_of(indices: Sequence[int], robot: RobotModel) -> str:
-    """Mode of a scan: "coarse" if all stripes belong to the coarse pattern."""
+    """Mode of a scan: "coarse" if all stripes belong to the coarse pattern, else "standard"."""
     return "coarse" if set(indices) <= set(Settings.of(robot).pattern("coarse")) else "standard"
 
 
@@ -94,11 +94,13 @@ def mirror_angles(indices: Sequence[int], robot: RobotModel, calibration: Calibr
 
 
 def read_joints(path: Path, robot: RobotModel) -> Stance:
-    """Stance on all feet, gravity unknown, from a CSV file with a line `joint, angle [rad]` for each joint.
+    """Read a stance from a CSV file with a line `joint, angle [rad]` for each joint and an optional heading.
+
+    The robot stands on all feet, and gravity is unknown.
 
     Raises:
-        MissingFile: no such file.
-        FileFormatError: a line is invalid, an angle is in degrees, or a joint is missing or not of the robot.
+        MissingFile: the file does not exist.
+        FileFormatError: a line is invalid, an angle is in degrees, or a joint is missing or not one of the robot.
     """
     if not path.is_file():
         raise MissingFile(f"{path}: no such file")
@@ -126,7 +128,7 @@ def read_joints(path: Path, robot: RobotModel) -> Stance:
 def write_scan(
     folder: Path, pairs: Mapping[int, PicturePair], angles: Mapping[int, float], robot: RobotModel, stance: Stance
 ) -> None:
-    """Write a scan folder of these pictures by stripe index, whole or not at all."""
+    """Write a scan folder atomically from pairs of images and mirror angles by stripe index."""
     with ScanFolderWriter(folder) as writer:
         for index, pair in pairs.items():
             off = None if pair.off is None else read_picture(pair.off)
@@ -138,19 +140,19 @@ def write_scan(
 def write_session(
     folder: Path, plan: SessionPlan, boards: Sequence[Path], ground: Path, crosses: Path, plates: Sequence[Path]
 ) -> None:
-    """Write a session folder of these pictures and scan folders, whole or not at all.
+    """Write a session folder atomically from images and scan folders.
 
     Args:
         folder: folder to be created.
         plan: board, crosses, heights of the plates and stance.
-        boards: pictures of the board in many poses.
-        ground: picture of the board on the floor.
-        crosses: picture of the crosses.
+        boards: images of the board in many poses.
+        ground: image of the board on the floor.
+        crosses: image of the crosses.
         plates: scan folders, in the order of `plan.plates`.
 
     Raises:
-        InvalidInput: the parts do not belong together.
-        MissingFile, FileFormatError: a scan of a plate cannot be read.
+        InvalidInput, CalibrationMismatch: the parts do not belong together.
+        MissingFile, FileFormatError: an image or the scan of a plate cannot be read.
     """
     staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:
@@ -168,7 +170,7 @@ def write_session(
         staging.chmod(0o755)
         staging.rename(folder)
     except PerceptionError as error:
-        # The user does not know the temporary folder.
+        # Name the final folder: the user does not know the temporary one.
         error.args = tuple(str(text).replace(str(staging), str(folder)) for text in error.args)
         raise
     finally:

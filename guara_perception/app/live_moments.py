@@ -1,4 +1,4 @@
-"""Moments of the view from a running node: the messages of each pause, combined as they arrive."""
+"""Live data for the viewer: messages of a running node, combined by pause as they arrive."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ if TYPE_CHECKING:
     from transport.links.received import Received
 
 logger = logging.getLogger(__name__)
-# [s] Time for the router to list the robots that are alive.
+# [s] Longest wait for the router's list of the running robots.
 ROUTER_TIMEOUT_S = 2.0
 
 
 class LiveMoments(AbstractContextManager["LiveMoments"]):
-    """Receiver of grids, points and pictures of one robot; it shows each pause with all that has arrived of it.
+    """Receiver of grids, points and camera images of one robot. It shows each pause with the data received so far.
 
-    Messages with equal stamps belong together. Once maps arrive, a scan is shown with its map, in odom.
+    Messages with equal stamps belong together. Once maps arrive, a scan is shown together with its map, in odom.
     """
 
     def __init__(
@@ -56,10 +56,10 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
         robot: str,
         security: str | Path | None = None,
     ) -> None:
-        """Connect.
+        """Connect to the node's router.
 
         Args:
-            show: called with every moment, again when more of its pause has arrived, on threads of the client.
+            show: called on a client thread with each moment, and again whenever further data of the same pause arrive.
             model: kinematic model of the robot.
             endpoint, robot, security: as in `TerrainClient`.
 
@@ -87,9 +87,10 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
         self._client.close()
 
     def missing(self) -> str:
-        """Messages missing for the first moment, as text with the robots on this router; empty once one was shown.
+        """Explain why nothing has been shown yet, with the robots on this router.
 
-        Asking the router can take `ROUTER_TIMEOUT_S`.
+        The text is empty after the first moment, or if the session is closed. The query of the router can take
+        `ROUTER_TIMEOUT_S`.
         """
         if self._has_shown:
             return ""
@@ -99,11 +100,14 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
             return ""
         if self._robot in robots or self._client.is_alive:
             return f"waiting for the first grid of {self._robot!r}: its node is running but has sent none yet"
-        others = f"alive here: {', '.join(robots)} (--name NAME)" if robots else "no robot is visible here"
+        others = f"running here: {', '.join(robots)} (select one with --name)" if robots else "no robot is visible here"
         return f"waiting for a robot with instance name {self._robot!r}: no such node on this router; {others}"
 
     def state(self) -> tuple[str, bool]:
-        """One line about the newest grid: its age and the reasons against its use; True if there are any."""
+        """Status line of the newest grid (age, and reasons why it is stale), and True if it is stale.
+
+        Returns ("", False) before the first grid, and the text of an error with True if the grid cannot be received.
+        """
         extent = "map" if "map" in self._grids else "footprint"
         try:
             received = self._client.receiver(extent).latest()
@@ -124,7 +128,7 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
         with self._lock:
             is_first_map = "map" not in self._grids
             self._grids[terrain.extent] = terrain
-            # The map of this scan follows and gives its pose in odom; a withdrawn scan may have none.
+            # Do not show a scan before its map, which contains its pose in odom. A withdrawn scan may have no map.
             if terrain.extent == "map" or is_first_map or terrain.record.withdrawn:
                 self._show_scan(terrain)
 
@@ -138,7 +142,7 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
         message = received.message
         image = cv2.imdecode(np.asarray(message.data, dtype=np.uint8), cv2.IMREAD_COLOR)
         if image is None:
-            logger.warning("skipping camera picture: cannot be decoded as %r", message.format)
+            logger.warning("skipping camera image: cannot decode it (declared format %r)", message.format)
             return
         with self._lock:
             self._picture = read_time(message.header.stamp), image
@@ -166,4 +170,4 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
             self._show(Moment(grids, footholds=planned, **parts))
             self._has_shown = True
         except (KinematicsError, PerceptionError) as error:
-            self._refusals.log("not shown; is it from another robot than %r (--robot)? %s", self._model.name, error)
+            self._refusals.log("cannot show a grid that does not fit robot %r (--robot): %s", self._model.name, error)

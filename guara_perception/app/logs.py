@@ -1,4 +1,4 @@
-"""Log lines of the command line: as text or JSON, with priorities for journald, and with a rate limit."""
+"""Logging of the command line, as text or JSON, with priorities for journald and a rate limit."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from typing import Any, TextIO
 
 STYLES = ("text", "json")
 TEXT = "%(levelname)s %(name)s: %(message)s"
-# Largest number of records of one message within WITHIN_S [s]; further ones are counted, not logged.
+# Largest number of records of one message within WITHIN_S [s]; further records are counted instead of logged.
 MOST, WITHIN_S = 10, 60.0
-# Largest number of distinct messages tracked; messages formatted before logging are all distinct and would accumulate
-# for months.
+# Largest number of distinct messages that are tracked. Messages that are formatted before logging are all distinct and
+# would accumulate for months.
 MOST_MESSAGES = 1000
-# Priorities of syslog(3) by level, which prefix lines on standard error in the format of sd-daemon(3).
+# Priority of syslog(3) for each level, the prefix of lines on standard error in the format of sd-daemon(3).
 PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
 
 
@@ -28,33 +28,36 @@ def json_line(level: str, name: str, message: str, **more: Any) -> str:
 
 
 class JsonFormatter(logging.Formatter):
-    """Formatter of records as `json_line` writes them, with the traceback if there is one."""
+    """Formatter that converts records to JSON lines (`json_line`), with the traceback if there is one."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the line of a record."""
+        """Return the JSON line of a record."""
         more = {} if record.exc_info is None else {"traceback": self.formatException(record.exc_info)}
         return json_line(record.levelname, record.name, record.getMessage(), **more)
 
 
 class JournalFormatter(logging.Formatter):
-    """Formatter of lines for journald, each with the priority of its record as a prefix."""
+    """Formatter for journald, which prefixes each line with the priority of its record."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the lines of a record."""
+        """Return the prefixed lines of a record."""
         priority = f"<{PRIORITIES.get(record.levelno, 6)}>"
         return "\n".join(priority + line for line in super().format(record).splitlines())
 
 
 class RateLimit(logging.Filter):
-    """Filter that passes MOST records of one message within WITHIN_S; the next to pass reports the number dropped."""
+    """Filter that limits the records of one message within WITHIN_S to MOST.
+
+    The next record that passes reports how many were dropped.
+    """
 
     def __init__(self) -> None:
-        """Start with nothing logged."""
+        """Start without any record."""
         super().__init__()
         self._windows: dict[tuple[str, int, str], list[float]] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Return False to drop a record; a record that passes gets the number of those dropped before it."""
+        """Return False to drop a record. A record that passes states the number of records dropped before it."""
         now, key = time.monotonic(), (record.name, record.levelno, str(record.msg))
         if len(self._windows) >= MOST_MESSAGES:
             self._windows.clear()
@@ -71,16 +74,16 @@ class RateLimit(logging.Filter):
 
 
 class StderrHandler(logging.StreamHandler[TextIO]):
-    """Handler of the command line; the class distinguishes it from handlers of a calling program."""
+    """Handler installed by `log_to_stderr`, whose class distinguishes it from handlers of a calling program."""
 
 
 def log_to_stderr(style: str = "text") -> None:
-    """Log to standard error in `style`, replacing an earlier handler of this function.
+    """Log to standard error, with a handler that replaces that of an earlier call.
 
-    Adds no handler if the calling program has installed one.
+    No handler is added if the calling program has installed one.
 
     Args:
-        style: one of STYLES; text lines have priorities if standard error goes to the journal.
+        style: one of STYLES. Text lines have priorities if standard error is connected to journald.
     """
     root = logging.getLogger()
     for before in [handler for handler in root.handlers if isinstance(handler, StderrHandler)]:
@@ -95,7 +98,7 @@ def log_to_stderr(style: str = "text") -> None:
 
 
 def _is_journal() -> bool:
-    """True where standard error goes to journald, which sets $JOURNAL_STREAM to its device and inode."""
+    """True if standard error is connected to journald, which sets $JOURNAL_STREAM to the stream's device and inode."""
     try:
         status = os.fstat(sys.stderr.fileno())
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Command line `guara`: subcommands, loaded when called, and exit codes of errors."""
+"""Command line `guara`: subcommands, imported when called, and the exit codes of errors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import click
 from guara_perception.app.exit_codes import EXIT_BAD_INPUT, EXIT_CALIBRATION, EXIT_FAILED, EXIT_INTERRUPTED
 from guara_perception.app.logs import log_to_stderr
 
-# Commands by group, each with its one line in `guara --help`; a command is a module of guara_perception.app.commands.
+# Commands by group, with the line of each in `guara --help`; each is a module of guara_perception.app.commands.
 GROUPS = {
     "Try": {
         "demo": "Walk a simulated robot over mixed terrain and pick footholds",
@@ -50,24 +50,24 @@ GROUPS = {
 COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
 # Modules of commands whose names are reserved words in Python.
 MODULES = {"import": "import_"}
-# Earlier commands, still accepted, and the command that each is now part of.
+# Earlier commands that are still accepted, and the command that each is now part of.
 ALIASES = {
     "export": "convert",
     "recover": "convert",
     "acceptance": "robot",
     "service": "robot",
 }
-# Earlier commands, still accepted, that are now options of others.
+# Earlier commands that are still accepted, and the options that replace them.
 EARLIER = {"cameras": ["doctor", "--cameras"], "fleet": ["listen", "--all"]}
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
-# Set before numpy and OpenCV are loaded. Matrices are small: threads of linear algebra would only spin, which costs
-# a quarter of the processor time of a scan. OpenCV's own warnings repeat our errors.
+# Variables set before numpy and OpenCV are loaded. Matrices are small, so linear algebra threads would only spin, which
+# costs a quarter of the processor time of a scan. OpenCV's own warnings would repeat our errors.
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OPENCV_LOG_LEVEL": "ERROR"}
-# Numbers in warnings; warnings that differ only in numbers are printed once.
+# Number in the text of a warning; warnings that differ only in numbers are printed once.
 NUMBER = re.compile(r"(?<=\s)-?\d+(\.\d+)?")
-# Longest word of an error message that is printed in full [characters].
+# Longest word of an error message that is not shortened [characters].
 LONGEST_WORD = 300
-# Errors of a full or broken disk, which are not errors of the input.
+# Errors of a full or broken disk, which are failures at run time and not bad input.
 DISK_FAILED = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 LOG_HELP = "Log progress to standard error."
 
@@ -88,7 +88,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command, by its earlier name too."""
+        """Find a command by its current or an earlier name."""
         if args[0] in EARLIER:
             from guara_perception.app.options import note_new_spelling
 
@@ -98,7 +98,7 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import one command.
+        """Import a command; return None for an option, which click then reports.
 
         Raises:
             click.UsageError: no command has this name.
@@ -154,12 +154,12 @@ def guara(verbose: bool) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line and exit with a code from `exit_codes`, 0 on success; only a defect shows a traceback."""
+    """Run the command line and exit with its code, 0 or one of `exit_codes`; only a defect shows a traceback."""
     sys.exit(run(arguments))
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; return its exit code."""
+    """Run the command line; return its exit code. An error that is not expected is raised."""
     for name, value in ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     given = sys.argv[1:] if arguments is None else list(arguments)
@@ -175,14 +175,14 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except click.ClickException as error:
         return _say(_with_help(error), EXIT_BAD_INPUT)
     except BrokenPipeError:
-        # The reader of the output has closed it (`guara listen | head -1`); Python would report that again at exit.
+        # The reader has closed the pipe (`guara listen | head -1`). Python would report this once more at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_FAILED
     except Exception as error:
         if not is_expected(error):
             raise
         return _say(text_of(error), _code_of(error, given))
-    # An integer comes from ctx.exit(code); otherwise click returns what the command returned, which is None.
+    # An integer comes from ctx.exit(code); otherwise click returns the value of the command, which is None.
     return code if isinstance(code, int) else 0
 
 
@@ -204,7 +204,7 @@ def _warnings_as_lines() -> Iterator[None]:
 
 
 def is_expected(error: Exception) -> bool:
-    """True for errors that the packages raise on purpose, and for those of the file system or a missing library."""
+    """True for errors that the packages raise on purpose, errors of the operating system, and missing libraries."""
     roots = ("PerceptionError", "KinematicsError", "TransportError", "DriverError")
     if isinstance(error, ImportError) and "cannot open shared object file" in str(error):
         return True
@@ -212,7 +212,7 @@ def is_expected(error: Exception) -> bool:
 
 
 def is_bad_input(error: BaseException) -> bool:
-    """True for errors of the input (a value or a missing file), False for failures at run time."""
+    """True for errors of the input (an invalid value or file), False for failures at run time."""
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, OSError) and cause.errno in DISK_FAILED:
@@ -223,7 +223,7 @@ def is_bad_input(error: BaseException) -> bool:
 
 
 def _code_of(error: Exception, given: Sequence[str]) -> int:
-    """Exit code of an expected error; a calibration that `guara run` rejects has its own, for service managers."""
+    """Exit code of an expected error. A calibration that `guara run` rejects has its own code, for service managers."""
     kinds = {kind.__name__ for kind in type(error).__mro__}
     if "run" in given and kinds & {"CalibrationMismatch", "CalibrationRefused"}:
         return EXIT_CALIBRATION
@@ -231,7 +231,7 @@ def _code_of(error: Exception, given: Sequence[str]) -> int:
 
 
 def text_of(error: Exception) -> str:
-    """Text of an error; errors of the file system are written like our own: file first, without an error number."""
+    """Text of an error. Errors of the operating system get the form of our own: file first, no error number."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"
     return f"{error} (Debian: apt install libgomp1)" if "libgomp" in str(error) else str(error)

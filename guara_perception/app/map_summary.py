@@ -1,4 +1,4 @@
-"""Summary and steppable regions of the fused map, for slow links and for planners, and their messages."""
+"""Summary of the fused map for slow links, steppable regions of the map for planners, and the messages of both."""
 
 from __future__ import annotations
 
@@ -27,23 +27,24 @@ from transport.messages.map_messages import (
     origin_of,
 )
 
-# [mm] Largest height, above or below zero, that the summary can hold.
+# [mm] Largest height above or below zero that the summary can represent.
 TALLEST = 32767
-# [byte] Largest summary on the wire, whatever the ground: 0.04 Mbit/s with a pause every 3 s. On a simulated walk a
-# summary has 8 to 13 kB with all cells.
+# [byte] Largest payload of a summary on any ground: 0.04 Mbit/s with a pause every 3 s. On a simulated walk, summaries
+# with all cells have 8 to 13 kB.
 MAXIMUM_BYTES = 16_000
 # Fields that a steppable region and its message have in common.
 OF_REGION = ("halfspaces", "vertices", "plane", "sigma", "area")
-# Traversability 1 on the wire; it is sent as an integer.
+# Integer that stands for traversability 1 in the message.
 FULL_SCORE = 255
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TerrainSummary(Gridded):
-    """Heights to the millimetre, flags and traversability of the fused map, as returned by `TerrainClient.summary`.
+    """Heights rounded to 1 mm, flags and traversability of the fused map, as returned by `TerrainClient.summary`.
 
-    For display and path planning. Choose footholds on the map itself, which has the sigma of every height.
-    Made only from layers that satisfy the safety invariant; arrays are (ny, nx), a[iy, ix], read-only.
+    The summary serves display and path planning. Choose footholds on the map itself, which has the sigma of every
+    height. The constructor raises UnsafeGrid if the layers violate the safety invariant. Arrays are read-only and of
+    shape (ny, nx), a[iy, ix].
 
     Attributes:
         robot: instance name.
@@ -56,7 +57,7 @@ class TerrainSummary(Gridded):
         step: number of the stance pause.
         sequence: number of the summarised map.
         epoch: identity of the walk.
-        is_provisional: the pause has not yet confirmed that the robot stood still.
+        is_provisional: True until the pause confirms that the robot stood still.
         stale_because: as in `TerrainGrid`.
     """
 
@@ -80,15 +81,15 @@ class TerrainSummary(Gridded):
 
 
 def summary_payload(terrain: TerrainMessage, maximum: int = MAXIMUM_BYTES) -> bytearray:
-    """Encode the summary of a map's message. Values out of its range become unsafe, never safe.
+    """Encode a summary of a map's message. A value beyond the range of the summary makes its cell unsafe, never safe.
 
-    Heights are rounded to the nearest millimetre, traversability down. A height beyond 32.767 m becomes unknown
-    (`OUT_OF_RANGE`) and the cells beside it `EDGE`; a traversability below 1/255 becomes `UNCERTAIN`. A map that is too
-    rough to fit gets larger cells (`merged`); `resolution` states their size.
+    Heights are rounded to the nearest millimetre, traversability is rounded down. A cell with a height beyond 32.767 m
+    becomes unknown (`OUT_OF_RANGE`) and the cells beside it `EDGE`; a traversability below 1/255 becomes `UNCERTAIN`.
+    If the payload is too large, cells are merged (`merged`); `resolution` of the summary states their size.
 
     Args:
         terrain: message of a map.
-        maximum: largest payload [byte].
+        maximum: largest payload [byte]; a summary with a single cell may exceed it.
     """
     summary = _with_all_cells(terrain)
     cells, whole = 1, summary
@@ -99,20 +100,20 @@ def summary_payload(terrain: TerrainMessage, maximum: int = MAXIMUM_BYTES) -> by
 
 
 def merged(summary: SummaryMessage, cells: int) -> SummaryMessage:
-    """Merge the cells of a summary into larger ones, each no safer than the worst cell in it.
+    """Merge the cells of a summary into larger cells, each no safer than the worst cell in it.
 
-    A larger cell has the flags of all its cells, their lowest traversability and their highest height. It is unknown
-    if it holds an unknown cell or reaches beyond the map; cells beside an unknown cell are `EDGE`.
+    A merged cell has the flags of all its cells, their lowest traversability and their highest height. It is unknown
+    if it contains an unknown cell or extends beyond the map; cells beside an unknown cell are `EDGE`.
 
     Args:
-        summary: summary to be made smaller.
-        cells: number of old cells along the edge of a larger one.
+        summary: summary with the original cells.
+        cells: number of original cells along the edge of a merged cell.
     """
     ny, nx = summary.shape
     rows, columns = -(-ny // cells), -(-nx // cells)
 
     def blocks(layer: npt.NDArray[Any], outside: int) -> npt.NDArray[Any]:
-        """(rows, columns, cells^2) values of the old cells in each larger one."""
+        """(rows, columns, cells^2) values of the original cells in each merged cell."""
         whole = np.full((rows * cells, columns * cells), outside, layer.dtype)
         whole[:ny, :nx] = layer
         return whole.reshape(rows, cells, columns, cells).swapaxes(1, 2).reshape(rows, columns, -1)
@@ -132,7 +133,7 @@ def merged(summary: SummaryMessage, cells: int) -> SummaryMessage:
 
 
 def _with_all_cells(terrain: TerrainMessage) -> SummaryMessage:
-    """Summary with the cells of the map, not merged."""
+    """Convert a map's message to a summary without merging cells."""
     elevation, score = terrain.layers["elevation"], terrain.layers["traversability"]
     hazard = np.array(terrain.layers["hazard"])
     millimetres = np.rint(elevation.astype(np.float64) * 1e3)
@@ -155,10 +156,10 @@ def _with_all_cells(terrain: TerrainMessage) -> SummaryMessage:
 
 
 def message_to_summary(message: SummaryMessage) -> TerrainSummary:
-    """Summary of a message.
+    """Convert a summary message to a `TerrainSummary`.
 
     Raises:
-        UnsafeGrid: its layers break the safety invariant, by a defect of the sender or damage in transfer.
+        UnsafeGrid: the layers violate the safety invariant, because of a fault in the sender or corruption in transit.
     """
     heights = message.heights.astype(np.float32) * np.float32(1e-3)
     heights[message.heights == UNKNOWN_HEIGHT] = np.nan
@@ -185,7 +186,7 @@ class MapRegions:
         step: number of the stance pause.
         sequence: number of the map.
         epoch: identity of the walk.
-        is_provisional: the pause has not yet confirmed that the robot stood still.
+        is_provisional: True until the pause confirms that the robot stood still.
         stale_because: as in `TerrainGrid`.
     """
 
@@ -200,7 +201,7 @@ class MapRegions:
 
 
 def regions_message(terrain: TerrainGrid, message: TerrainMessage) -> RegionsMessage:
-    """Message of the regions of a map.
+    """Compute the steppable regions of a map as a message; none if the map is withdrawn.
 
     Args:
         terrain: the map.
@@ -214,10 +215,10 @@ def regions_message(terrain: TerrainGrid, message: TerrainMessage) -> RegionsMes
 
 
 def message_to_regions(message: RegionsMessage) -> MapRegions:
-    """Regions of a message."""
+    """Convert a regions message to `MapRegions`."""
     return MapRegions(
         robot=message.robot,
-        # Nodes of earlier versions send them unsorted.
+        # Nodes of earlier versions send unsorted regions.
         regions=tuple(
             SteppableRegion(**{name: getattr(region, name) for name in OF_REGION}, leg=None)
             for region in sorted(message.regions, key=lambda region: -region.area)
@@ -227,6 +228,6 @@ def message_to_regions(message: RegionsMessage) -> MapRegions:
 
 
 def _source(message: SummaryMessage | RegionsMessage) -> dict[str, Any]:
-    """Fields that identify the map of a summary or of regions."""
+    """Fields that identify the map from which a summary or regions were made."""
     names = ("stamp", "step", "sequence", "epoch", "stale_because")
     return {"is_provisional": message.provisional, **{name: getattr(message, name) for name in names}}

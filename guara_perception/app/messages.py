@@ -40,14 +40,14 @@ def terrain_to_message(
     Args:
         terrain: grid of a scan or of the fused map.
         robot: instance name of the robot.
-        sequence: number of this message.
+        sequence: sequence number of this message.
         scan_start, scan_end: times of the first and last frame [ns since the epoch]; None = the grid's stamp.
         valid_for: upper limit of the grid's validity after `scan_end` [s].
         stated: fields of the record to replace in the message.
 
     Raises:
         UnsafeGrid: the grid violates the safety invariant.
-        InvalidInput: a field of its record holds a value that a receiver could not read back.
+        InvalidInput: a field of the grid's record has a value that a receiver cannot read back.
     """
     check_invariant(terrain.layers)
     record = dataclasses.replace(terrain.record, **(stated or {}))
@@ -64,7 +64,7 @@ def terrain_to_message(
         scan_start=start,
         scan_end=max(start, terrain.stamp if scan_end is None else scan_end),
         valid_for=valid_for if seconds is None else min(float(seconds), valid_for),
-        # base_footprint, the frame of a scan's own grid, is valid for its pause only.
+        # base_footprint, the frame of a scan's grid, is valid for its pause only.
         valid_pauses=0 if terrain.extent == "footprint" else 255 if pauses is None else pauses,
         mode=record.mode or "standard",
         method=record.method or "",
@@ -87,10 +87,10 @@ def terrain_to_message(
 
 
 def message_to_terrain(message: TerrainMessage) -> TerrainGrid:
-    """Convert a message to its grid.
+    """Convert a message to the grid that was sent.
 
     Raises:
-        UnsafeGrid: its layers violate the safety invariant, through a defect of the sender or damage in transit.
+        UnsafeGrid: the layers violate the safety invariant, because of a fault in the sender or corruption in transit.
     """
     stated = {
         "sequence": message.sequence,
@@ -123,16 +123,16 @@ def stance_to_message(stance: Stance) -> StanceMessage:
 
 
 def message_to_stance(message: StanceMessage) -> Stance:
-    """Convert a message to its stance.
+    """Convert a message to the stance that was sent.
 
     Raises:
-        kinematics.KinematicsError: the stance is not valid, such as a foot named twice or gravity that points up.
+        kinematics.KinematicsError: the stance is invalid, for instance a foot is named twice or gravity points up.
     """
     return Stance(message.joint_positions, message.support_feet, message.gravity_in_base)
 
 
 def with_stamp(terrain: TerrainGrid, stamp: int, step: int | None = None) -> TerrainGrid:
-    """Copy of a grid with another stamp [ns] and pause, for a replay."""
+    """Copy a grid with another stamp [ns] and, unless `step` is None, another step, for a replay."""
     return dataclasses.replace(terrain, stamp=stamp, step=terrain.step if step is None else step)
 
 
@@ -166,7 +166,7 @@ def _obstacles(terrain: TerrainGrid) -> tuple[ObstacleMessage, ...]:
 def add_samples(track: BodyTrack, robot: RobotModel, batch: StanceStream, begin: int) -> None:
     """Add a batch of joint samples to a track, with times relative to `begin` [ns].
 
-    Samples that are not later than the last one of the track are dropped.
+    Samples that are not later than the newest sample of the track are dropped.
 
     Raises:
         kinematics.KinematicsError: the batch lacks a joint of the robot.

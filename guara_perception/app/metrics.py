@@ -1,4 +1,4 @@
-"""OpenMetrics endpoint of a node on a local port: numbers in its status, and metrics of its process."""
+"""OpenMetrics endpoint of a node on a local port: numbers of the node's status, and metrics of the process."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from transport import StatusItem
 
 ADDRESS = "127.0.0.1"
 LEVEL = "guara_status_level"
-# Values of the status that only grow while the node runs.
+# Metrics of status values that never decrease while the node runs.
 COUNTERS = {
     "guara_scanner_scans",
     "guara_scanner_failures",
@@ -32,16 +32,16 @@ COUNTERS = {
     "guara_withdrawn_clock",
     "guara_withdrawn_late",
 }
-# Values of the status that become metrics, such as "12.5".
+# Text of a status value that becomes a metric, such as "12.5".
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 WORDS = {"true": 1.0, "false": 0.0}
 
 
 class StatusCollector(Collector):
-    """Collector of the items of a status as metrics, read at each request.
+    """Collector that converts the status items to metrics at each request.
 
-    The level of each item is `guara_status_level{item}` (0 ok, 1 warning, 2 error); each of its values that is a number
-    is `guara_<item>_<value>`.
+    `guara_status_level{item}` is the level of an item (0 ok, 1 warning, 2 error); `guara_<item>_<value>` is a value of
+    an item that is a number, or 1 and 0 for true and false.
     """
 
     def __init__(self, robot: str, items: Callable[[], list[StatusItem]]) -> None:
@@ -49,7 +49,7 @@ class StatusCollector(Collector):
         self._robot, self._items = robot, items
 
     def collect(self) -> Iterator[Metric]:
-        """Metrics of the present status."""
+        """Yield the metrics of the current status."""
         names = ["robot", "item"]
         levels = GaugeMetricFamily(LEVEL, "Level of an item of the status: 0 ok, 1 warning, 2 error", labels=names)
         numbers: dict[str, float] = {}
@@ -70,16 +70,16 @@ class StatusCollector(Collector):
 
 
 def metric_name(item: str, value: str) -> str:
-    """Name of the metric of a value of the status."""
+    """Name of the metric for a value of a status item."""
     return re.sub(r"[^a-z0-9_]+", "_", f"guara_{item}_{value}".lower())
 
 
 @contextmanager
 def metrics_served(port: int, robot: str, items: Callable[[], list[StatusItem]]) -> Iterator[None]:
-    """Serve the metrics of a status and of this process at http://127.0.0.1:PORT/metrics within the block.
+    """Serve the metrics of the status and of this process at http://127.0.0.1:PORT/metrics while the block runs.
 
     Raises:
-        InvalidInput: the port is in use.
+        InvalidInput: the port is in use or not allowed.
     """
     registry = CollectorRegistry()
     for collector in (PROCESS_COLLECTOR, PLATFORM_COLLECTOR, GC_COLLECTOR, StatusCollector(robot, items)):
@@ -87,7 +87,7 @@ def metrics_served(port: int, robot: str, items: Callable[[], list[StatusItem]])
     try:
         server, thread = start_http_server(port, addr=ADDRESS, registry=registry)
     except OSError as error:
-        raise InvalidInput(f"--metrics is {port}: {error.strerror}; allowed: a port that is free") from None
+        raise InvalidInput(f"--metrics is {port}: {error.strerror}; allowed: a free port") from None
     try:
         yield
     finally:

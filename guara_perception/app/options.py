@@ -1,4 +1,4 @@
-"""Options shared by several commands, earlier spellings of options, and node.toml with the node's options."""
+"""Options shared by several commands, earlier spellings of options, and the reader of node.toml."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ NOT_MIRRORED = click.option("--not-mirrored", is_flag=True, help="assert that th
 NODE_FORMAT = "guara-node/1"
 # Key of `click.Context.meta` with the mistakes in node.toml.
 MISTAKES = "guara.mistakes"
-# Largest size of node.toml, which normally has some twenty lines [byte].
+# Largest size of node.toml [byte]; it normally has some twenty lines.
 LARGEST_BYTES = 64 * 1024
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceOptions:
-    """Robot, calibration and devices selected by the options of a live command.
+    """Robot, calibration and devices, as selected by the options of a command that scans.
 
     Attributes:
-        calibration: calibration file; may be left out for simulated devices, and for scans from which to calibrate.
-        robot: name or folder; None = the calibration's, or the Guara.
-        devices: devices.toml as `guara record` writes it.
-        camera: as `Devices.source`; None = as in `devices`, or 0 without them.
-        trigger: line of the camera that the board triggers; None = as in `devices`, or none.
-        fps: frame rate to request [1/s]; None = as in `devices`, or the camera's default.
-        off_frames: "one", "per stripe" or "none"; None = as in `devices`, or "one".
+        calibration: calibration file; not required for simulated devices and for scans from which to calibrate.
+        robot: name or folder of the robot; None = that of the calibration, or the Guara.
+        devices: devices.toml as written by `guara record`.
+        camera: as `Devices.source`; None = as in `devices`, by default 0.
+        trigger: camera line wired to the board's TRIGGER; None = as in `devices`, by default none.
+        fps: frame rate to request [1/s]; None = as in `devices`, by default that of the camera.
+        off_frames: "one", "per stripe" or "none"; None = as in `devices`, by default "one".
     """
 
     calibration: Path | None = None
@@ -50,12 +50,12 @@ class DeviceOptions:
 
 def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of `DeviceOptions` to a command, which receives them as its argument `chosen`."""
-    camera = "as `guara doctor --cameras` lists it; default: that of --devices, or 0"
+    camera = "camera as listed by `guara doctor --cameras`; default: that of --devices, or 0"
     off_frames = click.Choice(["one", "per stripe", "none"])
     options = (
         click.option("-c", "--calibration", type=FILE, help="calibration.json of this rangefinder"),
-        click.option("--robot", help="name or folder of the robot; default: the calibration's"),
-        click.option("--devices", type=FILE, help="devices.toml as `guara record` writes it: camera and board"),
+        click.option("--robot", help="name or folder of the robot; default: that of the calibration"),
+        click.option("--devices", type=FILE, help="devices.toml with camera and board, as written by `guara record`"),
         # Set once for a camera, normally in devices.toml.
         click.option("--camera", hidden=True, help=camera),
         click.option("--trigger", metavar="LINE", hidden=True, help="`trigger` of devices.toml"),
@@ -97,7 +97,7 @@ def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--plates",
             default="0,0.04,0.08",
-            help="heights of the plates [m]; 0 is the bare floor; repeat a height for a small plate that is moved",
+            help="heights of the plates [m]; 0 = the bare floor; repeat the height of a small plate that is moved",
         ),
     )
     return _with_options(command, options)
@@ -112,7 +112,7 @@ def _with_options(
 
 
 def stance_of(path: Path | None, robot: RobotModel) -> Stance:
-    """Stance in a JSON file; without one, the scan posture on all feet."""
+    """Stance from a JSON file; if `path` is None, the scan posture on all feet with unknown gravity."""
     from guara_perception.fields import read_json
     from kinematics import Stance
 
@@ -122,18 +122,18 @@ def stance_of(path: Path | None, robot: RobotModel) -> Stance:
 
 
 def note_new_spelling(old: str, new: str) -> None:
-    """Report the spelling that replaces an earlier one."""
+    """Tell the user which spelling replaces the one that was used."""
     click.echo(f"guara: {old} is now {new}; the old spelling works until the next release", err=True)
 
 
 def earlier_option(old: str, name: str, new: str, *, constant: Any = None, **attributes: Any) -> Callable[..., Any]:
-    """Hidden earlier spelling of an option, which reports the new one and has the same effect.
+    """Add a hidden earlier spelling of an option, which has the same effect and reports the new spelling.
 
     Args:
         old: earlier spelling.
-        name: parameter that it sets, unless the new spelling is given too.
-        new: spelling that replaces it.
-        constant: value that it sets; None = the value that the user gives.
+        name: parameter to set, unless the new spelling is also given.
+        new: new spelling.
+        constant: value of the parameter; None = the value given by the user.
         attributes: further arguments of `click.option`.
     """
 
@@ -141,7 +141,7 @@ def earlier_option(old: str, name: str, new: str, *, constant: Any = None, **att
         if value in (None, False):
             return
         note_new_spelling(old, new)
-        # click processes given options first, so the parameter finds this as its default.
+        # click processes the options given by the user first, so this becomes the default of the parameter.
         context.default_map = {**(context.default_map or {}), name: value if constant is None else constant}
 
     attributes.update(hidden=True, expose_value=False, callback=take, is_flag=constant is not None)
@@ -149,12 +149,12 @@ def earlier_option(old: str, name: str, new: str, *, constant: Any = None, **att
 
 
 def read_node_file(context: click.Context, parameter: click.Parameter, path: Path | None) -> None:
-    """Take the defaults of a command's options from node.toml; paths in it are relative to its folder.
+    """Read the defaults of a command's options from node.toml. Paths in the file are relative to its folder.
 
-    Mistakes are collected for `refuse_mistakes`.
+    Unknown options and invalid values are collected for `refuse_mistakes`.
 
     Raises:
-        MissingFile, FileFormatError: the file does not exist, or has another format.
+        MissingFile, FileFormatError: the file does not exist, is not TOML, or has another format.
     """
     from guara_perception.files import existing_file, read_toml
 
@@ -177,9 +177,9 @@ def read_node_file(context: click.Context, parameter: click.Parameter, path: Pat
         kind = options[name].type
         try:
             if isinstance(value, bool) != isinstance(kind, click.types.BoolParamType):
-                raise click.BadParameter("an option without a value must be true or false, any other must not")
+                raise click.BadParameter("an option without a value must be true or false, and no other may be")
             if isinstance(kind, click.Path | click.types.StringParamType) and not isinstance(value, str):
-                raise click.BadParameter("it must be text in quotes")
+                raise click.BadParameter("the value must be text in quotes")
             options[name].type_cast_value(context, value)
         except click.BadParameter as error:
             mistakes.append(f"{path}: {name} is {value!r}: {error.message}")
@@ -189,10 +189,10 @@ def read_node_file(context: click.Context, parameter: click.Parameter, path: Pat
 
 
 def refuse_mistakes(context: click.Context, parameter: click.Parameter, is_check: bool) -> bool:
-    """Reject a node.toml with mistakes; with --check, continue, to find mistakes outside the file too.
+    """Reject a node.toml with mistakes. With --check, continue, so that mistakes outside the file are found too.
 
     Raises:
-        FileFormatError: all mistakes of the file.
+        FileFormatError: node.toml has mistakes; the error lists all of them.
     """
     if context.meta.get(MISTAKES) and not is_check:
         raise FileFormatError(*context.meta[MISTAKES])

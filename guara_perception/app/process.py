@@ -1,4 +1,4 @@
-"""Processing of a recorded scan, given as an object or as a path."""
+"""Processing of a recorded scan, which is given as an object or a path."""
 
 from __future__ import annotations
 
@@ -31,31 +31,33 @@ def process_scan(
     strict: bool = False,
     progress: Progress | None = None,
 ) -> TerrainGrid:
-    """Process a recorded scan.
+    """Compute the terrain grid of a recorded scan.
 
     Args:
-        scan: the scan, as `open_scan` returns it, or the path of a folder or .mcap file with one scan.
-        calibration: calibration of the rangefinder that recorded it, or the path of its file; None = the one that the
-            folder or recording carries, where `scan` is a path.
-        robot: model of the robot that carried it, or its name or folder; None = the one that the scan names.
+        scan: scan from `open_scan`, or the path of a scan folder or an .mcap file with one scan.
+        calibration: calibration of the rangefinder that recorded the scan, or the path of the calibration file; None =
+            the calibration stored with the scan, if `scan` is a path.
+        robot: model, name or folder of the robot that carried the rangefinder; None = the robot named in the scan.
         method: one of `guara_perception.scanning.stripe_finder.METHODS`.
         resolution: cell edge [m]; None = the robot's default.
         threshold: binarisation threshold of the paper's methods [grey levels of 8 bits]; None = chosen for each frame.
-        area: "footprint", or "wide": as far along y as the robot's map, so that `TerrainMap.update` gets more ground.
-        pictures: also draw the range images (`terrain.pictures`).
-        strict: reject a scan with an unusable frame; otherwise the ground of its stripe stays unknown.
-        progress: called with (stripes done, stripes in all).
+        area: "footprint"; or "wide", which extends along y like the robot's map, so that `TerrainMap.update` gets more
+            ground.
+        pictures: True to add the range images (`terrain.pictures`).
+        strict: True to reject a scan with an unusable frame; False to leave the ground of its stripe unknown.
+        progress: called with (stripes done, total number of stripes), or None.
 
     Returns:
         TerrainGrid of extent "footprint".
 
     Raises:
         CalibrationMismatch: robot, stripes or image size of scan and calibration do not match.
-        InvalidInput: no calibration; unknown method or area, bad threshold or resolution, a stance or a stripe index
-            that does not fit the robot; a scan whose grid the node withdrew; with `strict` a frame that cannot be used.
-        MissingFile, FileFormatError: scan, calibration or robot is missing or invalid; a frame cannot be read
-            (with `strict`), or none can.
-        kinematics.KinematicsError: no such robot.
+        InvalidInput: there is no calibration; the method or area is unknown, the threshold or resolution is invalid; a
+            stance or a stripe index does not fit the robot; the node withdrew the grid of the scan; or, with `strict`,
+            a frame is unusable.
+        MissingFile, FileFormatError: scan or calibration is missing or invalid; or a frame (with `strict`), or every
+            frame, cannot be read.
+        kinematics.KinematicsError: the robot does not exist or cannot be loaded, or the stance does not fit it.
     """
     check_area(area)
     if not isinstance(calibration, Calibration):
@@ -74,5 +76,5 @@ def _calibration(scan: Scan | str | Path, given: str | Path | None) -> Calibrati
     if not isinstance(scan, Scan):
         return calibration_for(scan, given)
     if given is None:
-        raise InvalidInput(f"{scan.source}: give its calibration; only a path can be searched for one")
+        raise InvalidInput(f"{scan.source}: give its calibration, which can only be omitted if the scan is a path")
     return load_calibration(given)

@@ -1,4 +1,4 @@
-"""Progress bar on a terminal, silent without one."""
+"""Progress bar of the command line."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from guara_perception.progress import Progress
 
 @contextmanager
 def progress(what: str) -> Iterator[Progress]:
-    """Show a bar on standard error while the block runs; nothing without a terminal.
+    """Show a progress bar on standard error while the block runs, if standard output and error are a terminal.
 
     Args:
-        what: the work, in a few words.
+        what: short description of the work.
 
     Yields:
-        A function that is called with the number of items that are done and the number of all.
+        Function to call with the number of items done and the total number of items.
     """
     if not sys.stderr.isatty() or not sys.stdout.isatty():
         yield lambda done, total: None

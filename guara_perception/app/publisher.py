@@ -1,4 +1,4 @@
-"""Publication of grids as Terrain, OccupancyGrid and GridMap messages; a scan never waits for it."""
+"""Publication of grids as Terrain, OccupancyGrid and GridMap messages, for which a scan never waits."""
 
 from __future__ import annotations
 
@@ -31,19 +31,20 @@ def send_terrain(
     valid_for: float = math.inf,
     stated: Mapping[str, Any] | None = None,
 ) -> TerrainMessage:
-    """Queue one grid for sending; return its message at once.
+    """Queue a grid for sending; return its message without waiting.
 
     Args:
         server: the node's side of the transport.
         terrain: grid of either extent. A footprint is also sent as OccupancyGrid and GridMap, a map as summary and
             steppable regions.
-        scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
-        scan_end_clock: last frame by `transport.clock` [s]; None = computed from `scan_end` and the wall clock.
+        scan_start, scan_end: times of the first and last frame [ns since the epoch]; None = the grid's stamp.
+        scan_end_clock: time of the last frame on `transport.clock` [s]; None = computed from `scan_end` and the wall
+            clock.
         valid_for: upper limit of the grid's validity after `scan_end` [s].
         stated: fields of the record to replace in the message.
 
     Raises:
-        UnsafeGrid: the grid breaks the safety invariant; nothing is sent.
+        UnsafeGrid: the grid violates the safety invariant; nothing is sent.
     """
     if scan_end_clock is None:
         end = terrain.stamp if scan_end is None else scan_end
@@ -69,19 +70,21 @@ def send_terrain(
 
 
 def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> None:
-    """Publish a grid of your own, for instance of another sensor, for `TerrainClient(name)`; returns at once.
+    """Publish a grid of your own, for instance from another sensor, for clients with `robot=name`.
 
-    Its age counts from its stamp. The publisher, with its status and liveliness token, ends with the session.
+    The first call for a name may wait up to 15 s for another node of that name to stop; later calls return immediately.
+    The age of the grid counts from its stamp. The publisher, with its status and liveliness token, ends with the
+    session.
 
     Args:
-        session: open session, of `transport.open_node` or `transport.open_client`.
+        session: open session from `transport.open_node` or `transport.open_client`.
         terrain: grid of either extent.
-        name: instance name under which clients find it; "" = the name of the grid's robot with the suffix `_own`, since
-            the name itself belongs to the robot's perception node.
+        name: instance name under which clients find the grid; "" = the name of the grid's robot with the suffix `_own`,
+            since the name without the suffix belongs to the robot's perception node.
 
     Raises:
         InvalidInput: `terrain` is not a TerrainGrid.
-        UnsafeGrid: the grid breaks the safety invariant; nothing is sent.
+        UnsafeGrid: the grid violates the safety invariant; nothing is sent.
         transport.NameTaken: a node of this name is alive.
         transport.KeyNameError: the name cannot be part of a key.
         transport.SessionClosed: the session is closed.
@@ -89,7 +92,7 @@ def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> N
     if not isinstance(terrain, TerrainGrid):
         given = type(terrain).__name__
         raise InvalidInput(
-            f"terrain is a {given}; allowed: a TerrainGrid, such as assess_terrain makes from an array of heights"
+            f"terrain is a {given}; allowed: a TerrainGrid (`assess_terrain` makes one from an array of heights)"
         )
     name = name or f"{terrain.record.robot or DEFAULT_ROBOT}_own"
     servers = _SERVERS.setdefault(session, {})

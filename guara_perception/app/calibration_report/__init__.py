@@ -1,4 +1,4 @@
 """Calibration report: an HTML file with figures, and a summary for the terminal.
 
-Only the commands and `acceptance` import it; everything in it is derived from the CalibrationResult.
+Only the commands and `acceptance` import this folder. All contents of the report come from the CalibrationResult.
 """

@@ -1,4 +1,4 @@
-"""Figures of the calibration report about camera, mount and laser, embedded in the page as PNG."""
+"""Figures of the calibration report on camera, mount and laser, as PNG data to embed in the page."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 BLUE, ORANGE, GREEN, RED, GREY = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#999999"
 SERIES = (BLUE, ORANGE, GREEN, "#cc79a7", "#56b4e9", RED, "#000000")
 DPI = 110
-# The paper's rectified picture: 540 x 450 mm of floor.
+# Area of the paper's rectified image: 540 x 450 mm of floor [m].
 AREA_X, AREA_Y = (0.50, 0.95), (-0.27, 0.27)
 FLOOR_EXTENT = (AREA_Y[1], AREA_Y[0], *AREA_X)
 FLOOR_LABELS = {"xlabel": "y, left of the robot [m]", "ylabel": "x, ahead of the robot [m]"}
@@ -34,7 +34,7 @@ PICTURE_LABELS = {"xlabel": "column [px]", "ylabel": "row [px]"}
 
 
 def new_figure(width: float = 9.0, height: float = 4.2, columns: int = 1, **options: Any) -> tuple[Figure, list[Any]]:
-    """Create a figure; return it and its axes in a list."""
+    """Create a figure with one row of axes; return the figure and the list of its axes."""
     figure, axes = style.new_figure(1, columns, size=(width, height), **options)
     return figure, list(axes[0])
 
@@ -47,27 +47,30 @@ def to_png(figure: Figure) -> bytes:
 
 
 def data_url(png: bytes) -> str:
-    """Encode a PNG as a data URL, to embed it in the page."""
+    """Encode a PNG as a data URL, for embedding in the page."""
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
 def for_show(picture: Image) -> Image:
-    """Convert a camera image to RGB, scaled in brightness so that dark images are visible."""
+    """Convert a camera image to 8-bit RGB with normalised brightness, so that details of dark images are visible."""
     rgb = cv2.cvtColor(eight_bits(picture), cv2.COLOR_GRAY2RGB if picture.ndim == 2 else cv2.COLOR_BGR2RGB)
     high = max(float(np.percentile(rgb, 99.8)), 1.0)
     return np.clip(rgb * (235.0 / high), 0, 255).astype(np.uint8)
 
 
 def board_before_after(result: CalibrationResult, name: str) -> bytes:
-    """Draw the board on the floor, image `name`, and rectified to a view from above (the paper's Figs. 8 and 9)."""
+    """Draw image `name` of the board on the floor, as taken and rectified to a view from above.
+
+    The figure corresponds to the paper's Figs. 8 and 9.
+    """
     picture = for_show(result.session.read_picture(name))
     figure, (before, after) = new_figure(10.5, 4.4, columns=2)
     before.imshow(picture)
     ground = next(view for view in result.intrinsics.views if view.name == name)
     before.plot(*ground.corners_px.T, ".", color=RED, markersize=3)
-    before.set(title="before: as the camera sees it (bent and in perspective)", **PICTURE_LABELS)
+    before.set(title="before: as seen by the camera (distorted, in perspective)", **PICTURE_LABELS)
     floor = corrected_image(picture, result.fit.camera, result.fit.transform_camera_to_footprint, (AREA_X, AREA_Y))
-    # Far side up, left side left.
+    # Draw the far side at the top and the left side on the left.
     after.imshow(floor[::-1, ::-1], extent=FLOOR_EXTENT)
     for x in np.arange(AREA_X[0], AREA_X[1] + 1e-9, 0.05):
         after.axhline(x, color=GREEN, linewidth=0.4)
@@ -78,7 +81,7 @@ def board_before_after(result: CalibrationResult, name: str) -> bytes:
 
 
 def corner_residuals(result: CalibrationResult) -> bytes:
-    """Draw the residuals of the corners as arrows, and the rms error of each view."""
+    """Draw the corner residuals of all images as arrows, and the rms residual of each image."""
     figure, (field, bars) = new_figure(10.5, 4.2, columns=2, width_ratios=(1.35, 1))
     corners = np.concatenate([view.corners_px for view in result.intrinsics.views])
     errors = -np.concatenate(result.fit.residuals_px)
@@ -105,7 +108,7 @@ def corner_residuals(result: CalibrationResult) -> bytes:
 
 
 def coverage_and_sigma(result: CalibrationResult) -> bytes:
-    """Draw the corners seen in each part of the picture, and the standard deviation of a floor point."""
+    """Draw the number of corners found in each part of the image, and the standard deviation of floor points."""
     figure, (cells, sigma) = new_figure(10.5, 4.2, columns=2)
     width, height = result.fit.camera.size
     cells.imshow(result.coverage, cmap="Greens", vmin=0, extent=(0, width, height, 0), aspect="equal")
@@ -120,13 +123,16 @@ def coverage_and_sigma(result: CalibrationResult) -> bytes:
     image = 1e3 * floor_sigma.reshape(GRID[1], GRID[0])
     shown = sigma.contourf(pixels[: GRID[0], 0], pixels[:: GRID[0], 1], image, levels=12, cmap="viridis")
     figure.colorbar(shown, ax=sigma, label="sigma of the floor point [mm]", shrink=0.85)
-    sigma.set_title("how far a point of the floor may be off")
+    sigma.set_title("standard deviation of a point of the floor")
     _picture_axes(sigma, result)
     return to_png(figure)
 
 
 def halves(result: CalibrationResult) -> bytes | None:
-    """Draw the difference between two lens models, each fitted to every other image; None if there are too few."""
+    """Draw the difference between two lens models, each fitted to every other image.
+
+    Returns None if there are too few images for two models.
+    """
     if result.cross_validation is None:
         return None
     pixels, difference = result.cross_validation
@@ -143,7 +149,7 @@ def halves(result: CalibrationResult) -> bytes | None:
 
 
 def fiducials(result: CalibrationResult) -> bytes:
-    """Draw up to six crosses, enlarged, with their detected and expected positions."""
+    """Draw enlarged images of up to six crosses, with the detected and the expected position of each."""
     picture = for_show(result.session.read_picture(result.session.fiducials.image))
     marks = result.floor.marks[:6]
     figure, axes = new_figure(1.8 * len(marks) + 1.0, 2.9, columns=len(marks))
@@ -169,7 +175,7 @@ def _picture_axes(axes: Any, result: CalibrationResult) -> None:
 
 
 def side_view(result: CalibrationResult) -> bytes:
-    """Draw camera, mirror, laser planes and plates from the side."""
+    """Draw a side view of camera, mirror, laser planes and plates."""
     figure, (axes,) = new_figure(9.5, 4.8)
     stripes, mirror = result.laser.stripes, result.laser.sweep.mirror
     camera_position = result.fit.transform_camera_to_footprint[:3, 3]
@@ -192,7 +198,7 @@ def side_view(result: CalibrationResult) -> bytes:
 
 
 def stripes_over_plate(result: CalibrationResult) -> bytes:
-    """Draw the lines found on the lowest and on the highest plate, over one frame of each."""
+    """Draw the stripes found on the lowest and on the highest plate, each over one frame of the plate's scan."""
     plates = result.session.plates
     chosen = [int(np.argmin([p.height for p in plates])), int(np.argmax([p.height for p in plates]))]
     figure, axes = new_figure(10.5, 4.4, columns=2)
@@ -209,7 +215,10 @@ def stripes_over_plate(result: CalibrationResult) -> bytes:
 
 
 def plate_errors(result: CalibrationResult) -> bytes:
-    """Draw the height error of every stripe on every plate, and of each plate by planes fitted to the others."""
+    """Draw the height error of each stripe on each plate, and the error of each plate with planes fitted to the others.
+
+    The second plot is omitted if there is no leave-one-out result.
+    """
     columns = 2 if result.laser.leave_one_out else 1
     figure, axes = new_figure(10.5, 3.8, columns=columns)
     for number, plate in enumerate(result.session.plates):
@@ -251,16 +260,16 @@ def mirror_steps(result: CalibrationResult) -> bytes:
     sweep = result.laser.sweep
     axes.plot(sweep.indices, np.rad2deg(2 * sweep.step_errors), ".-", color=BLUE, linewidth=0.8)
     axes.axhline(0, color=GREY, linewidth=0.8)
-    axes.set(xlabel="stripe index (near to far)", ylabel="laser plane off by [degrees]")
+    axes.set(xlabel="stripe index (near to far)", ylabel="deviation of the laser plane [degrees]")
     jitter = np.rad2deg(result.laser.stripes.jitter)
     axes.set_title(
-        f"laser planes against an ideal turning mirror; from scan to scan they repeat within {jitter:.4f} degrees"
+        f"laser planes compared with an ideal rotating mirror; repeatability from scan to scan {jitter:.4f} degrees"
     )
     return to_png(figure)
 
 
 def height_sigma(result: CalibrationResult) -> bytes:
-    """Draw the predicted sigma of a height over the floor: noise and calibration together, and calibration alone."""
+    """Draw the predicted sigma of heights across the floor area, in total and from the calibration alone."""
     x, y = np.linspace(*AREA_X, 46), np.linspace(*AREA_Y, 55)
     point = np.column_stack((np.repeat(x, y.size), np.tile(y, x.size)))
     stripes, transform = result.laser.stripes, result.fit.transform_camera_to_footprint

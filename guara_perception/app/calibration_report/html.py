@@ -30,10 +30,10 @@ MARKS = {"good": "ok  ", "usable": "weak", "refused": "BAD "}
 
 
 def write_report(result: CalibrationResult, folder: str | Path) -> Path:
-    """Write `report.html` into a folder, which is created if needed; return the path of the file.
+    """Write `report.html` to a folder, which is created if needed; return the path of the file.
 
     Raises:
-        InvalidInput: `folder` is a file.
+        InvalidInput: `folder` is not a folder.
     """
     folder = Path(folder)
     check_folder(folder)
@@ -45,7 +45,7 @@ def write_report(result: CalibrationResult, folder: str | Path) -> Path:
 
 
 def report_page(result: CalibrationResult) -> str:
-    """HTML text of the whole page."""
+    """Render the whole page as HTML text. Sections without content are left out."""
     ground = result.session.ground_board_image if result.intrinsics.views else None
     halves = drawing.halves(result) if result.intrinsics.views else None
     page = PAGE.read_text(encoding="utf-8")
@@ -63,7 +63,7 @@ def report_page(result: CalibrationResult) -> str:
         "board_before_after": lambda _: drawing.board_before_after(result, str(ground)),
         "halves": lambda _: halves,
     }
-    # Pictures of the page are named after the functions that draw them.
+    # Each image of the page has the name of the function that draws it.
     pictures = {name: data_url(drawn[name](result)) for name in re.findall(r'src="\$(\w+)"', page)}
     by_name = {check.name: check.value for check in result.checks}
     depth = 1e3 * (drawing.AREA_X[1] - drawing.AREA_X[0])
@@ -84,20 +84,20 @@ def report_page(result: CalibrationResult) -> str:
 
 
 def table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
-    """HTML table of escaped cells, with or without a heading."""
+    """Render an HTML table of escaped cells, with a heading if `head` is not empty."""
     lines = ["".join(f"<th>{escape(cell)}</th>" for cell in head)] if head else []
     lines += ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows]
     return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
 
 def image(png: bytes, text: str) -> str:
-    """HTML image with the PNG embedded, and its alternative text."""
+    """Render an HTML image with an embedded PNG and `text` as its alternative text."""
     return f'<img alt="{escape(text)}" src="{data_url(png)}">'
 
 
 def _reasons(result: CalibrationResult) -> str:
     if not result.reasons:
-        return "<p>Nothing to complain about.</p>"
+        return "<p>No problems were found.</p>"
     return "<ul>" + "".join(f"<li>{escape(reason)}</li>" for reason in result.reasons) + "</ul>"
 
 
@@ -133,7 +133,7 @@ def _found(result: CalibrationResult) -> str:
 
 
 def summary(result: CalibrationResult) -> str:
-    """Summary as text: verdict, camera, mount, laser, every check with its limits, and the reasons."""
+    """Summary of a calibration as text: verdict, camera, mount, laser, every check with its limits, and the reasons."""
     matrix, camera = result.fit.camera.matrix, result.fit.camera
     x, y, z = result.calibration.transform_camera_to_base[:3, 3]
     lines = [
@@ -157,12 +157,12 @@ def summary(result: CalibrationResult) -> str:
 
 
 def value_text(check: Check) -> str:
-    """Value of a check with its unit."""
+    """Value of a check with its unit, or "not found" for NaN."""
     return "not found" if np.isnan(check.value) else f"{check.value:.3g} {check.unit}"
 
 
 def limits_text(check: Check) -> str:
-    """Text of the two limits of a value: beyond the first it is not good, beyond the second it is refused."""
+    """Limits of a check as text: a value beyond the first is not good, a value beyond the second is refused."""
     side = ">=" if check.higher_is_better else "<="
     return f"({side} {check.usable_from:g}, {side} {check.refused_from:g})"
 

@@ -1,5 +1,5 @@
-"""One module per subcommand of `guara`; each holds a click command named `command`.
+"""Subcommands of `guara`: one module each, with a click command named `command`.
 
-`app.main` imports a command when it is called, and a command imports what it needs when it runs, so that help pages
-stay quick. No other module imports them.
+`app.main` imports a module when its command is called, and a command imports what it needs when it runs, so that help
+pages are fast. No other module imports the commands.
 """

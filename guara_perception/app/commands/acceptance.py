@@ -34,11 +34,11 @@ def command(
     note: str,
     chosen: DeviceOptions,
 ) -> None:
-    """Scan blocks of known height on a flat floor, write FOLDER/report.html; exit 1 when an error is too large.
+    """Scan blocks of known height on a flat floor and write FOLDER/report.html; exit 1 if an error is too large.
 
-    Put all blocks on the floor at once: gauge blocks, or objects measured with a caliper. Switch the device off and on
-    before each scan. An error is too large if it exceeds three of the standard deviations that the grid states.
-    After an interruption, the same command continues; the grids are kept in FOLDER.
+    Place all blocks on the floor at once: gauge blocks, or objects measured with a caliper. Switch the device off and
+    on before each scan. An error is too large if it exceeds three of the standard deviations stated by the grid.
+    The grids are kept in FOLDER. After an interruption, the same command continues.
 
     \b
     Example:
@@ -51,7 +51,7 @@ def command(
 
     heights = acceptance.parse_blocks(blocks)
     if (folder / acceptance.REPORT_FILE).exists():
-        raise InvalidInput(f"{folder} holds a finished acceptance; give another folder")
+        raise InvalidInput(f"{folder} contains a finished acceptance; give another folder")
     rig = rig_with(heights, chosen) if simulated else choose_rig(chosen, simulated=False)
     folder.mkdir(parents=True, exist_ok=True)
     turns, device = [], dict[str, str]()
@@ -74,7 +74,7 @@ def command(
 
 
 def scan(rig: Rig, kept: Path, show: Progress) -> dict[str, str]:
-    """Scan once, keep the grid, and return the facts of the device."""
+    """Scan once, save the grid, and return facts about the device."""
     import numpy as np
 
     from guara_perception.app.acceptance import device_facts
@@ -101,10 +101,10 @@ def scan(rig: Rig, kept: Path, show: Progress) -> dict[str, str]:
 
 
 def rig_with(heights: tuple[float, ...], chosen: DeviceOptions) -> Rig:
-    """Simulated robot in front of a row of blocks on a flat floor.
+    """Create a simulated robot in front of a row of blocks on a flat floor.
 
     Raises:
-        InvalidInput: options name a real device.
+        InvalidInput: devices.toml is given.
     """
     from guara_perception.app.node.devices import Rig
     from guara_perception.app.node.simulated import SimulatedRobot

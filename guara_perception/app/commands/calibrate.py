@@ -17,16 +17,16 @@ from guara_perception.exceptions import MissingFile
 @click.option("--report", type=FILE, help="folder for the report, report.html")
 @click.option("--force", is_flag=True, help="write the calibration even if its verdict is `refused`")
 @NOT_MIRRORED
-@click.option("--robot", help="name or folder of the robot; default: the session's")
+@click.option("--robot", help="name or folder of the robot; default: that of the session")
 @click.option("--distortion", default="k1k2", help="lens coefficients: k1k2, k1k2p1p2 or k1k2p1p2k3")
 @click.option(
     "--pattern",
     type=click.Choice(["measured", "coarse", "standard"]),
     default="measured",
-    help="stripes to write; those without pictures follow from the mirror model",
+    help="stripes to write; stripes without pictures follow from the mirror model",
 )
-@click.option("--camera-info", type=FILE, help="known lens, a file of OpenCV, ROS or Kalibr; pictures only check it")
-@click.option("--square", type=float, help="edge of the board's squares [m]; default: the session's")
+@click.option("--camera-info", type=FILE, help="file of a known lens (OpenCV, ROS or Kalibr); pictures only check it")
+@click.option("--square", type=float, help="edge of the board's squares [m]; default: that of the session")
 @click.option("--save-camera-info", type=FILE, help="also write the lens as ROS camera_info, .yaml")
 def command(
     session: Path,
@@ -41,9 +41,10 @@ def command(
     square: float | None,
     save_camera_info: Path | None,
 ) -> None:
-    """Calibrate camera, mount and laser from the pictures of one SESSION folder.
+    """Calibrate camera, mount and laser from the pictures of a SESSION folder.
 
-    If the verdict is `refused`, exit 1 and write no calibration, unless --force is given; always write the report.
+    If the verdict is `refused`, no calibration is written and the exit code is 1, unless --force is given. A requested
+    report is always written.
 
     \b
     Example:

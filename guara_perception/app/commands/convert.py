@@ -1,4 +1,4 @@
-"""`guara convert`: convert recordings, scans and grids between formats, and repair truncated recordings."""
+"""`guara convert`: convert recordings, scans and grids between formats, and repair damaged recordings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import EXTENTS
 
-# Endings of a grid for other tools.
+# Endings of files to which grids are exported for other tools.
 GRID_ENDINGS = (".ply", ".pcd", ".csv")
 
 file_argument = click.argument("source", type=FILE)
@@ -25,14 +25,14 @@ extent_option = click.option("--extent", type=click.Choice(EXTENTS), help="grid 
 @step_option
 @extent_option
 def command(source: Path, target: Path, step: int | None, extent: str | None) -> None:
-    """Convert SOURCE into TARGET, depending on the kind of SOURCE and the ending of TARGET.
+    """Convert SOURCE to TARGET, depending on the kind of SOURCE and the ending of TARGET.
 
     \b
     scan folder -> .mcap       recording of the scan
     .mcap -> folder            scan folder
     .mcap -> .mcap             copy of all intact data of a truncated or damaged recording, with an index
-    .npz, .mcap -> .ply, .pcd  grid, a point per known cell
-    .npz, .mcap -> .csv        grid, a line per cell, with the cause where it is unknown
+    .npz, .mcap -> .ply, .pcd  points of a grid, one per known cell
+    .npz, .mcap -> .csv        cells of a grid, one per line, with the cause where unknown
 
     \b
     Example:
@@ -58,7 +58,7 @@ def command(source: Path, target: Path, step: int | None, extent: str | None) ->
 
 
 def export_grid(source: Path, target: Path, step: int | None, extent: str | None) -> None:
-    """Write a grid for other tools."""
+    """Export a grid to a file for other tools."""
     from guara_perception.app.files.export import export_terrain
     from guara_perception.app.files.recording import open_grid
 
@@ -67,13 +67,13 @@ def export_grid(source: Path, target: Path, step: int | None, extent: str | None
 
 
 def repair(source: Path, target: Path) -> None:
-    """Copy all intact data of a recording."""
+    """Copy all intact data of a recording to a new file."""
     from guara_perception.files import existing_file
     from transport.recording import recover_recording
 
     result = recover_recording(existing_file(source), target)
-    state = "it was whole" if result.was_whole else f"{result.bytes_lost} bytes at the end were lost"
-    damaged = f", {result.damaged_chunks} damaged pieces left out" if result.damaged_chunks else ""
+    state = "the source was complete" if result.was_whole else f"{result.bytes_lost} bytes at the end were lost"
+    damaged = f", {result.damaged_chunks} damaged pieces skipped" if result.damaged_chunks else ""
     click.echo(f"{target}: {result.messages} messages, {result.attachments} attachments; {state}{damaged}")
 
 

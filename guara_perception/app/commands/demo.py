@@ -1,4 +1,4 @@
-"""`guara demo`: a walk from scans to footholds without hardware, which ends by itself and checks itself."""
+"""`guara demo`: walk a simulated robot, from scans to footholds, and check the result."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from guara_perception.app.demo.walk import DemoPause
 
 
-# Largest number of gait cycles of a crossing, and initial distance of the hind feet behind the body [m].
+# Largest number of gait cycles of a crossing; initial distance of the hind feet behind the world's origin [m].
 COURSE_CYCLES, HIND_M = 20, 0.4
 
 
@@ -29,7 +29,7 @@ COURSE_CYCLES, HIND_M = 20, 0.4
 @click.option(
     "--course",
     metavar="stones|FILE",
-    help="instead: ground to cross with strides fitted to it, to behind its last feature",
+    help="instead of a walk: ground to cross with fitted strides, beyond its last feature",
 )
 @click.option(
     "--sway", type=click.FloatRange(0.05, 2.0), help="instead of a walk: scans of a body that sways [degrees]"
@@ -47,13 +47,13 @@ def command(
 ) -> None:
     """Walk a simulated robot over mixed terrain; scan, publish and choose footholds at every pause.
 
-    The planner runs in a second process and gets its grids over Zenoh. Pictures and a recording of everything are left
-    in the folder --out. Exit 1 when the demo's own check fails.
+    The planner runs in a second process and receives the grids over Zenoh. The folder --out gets pictures and a
+    recording. Exit 1 if the demo's own check fails.
 
-    With --course, the planner fits its strides to the ground, for instance to stepping stones; the folder gets a film
+    With --course, the planner fits the strides to the ground, for instance to stepping stones. The folder gets a film
     of the crossing and no recording.
 
-    With --sway, a robot with a swaying body is scanned with and without a joint stream, beside one that stands still.
+    With --sway, a robot scans while its body sways, with and without a joint stream, and while its body is still.
 
     \b
     Example:
@@ -99,7 +99,7 @@ def command(
 
 
 def show_course(context: click.Context, out: Path, robot: str, course: str) -> None:
-    """Cross a course, and leave a picture and a film of it in a folder."""
+    """Cross a course, and write a picture and a film of the crossing to a folder."""
     from guara_perception.app.demo.check import DemoCheck
     from guara_perception.app.demo.course import draw_course
     from guara_perception.app.demo.walk import demo_walk, goal_of
@@ -125,7 +125,7 @@ def show_course(context: click.Context, out: Path, robot: str, course: str) -> N
 
 
 def show_sway(context: click.Context, out: Path, robot: str, world: str, degrees: float) -> None:
-    """Scan a still and a swaying body, and leave their picture in a folder."""
+    """Scan from a still and from a swaying body, and write a picture of the scans to a folder."""
     from guara_perception.app.demo.sway import draw_sway, scans_beside, sway_failures, sway_lines
 
     scans = []
@@ -139,7 +139,7 @@ def show_sway(context: click.Context, out: Path, robot: str, world: str, degrees
 
 
 def judge(context: click.Context, lines: list[str], failures: list[str]) -> None:
-    """Print the figures and the verdict; exit 1 when a condition failed."""
+    """Print the results and the verdict; exit 1 if a condition failed."""
     for text in lines:
         click.echo(text)
     if failures:
@@ -149,7 +149,7 @@ def judge(context: click.Context, lines: list[str], failures: list[str]) -> None
 
 
 def line(item: DemoPause) -> str:
-    """One line of text about a pause."""
+    """Summary of a pause as one line of text."""
     record = item.terrain.scan_record
     counts = record.hazard_cells or {}
     duration = ((record.scan_end or 0) - (record.scan_start or 0)) * 1e-9

@@ -1,4 +1,4 @@
-"""`guara doctor`: checks of this machine, with a remedy for each failure."""
+"""`guara doctor`: check devices, configuration and machine, and print a remedy for each failure."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from guara_perception.app.options import FILE
 @click.command(name="doctor")
 @click.option("-c", "--calibration", type=FILE, help="calibration.json to check")
 @click.option("--devices", type=FILE, help="devices.toml: camera, settings and board to check")
-@click.option("--camera", help="as --cameras lists it; default: that of --devices, or 0")
-@click.option("--trigger", metavar="LINE", help="line of the camera that the board triggers")
+@click.option("--camera", help="camera as listed by --cameras; default: that of --devices, or 0")
+@click.option("--trigger", metavar="LINE", help="camera line wired to the board's TRIGGER")
 @click.option("--listen", default="tcp/127.0.0.1:7447", help="where the node would listen")
 @click.option("--scan", type=FILE, help="recorded scan with floor in view, for the drift check")
 @click.option("--security", type=FILE, help="security folder with the certificates to check")
 @click.option("--only", "checks", multiple=True, help="run only this check; repeatable", metavar="NAME")
 @click.option(
-    "--cameras", "lists_cameras", is_flag=True, help="only list the cameras, with how their frames are verified"
+    "--cameras", "lists_cameras", is_flag=True, help="only list the cameras and how their frames are verified"
 )
-@click.option("--bring-up", "powers_up", is_flag=True, help="lead through the first power-up of a board just built")
+@click.option("--bring-up", "powers_up", is_flag=True, help="guide you through the first power-up of a new board")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object per check or camera instead")
 @click.pass_context
 def command(
@@ -38,10 +38,10 @@ def command(
     as_json: bool,
     **looked_at: Any,
 ) -> None:
-    """Check camera, USB board, permissions, Zenoh, calibration, disk and speed; exit 1 when a check fails.
+    """Check camera, USB board, permissions, Zenoh, calibration, disk and speed; exit 1 if a check fails.
 
-    --cameras lists first what to give to --camera or in devices.toml. --bring-up asks step by step, records the passed
-    points in bring_up.json, and refuses a laser until an LED has gone dark in time.
+    The first column of --cameras is the value for --camera and devices.toml. --bring-up guides you point by point and
+    records passed points in bring_up.json. A laser may be connected only after the board has turned off an LED in time.
 
     \b
     Example:
@@ -79,7 +79,7 @@ def command(
 
 
 def list_cameras(context: click.Context, as_json: bool) -> None:
-    """Print the cameras of this machine; exit 1 when there is none."""
+    """Print the cameras of this machine; exit 1 if there are none."""
     from guara_perception.app.find_cameras import find_cameras
 
     found, missing = find_cameras()
@@ -94,5 +94,5 @@ def list_cameras(context: click.Context, as_json: bool) -> None:
     if missing:
         click.echo(missing, err=True)
     if not found:
-        click.echo("no camera found: check cable, power and that your user is in the group `video`", err=True)
+        click.echo("no camera found: check cable and power, and that your user is in the group `video`", err=True)
         context.exit(1)

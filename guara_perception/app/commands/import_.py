@@ -1,4 +1,4 @@
-"""`guara import`: create a scan folder or a calibration session from pictures taken by another program."""
+"""`guara import`: create a scan folder or a calibration session from images taken by another program."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SCAN, SESSION = "scan", "session"
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """Options of the command; its help describes them."""
+    """Options of the command, described in its help."""
 
     posture: str | None
     joints: Path | None
@@ -44,16 +44,16 @@ class Given:
 @click.command(name="import")
 @click.argument("pictures", nargs=-1, required=True, type=FILE)
 @click.option("-o", "--out", required=True, type=FILE, help="folder to create")
-@click.option("--kind", type=click.Choice([SCAN, SESSION]), help="what to create; default: by the options, else scan")
+@click.option("--kind", type=click.Choice([SCAN, SESSION]), help="what to create; default: by the options, or scan")
 @click.option("--robot", default="guara", help="name or folder of the robot")
-@click.option("--posture", help="posture in which the robot stood, from its folder; default: the scan posture")
-@click.option("--joints", type=FILE, help="CSV with `joint, angle [rad]`, instead of a posture")
-@click.option("--stance", type=FILE, help="JSON with the stance, with feet and gravity, instead of a posture")
-@click.option("--off", default="", metavar="PATTERN", help="names without the laser; default: with off, dark ...")
-@click.option("--number", type=int, help="which number in the names gives the order: 1 the first, -1 the last")
-@click.option("--mode", type=click.Choice(["standard", "coarse"]), help="pattern; default: by the number of pictures")
+@click.option("--posture", help="posture of the robot, by its name in the robot folder; default: the scan posture")
+@click.option("--joints", type=FILE, help="CSV file with `joint, angle [rad]`, instead of a posture")
+@click.option("--stance", type=FILE, help="JSON file with joints, support feet and gravity, instead of a posture")
+@click.option("--off", default="", metavar="PATTERN", help="names of laser-off pictures; default: with off, dark ...")
+@click.option("--number", type=int, help="number in the names that gives the order: 1 = the first, -1 = the last")
+@click.option("--mode", type=click.Choice(["standard", "coarse"]), help="scan pattern; default: by number of pictures")
 @click.option("--indices", is_flag=True, help="the numbers are the indices of the stripes; some may be missing")
-@click.option("-c", "--calibration", type=FILE, help="calibration with the mirror angles; default: robot.toml's")
+@click.option("-c", "--calibration", type=FILE, help="calibration with the mirror angles; default: those of robot.toml")
 @click.option("--board", default="9x7", help="session: inner corners of the board, COLUMNSxROWS")
 @click.option(
     "--pattern", type=click.Choice(["checkerboard", "charuco"]), default="checkerboard", help="session: kind of board"
@@ -61,14 +61,14 @@ class Given:
 @click.option("--square", type=float, default=0.030, help="session: edge of the board's squares [m]")
 @click.option("--ground", help="session: name of the picture of the board on the floor")
 @click.option("--crosses-picture", help="session: name of the picture of the crosses")
-@click.option("--crosses", type=FILE, help="session: JSON with points_in_footprint [m]; default: those of the mat")
-@click.option("--plate", multiple=True, metavar="HEIGHT=FOLDER", help="session: scan folder of a plate, its height [m]")
+@click.option("--crosses", type=FILE, help="session: JSON file with points_in_footprint [m]; default: those of the mat")
+@click.option("--plate", multiple=True, metavar="HEIGHT=FOLDER", help="session: height [m] and scan folder of a plate")
 @click.option("--preview", is_flag=True, help="only show what belongs together")
 def command(pictures: tuple[Path, ...], out: Path, kind: str | None, robot: str, preview: bool, **values: Any) -> None:
     """Create a scan folder or a calibration session from PICTURES: PNG, JPEG, BMP, TIFF or PGM, in any order.
 
     Pictures of a scan are ordered by a number in their names, and paired by that number and words such as on and off.
-    On a terminal, missing options are asked for, and what belongs together is shown before anything is written.
+    On a terminal, the command asks for missing options, and shows what belongs together before it writes anything.
 
     \b
     Example:
@@ -105,7 +105,7 @@ def command(pictures: tuple[Path, ...], out: Path, kind: str | None, robot: str,
 
 
 def _ask(question: str, default: str) -> str | None:
-    """Answer of the user at a terminal; None without a terminal."""
+    """Ask the user at a terminal and return the answer; return None without a terminal."""
     return str(click.prompt(question, default=default, err=True)) if sys.stdin.isatty() else None
 
 
@@ -125,7 +125,7 @@ def _standing(robot: RobotModel, given: Given) -> Stance:
 
 
 def _scan(files: list[Path], out: Path, robot: RobotModel, stance: Stance, given: Given) -> Callable[[], None]:
-    """Print which pictures belong to which stripe; return the function that writes the scan."""
+    """Print the pictures of each stripe; return the function that writes the scan."""
     from guara_perception.app.files.pair_pictures import pair_pictures
     from guara_perception.app.import_pictures import mirror_angles, stripe_indices, write_scan
     from guara_perception.calibration.file import load_calibration
@@ -142,7 +142,7 @@ def _scan(files: list[Path], out: Path, robot: RobotModel, stance: Stance, given
 
 
 def _session(files: list[Path], out: Path, robot: RobotModel, stance: Stance, given: Given) -> Callable[[], None]:
-    """Print what each picture shows; return the function that writes the session."""
+    """Print the purpose of each picture; return the function that writes the session."""
     from guara_perception.app.import_pictures import write_session
     from guara_perception.app.record.record import check_crosses
     from guara_perception.app.record.session_writer import SessionPlan

@@ -1,4 +1,4 @@
-"""`guara info`: describe a file or folder."""
+"""`guara info`: describe the contents of a file or folder."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import click
 
 from guara_perception.app.options import FILE
 
-# Longest list printed in full: a walk has hundreds of scans. --json prints all.
+# Longest list that is printed in full, since a walk has hundreds of scans; --json always prints all entries.
 LONGEST_LIST = 8
 
 

@@ -1,4 +1,4 @@
-"""`guara listen`: grids of a node as a planner receives them, or a list of the robots that are running."""
+"""`guara listen`: print the grids of a node as received by a planner, or list the running robots."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from transport.keys import DEFAULT_ROBOT
 if TYPE_CHECKING:
     from transport.fleet import RobotState
 
-# [s] Longest time to wait for the connection.
+# [s] Longest wait for the connection.
 CONNECTING_SECONDS = 5.0
-# [s] Time in which every robot of a site answers.
+# [s] Time within which every robot of a site answers.
 ANSWER_SECONDS = 2.0
 COLUMNS = ("robot", "step", "age", "health", "links")
 
@@ -33,12 +33,12 @@ COLUMNS = ("robot", "step", "age", "health", "links")
     "--encoding",
     type=click.Choice(["lossless", "compact"]),
     default="lossless",
-    help="compact: an eighth of the bytes, for slow links",
+    help="compact: an eighth of the size, for slow links",
 )
 @click.option("--security", type=FILE, help="folder of a role made by `guara security init`")
 @click.option("--count", type=click.IntRange(min=1), help="end after this many grids; default: until Ctrl-C")
 @click.option("--timeout", type=click.FloatRange(min=0.1), help="fail if no grid arrives for this many seconds")
-@click.option("--all", "lists_robots", is_flag=True, help="list the robots that are running instead, once")
+@click.option("--all", "lists_robots", is_flag=True, help="instead, list the running robots once")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object per grid instead, or one list of robots")
 def command(
     endpoint: str | None,
@@ -51,9 +51,9 @@ def command(
     lists_robots: bool,
     as_json: bool,
 ) -> None:
-    """Print one line per grid that the node publishes, beginning with the last one.
+    """Print one line per grid published by the node, starting with the newest grid.
 
-    With --all: the robots that are running, each with its pause, the age of its last grid, health and links. Only
+    With --all, print the running robots, each with pause, age of the last grid, health and links. For this, only
     liveliness and status are queried, no grids.
 
     \b
@@ -91,7 +91,7 @@ def command(
 def list_robots(
     endpoint: str | None, names: tuple[str, ...], security: Path | None, timeout: float, as_json: bool
 ) -> None:
-    """Print a table of the robots that are running."""
+    """Print a table of the running robots and their messages."""
     from transport import open_client
     from transport.fleet import robot_states
 

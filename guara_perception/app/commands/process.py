@@ -14,12 +14,12 @@ from guara_perception.exceptions import InvalidInput
 
 @click.command(name="process")
 @click.argument("scan", type=FILE)
-@click.option("-c", "--calibration", type=FILE, help="calibration.json; default: the scan's own")
+@click.option("-c", "--calibration", type=FILE, help="calibration.json; default: that of the scan")
 @click.option("-o", "--out", required=True, type=FILE, help="grid file to write, .npz")
 @method_options
-@click.option("--resolution", type=float, help="cell edge in metres, must divide the area; default: the robot's")
+@click.option("--resolution", type=float, help="cell edge in metres, must divide the area; default: that of the robot")
 @click.option("--figures", type=FILE, help="folder for pictures of every stage")
-@click.option("--robot", help="name or folder of the robot; default: the scan's")
+@click.option("--robot", help="name or folder of the robot; default: that of the scan")
 @click.option("--step", type=int, help="pause to process, if the recording has several")
 @click.option("--keep-going", is_flag=True, help="leave the ground of a bad or missing frame unknown")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object per grid instead of text")
@@ -36,9 +36,9 @@ def command(
     keep_going: bool,
     as_json: bool,
 ) -> None:
-    """Turn a recorded SCAN (folder or .mcap) into terrain.
+    """Compute the terrain grid of a recorded SCAN (folder or .mcap).
 
-    With several methods, separated by commas, the first grid is written to OUT, each further one to OUT-METHOD.npz.
+    With several methods, separated by commas, the first grid is written to OUT, the others to OUT-METHOD.npz.
 
     \b
     Example:
@@ -60,8 +60,8 @@ def command(
     methods = list(dict.fromkeys(name.strip() for name in method.split(",")))
     for name in methods:
         if name not in METHODS:
-            raise InvalidInput(f"--method holds {name!r}, allowed: {', '.join(METHODS)}; several separated by commas")
-        # Among several methods, only those of the paper get the threshold.
+            raise InvalidInput(f"--method has {name!r}, allowed: {', '.join(METHODS)}; several separated by commas")
+        # If there are several methods, only those of the paper get the threshold.
         check_method(name, threshold if METHODS[name] is not None or len(methods) == 1 else None)
     recorded = open_scan(scan, step, missing_ok=keep_going)
     calibrated = calibration_for(scan, calibration)

@@ -1,4 +1,4 @@
-"""`guara record`: guide through a calibration session and calibrate it."""
+"""`guara record`: guide the user through a calibration session, and calibrate from it."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from guara_perception.app.options import FILE, NOT_MIRRORED, board_options, stan
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
-# Length of the ruler of `guara targets` printed to scale [mm].
+# Length of the ruler of `guara targets` if it is printed to scale [mm].
 RULER_MM = 150.0
-# Options of each part of the plan; with --redo, a part keeps its earlier values unless one of its options is given.
+# Options of each part of the plan. With --redo, a part keeps its earlier values unless one of its options is given.
 OPTIONS_OF = {
     "board": {"board", "pattern", "square", "printed_150"},
     "crosses": {"crosses", "printed_150"},
@@ -29,13 +29,13 @@ OPTIONS_OF = {
 @click.option("--simulated", is_flag=True, help="simulated robot, devices and operator")
 @click.option("--devices", type=FILE, help="devices.toml: camera and board to use")
 @click.option("--robot", default="guara", help="name or folder of the robot")
-@click.option("--camera", help="as `guara doctor --cameras` lists it; default: that of --devices, or 0")
-@click.option("--trigger", metavar="LINE", help="line that the board will trigger in scans, kept in devices.toml")
+@click.option("--camera", help="camera as listed by `guara doctor --cameras`; default: that of --devices, or 0")
+@click.option("--trigger", metavar="LINE", help="camera line wired to the board's TRIGGER, stored in devices.toml")
 @board_options
 @NOT_MIRRORED
-@click.option("--crosses", type=FILE, help="JSON with points_in_footprint: [x, y] of each cross, measured by hand [m]")
+@click.option("--crosses", type=FILE, help="JSON file with points_in_footprint: measured [x, y] of each cross [m]")
 @click.option("--printed-150", type=float, default=RULER_MM, help="reading of the ruler [mm]")
-@click.option("--stance", type=FILE, help="JSON with the stance; default: the scan posture")
+@click.option("--stance", type=FILE, help="JSON file with the stance; default: the scan posture")
 @click.option(
     "--redo",
     type=click.Choice(["plates", "board", "crosses"]),
@@ -63,7 +63,7 @@ def command(
     redo: tuple[str, ...],
     port: int,
 ) -> None:
-    """Record a calibration SESSION: exposure, board, floor, crosses, plates, in this order; then calibrate it.
+    """Record a calibration SESSION (exposure, board, floor, crosses, plates, in this order), and calibrate from it.
 
     A page in the browser shows what the camera sees and what to do. After an interruption, the same command continues
     where it stopped. With --redo, options that are not given keep their earlier values. The other commands use the

@@ -1,4 +1,4 @@
-"""`guara replay`: process the recorded scans of a walk in order, fuse them, and save or publish the grids."""
+"""`guara replay`: process and fuse the recorded scans of a walk in order, and save or publish the grids."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from guara_perception.exceptions import InvalidInput
 
 @click.command(name="replay")
 @click.argument("scans", nargs=-1, required=True, metavar="SCAN...", type=FILE)
-@click.option("-c", "--calibration", type=FILE, help="calibration.json; default: the scan's own")
+@click.option("-c", "--calibration", type=FILE, help="calibration.json; default: that of the scan")
 @click.option("--extent", default="footprint,map", help="grids to save or publish: footprint, map or both")
 @click.option("-o", "--out", type=FILE, help="folder for a grid file of each pause and extent")
-@click.option("--publish", is_flag=True, help="publish over Zenoh as the node does, stamped as if scanned now")
-@click.option("--interval", type=click.FloatRange(0, 3600), default=1.0, help="seconds between two pauses")
-@click.option("--listen", help="where clients connect; default: tcp/127.0.0.1:7447, or the security folder's")
+@click.option("--publish", is_flag=True, help="publish over Zenoh like a node, with the current time as stamp")
+@click.option("--interval", type=click.FloatRange(0, 3600), default=1.0, help="seconds between two published scans")
+@click.option("--listen", help="endpoint for clients; default: that of the security folder, or tcp/127.0.0.1:7447")
 @click.option("--connect", help="use an external Zenoh router instead of being one")
 @click.option("--security", type=FILE, help="folder made by `guara security init`")
 @method_options
-@click.option("--robot", help="name or folder of the robot; default: the scans'")
+@click.option("--robot", help="name or folder of the robot; default: that of the scans")
 def command(
     scans: tuple[Path, ...],
     calibration: Path | None,
@@ -41,8 +41,8 @@ def command(
 ) -> None:
     """Replay recorded SCANs (folders or .mcap) in the order given, with fusion over pauses.
 
-    A scan begins another walk with a new map if its step is not higher than that of the scan before. Scans whose grids
-    were withdrawn by the node are left out.
+    If the step of a scan is not higher than that of the previous scan, another walk with a new map begins. Scans whose
+    grids were withdrawn by the node are skipped.
 
     \b
     Example:
@@ -65,20 +65,20 @@ def command(
     extents = tuple(dict.fromkeys(name.strip() for name in extent.split(",")))
     for name in extents:
         if name not in EXTENTS:
-            raise InvalidInput(f"--extent holds {name!r}, allowed: {', '.join(EXTENTS)}, or both with a comma between")
+            raise InvalidInput(f"--extent has {name!r}, allowed: {', '.join(EXTENTS)}, or both, separated by a comma")
     if out is not None:
         check_folder(out)
     if not publish and (listen or connect or security):
-        raise InvalidInput("--listen, --connect and --security need --publish: give it too")
+        raise InvalidInput("--listen, --connect and --security require --publish")
     calibrated = calibration_for(scans[0], calibration)
-    # A pause may have two scans, a coarse one and the same one with intermediate stripes; the later one is used.
+    # A pause may have a coarse scan and a later one with intermediate stripes added; use the later one.
     found = [scan for path in scans for scan in {scan.step: scan for scan in open_scans(path)}.values()]
     for scan in found:
         if scan.withdrawn:
-            click.echo(f"step {scan.step}: withdrawn on the robot, left out ({scan.withdrawn})")
+            click.echo(f"step {scan.step}: withdrawn on the robot, skipped ({scan.withdrawn})")
     walk = [scan for scan in found if not scan.withdrawn]
     if not walk:
-        raise InvalidInput(f"{', '.join(map(str, scans))}: every scan was withdrawn, nothing to replay")
+        raise InvalidInput(f"{', '.join(map(str, scans))}: all scans were withdrawn; there is nothing to replay")
     model = load_robot(robot or walk[0].robot)
     walk_map = WalkMap(model, calibrated)
     last: int | None = None
@@ -88,7 +88,7 @@ def command(
             click.echo(f"{model.name}: publishing on {', '.join(session.endpoints)}")
         for number, scan in enumerate(walk):
             if last is not None and scan.step <= last:
-                click.echo(f"step {scan.step} after step {last}: another walk, the map restarts")
+                click.echo(f"step {scan.step} after step {last}: another walk; the map restarts")
                 walk_map = WalkMap(model, calibrated)
             last = scan.step
             with progress(f"Step {scan.step}") as show:

@@ -29,8 +29,8 @@ command.add_command(service.command)
 @command.command(name="new")
 @click.argument("urdf", type=FILE)
 @click.option("-o", "--out", type=FILE, required=True, help="folder to create")
-@click.option("--name", help="name of the robot; default: the folder's")
-@click.option("--height", type=click.FloatRange(0.02, 5.0), help="height of the hips over the soles in a scan [m]")
+@click.option("--name", help="name of the robot; default: that of the folder")
+@click.option("--height", type=click.FloatRange(0.02, 5.0), help="height of the hips above the soles in a scan [m]")
 def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
     """Write robot.toml, URDF, SRDF and README for a robot, from its URDF alone.
 
@@ -55,24 +55,24 @@ def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
     )
     for text in made.urdf.notes:
         click.echo(f"not used: {text}", err=True)
-    click.echo(f"{out}: {len(assumed(made))} values are assumed; its README.md says how to measure them")
+    click.echo(f"{out}: {len(assumed(made))} values are assumed; its README.md describes how to measure them")
     click.echo(f"next: guara robot check {out}")
 
 
 @command.command(name="check")
 @click.argument("folder", type=FILE)
 @click.option("--picture", type=FILE, help="draw robot, scanned area, camera and laser (.png)")
-@click.option("--walk", is_flag=True, help="also let it walk for ten pauses in simulation, with scans")
-@click.option("--view", is_flag=True, help="show it in a browser until Ctrl-C (extra `view`)")
+@click.option("--walk", is_flag=True, help="also simulate a walk of ten pauses with scans")
+@click.option("--view", is_flag=True, help="show the robot in a browser until Ctrl-C (extra `view`)")
 @click.option("--port", type=click.IntRange(1, 65535), default=8080, help="port of the page of --view")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object with all findings instead")
 @click.pass_context
 def check(
     context: click.Context, folder: Path, picture: Path | None, walk: bool, view: bool, port: int, as_json: bool
 ) -> None:
-    """Report all that is wrong or doubtful in a robot folder (or a robot by name).
+    """Report everything that is wrong or doubtful in a robot folder (or a robot by name).
 
-    Exit 0: sound; 1: something is wrong; 2: it does not load. Notes do not count.
+    Exit 0: sound; 1: something is wrong; 2: the folder cannot be used. Notes do not count.
 
     \b
     Example:
@@ -87,7 +87,7 @@ def check(
         click.echo(text, err=as_json)
 
     if as_json and view:
-        raise click.UsageError("--json and --view exclude each other: a page is served until Ctrl-C")
+        raise click.UsageError("--json and --view are mutually exclusive: a page is served until Ctrl-C")
     robot, findings = check_robot(folder)
     found: dict[str, object] = {"folder": str(folder), "robot": robot and robot.name}
     usable = None if any(finding.weight is Weight.UNUSABLE for finding in findings) else robot

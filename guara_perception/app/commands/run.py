@@ -1,4 +1,4 @@
-"""`guara run`: the node, which scans at each stance pause and publishes until stopped."""
+"""`guara run`: start the node, which scans at each stance pause and publishes until stopped."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ JPEG_QUALITY = 90
 
 @click.command(name="run")
 @device_options
-@click.option("--simulated", is_flag=True, help="simulated robot, world and devices; walks by itself")
+@click.option("--simulated", is_flag=True, help="use a simulated robot, world and devices; it walks by itself")
 @click.option(
     "--gait",
     type=click.Choice(["wave", "external"]),
     default="wave",
-    help="with --simulated: external = the stance pauses of your own gait place the robot",
+    help="with --simulated: external = your own gait moves the robot by the stance pauses that it announces",
 )
-@click.option("--world", default="demo", help="with --simulated: terrain and light, demo, sunlit or a world file")
+@click.option("--world", default="demo", help="with --simulated: terrain and light: demo, sunlit, or a world file")
 @click.option(
     "--record",
     type=FILE,
     help="record every scan to this .mcap file (to w-2.mcap if w.mcap exists), or to files of 1 GB in this folder; "
     'with `record_limit` in node.toml, such as "50GB", the oldest files are removed',
 )
-@click.option("--ros2", is_flag=True, help="publish for ROS 2 too: grids, clouds, markers, camera and status")
-@click.option("--listen", help="where clients connect; default: tcp/127.0.0.1:7447, or the security folder's")
+@click.option("--ros2", is_flag=True, help="also publish for ROS 2: grids, clouds, markers, camera and status")
+@click.option("--listen", help="endpoint for clients; default: that of the security folder, or tcp/127.0.0.1:7447")
 @click.option("--security", type=FILE, help="folder made by `guara security init`")
-@click.option("--name", help="instance name in the keys; default: the robot's")
+@click.option("--name", help="instance name in the keys; default: the robot's name")
 @partial(method_options, hides_threshold=True)
 @click.option(
     "--node",
@@ -60,7 +60,7 @@ JPEG_QUALITY = 90
     is_eager=True,
     expose_value=False,
     callback=read_node_file,
-    help="node.toml: options that are set once (docs/files.md); the command line overrides it",
+    help="node.toml with options of this command (docs/files.md); the command line overrides it",
 )
 @click.option(
     "--check", is_flag=True, callback=refuse_mistakes, help="only check the configuration; no device is opened"
@@ -72,7 +72,7 @@ JPEG_QUALITY = 90
     type=click.Choice(["adaptive", "standard", "coarse"]),
     default="adaptive",
     hidden=True,
-    help="standard: every stripe; coarse: every second; adaptive: every second, and the others near obstacles",
+    help="standard: every stripe; coarse: every n-th (robot.toml); adaptive: coarse, then the others near obstacles",
 )
 @click.option(
     "--jpeg",
@@ -82,9 +82,7 @@ JPEG_QUALITY = 90
     help="quality of recorded frames; 0: lossless, nine times the size",
 )
 @earlier_option("--lossless", "jpeg", "--jpeg 0", constant=0)
-@click.option(
-    "--metrics", type=click.IntRange(1, 65535), hidden=True, help="port of this machine for OpenMetrics, such as 9464"
-)
+@click.option("--metrics", type=click.IntRange(1, 65535), hidden=True, help="local port for OpenMetrics, such as 9464")
 @click.option("--state", type=FILE, hidden=True, help="folder of the journal, for continuing a walk after a restart")
 @click.option("--log", type=click.Choice(STYLES), default="text", hidden=True, help="json: a JSON object per line")
 @click.option("--ros2-tf", is_flag=True, hidden=True, help="with --ros2: also TF and URDF, below /<robot>")
@@ -93,11 +91,11 @@ JPEG_QUALITY = 90
     type=click.Choice(["100", "-1"]),
     default="100",
     hidden=True,
-    help="with --ros2: value of unknown cells in occupancy grids; -1 is what RViz and Nav2 mean by unknown",
+    help="with --ros2: value of unknown cells in occupancy grids; RViz and Nav2 expect -1",
 )
 @click.option("--domain", type=click.IntRange(0, 232), default=0, hidden=True, help="ROS 2 domain")
 @click.option("--connect", hidden=True, help="use an external Zenoh router instead of being one")
-@click.option("--uplink", hidden=True, help="connect to another router too; planner and gait stay on this one")
+@click.option("--uplink", hidden=True, help="also connect to another router; planner and gait stay on this one")
 @click.option("--allow-insecure", is_flag=True, hidden=True, help="listen beyond this machine without security")
 @click.pass_context
 def command(
@@ -127,10 +125,10 @@ def command(
     threshold: float | None,
     chosen: DeviceOptions,
 ) -> None:
-    """Scan at each stance pause that the gait announces, and publish, until Ctrl-C; one line per scan.
+    """Scan and publish at each stance pause that the gait announces, until Ctrl-C; print one line per scan.
 
-    Camera and trigger are set in devices.toml; what is set once for a robot (size and quality of recordings, routers,
-    ROS 2 domain and TF, a fixed threshold, and every option here) can be set in node.toml.
+    Set camera and trigger in devices.toml. In node.toml, set any option listed here and those that are set once for a
+    robot: size and quality of recordings, routers, ROS 2 domain and TF, a fixed threshold.
 
     \b
     Example:
@@ -167,7 +165,7 @@ def command(
     from transport.supervision import Failure, follow, forget
 
     if all(context.get_parameter_source(name) is ParameterSource.COMMANDLINE for name in ("jpeg", "earlier_lossless")):
-        raise InvalidInput("--lossless and --jpeg contradict one another: give one of them")
+        raise InvalidInput("--lossless and --jpeg are mutually exclusive: give one of them")
     check_method(method, threshold)
     # Report a damaged installation now, not at the first scan.
     kernel()
@@ -178,9 +176,9 @@ def command(
         _check(context.meta.get(MISTAKES, []), chosen, simulated, security)
         return
     if not ros2 and (ros2_tf or ros2_unknown != "100"):
-        raise InvalidInput("--ros2-tf and --ros2-unknown need --ros2: give it too")
+        raise InvalidInput("--ros2-tf and --ros2-unknown require --ros2")
     if not simulated and (gait != "wave" or world != "demo"):
-        raise InvalidInput("--gait and --world need --simulated: give it too; a real robot follows its own gait")
+        raise InvalidInput("--gait and --world require --simulated; a real robot follows its own gait")
     quality = jpeg or None
     final: list[Failure] = []
     with ExitStack() as stack:
@@ -216,7 +214,7 @@ def command(
         server = PerceptionServer(
             session, robot=instance, collect_status=status.items, ros2_domain=domain if ros2 else None
         )
-        # The server closes before the session, so that images being drawn for ROS 2 are still sent.
+        # The server must close before the session, so that images being drawn for ROS 2 are still sent.
         stack.callback(server.close)
         scene = Scene(rig.robot, rig.calibration)
         mirror = SceneMirror(server, scene, unknown=int(ros2_unknown), with_tf=ros2_tf) if ros2 else None
@@ -287,10 +285,10 @@ def command(
 
 
 def _check(mistakes: list[str], chosen: DeviceOptions, simulated: bool, security: Path | None) -> None:
-    """Report all mistakes in the configuration.
+    """Report that the configuration is sound, or raise one error with all mistakes in it.
 
     Raises:
-        FileFormatError: there are mistakes.
+        FileFormatError: the configuration has mistakes.
     """
     from guara_perception.app.node.configuration import mistakes_of
 
@@ -305,7 +303,7 @@ def _say_as_json(text: str) -> None:
 
 
 def _report_scan(say: Callable[[str], None], terrain: TerrainGrid) -> None:
-    """Print one line per scan, for the service manager too; a closed output (`| head`) does not stop the node."""
+    """Report a scan in one line, to the service manager too. A closed pipe (`| head`) does not stop the node."""
     from guara_perception.app.service import notify
     from guara_perception.app.summary import summary
 
@@ -316,10 +314,10 @@ def _report_scan(say: Callable[[str], None], terrain: TerrainGrid) -> None:
 
 
 def recording_size(quality: int | None) -> str:
-    """Format of recorded frames, and the disk space that an hour of them takes."""
+    """Format of recorded frames, and the approximate size of one hour of recording."""
     rate = "at 640 x 512 px and a pause every 4 s"
     if quality is None:
         return f"frames lossless, about 35 GB an hour {rate}; as JPEG (--jpeg {JPEG_QUALITY}) about 5 GB"
     if quality > JPEG_QUALITY:
         return f"frames as JPEG of quality {quality}, more than 5 GB an hour {rate}"
-    return f"frames as JPEG of quality {quality}, about 5 GB an hour {rate}; --jpeg 0 about 35 GB"
+    return f"frames as JPEG of quality {quality}, at most about 5 GB an hour {rate}; --jpeg 0 about 35 GB"

@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     "--mode",
     type=click.Choice(["standard", "coarse"]),
     default="standard",
-    help="every stripe, or every n-th as robot.toml says",
+    help="standard: every stripe; coarse: every n-th stripe, set in robot.toml",
 )
 @method_options
-@click.option("--stance", type=FILE, help="JSON with the stance; default: the scan posture")
+@click.option("--stance", type=FILE, help="JSON file with the stance; default: the scan posture")
 @click.option(
     "--no-calibration",
     is_flag=True,
-    help="only record, with the pattern of robot.toml, for instance a calibration plate",
+    help="only record, with the pattern of robot.toml; for instance for a calibration plate",
 )
 def command(
     folder: Path | None,
@@ -46,10 +46,10 @@ def command(
     no_calibration: bool,
     chosen: DeviceOptions,
 ) -> None:
-    """Scan once with the robot standing still; record into FOLDER (default: scan), draw into FOLDER-figures.
+    """Scan once with the robot standing still; record to FOLDER (default: scan), draw figures to FOLDER-figures.
 
-    FOLDER also holds the calibration, if any: `guara process FOLDER -o terrain.npz` needs nothing else.
-    Without --stance the robot is assumed to stand on all feet in its scan posture, with unknown gravity.
+    FOLDER also contains the calibration, if any, so `guara process FOLDER -o terrain.npz` needs nothing else.
+    Without --stance, the robot is assumed to stand on all feet in its scan posture, with unknown gravity.
 
     \b
     Example:
@@ -71,7 +71,7 @@ def command(
     if folder is not None and out is not None:
         raise InvalidInput(f"FOLDER is {folder} and --out is {out}: give one of them")
     if no_calibration and chosen.calibration is not None:
-        raise InvalidInput("--no-calibration and --calibration contradict each other: give one of them")
+        raise InvalidInput("--no-calibration and --calibration are mutually exclusive: give one of them")
     check_method(method, threshold)
     target = folder or out or Path("scan")
     rig = choose_rig(chosen, simulated=simulated, needs_calibration=not no_calibration)

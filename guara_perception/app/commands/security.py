@@ -1,4 +1,4 @@
-"""`guara security`: certificates and access rules for planners on other machines."""
+"""`guara security`: manage certificates and access rules for planners on other machines."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def init(folder: Path, robots: tuple[str, ...], hosts: tuple[str, ...]) -> None:
 @click.argument("name")
 @click.option("--host", "hosts", multiple=True, help="name or address by which clients reach its node; repeatable")
 def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
-    """Add the robot NAME to FOLDER, with the same CA and its own folder per role.
+    """Add the robot NAME to FOLDER, with certificates of the same CA and a folder for each role.
 
     \b
     Example:
@@ -62,17 +62,17 @@ def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
 
 @command.command(name="router")
 @click.argument("folder", type=FILE)
-@click.option("--robot", "robots", multiple=True, required=True, help="instance name of a robot it serves; repeatable")
+@click.option("--robot", "robots", multiple=True, required=True, help="instance name of a served robot; repeatable")
 @click.option("--name", default="router", help="name of the router and of its folder")
-@click.option("--host", "hosts", multiple=True, help="name or address by which others reach it; repeatable")
-@click.option("--listen", default="tls/0.0.0.0:7447", help="endpoint on which it listens")
-@click.option("--uplink", default="", show_default="none", help="name of the router in FOLDER that it connects to")
+@click.option("--host", "hosts", multiple=True, help="name or address by which others reach the router; repeatable")
+@click.option("--listen", default="tls/0.0.0.0:7447", help="endpoint on which the router listens")
+@click.option("--uplink", default="", show_default="none", help="router in FOLDER to which this router connects")
 @click.option("--uplink-host", default="", show_default="first of its hosts", help="name or address of that router")
-@click.option("--scans", is_flag=True, help="let its planners request scans from nodes that connect to it")
+@click.option("--scans", is_flag=True, help="let planners request scans from nodes that connect to this router")
 @click.option("--summary-only", is_flag=True, help="send only summaries, status and liveliness to the uplink")
-@click.option("--place", help="path of its folder on the machine where it runs; default: as created")
+@click.option("--place", help="path of the router's folder on the machine where it runs; default: as created")
 def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> None:
-    """Create the certificate and configuration of a Zenoh router (`zenohd`) that serves several robots.
+    """Create certificate and configuration of a Zenoh router (`zenohd`) that serves one or more robots.
 
     \b
     Example:
@@ -94,10 +94,12 @@ def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> 
 
 @command.command(name="check")
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
-@click.option("--robot", help="instance name of the robot; default: all of the folder")
+@click.option("--robot", help="instance name of the robot; default: all robots of the folder")
 @click.pass_context
 def check(context: click.Context, folder: Path, robot: str | None) -> None:
-    """Connect to each node and router as each role, and print the role's rights; exit 1 if they differ from the rules.
+    """Connect to each node and router in each role, and print the rights of the role.
+
+    Exits with 1 if the rights differ from the rules.
 
     \b
     Example:
@@ -126,7 +128,7 @@ def check(context: click.Context, folder: Path, robot: str | None) -> None:
 @click.argument("folder", type=FILE)
 @click.argument("names", nargs=-1)
 def renew(folder: Path, names: tuple[str, ...]) -> None:
-    """Renew keys and certificates of all members of FOLDER, or of NAMES only, with the same CA.
+    """Renew keys and certificates of all members of FOLDER, or only of NAMES, with the same CA.
 
     \b
     Example:
@@ -145,12 +147,13 @@ def renew(folder: Path, names: tuple[str, ...]) -> None:
     "--role",
     type=click.Choice(["planner", "viewer", "gait", "fleet"]),
     default="planner",
-    help="role whose rights it gets",
+    help="role whose rights the member gets",
 )
 def add(folder: Path, name: str, role: str) -> None:
-    """Add the member NAME with the rights of a role, such as a second planner; with several robots: ROBOT.NAME.
+    """Add the member NAME with the rights of a role, such as a second planner.
 
-    The role `fleet` belongs to no robot: it sees through the routers which robots are alive, and their status.
+    In a folder with several robots, NAME has the form ROBOT.NAME. The role `fleet` does not belong to a robot: through
+    the routers, it may see which robots are running, and their status.
 
     \b
     Example:
@@ -172,7 +175,7 @@ def add(folder: Path, name: str, role: str) -> None:
 @click.argument("folder", type=FILE)
 @click.argument("name")
 def revoke(folder: Path, name: str) -> None:
-    """Revoke the member NAME, for instance after its machine was stolen; its name cannot be used again.
+    """Revoke the member NAME, for instance after its machine was stolen. The name cannot be used again.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""`guara robot service`: the node as a systemd service."""
+"""`guara robot service`: print or install a systemd unit for the node."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ NODE = Path("/etc/guara/node.toml")
 
 
 def unit_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of a unit to a command."""
+    """Add the options that describe a unit to a command."""
     for option in (
         click.option("--node", type=FILE, default=NODE, help="node.toml of the node"),
         click.option("--name", default="guara", help="name of the service"),
-        click.option("--user", default="guara", help="user that the node runs as"),
+        click.option("--user", default="guara", help="user account of the node"),
     ):
         command = option(command)
     return command
@@ -28,7 +28,7 @@ def unit_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 @click.group(name="service")
 def command() -> None:
-    """Run the node as a service that systemd starts, watches and restarts.
+    """Run the node as a service that systemd starts, monitors and restarts.
 
     \b
     Example:
@@ -40,7 +40,7 @@ def command() -> None:
 @command.command(name="print")
 @unit_options
 def print_unit(node: Path, name: str, user: str) -> None:
-    """Print the unit; nothing is changed.
+    """Print the unit without installing it.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""`guara targets`: draw the targets of a calibration as a PDF."""
+"""`guara targets`: draw the calibration targets to a PDF file."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from guara_perception.app.options import FILE, board_options
 
 
 @click.command(name="targets")
-@click.option("-o", "--out", required=True, type=FILE, help="PDF to write")
+@click.option("-o", "--out", required=True, type=FILE, help="PDF file to write")
 @click.option("--robot", default="guara", help="name or folder of the robot to calibrate")
 @click.option("--paper", type=click.Choice(["a4", "letter", "a3"]), default="a4", help="paper size")
 @board_options
 def command(out: Path, robot: str, paper: str, board: str, pattern: str, square: float, plates: str) -> None:
-    """Draw the targets of a calibration to scale: ruler, board, crosses, floor mat, plate labels.
+    """Draw the calibration targets to scale: ruler, board, crosses, floor mat, plate labels.
 
     Drawings larger than a page are split, with marks for joining the pages. Print at 100 % and check the ruler.
 

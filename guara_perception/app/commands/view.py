@@ -1,4 +1,4 @@
-"""`guara view`: terrain on the robot, in a browser, live or from a file."""
+"""`guara view`: show robot and terrain in a browser, live or from a file."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from guara_perception.view.moment import Moment
     from kinematics import RobotModel
 
-# [s] Time without a pause after which a live view reports what it waits for.
+# [s] Time without a pause after which a live view explains why nothing is shown.
 SILENCE = 5.0
-# [s] Time between two updates of the line about the newest grid.
+# [s] Interval between updates of the status line of the newest grid.
 TELLING = 1.0
 
 
@@ -28,16 +28,16 @@ TELLING = 1.0
     "-c",
     "--calibration",
     type=FILE,
-    help="calibration to process the scans of FILE with; default: the recording's own",
+    help="calibration for processing the scans of FILE; default: that of the recording",
 )
-@click.option("--robot", default="guara", help="name of a robot, or its folder")
+@click.option("--robot", default="guara", help="name or folder of the robot")
 @click.option("--connect", "endpoint", help="live: where the node listens; default: tcp/127.0.0.1:7447")
 @click.option("--name", default="guara", help="live: instance name of the robot")
 @earlier_option("--instance", "name", "--name")
-@click.option("--security", type=FILE, help="live: folder of a role of `guara security init`")
+@click.option("--security", type=FILE, help="live: folder of a role made by `guara security init`")
 @click.option("--port", type=click.IntRange(1, 65535), default=8080, help="port of the page")
 @click.option("--rerun", is_flag=True, help="show a recording in the Rerun viewer instead (extra `rerun`)")
-@click.option("--save", type=FILE, help="with --rerun: write this .rrd file, and open nothing")
+@click.option("--save", type=FILE, help="with --rerun: write this .rrd file instead of opening the viewer")
 def command(
     file: Path | None,
     calibration: Path | None = None,
@@ -51,9 +51,9 @@ def command(
 ) -> None:
     """Show a walk in a browser: robot, terrain, stripes, obstacles, planned footholds, camera; Ctrl-C ends it.
 
-    FILE is a grid (.npz), a recording (.mcap) or a scan folder; without it, what a running node publishes is shown.
-    A click on the ground shows what is known of that cell. The page is served to this machine only. With --rerun, the
-    recording opens as one scene in the Rerun viewer.
+    FILE is a grid (.npz), a recording (.mcap) or a scan folder. Without FILE, the data of a running node are shown.
+    Click a cell to see what is known about it. The page is served to this machine only. With --rerun, the recording
+    opens as one scene in the Rerun viewer.
 
     \b
     Example:
@@ -63,7 +63,7 @@ def command(
     if rerun or save is not None:
         if calibration is not None:
             raise InvalidInput(
-                "-c is for the view in a browser, --rerun shows recorded data only: leave one of them out"
+                "-c is for the view in a browser; --rerun shows recorded data only: leave one of them out"
             )
         show_in_rerun(file, rerun, save)
         return
@@ -86,11 +86,15 @@ def command(
 
 
 def show_in_rerun(file: Path | None, rerun: bool, save: Path | None) -> None:
-    """Open a recording in Rerun, or write a file for Rerun."""
+    """Open a recording in Rerun, or write a file for Rerun.
+
+    Raises:
+        InvalidInput: `save` without `rerun`, or no recording.
+    """
     from guara_perception.app.scene.rerun_scene import open_in_rerun, save_rerun_scene
 
     if not rerun:
-        raise InvalidInput("--save needs --rerun: guara view --rerun FILE --save OUT.rrd")
+        raise InvalidInput("--save requires --rerun: guara view --rerun FILE --save OUT.rrd")
     if file is None:
         raise InvalidInput("--rerun shows a recording: give its FILE (.mcap)")
     if save is not None:
@@ -109,9 +113,9 @@ def show_live(
     address: str,
     tell: Callable[[str, bool], None] = lambda text, is_stale: None,
 ) -> None:
-    """Show every new pause until stopped; if none arrives within some seconds, print the cause.
+    """Show every new pause until stopped; if nothing is shown after some seconds, print the reason.
 
-    `tell` is called once a second with a line about the newest grid and whether it is stale.
+    `tell` is called once a second with a status line of the newest grid, and True if that grid is stale.
     """
     from guara_perception.app.live_moments import LiveMoments
 

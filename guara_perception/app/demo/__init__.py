@@ -1,4 +1,4 @@
-"""`guara demo`: a walk from scans to footholds without hardware, checked against the known world.
+"""Demo without hardware: a walk from scans to footholds, checked against the simulated world.
 
-Only the commands of `app` import it; its planner is a process of its own that uses nothing but the public client.
+Only the commands of `app` import this folder. The planner is a separate process that uses only the public client.
 """

@@ -1,4 +1,4 @@
-"""Check of the demo: comparison of footholds and grids with the simulated world."""
+"""Check of the demo: footholds and grids are compared with the simulated world."""
 
 from __future__ import annotations
 
@@ -13,23 +13,24 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.questions.path import PathVerdict
 
-# Least number of hind footholds on scanned ground in a whole walk. Hind feet reach scanned ground after 0.73 m.
+# Smallest number of hind footholds on scanned ground in a walk of at least WHOLE_WALK_PAUSES pauses. Hind feet reach
+# scanned ground after 0.73 m.
 HIND_FOOTHOLDS_WANTED = 8
 WHOLE_WALK_PAUSES = 41
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedFoothold:
-    """One foothold that the planner chose.
+    """Foothold chosen by the planner.
 
     Attributes:
-        step: pause at which it was chosen.
+        step: step of the pause at which the foothold was chosen.
         leg: name of the leg that steps there.
-        is_hind: True if it is a hind leg.
-        is_scanned: True if a scan observed the cell; otherwise the gait declared it, or a foot stood on it.
-        is_hazard: True if the cell is a hazard in the published grid, or outside the grid.
-        is_swing_refused: True if `check_path` rejects the swing to it on the published grid.
-        height_error: elevation of the grid minus the true height [m], NaN where unknown.
+        is_hind: True for a hind leg.
+        is_scanned: True if a scan observed the cell; otherwise the gait declared the ground, or a foot stood on it.
+        is_hazard: True if the cell has a hazard in the published map or is outside the map.
+        is_swing_refused: True if `check_path` rejects the swing to the foothold on the published map.
+        height_error: elevation of the map minus the true height [m]; NaN where unknown.
     """
 
     step: int
@@ -49,7 +50,8 @@ class DemoCheck:
         footholds: all chosen footholds.
         errors: |elevation - truth| of every known cell of every scan [m].
         unknown_called_safe: number of unknown cells marked traversable; must stay 0.
-        grids_published, grids_received: numbers of single-scan grids that the node published and the planner received.
+        grids_published: number of single-scan grids published by the node.
+        grids_received: number of single-scan grids received by the planner.
     """
 
     footholds: list[CheckedFoothold] = field(default_factory=list)
@@ -59,7 +61,7 @@ class DemoCheck:
     grids_received: int = 0
 
     def add_grids(self, world: World, pause: WalkPause, *grids: TerrainGrid) -> float:
-        """Add the grids of a pause; return the median error of the first [m]."""
+        """Add the grids of a pause; return the median height error of the first grid [m], NaN if no cell is known."""
         for grid in grids:
             unknown = (np.asarray(grid.hazard) & UNKNOWN_MASK) != 0
             self.unknown_called_safe += int(np.count_nonzero(unknown & (np.asarray(grid.traversability) > 0)))
@@ -111,7 +113,7 @@ class DemoCheck:
         return problems
 
     def lines(self) -> list[str]:
-        """Figures of the walk as lines of text."""
+        """Results of the walk as lines of text."""
         errors = 1e3 * np.concatenate([np.empty(0), *self.errors])
         under_feet = 1e3 * np.array([foot.height_error for foot in self.footholds if foot.is_scanned])
         declared = sum(not foot.is_scanned for foot in self.footholds)
@@ -136,9 +138,9 @@ class DemoCheck:
 
 
 def true_elevation(world: World, pause: WalkPause, grid: TerrainGrid) -> Float:
-    """True height (ny, nx) of every cell centre in base_footprint of the pause [m]."""
+    """True height (ny, nx) of the ground at every cell centre, in base_footprint of the pause [m]."""
     x, y = (axis.ravel() for axis in np.meshgrid(*grid.geometry.centres()))
     points = np.column_stack((x, y, np.zeros(x.size), np.ones(x.size))) @ pause.transform_footprint_to_world.T
     heights = world.height(points[:, 0], points[:, 1])
-    # The z = 0 plane of base_footprint is level in the world up to rounding; points[:, 2] is its height there.
+    # points[:, 2] is the height of the z = 0 plane of base_footprint, which is level in the world up to rounding.
     return np.asarray(heights - points[:, 2], dtype=np.float64).reshape(grid.shape)

@@ -1,4 +1,4 @@
-"""Picture and film of a crossing from above: true ground, ground known to the robot, feet and body."""
+"""Picture and film of a crossing, seen from above: true ground, ground known to the robot, feet and body."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from guara_perception.app.demo.walk import DemoPause
 
 CELL_M, BEFORE_M, BEYOND_M, ASIDE_M = 0.005, 0.45, 0.55, 0.30
-# Difference of height between neighbouring cells above which ground is drawn as a rim [m].
+# Height difference between neighbouring cells above which the ground is drawn as a rim [m].
 RIM_M = 0.005
 UNKNOWN, REFUSED, FREE = 0, 1, 2
 COLOURS = {"unknown": UNKNOWN_COLOUR, "refused": "#F2B79B", "free": FREE_COLOUR}
@@ -29,10 +29,14 @@ FRAME_MS, FILM_DOTS_PER_INCH = 250, 90
 
 
 class CourseDrawing:
-    """Drawing of a course and of the ground that the robot gets to know as it walks along x."""
+    """Drawing of a course, and of the ground known to the robot while it walks along x.
+
+    Attributes:
+        cells: (ny, nx, 3) centres of the drawn cells in the world, with z = 0 [m].
+    """
 
     def __init__(self, world: World, start: float, goal: float) -> None:
-        """Start with nothing known; the drawing extends from before `start` to beyond `goal`, x in the world [m]."""
+        """Start with unknown ground. The drawing extends from before `start` to beyond `goal`, x in the world [m]."""
         self._x, self._y = np.arange(start - BEFORE_M, goal + BEYOND_M, CELL_M), np.arange(-ASIDE_M, ASIDE_M, CELL_M)
         self.cells = np.stack([*np.meshgrid(self._x, self._y), np.zeros((self._y.size, self._x.size))], axis=-1)
         heights = world.height(self.cells[..., 0], self.cells[..., 1])
@@ -42,16 +46,22 @@ class CourseDrawing:
         self._bodies: list[Float] = []
 
     def know(self, inside: Array, is_free: Array, is_unknown: Array) -> None:
-        """Update the cells (y, x) that are inside a map."""
+        """Update the known ground with a map.
+
+        Args:
+            inside: (ny, nx) mask of the cells that are inside the map.
+            is_free: (ny, nx) mask of the traversable cells.
+            is_unknown: (ny, nx) mask of the unknown cells.
+        """
         self._known = np.where(inside, np.where(is_free, FREE, np.where(is_unknown, UNKNOWN, REFUSED)), self._known)
 
     def step(self, leg: str, sole: Float, body: Float) -> None:
-        """Add the positions of a sole that was set down and of the body, in the world [m]."""
+        """Add a footstep: the positions of the sole of a leg and of the body, in the world [m]."""
         self._feet.append((leg, float(sole[0]), float(sole[1])))
         self._bodies.append(body)
 
     def figure(self, title: str) -> Figure:
-        """Draw the course so far, x to the right, y upwards."""
+        """Draw the ground and the footsteps so far, with x to the right and y upwards."""
         from matplotlib.colors import ListedColormap
         from matplotlib.patches import Patch
 
@@ -75,7 +85,7 @@ class CourseDrawing:
 
 
 def draw_course(folder: Path, world: World, goal: float, pauses: Sequence[DemoPause]) -> list[Path]:
-    """Draw a crossing into `folder`: crossing.png, and crossing.gif with a frame for each step; return the files."""
+    """Draw a crossing to crossing.png, and to crossing.gif with a frame for each pause; return the paths."""
     from PIL import Image
 
     start = min(feature.bounds[0] for feature in world.features)

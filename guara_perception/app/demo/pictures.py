@@ -1,4 +1,4 @@
-"""Pictures of the demo: a scan midway, the fused map with every foothold, and an animation of the growing map."""
+"""Pictures of the demo: a scan, the fused map with all footholds, and an animation of the growing map."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ LEG_COLOURS = dict(zip(("lf", "rf", "lh", "rh"), LINE_COLOURS, strict=False))
 
 
 def draw_demo(folder: Path, pauses: Sequence[DemoPause]) -> list[Path]:
-    """Draw everything into `folder`; return the files.
+    """Draw all pictures to files in `folder`; return their paths, none if there are no pauses.
 
     Args:
-        folder: folder that exists.
+        folder: existing folder.
         pauses: pauses of the walk, in order.
     """
     if not pauses:
@@ -52,15 +52,15 @@ def draw_demo(folder: Path, pauses: Sequence[DemoPause]) -> list[Path]:
 
 
 def draw_scan(path: Path, terrain: TerrainGrid) -> None:
-    """Draw heights and hazards of one scan side by side."""
-    titles = f"Heights, pause {terrain.step}", "Where a foot may not go, and why"
+    """Draw heights and hazards of one scan side by side to a file."""
+    titles = f"Heights, pause {terrain.step}", "Hazards, by cause"
     figure, heights, _ = _draw_grid(terrain, titles, (8.2, 3.6))
     figure.colorbar(heights.images[0], ax=heights, label="height [mm]", shrink=0.8)
     save_figure(figure, path)
 
 
 def draw_map(path: Path, pauses: Sequence[DemoPause]) -> None:
-    """Draw the map of the last pause with every foothold chosen on the way."""
+    """Draw the map of the last pause to a file, with all footsteps of the walk that are inside the map."""
     fused = pauses[-1].fused
     figure, *panels = _draw_grid(fused, ("Fused map: heights", "Fused map: hazards and footholds"), (8.2, 5.6))
     figure.colorbar(panels[0].images[0], ax=panels[0], label="height [mm]", shrink=0.6)
@@ -84,7 +84,7 @@ def draw_map(path: Path, pauses: Sequence[DemoPause]) -> None:
 
 
 def animate(path: Path, pauses: Sequence[DemoPause]) -> None:
-    """Write heights and hazards of the fused map, pause by pause, as an animated GIF."""
+    """Write an animated GIF with heights and hazards of the fused map at each pause."""
     from PIL import Image
 
     images = [Image.fromarray(_map_image(item)).quantize(64) for item in pauses]
@@ -93,7 +93,7 @@ def animate(path: Path, pauses: Sequence[DemoPause]) -> None:
 
 
 def footholds_in_last_footprint(pauses: Sequence[DemoPause], leg: str) -> Float:
-    """Positions (n, 3) at which the foot of a leg was set down, in base_footprint of the last pause [m]."""
+    """Positions (n, 3) of all footsteps of a leg, in base_footprint of the last pause [m]."""
     to_last = inverse(pauses[-1].pause.transform_footprint_to_world)
     positions = [
         item.pause.last_footstep.sole_in_world
@@ -107,7 +107,7 @@ def footholds_in_last_footprint(pauses: Sequence[DemoPause], leg: str) -> Float:
 def _draw_grid(
     grid: TerrainGrid, titles: tuple[str, str], size: tuple[float, float], *, legend: bool = True, **limits: float
 ) -> tuple[Figure, Axes, Axes]:
-    """Draw heights and hazards of a grid side by side; `limits` bound the colour scale of the heights [mm]."""
+    """Draw heights and hazards of a grid side by side; `limits` (vmin, vmax) bound the colour scale of heights [mm]."""
     figure, ((heights, hazards),) = new_figure(1, 2, size=size)
     draw_layer(heights, grid.geometry, 1e3 * np.asarray(grid.elevation), **limits)
     draw_hazards(hazards, grid.geometry, np.asarray(grid.hazard), legend=legend)
@@ -120,7 +120,7 @@ def _map_image(item: DemoPause) -> Image:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     fused = item.fused
-    titles = f"Heights, pause {fused.step}", "Hazards (pale green: a foot may go)"
+    titles = f"Heights, pause {fused.step}", "Hazards (pale green: traversable)"
     figure, *panels = _draw_grid(fused, titles, (6.4, 5.0), legend=False, vmin=-60, vmax=90)
     figure.set_dpi(ANIMATION_DOTS_PER_INCH)
     if item.foothold is not None:

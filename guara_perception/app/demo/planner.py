@@ -1,8 +1,8 @@
-"""Planner of the demo: a process of its own that uses only the public client, and reads requests from standard input.
+"""Planner of the demo: a separate process that uses only the public client, and reads requests from standard input.
 
-Each request is a JSON line {step, leg, x, y, extent, is_course}; each answer is a JSON line with the foothold and the
-swing chosen on the grid of that step, or with the reasons why there is none. On a course, strides are fitted to the
-ground: the answer also has the advance of the body, and it has no swing if the foot stays.
+Each request is a JSON line {step, leg, x, y, extent, is_course}. Each answer is a JSON line with the foothold and the
+swing chosen on the grid of that step, or with the reasons why no foothold was found. On a course, strides are fitted to
+the ground: the answer then also has the advance of the body, and has no swing if the foot stays.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ GRID_TIMEOUT_S = 60.0
 
 
 def main() -> int:
-    """Answer requests until standard input ends. Arguments: endpoint and instance name of the robot."""
+    """Answer requests until standard input ends, and return the exit code.
+
+    The arguments of the program are the endpoint and the instance name of the robot.
+    """
     endpoint, robot = sys.argv[1], sys.argv[2]
     try:
         with TerrainClient(endpoint, robot=robot) as client:
@@ -36,18 +39,18 @@ def main() -> int:
         print(f"planner: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        # Ctrl-C at a terminal reaches this process too; the demo says that it stops.
+        # Ctrl-C at a terminal also reaches this process. No message is needed: the demo reports that it stops.
         return 130
     return 0
 
 
 def answer(client: TerrainClient, request: dict[str, Any], steps: set[int]) -> dict[str, Any]:
-    """Wait for the confirmed grids of the step; choose foothold and swing on the grid of the requested extent.
+    """Answer a request: wait for the confirmed grids of the step, and choose foothold and swing.
 
     Args:
         client: connected client.
-        request: request in the form of the module's docstring.
-        steps: steps whose scans were received so far; this one is added.
+        request: request as described in the docstring of this module.
+        steps: steps whose scans have been received; the step of this request's grid is added.
     """
     step = request["step"]
     steps.add(client.wait_for_step(step, timeout=GRID_TIMEOUT_S, confirmed=True).step)
@@ -80,7 +83,10 @@ def answer(client: TerrainClient, request: dict[str, Any], steps: set[int]) -> d
 
 
 def fitted_stride(terrain: TerrainGrid, leg: str) -> dict[str, Any]:
-    """Part of an answer: advance of the body, next foothold of the leg (its present one if it stays), and swing."""
+    """Part of an answer on a course: advance of the body, next foothold of the leg, and swing.
+
+    If the leg stays, the foothold is its current position and there is no swing.
+    """
     stride = stride_planner(str(terrain.record.robot_description)).next_stride(terrain, leg)
     if stride.swing is None:
         return {"advance": stride.advance, "foothold": stride.start.tolist()}
@@ -90,7 +96,7 @@ def fitted_stride(terrain: TerrainGrid, leg: str) -> dict[str, Any]:
 
 @lru_cache(maxsize=1)
 def stride_planner(description: str) -> StridePlanner:
-    """The planner for the robot that grids describe."""
+    """Stride planner for the robot that is described in the grids."""
     return StridePlanner(robot_from_description(description))
 
 

@@ -1,4 +1,4 @@
-"""Demo of a swaying body: scans rendered from the body's pose at each flash, drawn beside a scan of a still body."""
+"""Demo of a swaying body: scans rendered from the body's pose at each flash, compared with a scan of a still body."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from guara_perception.terrain.drawing.style import draw_hazards, draw_layer, new
 from guara_perception.terrain.grid import TerrainGrid
 from kinematics import BodyTrack, RobotModel, Stance, load_robot
 
-# [s] Period of the stripes of a stepped scan; largest error of a flash's time; stream before and after the scan.
+# [s] Interval between the stripes; largest error of a flash's time; duration of the stream before and after the scan.
 STRIPE_PERIOD, INSTANT_ERROR, AROUND = 0.035, 0.001, 0.3
-# [1/s] Sampling rates of the joint stream. Without a stream, joints are simulated at STREAM_HZ but used for BEGIN only.
+# [1/s] Sampling rates of the joint stream. With NO_STREAM, joints are simulated at STREAM_HZ, but for BEGIN only.
 NO_STREAM, STREAM_HZ = 0.0, 200.0
 # Amplitude of the shift [m] and frequency [1/s] of the demo's sway.
 SHIFT, FREQUENCY = 0.005, 1.0
-# Height error above which a free cell is wrong [m].
+# Height error above which a free cell counts as wrong [m].
 WRONG_M = 0.005
-# Least ratio of known cells with a stream to known cells of the still scan; size of the camera pictures [px].
+# Smallest ratio of the numbers of known cells with a stream and in the still scan; size of the camera images [px].
 KEPT, SIZE = 0.9, (640, 512)
 
 
@@ -39,8 +39,8 @@ KEPT, SIZE = 0.9, (640, 512)
 class SwayingScan:
     """Scan of a swaying body.
 
-    The grid is placed in the world by the true pose of the body at BEGIN: errors do not include the tilt of the whole
-    grid due to the joint readings of BEGIN.
+    The grid is placed in the world with the true pose of the body at BEGIN. The errors therefore do not include the
+    tilt of the whole grid that is caused by the noise of the joint readings at BEGIN.
 
     Attributes:
         terrain: grid of the scan.
@@ -55,7 +55,7 @@ class SwayingScan:
 
     @property
     def wrong(self) -> int:
-        """Number of free cells that are wrong by more than `WRONG_M`."""
+        """Number of free cells with a height error above `WRONG_M`."""
         return int(((self.terrain.hazard == 0) & (np.abs(self.errors) > WRONG_M)).sum())
 
 
@@ -74,11 +74,13 @@ def swaying_scan(
     """Simulate one scan of a swaying body.
 
     Args:
-        robot, world, calibration: robot, ground, and true geometry of the rangefinder.
+        robot: model of the robot.
+        world: simulated ground.
+        calibration: true geometry of the rangefinder.
         sway: motion of the body; its phase at BEGIN is random.
-        rate: joint samples a second, `NO_STREAM` for none.
-        seed: seed of all noise.
-        mode: pattern of the stripes.
+        rate: sampling rate of the joint stream [1/s]; `NO_STREAM` for none.
+        seed: random seed of the noise and of the phase.
+        mode: scan pattern.
         light: light and sensor effects; None = those of the world.
         clock_sigma: standard deviation of a clock error common to all flashes [s]. The scan knows this value, not the
             error.
@@ -114,19 +116,19 @@ def swaying_scan(
 
 
 def scans_beside(robot_name: str | Path, world: str | Path, degrees: float) -> Iterator[tuple[str, SwayingScan]]:
-    """Scan one place three times: body still, swaying with a stream of its joints, and swaying without.
+    """Scan one place three times: with a still body, and with a swaying body with and without a joint stream.
 
     Args:
         robot_name: name or folder of the robot.
         world: name of a world of the package, or a world file.
-        degrees: amplitude of the turn; the shift is `SHIFT`.
+        degrees: amplitude of the rotation; that of the translation is `SHIFT`.
 
     Yields:
-        Title and scan.
+        Title and result of each scan.
 
     Raises:
         InvalidInput: the sway exceeds the reach of the legs.
-        MissingFile, FileFormatError: no such world, or not a valid one.
+        MissingFile, FileFormatError: the world does not exist or is not valid.
     """
     robot, ground = load_robot(robot_name), load_world(world)
     calibration, sways = specimen(robot, SIZE), Sway(math.radians(degrees), SHIFT, FREQUENCY)
@@ -139,7 +141,7 @@ def scans_beside(robot_name: str | Path, world: str | Path, degrees: float) -> I
 
 
 def sway_lines(scans: Sequence[tuple[str, SwayingScan]]) -> list[str]:
-    """Figures of the scans as lines of text."""
+    """Results of the scans, as one line of text each."""
     lines = []
     for title, scan in scans:
         known, health = int(np.isfinite(scan.errors).sum()), scan.terrain.record.health
@@ -152,7 +154,7 @@ def sway_lines(scans: Sequence[tuple[str, SwayingScan]]) -> list[str]:
 
 
 def sway_failures(scans: Sequence[tuple[str, SwayingScan]]) -> list[str]:
-    """Failed conditions as text: free cells that are wrong, and too few known cells with a stream."""
+    """Failed conditions as text: wrong free cells, and too few known cells with a stream."""
     failures = [f"{title}: {scan.wrong} free cells are wrong" for title, scan in scans if scan.wrong]
     still, streamed = (int(np.isfinite(scan.errors).sum()) for _, scan in scans[:2])
     if streamed < KEPT * still:

@@ -1,4 +1,4 @@
-"""The demo's walk: node, simulated robot, gait and a planner in a second process, pause by pause."""
+"""Walk of the demo, pause by pause: node, simulated robot and gait, with the planner in a second process."""
 
 from __future__ import annotations
 
@@ -30,21 +30,22 @@ from transport import DEFAULT_ROBOT, open_client, open_node
 from transport.server import PerceptionServer
 from transport.stance_link import StancePublisher, StanceReceiver
 
-# A scan of 70 stripes takes 1.2 s at the demo's frame rate (two frames a stripe); a busy machine takes many times that.
+# A scan of 70 stripes takes 1.2 s at the demo's frame rate (two frames a stripe), and much longer on a busy machine.
 GRID_TIMEOUT_S = 60.0
-# Time for the four grids that the robot waits for at a pause.
+# [s] Longest pause: the robot waits for four grids.
 PAUSE_S = 4 * GRID_TIMEOUT_S
 FPS = 120.0
-# Quality of recorded frames; it shifts stripes by about 0.02 px.
+# JPEG quality of recorded frames, which shifts stripes by about 0.02 px.
 JPEG_QUALITY = 85
-# The last two cycles, at 6 MB a pause. No pause between is left out, since odometry would then take the next cycle of
-# the gait for standing still.
+# Number of pauses that are recorded, at 6 MB each: the last two cycles. Pauses cannot be left out in between, since
+# odometry would then interpret the next cycle of the gait as standing still.
 RECORDED_PAUSES = 8
 PAUSES_PER_CYCLE = 4
-# Pauses without a swing after which the robot counts as stuck on its course: two cycles.
+# Number of successive pauses without a swing after which the robot counts as stuck on its course: two cycles.
 STUCK_PAUSES = 8
 START_TIMEOUT_S = 60.0
-# Longest wait for an answer: longer than the planner waits for the two grids of a step, so that its error is reported.
+# [s] Longest wait for an answer: longer than the planner waits for the two grids of a step, so that the planner's error
+# is reported.
 ANSWER_TIMEOUT_S = 130.0
 STOP_TIMEOUT_S = 10.0
 
@@ -57,7 +58,7 @@ class DemoPause:
         pause: true state of the robot in the simulation.
         terrain: grid of the scan, received by a client.
         fused: grid of the map, received by a client.
-        foothold: foothold of the next leg, None if the foot stays where it is or the walk ends here.
+        foothold: foothold of the next leg; None if the foot stays where it is or the walk ends here.
         answer: reply of the planner.
         error: median height error of the scan [m].
     """
@@ -80,16 +81,17 @@ def demo_walk(
     world: str | Path = DEMO_WORLD,
     is_course: bool = False,
 ) -> Iterator[DemoPause]:
-    """Walk; grids go over Zenoh on this machine, requests to the planner and its answers through pipes.
+    """Run the demo's walk. Grids are sent over Zenoh, requests to the planner and its answers through pipes.
 
     Args:
-        check: collects the results.
+        check: collector of the results.
         recording: MCAP file to write, or None.
         cycles: number of cycles of the gait, 140 mm each.
-        seed: seed of specimen and noise.
+        seed: random seed of the simulated device and its noise.
         robot_name: name or folder of the robot.
         world: name of a world of the package, or a world file.
-        is_course: True to fit strides to the ground; the walk then ends beyond all features or when no foot can swing.
+        is_course: True to fit strides to the ground; the walk then also ends beyond all features, or after two cycles
+            in which no foot could swing.
 
     Yields:
         One DemoPause per stance pause.
@@ -97,7 +99,8 @@ def demo_walk(
     Raises:
         PlannerFailed: the planner process ended.
         WalkEnded: the planner found no foothold.
-        MissingFile, FileFormatError: no such world, or not a valid one.
+        MissingFile, FileFormatError: the world does not exist or is not valid.
+        InvalidInput: `is_course` with a world without features.
     """
     endpoint = free_endpoint()
     with ExitStack() as stack:
@@ -143,7 +146,7 @@ def demo_walk(
             gait.begin(pause)
             client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S, extent="map")
             client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S)
-            # Confirms the provisional grids: the robot stood still through the scan.
+            # HOLD confirms the provisional grids: the robot stood still throughout the scan.
             gait.hold(pause)
             fused = client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S, extent="map", confirmed=True)
             terrain = client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S, confirmed=True)
@@ -178,25 +181,25 @@ def goal_of(world: World) -> float:
 
 
 def first_recorded(cycles: float) -> int:
-    """First recorded step of a walk."""
+    """First step of a walk that is recorded."""
     return max(0, round(cycles * PAUSES_PER_CYCLE) + 1 - RECORDED_PAUSES)
 
 
 def free_endpoint() -> str:
-    """Endpoint at an unused port of this machine."""
+    """Zenoh endpoint at an unused TCP port of this machine."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 class PlannerProcess(AbstractContextManager["PlannerProcess"]):
-    """Planner in its own process, as a context manager. Grids reach it over Zenoh, requests over its pipe."""
+    """Planner in its own process, as a context manager. It receives grids over Zenoh and requests through a pipe."""
 
     def __init__(self, endpoint: str, robot: str) -> None:
         """Start the process and wait until it is connected.
 
         Raises:
-            PlannerFailed: the process did not start.
+            PlannerFailed: the process ended or was not connected in time.
         """
         self._process = subprocess.Popen(
             [sys.executable, "-m", "guara_perception.app.demo.planner", endpoint, robot],
@@ -217,10 +220,10 @@ class PlannerProcess(AbstractContextManager["PlannerProcess"]):
     def choose(
         self, *, step: int, leg: str, x: float, y: float, extent: str = "footprint", is_course: bool = False
     ) -> dict[str, Any]:
-        """Ask for a foothold near (x, y) [m in base_footprint of that step]; see `planner` for the answer.
+        """Request a foothold near (x, y) [m], in base_footprint of `step`; see `planner` for the answer.
 
         Raises:
-            PlannerFailed: the process died or does not answer.
+            PlannerFailed: the process ended or did not answer in time.
         """
         request = {"step": step, "leg": leg, "x": x, "y": y, "extent": extent, "is_course": is_course}
         try:
@@ -231,7 +234,7 @@ class PlannerProcess(AbstractContextManager["PlannerProcess"]):
         return self._read(ANSWER_TIMEOUT_S)
 
     def close(self) -> None:
-        """End the process; safe to call twice."""
+        """End the process. May be called twice."""
         with suppress(BrokenPipeError):
             self._stdin.close()
         try:
@@ -242,7 +245,7 @@ class PlannerProcess(AbstractContextManager["PlannerProcess"]):
         self._stdout.close()
 
     def _read(self, timeout: float) -> dict[str, Any]:
-        """Read the next answer; the planner writes one line for each request."""
+        """Read the next answer. The planner writes one line for each request, and one when it is connected."""
         if not select.select([self._stdout], [], [], timeout)[0]:
             self._process.kill()
             raise PlannerFailed(f"the planner process did not answer within {timeout:g} s")

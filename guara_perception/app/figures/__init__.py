@@ -1,4 +1,4 @@
 """Figures drawn with matplotlib: maps, frames and range images.
 
-Only `app` imports it.
+Only `app` imports this folder.
 """

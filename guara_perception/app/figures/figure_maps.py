@@ -1,4 +1,4 @@
-"""Figures of frames, range images, the surface and hazards, seen from above: x up, y to the left."""
+"""Figures of frames, range images, surface and hazards. Views from above have x up and y to the left."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Extent = tuple[float, float, float, float]
 SIZE = (9.6, 6.4)
-# Hatching by cause of unknown cells: colours distinct from grey heights, also to colour-blind readers.
+# Colour of the hatching by cause of unknown cells. Colour-blind readers can distinguish all of them from grey heights.
 CAUSES = {
     Hazard.DROPOUT: ("#d55e00", "no return (dark or hole)"),
     Hazard.OCCLUDED: ("#56b4e9", "hidden from camera or laser"),
@@ -36,12 +36,16 @@ CAUSES = {
     Hazard.SELF: ("#0072b2", "hidden by the robot itself"),
 }
 OTHER_COLOUR = "#888888"
-# Width of the hatching lines in a range image.
+# Width of the hatching lines in pixels of a range image.
 LINE_PX = 5
 
 
 def draw_image(path: Path, image: Grey, area: tuple[Interval, Interval] | None, title: str) -> Path:
-    """Draw a grey image: a frame, with axes in pixels, or the floor from above if `area` is given, in millimetres."""
+    """Draw a greyscale image to a file; return the path.
+
+    If `area` is None, the image is a frame with axes in pixels; otherwise it shows this area [m] of the floor from
+    above, with axes in millimetres.
+    """
     figure, ((axes,),) = new_figure(size=SIZE)
     if area is None:
         axes.imshow(image, cmap="gray", vmin=0, vmax=255)
@@ -56,7 +60,10 @@ def draw_image(path: Path, image: Grey, area: tuple[Interval, Interval] | None, 
 def draw_range_image(
     path: Path, image: Float32, terrain: TerrainGrid | None, area: tuple[Interval, Interval], title: str
 ) -> Path:
-    """Draw a range image [mm], lighter where higher; unknown pixels are hatched, by cause if a grid is given."""
+    """Draw a range image [mm] to a file, with higher ground lighter; return the path.
+
+    Unknown pixels are hatched, with a colour for each cause if a grid is given.
+    """
     figure, ((axes,),) = new_figure(size=SIZE)
     known = image[np.isfinite(image)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
@@ -71,7 +78,7 @@ def draw_range_image(
         mask = remaining & ((flags & int(cause)) != 0)
         handles += _hatch(axes, mask, extent, colour, label)
         remaining &= ~mask
-    # Pixels are finer than cells: with a grid, a pixel without a cause lies between samples of a known cell.
+    # Pixels are smaller than cells, so a pixel without a cause in the grid lies between the samples of a known cell.
     rest = "unknown" if terrain is None else "between samples of a known cell"
     handles += _hatch(axes, remaining, extent, OTHER_COLOUR, rest)
     axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.11), ncols=3)
@@ -81,7 +88,7 @@ def draw_range_image(
 
 
 def draw_surface(path: Path, terrain: TerrainGrid, title: str) -> Path:
-    """Draw the heights of a grid as a surface in 3-D, with holes at unknown cells."""
+    """Draw the heights of a grid as a 3-D surface with holes at unknown cells; return the path of the file."""
     import matplotlib
     from matplotlib.colors import LightSource, Normalize
 
@@ -109,7 +116,10 @@ def draw_surface(path: Path, terrain: TerrainGrid, title: str) -> Path:
 
 
 def draw_hazards(path: Path, terrain: TerrainGrid, title: str) -> Path:
-    """Draw the traversability beside the hazards; each cell has the colour of its first flag."""
+    """Draw traversability and hazards side by side; return the path of the file.
+
+    In the right plot, each cell has the colour of its first flag.
+    """
     figure, ((score, hazards),) = new_figure(1, 2, size=(11.0, 4.0))
     traversability = np.where(np.isfinite(terrain.elevation), terrain.traversability, np.nan)
     shown = draw_layer(score, terrain.geometry, traversability, cmap=TRAVERSABILITY_COLOURS, vmin=0, vmax=1)
@@ -129,7 +139,10 @@ def _label(axes: Axes) -> None:
 
 
 def _hatch(axes: Axes, mask: Mask, extent: Extent, colour: str, label: str) -> list[Patch]:
-    """Hatch the pixels of a mask (rows along x, columns along y) over a light tint; return its legend entry."""
+    """Hatch the pixels of a mask (rows along x, columns along y); return a list with the legend entry.
+
+    The list is empty if the mask is.
+    """
     from matplotlib.patches import Patch
 
     if not mask.any():

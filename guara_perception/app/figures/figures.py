@@ -1,4 +1,4 @@
-"""Figures 13 to 18 of the paper, a map of hazards and the range images of a scan, as files."""
+"""Files with figures of a scan: Figs. 13 to 18 of the paper, the hazards and the range images."""
 
 from __future__ import annotations
 
@@ -22,24 +22,25 @@ from guara_perception.terrain.grid import TerrainGrid
 def draw_figures(
     folder: str | Path, scan: Scan, calibration: Calibration, processor: ScanProcessor, terrain: TerrainGrid
 ) -> list[Path]:
-    """Write all figures of a processed scan into a folder, which is created if needed.
+    """Write all figures of a processed scan to a folder, which is created if needed.
 
     Args:
         folder: folder to write to.
-        scan: the recording; its frames are read again.
-        calibration: calibration that the scan was processed with.
+        scan: the recorded scan, whose frames are read again.
+        calibration: calibration with which the scan was processed.
         processor: processor of the scan, after all its stripes.
-        terrain: grid of the scan, with pictures (`with_pictures`).
+        terrain: grid of the scan, with range images (`with_pictures`).
 
     Returns:
-        Paths of the files, in the order of the paper's figures.
+        Paths of the files, in the order of the paper's figures, followed by hazards and range images.
 
     Raises:
-        InvalidInput: the grid has no range images, or the folder is a file.
+        InvalidInput: the grid has no range images, or `folder` is not a folder.
+        FileFormatError, MissingFile: the frame of the median stripe, or every laser-on frame, cannot be read.
     """
     folder = Path(folder)
     if "ortho_image_mm" not in terrain.pictures:
-        raise InvalidInput("the grid carries no range images: make them with `with_pictures` before drawing")
+        raise InvalidInput("the grid has no range images: add them with `with_pictures` before drawing")
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     area = (processor.settings.footprint_x, processor.settings.footprint_y)
@@ -75,19 +76,23 @@ def draw_figures(
             "Orthorectified range image, top view (Fig. 17)",
         ),
         draw_surface(folder / "fig18_surface.png", terrain, "Orthorectified range image in 3-D (Fig. 18)"),
-        draw_hazards(folder / "hazards.png", terrain, "Where a foot may go, and why not elsewhere"),
+        draw_hazards(folder / "hazards.png", terrain, "Traversability and hazards"),
         *write_range_images(folder, terrain),
     ]
 
 
 def median_stripe_frame(scan: Scan) -> Grey:
-    """Grey laser-on frame of the median stripe of the scan."""
+    """Greyscale laser-on frame of the median stripe of the scan."""
     stripe = sorted(scan.stripes, key=lambda each: each.index)[len(scan.stripes) // 2]
     return as_grey(scan.read_frame(stripe.on))
 
 
 def stripes_together(scan: Scan) -> Grey:
-    """Maximum over all laser-on frames at every pixel: all stripes in one image, without unreadable frames."""
+    """Maximum of all readable laser-on frames at each pixel, which shows all stripes in one image.
+
+    Raises:
+        FileFormatError: no laser-on frame can be read.
+    """
     brightest: Grey | None = None
     for stripe in scan.stripes:
         try:
@@ -104,7 +109,7 @@ def stripes_together(scan: Scan) -> Grey:
 
 
 def as_grey(frame: Image) -> Grey:
-    """Grey image of 8 bits; of a colour frame the brightest channel, which shows a laser of any colour."""
+    """Convert a frame to 8-bit greyscale: the maximum of its channels, which shows a laser of any colour."""
     grey = frame.max(axis=2) if frame.ndim == 3 else frame
     return np.asarray(grey >> 8 if grey.dtype == np.uint16 else grey, dtype=np.uint8)
 
@@ -115,13 +120,13 @@ def corrected_image(
     """Rectify an image to a view from straight above the floor, without distortion and perspective.
 
     Args:
-        image: (h, w) or (h, w, 3) picture of the calibrated camera.
+        image: (h, w) or (h, w, 3) image of the calibrated camera.
         camera: intrinsic model.
-        transform_camera_to_footprint: (4, 4).
-        area: x and y range of the floor [m].
+        transform_camera_to_footprint: (4, 4) pose of the camera in base_footprint.
+        area: x and y range of the floor, in base_footprint [m].
 
     Returns:
-        (512, 640) or (512, 640, 3), row along x, column along y, black outside the camera's view.
+        (512, 640) or (512, 640, 3) image with rows along x and columns along y, black outside the camera's view.
     """
     (x0, x1), (y0, y1) = area
     x = x0 + (np.arange(ROWS) + 0.5) * (x1 - x0) / ROWS

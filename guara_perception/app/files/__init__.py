@@ -1,4 +1,4 @@
-"""Scans, sessions and range images in folders and recordings: opened, written, converted.
+"""Readers, writers and converters of scans, sessions and range images, in folders and recordings.
 
-Most of `app` imports it; it imports neither the commands nor the node.
+Most of `app` imports this folder, which imports neither the commands nor the node.
 """

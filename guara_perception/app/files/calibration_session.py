@@ -15,14 +15,14 @@ from kinematics import KinematicsError, Stance
 
 FORMAT = "guara-calibration-session/1"
 SESSION_FILE = "session.json"
-# Placeholder for a session without pictures of a board; never used.
+# Placeholder for the board of a session without board images; its values are not used.
 NO_BOARD = BoardSpec(3, 3, 0.03)
 # Plausible heights of a plate above the soles [m].
 PLATE_HEIGHTS = (-0.5, 0.5)
 
 
 def open_session(folder: str | Path, square: float | None = None) -> CalibrationSession:
-    """Read and check `session.json`; images are loaded on demand.
+    """Open a session folder: read and check `session.json`. Images are loaded on demand.
 
     Args:
         folder: the session's folder.
@@ -31,7 +31,8 @@ def open_session(folder: str | Path, square: float | None = None) -> Calibration
     Raises:
         MissingFile: the folder, its session.json, or an image or scan named there does not exist.
         FileFormatError: a field is invalid; the message names file, field, value and what is allowed.
-        InvalidInput: the plates were scanned by another robot or in another stance, or one scan is named twice.
+        InvalidInput: `square` is out of range, a plate was scanned by another robot or in another stance, or a scan is
+            named twice.
     """
     folder = Path(folder)
     if square is not None and not SQUARES[0] <= square <= SQUARES[1]:
@@ -40,7 +41,7 @@ def open_session(folder: str | Path, square: float | None = None) -> Calibration
         raise MissingFile(f"{folder}: no such folder; a calibration session is a folder with {SESSION_FILE}")
     if not (folder / SESSION_FILE).is_file():
         kind = "; this is the folder of a single scan" if (folder / SCAN_FILE).is_file() else ""
-        raise MissingFile(f"{folder}: no {SESSION_FILE} in it; a calibration session has one{kind}")
+        raise MissingFile(f"{folder}: contains no {SESSION_FILE}, so it is no calibration session{kind}")
     fields = read_json(folder / SESSION_FILE)
     fields.text("format", (FORMAT,))
     with errors_as(FileFormatError, folder / SESSION_FILE, KinematicsError):
@@ -69,17 +70,21 @@ def open_session(folder: str | Path, square: float | None = None) -> Calibration
 
 
 def read_board(fields: Fields) -> BoardSpec:
-    """Board of the `board` object of `session.json`."""
+    """Read the `board` object of `session.json`.
+
+    Raises:
+        FileFormatError: a field is invalid.
+    """
     columns, rows = fields.array("inner_corners", (2,))
     if columns != int(columns) or rows != int(rows):
-        raise FileFormatError(f"{fields.path_to('inner_corners')} is [{columns}, {rows}], it must be two whole numbers")
+        raise FileFormatError(f"{fields.path_to('inner_corners')} is [{columns}, {rows}], allowed: two whole numbers")
     pattern = fields.text("pattern", PATTERNS) if fields.has("pattern") else CHECKERBOARD
     first = fields.text("first_square", COLOURS) if fields.has("first_square") else None
     return BoardSpec(int(columns), int(rows), fields.number("square"), pattern, first)
 
 
 def board_to_dict(board: BoardSpec) -> dict[str, Any]:
-    """Board as the `board` object of `session.json`."""
+    """Convert a board to the `board` object of `session.json`."""
     pattern = {} if board.pattern == CHECKERBOARD else {"pattern": board.pattern}
     first = {} if board.first_square is None else {"first_square": board.first_square}
     return {**pattern, "inner_corners": [board.columns, board.rows], "square": board.square, **first}

@@ -1,4 +1,4 @@
-"""Files of camera models: reader for ROS (`camera_info`), OpenCV and Kalibr, and writer for ROS."""
+"""Camera models in YAML files: reader for ROS (`camera_info`), OpenCV and Kalibr, and writer for ROS."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from guara_perception.fields import Fields
 from guara_perception.files import existing_file, read_bounded, whole_file
 
 MODEL = "plumb_bob"
-# Names of ROS's fields in files of OpenCV, old and new, in lower case and without underscores.
+# ROS's names of fields, with the names that OpenCV's files use or used, in lower case and without underscores.
 OPENCV_NAMES = {
     "camera_matrix": ("cameramatrix", "k", "m"),
     "distortion_coefficients": ("distortioncoefficients", "distcoeffs", "d"),
     "image_width": ("imagewidth", "width"),
     "image_height": ("imageheight", "height"),
 }
-# Number of k1, k2, p1, p2, k3. Longer models of OpenCV begin with these; shorter ones lack the last.
+# Number of coefficients k1, k2, p1, p2, k3. Longer models of OpenCV begin with these; a shorter model lacks the last.
 COEFFICIENTS = 5
 
 
 def write_camera_info(camera: CameraModel, path: str | Path) -> Path:
-    """Write the YAML that ROS's camera_calibration and camera_info_manager use; return its path.
+    """Write a YAML file for ROS's camera_calibration and camera_info_manager; return its path.
 
-    The model is `plumb_bob`: k1, k2, p1, p2, k3, as in `CameraModel`. The rectified picture has the same matrix.
+    The model is `plumb_bob` (k1, k2, p1, p2, k3, as in `CameraModel`). The rectified image has the same camera matrix.
 
     Raises:
         MissingFile: the folder does not exist.
@@ -54,11 +54,12 @@ def write_camera_info(camera: CameraModel, path: str | Path) -> Path:
 
 
 def read_camera_info(path: str | Path) -> CameraModel:
-    """Read a camera from YAML of ROS, of OpenCV's FileStorage, or of Kalibr with one camera.
+    """Read a camera model from a YAML file written by ROS, OpenCV's FileStorage, or Kalibr with a single camera.
 
     Raises:
-        MissingFile: no such file.
-        FileFormatError: not YAML, a field is missing or impossible, or another lens model than k1, k2, p1, p2, k3.
+        MissingFile: the file does not exist.
+        FileFormatError: the file is not YAML, a field is missing or invalid, or the lens model has coefficients other
+            than k1, k2, p1, p2, k3.
     """
     path = existing_file(path)
     content = _read_yaml(path)
@@ -74,9 +75,9 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     from ruamel.yaml.error import YAMLError
 
     try:
-        # Such files have less than 1 kB; YAML's aliases can expand a small file into a large object.
+        # Files are normally smaller than 1 kB; YAML's aliases can expand a small file into a large object.
         text = read_bounded(path, 64 * 1024).decode()
-        # OpenCV writes a directive and tags that no other reader of YAML accepts.
+        # OpenCV writes a directive and tags that no other YAML reader accepts.
         text = re.sub(r"\A%YAML:1\.0\s*\n", "", text).replace("!!opencv-matrix", "")
         content = YAML(typ="safe").load(text)
     except (YAMLError, ValueError, RecursionError) as error:
@@ -104,7 +105,7 @@ def _of_ros_or_opencv(fields: Fields) -> CameraModel:
 
 def _of_kalibr(content: dict[str, Any], cameras: list[str], source: str) -> CameraModel:
     if len(cameras) > 1:
-        raise FileFormatError(f"{source}: holds {', '.join(cameras)}, allowed: one camera; keep this rangefinder's")
+        raise FileFormatError(f"{source}: contains {', '.join(cameras)}, allowed: one camera, the rangefinder's")
     fields = Fields(content, source).sub(cameras[0])
     fields.text("camera_model", ("pinhole",))
     fields.text("distortion_model", ("radtan",))

@@ -19,24 +19,27 @@ from transport.recording import FrameRecord, FrameReference, RecordingWriter, Sc
 def convert(
     source: str | Path, target: str | Path, *, step: int | None = None, progress: Progress | None = None
 ) -> Path:
-    """Convert a folder into an .mcap file, or a scan of an .mcap file into a folder; whole or not at all.
+    """Convert a scan folder to an .mcap file, or a scan of an .mcap file to a folder. The target is written atomically.
 
     Args:
-        source: folder or recording.
+        source: scan folder or recording.
         target: path to write; a recording if it ends in .mcap, else a folder.
-        step: pause whose scan is converted, for a recording that holds several.
-        progress: called with (stripes done, stripes in all).
+        step: step of the pause whose scan is converted, for a recording with several pauses.
+        progress: called with (stripes done, total number of stripes), or None.
+
+    Returns:
+        `target`.
 
     Raises:
-        InvalidInput: the target exists, both are of one kind, or a folder cannot hold the scan: its grid was withdrawn,
-            or it has a joint stream.
+        InvalidInput: the target exists, source and target are of the same kind, the recording contains no scan of
+            `step`, or a scan folder cannot represent the scan because its grid was withdrawn or it has a joint stream.
         MissingFile, FileFormatError: the source cannot be read.
     """
     source, target = Path(source), Path(target)
     if target.exists():
         raise InvalidInput(f"{target} exists; give another name, or remove it first")
     if source.is_dir() == (target.suffix != ".mcap"):
-        raise InvalidInput(f"{source} -> {target}: one must be a folder and the other end in .mcap")
+        raise InvalidInput(f"{source} -> {target}: one must be a folder, and the other must end in .mcap")
     if source.is_dir():
         _write_recording(open_scans(source), carried_calibration(source), target, progress)
     else:
@@ -79,7 +82,7 @@ def _write_recording(
 
 
 def _write_folder(scan: Scan, calibration: Calibration | None, target: Path, progress: Progress | None) -> None:
-    # scan.json has no field for a withdrawal, and none for a joint stream.
+    # scan.json has no field for a withdrawal or a joint stream.
     scan.refuse_withdrawn()
     if scan.read_track is not None:
         raise InvalidInput(

@@ -1,4 +1,4 @@
-"""Export of grids as PLY, PCD or CSV for other tools."""
+"""Export of grids to PLY, PCD or CSV files."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ COLUMNS = ("x", "y", "elevation", "sigma", "slope", "step_height", "roughness", 
 
 
 def export_terrain(terrain: LayeredGrid, path: str | Path) -> int:
-    """Write a grid in the format of the file's ending, whole or not at all.
+    """Write a grid atomically in the format given by the file's ending.
 
-    `.ply` and `.pcd` (binary) hold a point per known cell: x, y, z and sigma [m], hazard flags, and the colour of the
-    cell's first hazard in figures. `.csv` holds a line per cell; unknown cells have no height, and their hazard gives
-    the cause.
+    `.ply` and `.pcd` (binary) contain a point for each known cell: x, y, z and sigma [m], hazard flags, and the colour
+    of the cell in figures. `.csv` contains a line for each cell; an unknown cell has no height, and its flags give the
+    cause.
 
     Returns:
-        Number of points or lines written.
+        Number of points, or of lines without the header.
 
     Raises:
-        InvalidInput: another ending.
+        InvalidInput: the path has another ending or is a folder.
         MissingFile: the folder does not exist.
     """
     write = WRITERS[check_target(path, *WRITERS).suffix.lower()]
@@ -38,9 +38,10 @@ def export_terrain(terrain: LayeredGrid, path: str | Path) -> int:
 
 
 def cell_cloud(terrain: LayeredGrid) -> dict[str, Array]:
-    """One point per known cell, at its centre: x, y, z, sigma [m], hazard flags, colour 0x00RRGGBB as in pictures.
+    """Convert a grid to points at the centres of its known cells.
 
-    Unknown cells have no height and so no point.
+    The fields are x, y, z and sigma [m], hazard flags, and the colour of the cell in figures as 0x00RRGGBB. Unknown
+    cells have no height and therefore no point.
     """
     known = known_cells(terrain)
     x, y = np.meshgrid(*terrain.geometry.centres())
@@ -85,7 +86,7 @@ def _write_pcd(terrain: LayeredGrid, path: Path) -> int:
 
 
 def _write_points(path: Path, header: list[str], cloud: dict[str, Array]) -> int:
-    """Write the header, then the points as packed records; return the number of points."""
+    """Write the header followed by the points as packed records; return the number of points."""
     points = np.rec.fromarrays(list(cloud.values()), dtype=[(name, values.dtype) for name, values in cloud.items()])
     path.write_bytes("\n".join([*header, ""]).encode("ascii") + points.tobytes())
     return int(points.size)

@@ -1,4 +1,4 @@
-"""`describe_file`: contents of a file or folder that this project writes."""
+"""Description of the files and folders that this project writes."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ KINDS = "a grid (.npz), a recording (.mcap), a calibration (.json), a scan folde
 
 
 def describe_file(path: str | Path) -> dict[str, Any]:
-    """Contents of a file or folder as plain values; the entry "kind" names its type.
+    """Describe the contents of a file or folder as plain values; the entry "kind" is its type.
 
     Raises:
         MissingFile: the path does not exist.
-        InvalidInput: a file or folder of another kind.
+        InvalidInput: the file or folder is of another kind, or a robot folder cannot be loaded.
         FileFormatError: the file is damaged; the message names the field.
     """
     path = Path(path)

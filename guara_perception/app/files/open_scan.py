@@ -1,4 +1,4 @@
-"""Opening of recorded scans, from folders or MCAP recordings."""
+"""Access to recorded scans in folders and MCAP recordings."""
 
 from __future__ import annotations
 
@@ -11,41 +11,47 @@ from guara_perception.scan import Scan
 
 
 def open_scan(path: str | Path, step: int | None = None, *, missing_ok: bool = False) -> Scan:
-    """Open one recorded scan: a folder, or an .mcap file.
+    """Open one recorded scan from a scan folder or an .mcap recording.
 
     Args:
         path: scan folder or recording.
-        step: pause to open, for a recording that has several.
-        missing_ok: open a folder although some of its frames are missing; their ground stays unknown.
+        step: step of the pause to open; None = the only one.
+        missing_ok: also open a folder of which frames are missing; the ground of these frames stays unknown.
 
     Raises:
         MissingFile: the path does not exist.
-        FileFormatError: not a scan; the message names file and field.
-        InvalidInput: neither a folder nor an .mcap file; or the recording has no scan, none of this step, or several
-            while `step` is None.
+        FileFormatError: the file or folder is not a valid scan; the message names file and field.
+        InvalidInput: `path` is neither a folder nor an .mcap file, or contains no scan, no scan of this step, or scans
+            of several steps while `step` is None.
     """
     scans = open_scans(path, missing_ok=missing_ok)
-    # A pause may have two scans, a coarse one and the same with intermediate stripes added: the later one is taken.
+    # A pause may have a coarse scan and a later one with intermediate stripes added; keep the later one.
     scans = list({scan.step: scan for scan in scans}.values())
     chosen = scans if step is None else [scan for scan in scans if scan.step == step]
     if len(chosen) == 1:
         return chosen[0]
     if not scans:
-        raise InvalidInput(f"{path}: it holds no scan")
-    wanted = "" if step is None else f"step is {step}; "
+        raise InvalidInput(f"{path}: contains no scan")
+    wanted = "" if step is None else f"no scan of step {step}; "
     held = format_indices(tuple(sorted(scan.step for scan in scans)))
-    raise InvalidInput(f"{path}: {wanted}it holds scans of the steps {held}: give one of these (--step)")
+    raise InvalidInput(f"{path}: {wanted}contains scans of steps {held}; select one with --step")
 
 
 def open_scans(path: str | Path, *, missing_ok: bool = False) -> list[Scan]:
-    """Open all scans of a folder (one) or of an .mcap recording, in recorded order; errors as in `open_scan`."""
+    """Open the scan of a folder or all scans of an .mcap recording, in recorded order.
+
+    Raises:
+        MissingFile: the path does not exist.
+        FileFormatError: the file or folder is not a valid scan; the message names file and field.
+        InvalidInput: `path` is neither a folder nor an .mcap file.
+    """
     path = Path(path)
     if not path.exists():
         raise MissingFile(f"{path}: no such scan")
     if path.is_dir():
         return [open_scan_folder(path, missing_ok=missing_ok)]
     if path.suffix != ".mcap":
-        raise InvalidInput(f"{path}: a scan is a folder that holds scan.json, or a file that ends in .mcap")
+        raise InvalidInput(f"{path}: not a scan; allowed: a folder with scan.json, or a file that ends in .mcap")
     from guara_perception.app.files.scan_recording import open_recorded_scans
 
     return open_recorded_scans(path)

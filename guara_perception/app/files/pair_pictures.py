@@ -1,4 +1,4 @@
-"""Ordering of a scan's pictures, and their pairing (laser on and off), by numbers and words in their names."""
+"""Order of a scan's images, and pairing of images with and without laser, by numbers and words in the file names."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 from guara_perception.exceptions import InvalidInput, MissingFile
 
-# Words that mark a picture without the laser.
+# Words in a file name that mark a laser-off image.
 OFF_WORDS = {"off", "dark", "background", "bg", "ambient", "without"}
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
 # Largest number of names listed in a message.
@@ -20,12 +20,12 @@ MOST_NAMES = 6
 
 @dataclass(frozen=True, slots=True)
 class PicturePair:
-    """Pictures of one stripe.
+    """Images of one stripe.
 
     Attributes:
-        number: number in the name that gives the order.
-        on: picture with the laser.
-        off: picture without it, which stripes may share, or None.
+        number: number in the file name that gives the order.
+        on: laser-on image.
+        off: laser-off image, which several stripes may share, or None.
     """
 
     number: int
@@ -34,11 +34,11 @@ class PicturePair:
 
 
 def picture_files(given: Sequence[Path]) -> list[Path]:
-    """List the given pictures; a folder is replaced by the pictures in it.
+    """List the given image files. A folder is replaced by the image files in it.
 
     Raises:
-        MissingFile: a picture does not exist, or a folder has none.
-        InvalidInput: a picture is given twice.
+        MissingFile: a file does not exist, or a folder contains no image.
+        InvalidInput: a file is given twice.
     """
     found: list[Path] = []
     for path in given:
@@ -53,16 +53,18 @@ def picture_files(given: Sequence[Path]) -> list[Path]:
 
 
 def pair_pictures(pictures: Sequence[Path], off: str = "", number: int | None = None) -> tuple[PicturePair, ...]:
-    """Put the pictures of a scan in order, each with its picture without the laser.
+    """Sort the images of a scan, and pair each laser-on image with its laser-off image.
+
+    A single laser-off image is shared by all stripes.
 
     Args:
-        pictures: all pictures, in any order.
-        off: pattern of the names without the laser, as in a shell; empty = those with a word such as off or dark.
-        number: position of the number in a name that gives the order, 1 the first, -1 the last; None = any, if the
-            order is clear.
+        pictures: all images, in any order.
+        off: shell pattern of the names of laser-off images; empty = names with a word such as off or dark.
+        number: position of the number in the names that gives the order (1 = first, -1 = last); None = any position, if
+            the order is unambiguous.
 
     Raises:
-        InvalidInput: the order is not clear, or a picture has no partner; the message names the pictures.
+        InvalidInput: the order is ambiguous, or an image has no partner; the message names the images.
     """
     dark = [path for path in pictures if (fnmatch(path.name, off) if off else _is_off(path))]
     lit = [path for path in pictures if path not in dark]
@@ -82,12 +84,12 @@ def pair_pictures(pictures: Sequence[Path], off: str = "", number: int | None = 
 
 
 def numbers_of(path: Path) -> list[int]:
-    """Numbers in a name, from left to right."""
+    """Numbers in a file name, from left to right."""
     return [int(digits) for digits in re.findall(r"\d+", path.stem)]
 
 
 def names_of(paths: Collection[Path]) -> str:
-    """Names for a message."""
+    """List file names for a message, at most MOST_NAMES of them."""
     names = sorted(path.name for path in paths)
     return ", ".join(names[:MOST_NAMES]) + (f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else "")
 
@@ -102,7 +104,14 @@ def _has(order: dict[int, Path], path: Path, place: int) -> bool:
 
 
 def _orders(pictures: Sequence[Path], number: int | None) -> dict[int, dict[int, Path]]:
-    """Pictures by number, for each place in the name where all numbers differ; all places give the same order."""
+    """Sort images by number, for each position in the names at which all numbers differ.
+
+    Returns:
+        Images by number, by position. All positions give the same order.
+
+    Raises:
+        InvalidInput: the names have different counts of numbers, or the order is ambiguous.
+    """
     counts = Counter(len(numbers_of(path)) for path in pictures)
     usual = counts.most_common(1)[0][0]
     odd = [path for path in pictures if len(numbers_of(path)) != usual]

@@ -1,4 +1,4 @@
-"""Range images as image files: 16 bits with scale and offset, 8 bits for display, causes as flags."""
+"""Range images as PNG files: 16 bit with scale and offset, 8 bit for display, and flags of the causes."""
 
 from __future__ import annotations
 
@@ -15,16 +15,18 @@ from guara_perception.scanning.pictures import cause_image
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
-# Value 0 means unknown; value v means v * SCALE_MM + OFFSET_MM.
+# In 16-bit images, 0 is unknown, and any other value v is the height v * SCALE_MM + OFFSET_MM.
 SCALE_MM = 0.01
 OFFSET_MM = -300.0
 IMAGES = ("range_image_mm", "ortho_image_mm")
 
 
 def write_range_images(folder: Path, terrain: TerrainGrid) -> list[Path]:
-    """Write both range images in 16 and 8 bits, the causes of unknown pixels in the orthorectified one, and a key.
+    """Write the range images of a grid to a folder; return the paths.
 
-    Pixel (r, c) is row r along x, column c along y, as in the grid file; nothing is flipped for display here.
+    The files are both range images with 16 and with 8 bits, the causes of the unknown pixels of the orthorectified
+    image, and `range_images.json`, which explains the values. As in the grid file, rows are along x and columns along
+    y; images are not flipped for display.
     """
     paths = []
     shown: dict[str, tuple[float, float]] = {}
@@ -49,13 +51,17 @@ def write_range_images(folder: Path, terrain: TerrainGrid) -> list[Path]:
 
 
 def to_16_bit(image: Float32) -> Image:
-    """Heights above OFFSET_MM in units of SCALE_MM, 0 where unknown."""
+    """Convert heights [mm] to heights above OFFSET_MM in units of SCALE_MM, clipped to 1 ... 65535; 0 = unknown."""
     values = np.clip(np.rint((np.nan_to_num(image, nan=OFFSET_MM) - OFFSET_MM) / SCALE_MM), 1, 65535)
     return np.where(np.isfinite(image), values, 0).astype(np.uint16)
 
 
 def to_8_bit(image: Float32) -> tuple[Grey, float, float]:
-    """Grey levels 1 ... 255 from the lowest to the highest height, 0 where unknown; and those two heights [mm]."""
+    """Convert heights to grey levels 1 (lowest) ... 255 (highest), 0 where unknown.
+
+    Returns:
+        The image, and the lowest and highest height [mm]; both are 0 if no pixel is known.
+    """
     known = np.isfinite(image)
     if not known.any():
         return np.zeros(image.shape, dtype=np.uint8), 0.0, 0.0

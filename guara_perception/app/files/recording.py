@@ -1,4 +1,4 @@
-"""`open_recording`: a recording of a walk as scans, grids and stance pauses; `open_grid`: one grid of any file."""
+"""Access to the scans, grids and stance pauses of a recording, and to a single grid of any file."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from transport.recording import open_recording as open_messages
 
 
 class Recording(AbstractContextManager["Recording"]):
-    """Recording (.mcap) that is read piece by piece; use it in a `with` block.
+    """Recording (.mcap) whose contents are read on demand; use it in a `with` block.
 
-    Iterating over it yields its footprint grids.
+    Iterating over a recording yields its footprint grids.
 
     Attributes:
         path: path of the file.
-        scans: the recorded scans, in order; `process_scan` processes each again, also with other settings.
-        calibration: the attached calibration, or None.
+        scans: recorded scans, in order; `process_scan` processes a scan again, possibly with other settings.
+        calibration: attached calibration, or None.
 
     Example:
         with gp.open_recording("walk.mcap") as recording:
@@ -50,16 +50,16 @@ class Recording(AbstractContextManager["Recording"]):
         self.close()
 
     def __iter__(self) -> Iterator[TerrainGrid]:
-        """The footprint grids."""
+        """Yield the footprint grids."""
         return self.grids()
 
     def grids(self, extent: str = "footprint") -> Iterator[TerrainGrid]:
-        """The recorded grids of one extent, in order.
+        """Yield the recorded grids of one extent, in order.
 
         Raises:
-            InvalidInput: no such extent.
+            InvalidInput: unknown extent.
             FileFormatError: a grid is damaged.
-            UnsafeGrid: a grid breaks the safety invariant.
+            UnsafeGrid: a grid violates the safety invariant.
         """
         if extent not in EXTENTS:
             raise InvalidInput(f"extent is {extent!r}, allowed: {', '.join(EXTENTS)}")
@@ -68,7 +68,7 @@ class Recording(AbstractContextManager["Recording"]):
                 yield message_to_terrain(message)
 
     def stances(self) -> Iterator[StancePause]:
-        """The recorded announcements of stance pauses, in order.
+        """Yield the recorded announcements of stance pauses, in order.
 
         Raises:
             FileFormatError: an announcement is damaged.
@@ -77,7 +77,7 @@ class Recording(AbstractContextManager["Recording"]):
             yield from self._messages.stance_pauses()
 
     def close(self) -> None:
-        """Close the file; safe to call twice."""
+        """Close the file. May be called twice."""
         self._messages.close()
 
 
@@ -85,29 +85,30 @@ def open_recording(path: str | Path) -> Recording:
     """Open a recording (.mcap).
 
     Raises:
-        MissingFile: no such file.
-        FileFormatError: the file is not a recording, or is truncated; then `guara recover` restores what is in it.
+        MissingFile: the file does not exist.
+        FileFormatError: the file is not a recording, or is truncated (`guara recover` then makes it readable).
     """
     return Recording(path)
 
 
 def open_grid(path: str | Path, step: int | None = None, extent: str | None = None) -> TerrainGrid:
-    """A grid from an .npz file, or from an .mcap recording.
+    """Read one grid from an .npz file or an .mcap recording.
 
     Args:
         path: path of the file.
-        step: pause of a recording; None = its last.
-        extent: extent of the grid in a recording, "footprint" or "map"; None = footprint.
+        step: step of the pause; None = the grid of the .npz file, or the last grid of the recording.
+        extent: "footprint" or "map"; None = the grid of the .npz file, or a footprint of the recording.
 
     Raises:
         MissingFile, FileFormatError: the file does not exist or cannot be read.
-        InvalidInput: a step or extent that the file does not hold.
+        InvalidInput: the file contains no grid of this step and extent, or the extent is unknown.
+        UnsafeGrid: a grid violates the safety invariant.
     """
     path = Path(path)
     if path.suffix != ".mcap":
         terrain = load_terrain(path)
         if step not in (None, terrain.step) or extent not in (None, terrain.extent):
-            raise InvalidInput(f"{path} holds the {terrain.extent} grid of step {terrain.step} and no other")
+            raise InvalidInput(f"{path} contains only the {terrain.extent} grid of step {terrain.step}")
         return terrain
     found: dict[int, TerrainGrid] = {}
     with open_recording(path) as recording:
@@ -116,7 +117,7 @@ def open_grid(path: str | Path, step: int | None = None, extent: str | None = No
                 found.clear()
             found[terrain.step] = terrain
     if not found:
-        raise InvalidInput(f"{path} holds no {extent or 'footprint'} grid; `guara replay` makes them from its scans")
+        raise InvalidInput(f"{path} contains no {extent or 'footprint'} grid; `guara replay` makes grids from scans")
     if step is not None and step not in found:
-        raise InvalidInput(f"{path} holds no grid of step {step}; its steps: {', '.join(map(str, sorted(found)))}")
+        raise InvalidInput(f"{path} has no grid of step {step}; allowed: {', '.join(map(str, sorted(found)))}")
     return found[step] if step is not None else next(iter(found.values()))

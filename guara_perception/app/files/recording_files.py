@@ -1,4 +1,4 @@
-"""Files of a recording that continues over restarts: names and disk space."""
+"""Names and disk space of the successive files of a recording."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from guara_perception.exceptions import InvalidInput
 from transport.exceptions import RecordingError, os_errors
 
 SUFFIX = ".mcap"
-# [byte] Size at which the next file of a folder is started: 12 minutes of JPEG frames, 100 s of lossless ones.
+# [byte] Size at which the next file of a folder is started: 12 minutes of JPEG frames, 100 s of lossless frames.
 FILE_SIZE = 1_000_000_000
-# With a limit, a file takes at most a fifth of it, so that finished files remain when the oldest is removed.
+# With a limit, a file takes at most a fifth of the limit, so that finished files remain when the oldest is removed.
 FILES_IN_LIMIT = 5
-# [byte] Least limit; a fifth of it has room for a pause of lossless frames (39 MB), so that the limit can be kept.
+# [byte] Smallest limit. A fifth of it has room for the lossless frames of a pause (39 MB), so this limit can be kept.
 LEAST_LIMIT = 200_000_000
 UNITS = {"MB": 10**6, "GB": 10**9, "TB": 10**12}
 SIZE = re.compile(r"(\d{1,9}(?:\.\d{1,9})?) ?([MGT]B)", re.IGNORECASE)
@@ -28,20 +28,20 @@ MAGIC = b"\x89MCAP0\r\n"
 class RecordingFiles:
     """Successive files of a recording: `w.mcap`, `w-2.mcap` ..., or `<robot>-000001.mcap` ... in a folder.
 
-    Existing files are never written to. In a folder, only files with these names are removed, and none that a process
-    is still writing.
+    Existing files are never written to. With a limit, only files with these names are removed, and never a file that a
+    process is still writing.
 
     Attributes:
-        file_size: size at which the next file is started [byte]; None for never.
+        file_size: size at which the next file is started [byte]; None = a single file of any size.
     """
 
     def __init__(self, path: Path, robot: str, limit: int | None = None) -> None:
-        """Set the names.
+        """Set the pattern of the names, and create the folder if needed.
 
         Args:
-            path: a name that ends with .mcap, or else a folder, which is created if it does not exist.
-            robot: instance name.
-            limit: largest total size of the files of a folder [byte], from `read_limit`.
+            path: file name that ends with .mcap, or a folder.
+            robot: instance name of the robot.
+            limit: largest total size of the files of a folder [byte], from `read_limit`; None = no limit.
 
         Raises:
             RecordingError: the folder cannot be created.
@@ -64,7 +64,7 @@ class RecordingFiles:
         )
 
     def next(self) -> Path:
-        """Next unused name.
+        """Path of the next file: an unused name with the next number.
 
         Raises:
             RecordingError: the folder does not exist or cannot be read.
@@ -78,10 +78,10 @@ class RecordingFiles:
         return self._folder / f"{self._stem}-{max(numbers) + 1}{SUFFIX}"
 
     def make_room(self) -> None:
-        """Remove the oldest finished files until there is room for a full file and the pause that may exceed its size.
+        """Remove the oldest finished files until there is room for a full file and a pause that exceeds its size.
 
         Raises:
-            RecordingError: a file beyond the limit cannot be removed.
+            RecordingError: a file cannot be removed.
         """
         if self._limit is None or self.file_size is None:
             return
@@ -97,7 +97,7 @@ class RecordingFiles:
             raise RecordingError(f"cannot keep --record-limit: {error.filename}: {error.strerror}") from error
 
     def cut(self) -> list[Path]:
-        """Incomplete files, oldest first: the one being written, and those whose process was killed."""
+        """Incomplete files, oldest first: the file being written, and files whose process was killed."""
         with suppress(OSError):
             return [path for _, path in self._found() if path.is_file() and not _has_end(path)]
         return []
@@ -108,7 +108,7 @@ class RecordingFiles:
 
 
 def _remove_finished(path: Path) -> bool:
-    """Remove a file; False for one that a process writes, which holds a lock on it."""
+    """Remove a file; return False if it is locked, which means that a process is still writing it."""
     with path.open("rb") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -125,14 +125,14 @@ def _has_end(path: Path) -> bool:
 
 
 def read_limit(text: str, path: Path | None) -> int:
-    """Parse a size such as "50GB"; return it in bytes.
+    """Convert a size such as "50GB" to bytes.
 
     Args:
         text: size given by the user.
         path: file or folder to record to, or None.
 
     Raises:
-        InvalidInput: not a size, too small, or given for a single file.
+        InvalidInput: the text is not a size, the size is too small, or `path` is not a folder.
     """
     match = SIZE.fullmatch(text.strip())
     limit = int(Fraction(match[1]) * UNITS[match[2].upper()]) if match else 0

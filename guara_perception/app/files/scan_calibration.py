@@ -1,4 +1,4 @@
-"""Calibration of a recorded scan: the stored one, or one that is given."""
+"""Choice of the calibration of a recorded scan: given by the user, or stored with the scan."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ CALIBRATION_FILE = "calibration.json"
 
 
 def carried_calibration(scan: str | Path) -> Calibration | None:
-    """Calibration stored in a scan folder or attached to a recording; None if there is none.
+    """Calibration stored in a scan folder or attached to a recording; None if there is none or no such scan.
 
     Raises:
-        FileFormatError: it is not a valid calibration, or the recording cannot be read.
+        FileFormatError: the calibration is not valid, or the recording cannot be read.
     """
     from guara_perception.app.files.scan_recording import file_errors
     from transport.recording import open_recording
@@ -32,11 +32,11 @@ def carried_calibration(scan: str | Path) -> Calibration | None:
 
 
 def calibration_for(scan: str | Path, given: str | Path | None) -> Calibration:
-    """Calibration that is given, or else the one stored with the scan.
+    """Load the calibration file `given`, or, if this is None, the calibration stored with the scan.
 
     Raises:
-        InvalidInput: there is neither.
-        MissingFile, FileFormatError: the scan does not exist, or the calibration cannot be read.
+        InvalidInput: no file is given, and the scan has no calibration.
+        MissingFile, FileFormatError: a file does not exist or cannot be read.
     """
     if given is not None:
         return load_calibration(given)
@@ -45,6 +45,6 @@ def calibration_for(scan: str | Path, given: str | Path | None) -> Calibration:
         if not Path(scan).exists():
             raise MissingFile(f"{scan}: no such scan")
         raise InvalidInput(
-            f"{scan} carries no {CALIBRATION_FILE}: give the calibration of the rangefinder that recorded it (-c)"
+            f"{scan} has no {CALIBRATION_FILE}: give the calibration of the rangefinder that recorded the scan (-c)"
         )
     return carried

@@ -1,4 +1,4 @@
-"""Reader and writer of scan folders with `scan.json` and frames; a folder is written whole or not at all."""
+"""Reader and writer of scan folders, which contain `scan.json` and frames. A folder is written atomically."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ from kinematics import KinematicsError, Stance
 
 FORMAT = "guara-scan/1"
 SCAN_FILE = "scan.json"
-# Largest stamp and step in grid files and messages.
+# Largest stamp [ns] and largest step that grid files and messages can represent.
 MAXIMUM_STAMP = 2**63 - 1
 MAXIMUM_STEP = 2**31 - 1
-# Fast and lossless: compression 1 takes a third of the default's time and 5 % more bytes on camera frames.
+# Compression 1 takes a third of the time of the default, and 5 % more bytes on camera frames.
 PNG_OPTIONS = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
 def open_scan_folder(folder: str | Path, *, missing_ok: bool = False) -> Scan:
-    """Read and check `scan.json`; frames are loaded on demand.
+    """Open a scan folder: read and check `scan.json`. Frames are loaded on demand.
 
     Args:
         folder: the scan folder.
-        missing_ok: open a folder with missing frames; reading one of them raises MissingFile.
+        missing_ok: also open a folder with missing frames; reading such a frame raises MissingFile.
 
     Raises:
         MissingFile: the folder, its scan.json or a frame named there does not exist.
@@ -91,8 +91,8 @@ def read_picture(path: Path) -> npt.NDArray[np.generic]:
     """Read an image unchanged: BGR or grey, 8 or 16 bit.
 
     Raises:
-        MissingFile: no such file.
-        FileFormatError: the file is not an image that can be used; see `decode_picture`.
+        MissingFile: the file does not exist.
+        FileFormatError: the file is not a usable image; see `decode_picture`.
     """
     return decode_picture(read_bounded(existing_file(path), LARGEST_PICTURE), str(path))
 
@@ -106,7 +106,7 @@ def _dark_after(fields: Fields) -> tuple[int, ...]:
 
 def _stripe(item: Fields) -> ScanStripe:
     if "off" not in item.data:
-        raise FileFormatError(f"{item.path_to('off')} is missing, it must be a frame name or null")
+        raise FileFormatError(f"{item.path_to('off')} is missing; allowed: a frame name or null")
     return ScanStripe(
         index=item.integer("index", minimum=0, maximum=9999),
         mirror_angle=item.number("mirror_angle", -3.15, 3.15),
@@ -121,10 +121,10 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
     """Writer of a scan folder; use it in a `with` block and call `finish` when the scan is complete."""
 
     def __init__(self, folder: str | Path) -> None:
-        """Begin in a temporary folder beside the target.
+        """Create a temporary folder beside the target.
 
         Raises:
-            InvalidInput: the target exists, or its parent folder does not.
+            InvalidInput: the target exists, or the parent folder does not exist.
         """
         self.folder = Path(folder)
         if self.folder.exists():
@@ -159,8 +159,8 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
             mirror_angle: commanded mirror angle [rad].
             on: laser-on frame.
             off: laser-off frame, or None.
-            off_key: stripes with the same key share one laser-off file; None = shared with the stripe before if `off`
-                is the same array, else a file for this stripe alone.
+            off_key: key of the laser-off file, which is shared by stripes with the same key. None = shared with the
+                previous stripe if `off` is the same array, else a new file.
             stamp: stamp of the laser-on frame [ns since the epoch].
             dark: frame of the dark flash after the stripe, or None.
 
@@ -171,7 +171,7 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
         self._write(str(entry["on"]), on)
         entry["off"] = None
         if off is not None:
-            # The array is kept for this comparison: a new array can get the address of a freed one.
+            # The array must be kept for this comparison, since a new array can get the address of a freed one.
             if off is not self._off:
                 self._off, self._alone = off, ("alone", index)
             key = self._alone if off_key is None else off_key
@@ -200,7 +200,7 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
         dark_after: Collection[int] = (),
         camera_identity: str = "",
     ) -> Path:
-        """Write `scan.json`, and `calibration.json` if one is given, and move the folder to its final name."""
+        """Write `scan.json` and, if given, the calibration; move the folder to its final name and return its path."""
         document: dict[str, object] = {
             "format": FORMAT,
             "robot": robot,

@@ -1,4 +1,4 @@
-"""Scans of an MCAP recording."""
+"""Access to the scans of an MCAP recording."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from kinematics import BodyTrack, KinematicsError, RobotModel
 from transport import TerrainMessage, TransportError
 from transport.recording import FrameReference, Recording, ScanRecord, StripeRecord, open_recording
 
-# [ns] Joint samples are read from BEFORE_NS before the beginning of a scan to AFTER_NS after its last stripe.
+# [ns] Joint samples are read from BEFORE_NS before the start of a scan to AFTER_NS after its last stripe.
 BEFORE_NS, AFTER_NS = 5_000_000_000, 10_000_000_000
 
 
 @contextmanager
 def file_errors(before: str = "") -> Iterator[None]:
-    """Convert errors of the transport's reader to FileFormatError, with `before` as a prefix of the text."""
+    """Convert errors of the transport's reader to FileFormatError, with `before` as a prefix of the message."""
     try:
         yield
     except TransportError as error:
@@ -35,10 +35,12 @@ def file_errors(before: str = "") -> Iterator[None]:
 
 
 def open_recorded_scans(path: str | Path) -> list[Scan]:
-    """Open the scans of a recording that have a frame, in order; frames are loaded on demand.
+    """Open the scans of a recording in recorded order, without scans that have no laser-on frame.
+
+    Frames are loaded on demand.
 
     Raises:
-        MissingFile: no such file.
+        MissingFile: the file does not exist.
         FileFormatError: the file is not a recording, is truncated (then `guara recover` helps), or has an invalid scan.
     """
     path = existing_file(path)
@@ -48,7 +50,7 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
         withdrawn = _reasons(recording.scans, [grid for grid in recording.terrains() if grid.withdrawn])
     identity = ""
     if recording.calibration is not None:
-        # A damaged calibration is reported where it is used.
+        # A damaged calibration is reported only if it is used.
         with suppress(FileFormatError):
             identity = parse_calibration(recording.calibration, str(path)).camera.identity
     return [
@@ -60,17 +62,17 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
 
 
 def _reasons(scans: Sequence[ScanRecord], taken_back: list[TerrainMessage]) -> dict[int, str]:
-    """Reasons for withdrawn grids, by index of the scan.
+    """Reasons why scans were withdrawn, by index of the scan.
 
-    A withdrawn grid withdraws all scans of its pause, even if the map was confirmed before the robot moved: the
-    recording does not show the difference. If a gait that restarted its count repeats a step, the grid belongs to the
-    last pause of that step whose scan began before the grid was withdrawn.
+    A withdrawn grid withdraws all scans of its pause, even if the map was confirmed before the robot moved, since the
+    recording does not show the difference. If a gait restarted its count and repeated a step, the grid belongs to the
+    last pause of that step whose scan began before the stamp of the grid.
     """
     found: dict[int, str] = {}
     for grid in taken_back:
         of_step = [index for index, scan in enumerate(scans) if scan.step == grid.step]
         before = [index for index in of_step if scans[index].stamp <= grid.stamp]
-        # If the clock was set back, no scan may appear to have begun earlier: then all scans of the step are withdrawn.
+        # If the clock was set back, all scans of the step may have later stamps. Then all of them are withdrawn.
         last = before[-1:] or of_step
         while last and last[0] > 0 and scans[last[0] - 1].step == grid.step:
             last.insert(0, last[0] - 1)
@@ -141,7 +143,7 @@ def _scan(recording: Recording, record: ScanRecord, path: Path, withdrawn: str, 
 
 
 def _instant(stripe: StripeRecord) -> tuple[float, float]:
-    """Instant of a stripe's flash since BEGIN and its standard deviation [s]; NaN if it was not recorded."""
+    """Time of a stripe's flash since BEGIN and its standard deviation [s]; NaN and 0 if not recorded."""
     if stripe.flash is None:
         return math.nan, 0.0
     return (stripe.flash.stamp - stripe.flash.begin) * 1e-9, stripe.flash.sigma * 1e-9

@@ -1,4 +1,4 @@
-"""Image writer that raises OSError on failure; `cv2.imwrite` prints a warning and returns False."""
+"""Image writer that raises OSError on failure, where `cv2.imwrite` prints a warning and returns False."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def write_picture(path: Path, picture: Image, options: Sequence[int] = ()) -> No
 
     Args:
         path: file to write.
-        picture: (h, w) or (h, w, 3) BGR.
+        picture: (h, w) or (h, w, 3) BGR image.
         options: options of `cv2.imencode`.
 
     Raises:

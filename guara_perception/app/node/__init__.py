@@ -1,4 +1,4 @@
-"""The node: from a stance pause to published terrain, with real devices or simulated ones.
+"""Perception node: from a stance pause to published terrain, with real or simulated devices.
 
-Commands, demo, `record` and `acceptance` import it; it writes recordings and reads no scans.
+Commands, demo, `record` and `acceptance` import this folder. The node writes recordings, but reads no recorded scans.
 """

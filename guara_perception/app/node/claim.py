@@ -1,8 +1,8 @@
-"""State of a walk at a confirmed pause, as kept in the journal. A restarted node checks it before continuing the walk.
+"""State of a walk after a pause, stored in the journal. A restarted node checks it before continuing the walk.
 
-Joints alone cannot tell a robot that was carried with stiff legs, or turned on flat ground, from one that stood. So the
-walk continues only if the gait reports which feet have not left the ground, and joints, gravity, the first scan and its
-laser-off image all fit.
+Joint readings alone cannot distinguish a robot that stood from one that was carried with stiff legs or turned on flat
+ground. The walk therefore continues only if the gait reports which feet have not left the ground, and joints, gravity,
+the first scan and its laser-off image all fit.
 """
 
 from __future__ import annotations
@@ -33,31 +33,31 @@ from kinematics.stance_pose import sole_covariances
 from kinematics.transforms import transform_points
 
 FORMAT = "guara-journal/1"
-# [byte] A journal has 1 to 4 MB.
+# [byte] Largest file that is read; a journal normally has 1 to 4 MB.
 LARGEST_JOURNAL = 64 * 1024 * 1024
 # Identifier of the current boot; `transport.clock` restarts at every boot.
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 # Files of a robot folder on which a map depends.
 ROBOT_FILES = {".urdf", ".srdf", ".toml"}
-# Least number of feet that must have stood; with fewer, the motion since the claim is not known.
+# Smallest number of feet that must have stood; with fewer, the motion since the claim is not known.
 LEAST_STANDING = 2
-# Largest offset of the first image from its pose by odometry [m, rad]: sliding feet and joint noise cause a third of it
-# in two pauses.
+# Largest offset of the first image from its pose by odometry [m, rad]; sliding feet and joint noise cause a third of
+# this in two pauses.
 MOST_ASIDE_M, MOST_TURN_RAD = 0.010, np.radians(1.0)
-# Largest change of height of a standing sole relative to another [sigmas].
+# Largest change in height of a standing sole relative to another [sigmas].
 HEIGHT_SIGMAS = 4.0
-# Least fraction of the first scan's cells that are known in the map, and largest fraction of these whose heights differ
-# by more than SCAN_M [m] plus SCAN_SIGMAS sigmas.
+# Smallest fraction of the first scan's known cells that the map must also know, and largest fraction of these shared
+# cells whose heights may differ by more than SCAN_M [m] plus SCAN_SIGMAS sigmas.
 LEAST_SHARED, MOST_CONTRADICTING, SCAN_SIGMAS, SCAN_M = 0.25, 0.10, 3.0, 0.005
 
 
 @dataclass(frozen=True, slots=True)
 class Seal:
-    """Identity that a journal and the node that continues from it have in common.
+    """Identity of robot, calibration and boot, which must be the same for a journal and the node that reads it.
 
     Attributes:
-        instance: instance name.
-        robot: digest of the robot's folder.
+        instance: instance name of the robot.
+        robot: digest of the robot's description files.
         calibration: hash of the calibration.
         boot: identifier of the current boot.
     """
@@ -69,7 +69,7 @@ class Seal:
 
     @classmethod
     def of(cls, instance: str, robot: RobotModel, calibration: Calibration) -> Seal:
-        """Seal of a node on this machine."""
+        """Make the seal of a node on this machine; the boot is empty if the system does not provide an identifier."""
         digest = hashlib.sha256()
         for file in sorted(path for path in robot.folder.rglob("*") if path.suffix in ROBOT_FILES):
             digest.update(file.name.encode() + b"\0" + file.read_bytes())
@@ -79,14 +79,14 @@ class Seal:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Claim:
-    """State of a walk after a confirmed pause.
+    """State of a walk after a pause.
 
     Attributes:
         epoch: identity of the walk, given by the gait.
         step, stance: number and stance of the pause.
-        time: end of its scan by `transport.clock` [s].
+        time: time of the last frame of its scan on `transport.clock` [s].
         odometry, map: leg odometry and terrain map after the pause.
-        restarts: reasons of the map's restarts so far.
+        restarts: reasons for the restarts of the map so far.
     """
 
     epoch: str
@@ -98,7 +98,7 @@ class Claim:
     restarts: tuple[str, ...] = ()
 
     def write(self, stream: IO[bytes], seal: Seal) -> None:
-        """Write a file of three parts: format and digest of the rest, the claim as JSON, and the map."""
+        """Write three parts to a file: a line with format and digest of the rest, the claim as JSON, and the map."""
         claimed = {
             **dataclasses.asdict(seal),
             "epoch": self.epoch,
@@ -123,19 +123,19 @@ class Claim:
         """Read a file written by `write`.
 
         Raises:
-            FileFormatError: the file is damaged, too long, of another version, or does not fit the seal.
+            FileFormatError: the file is damaged, too long, of another version, or of another seal.
         """
         head, _, body = read_bounded(path, LARGEST_JOURNAL).partition(b"\n")
         kind, _, digest = head.decode(errors="replace").partition(" ")
         if kind != FORMAT:
-            raise FileFormatError(f"{path}: its format is {kind[:40]!r}, allowed: {FORMAT!r}")
+            raise FileFormatError(f"{path}: format is {kind[:40]!r}, allowed: {FORMAT!r}")
         if hashlib.sha256(body).hexdigest() != digest:
-            raise FileFormatError(f"{path}: its digest does not match: it is truncated or damaged")
+            raise FileFormatError(f"{path}: the digest does not match; the file is truncated or damaged")
         fields = parse_json(body.partition(b"\n")[0], str(path))
         for name, value in dataclasses.asdict(seal).items():
             given = fields.text(name)
             if given != value:
-                raise FileFormatError(f"{path}: it is of {name} {given[:40]!r}, this node has {value[:40]!r}")
+                raise FileFormatError(f"{path}: {name} is {given[:40]!r}, but this node has {value[:40]!r}")
         try:
             return cls(
                 epoch=fields.text("epoch"),
@@ -161,25 +161,25 @@ class Claim:
     ) -> tuple[str, bool]:
         """Compare the first scan after a restart with the claim.
 
-        An incomplete scan, of a pause that ended early, is not sufficient evidence to reject the walk.
+        If the scan is incomplete because its pause ended early, a misfit of image or heights does not reject the walk.
 
         Args:
-            stance: stance of its pause.
+            stance: stance of the scan's pause.
             terrain: grid of the scan alone.
             odometry: leg odometry of this robot before any pause; it is set to the claim and updated with this pause.
             standing: feet that have not left the ground since the pause of the claim, as reported by the gait.
-            time: end of the scan by `transport.clock` [s].
-            picture: laser-off image of the scan, as `TerrainMap.update` takes it.
+            time: time of the scan's last frame on `transport.clock` [s].
+            picture: laser-off image of the scan, as in `TerrainMap.update`.
 
         Returns:
-            Reason why the scan does not fit, empty if it does; and True if a later scan may still fit.
+            Reason why the scan does not fit, empty if it fits; and True if a later scan may still fit.
         """
         robot = self.map.robot
         age, validity = time - self.time, Settings.of(robot).validity_seconds
         if len(standing) < LEAST_STANDING:
             return f"the gait reports fewer than two feet that never left the ground since step {self.step}", False
         if not 0.0 <= age <= validity:
-            return f"it is {age:.0f} s old, ground is valid for {validity:.0f} s", False
+            return f"it is {age:.0f} s old, but ground is valid for only {validity:.0f} s", False
         if stance.gravity_in_base is None or self.stance.gravity_in_base is None:
             return "gravity is not known, so it cannot be compared", False
         try:
@@ -191,27 +191,27 @@ class Claim:
         assert before is not None
         moved = sorted(set(standing).difference(pose.stayed_feet))
         if moved:
-            return f"{', '.join(moved)} moved, but the gait reports that it stood", False
+            return f"{', '.join(moved)} moved, but stood according to the gait", False
         tilted = _heights_changed(before, pose, robot)
         if tilted > HEIGHT_SIGMAS:
-            return f"gravity does not agree: standing soles changed their heights by {tilted:.1f} sigma", False
+            return f"gravity does not agree: the heights of standing soles changed by {tilted:.1f} sigma", False
         why = self._unlike(terrain, pose, time, picture)
         return why, bool(why and terrain.scan_record.stripes_missing)
 
     def _unlike(
         self, terrain: TerrainGrid, pose: OdometryPose, time: float, picture: GroundPicture | str | None
     ) -> str:
-        """Reason why picture and heights of a scan do not fit the map; empty if they do."""
+        """Reason why laser-off image or heights of a scan do not fit the map; empty if both fit."""
         seen = self.map.motion_by_texture(terrain, pose, picture)
         if seen.refused or not seen.is_whole:
-            return f"the first picture: {seen.refused or f'only a part of it was found again: {seen.part}'}"
+            return f"the first image: {seen.refused or f'only a part of it was found again: {seen.part}'}"
         aside, turn = float(np.linalg.norm(seen.motion[:2])), abs(float(seen.motion[2]))
         if aside > MOST_ASIDE_M or turn > MOST_TURN_RAD:
-            return f"the first picture lies {1e3 * aside:.0f} mm and {np.degrees(turn):.1f} degrees beside the joints'"
+            return f"the first image is {1e3 * aside:.0f} mm and {np.degrees(turn):.1f} degrees off its odometry pose"
         return self._contradicted(terrain, pose, time)
 
     def _contradicted(self, terrain: TerrainGrid, pose: OdometryPose, time: float) -> str:
-        """Reason why the heights of a scan do not fit the map; empty if they do."""
+        """Reason why the heights of a scan do not fit the map; empty if they fit."""
         view = self.map.view(terrain, pose, time=time)
         known = np.isfinite(terrain.elevation)
         x, y = (axis[known] for axis in np.meshgrid(*terrain.geometry.centres()))
@@ -227,7 +227,7 @@ class Claim:
 
 
 def _heights_changed(before: OdometryPose, now: OdometryPose, robot: RobotModel) -> float:
-    """Largest change of the height of a standing sole relative to another, along gravity [sigmas]."""
+    """Largest change in height of a standing sole relative to another, along gravity [sigmas]."""
     legs, noise = now.stayed_feet, robot.noise
     soles, variances = [], np.zeros(len(legs))
     for pose in (before.pose, now.pose):

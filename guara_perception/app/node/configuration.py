@@ -1,4 +1,4 @@
-"""Configuration of a node: checked as a whole before it starts, and watched while it runs."""
+"""Configuration of a node: check of all its files before the start, and monitor of changes while the node runs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ EXPECTED = (PerceptionError, KinematicsError, TransportError, OSError)
 
 
 def mistakes_of(chosen: DeviceOptions, *, simulated: bool, security: Path | None) -> list[str]:
-    """Find all mistakes in the configuration of a node; no device is opened.
+    """Find all mistakes in the configuration of a node without opening a device.
 
     Args:
         chosen: robot, calibration and devices.
@@ -35,7 +35,7 @@ def mistakes_of(chosen: DeviceOptions, *, simulated: bool, security: Path | None
     )
     mistakes = [_mistake(load, str(given)) for given, load in parts if given is not None]
     if not any(mistakes):
-        # Valid parts may still not fit each other.
+        # The parts are valid, but may not fit together.
         mistakes.append(_mistake(partial(choose_rig, simulated=simulated, on_the_move=True), chosen))
     return list(filter(None, mistakes))
 
@@ -55,22 +55,22 @@ def _refuse_unsafe(folder: str) -> None:
 
 
 class ConfigurationWatch:
-    """Files that a running node was started with; a change takes effect with the next start."""
+    """Monitor of the configuration files of a running node. A change takes effect only after a restart."""
 
     def __init__(self, *paths: Path | None) -> None:
-        """Record the state of files and of the contents of folders; None is skipped."""
+        """Store the current state of files and of all files in folders; None is skipped."""
         self._paths = [path for path in paths if path is not None]
         self._before = self._state()
 
     def item(self) -> StatusItem:
-        """Status item: a warning that lists the changes since the start."""
+        """Status item of the configuration: a warning if files have changed since the start."""
         now = self._state()
         changed = sorted(
             str(path) for path in now.keys() | self._before.keys() if now.get(path) != self._before.get(path)
         )
         if not changed:
-            return StatusItem(name="configuration", level=Health.OK, message="as it was at the start")
-        message = f"changed since the start, restart the node to use it: {', '.join(changed)}"
+            return StatusItem(name="configuration", level=Health.OK, message="unchanged since the start")
+        message = f"changed since the start; restart the node to apply the changes: {', '.join(changed)}"
         return StatusItem(name="configuration", level=Health.WARN, message=message)
 
     def _state(self) -> dict[Path, tuple[int, int]]:

@@ -1,4 +1,4 @@
-"""Monitor of foot contacts: heights of landing feet relative to the map, which test calibration and kinematics."""
+"""Monitor of foot contacts: heights of landing feet relative to the map, as a test of calibration and kinematics."""
 
 from __future__ import annotations
 
@@ -12,24 +12,27 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.record import MapRecord
 from transport import Health
 
-# Largest number of landings in the statistics, and smallest for a warning (two cycles).
+# Largest number of landings in the statistics, and smallest number for a warning (two cycles).
 MOST_LANDINGS, FEWEST_LANDINGS = 40, 8
 
 
 class ContactWatch:
-    """Status items `contact` (bias, sigma and worst of the latest landings) and `ground` (feet that sank or slid)."""
+    """Monitor with two status items.
+
+    `contact` has bias, sigma and worst height of the latest landings; `ground` reports feet that sank or slid.
+    """
 
     def __init__(self, status: NodeStatus) -> None:
-        """Start without a landing."""
+        """Start without landings; `status` gets the items."""
         self._status = status
         self._heights: deque[float] = deque(maxlen=MOST_LANDINGS)
 
     def add(self, fused: TerrainGrid, stayed: Collection[str]) -> None:
-        """Judge the feet that were set down since the last pause.
+        """Add the feet that landed since the last pause, and update the status items.
 
         Args:
             fused: map of the pause.
-            stayed: feet that have stood since the last pause.
+            stayed: feet that did not swing since the last pause.
         """
         record = fused.record
         assert isinstance(record, MapRecord)
@@ -53,7 +56,7 @@ class ContactWatch:
         }
         limit = record.required_limits.sigma
         text, level = f"feet land {1e3 * bias:+.1f} mm off the map, sigma {1e3 * sigma:.1f} mm", Health.OK
-        # Without a fault the mean is within the limit plus twice its standard error.
+        # Without a fault, the mean is within the limit plus two standard errors of the mean.
         if count >= FEWEST_LANDINGS and abs(bias) > limit + 2 * sigma / np.sqrt(count):
             level = Health.WARN
             text += (

@@ -1,4 +1,4 @@
-"""Checks of ground declared by the gait, before it enters the map."""
+"""Check of ground declared by the gait, before it is entered into the map."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from guara_perception.terrain.map.known_ground import KnownGround
 from transport import StancePause
 
 FRAME = "base_footprint"
-# Largest number of patches: two for each of four feet, with a factor of two in reserve.
+# Largest number of patches: twice as many as two for each of four feet.
 MAXIMUM_PATCHES = 16
 MAXIMUM_CORNERS = 16
-# [m] Largest coordinate of a corner, far beyond any step; ground outside the map is clipped.
+# [m] Largest coordinate of a corner, far beyond any stride; ground outside the map is clipped.
 FURTHEST = 20.0
 # [m] Largest sigma of known ground.
 LARGEST_SIGMA = 0.1
 
 
 def declared_ground(announcement: StancePause, settings: Settings) -> tuple[KnownGround, ...]:
-    """Known ground of an announcement, for the map.
+    """Convert the declared ground of an announcement to known ground for the map.
 
     Raises:
-        InvalidInput: patches in another frame, or too many of them, or a patch that has too many corners, is too far
-            away, is outside the height limits or has too large a sigma; then no patch may be used.
+        InvalidInput: the patches are in another frame or too many, or a patch has too many corners, is too far away, is
+            outside the height limits, or has too large a sigma. No patch may then be used.
     """
     patches = announcement.known_ground
     if not patches:

@@ -1,4 +1,4 @@
-"""Devices of a live command, real or simulated."""
+"""Creation of the real or simulated devices of a command that scans."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ if TYPE_CHECKING:
     from guara_perception.app.node.simulated import SimulatedRobot
 
 
-# Tables and keys of robot.toml that footholds depend on. The mounts of camera and laser are not among them: the
-# calibration, without which there is no live scan, overrides them.
+# Keys and prefixes of keys of robot.toml on which footholds depend. The mounts of camera and laser are not among them,
+# because the calibration overrides them.
 SAFETY_KEYS = ("sole", "legs.", "traversability.", "heights.")
 NO_CALIBRATION = "no calibration: give -c calibration.json (`guara calibrate` makes it)"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rig:
-    """Robot and devices of a live command.
+    """Robot and devices of a command that scans.
 
     Attributes:
         robot: model of the robot.
         known_calibration: calibration of the rangefinder; None for a scan from which to calibrate.
-        rangefinder: board and camera, not yet open.
-        simulation: simulated robot behind the rangefinder, None for real devices.
+        rangefinder: laser board and camera, not yet open.
+        simulation: simulated robot to which the rangefinder belongs; None for real devices.
     """
 
     robot: RobotModel
@@ -45,7 +45,7 @@ class Rig:
         """Calibration of the rangefinder.
 
         Raises:
-            InvalidInput: there is none; `choose_rig` already rejects that for commands that need one.
+            InvalidInput: there is no calibration; `choose_rig` raises this first for commands that require one.
         """
         if self.known_calibration is None:
             raise InvalidInput(NO_CALIBRATION)
@@ -60,7 +60,7 @@ def choose_rig(
     on_the_move: bool = False,
     world: str = "demo",
 ) -> Rig:
-    """Create the rig selected by the options of a command.
+    """Create robot and devices as selected by the options of a command.
 
     Args:
         chosen: robot, calibration and devices given by the options.
@@ -71,9 +71,9 @@ def choose_rig(
         world: name or file of the simulated world.
 
     Raises:
-        InvalidInput: neither a calibration nor a simulation; a simulation with devices.toml; a real robot whose
-            safety-related values are assumed.
-        CalibrationMismatch: devices and calibration are of different cameras.
+        InvalidInput: there is neither a calibration nor a simulation, a simulation has devices.toml, or safety-related
+            values of a real robot are assumed.
+        CalibrationMismatch: devices and calibration belong to different cameras.
         MissingFile, FileFormatError: calibration, devices.toml or world cannot be read.
         kinematics.KinematicsError: the robot cannot be loaded.
     """
@@ -103,7 +103,11 @@ def choose_rig(
 
 
 def _refuse_assumed(robot: RobotModel) -> None:
-    """Refuse a robot whose soles, legs or limits are assumed, not measured."""
+    """Reject a robot with assumed (not measured) soles, legs or limits.
+
+    Raises:
+        InvalidInput: a safety-related value is assumed.
+    """
     open_keys = [key for key in robot.config.assumed if key.startswith(SAFETY_KEYS)]
     if open_keys:
         raise InvalidInput(
@@ -114,11 +118,11 @@ def _refuse_assumed(robot: RobotModel) -> None:
 
 
 def rangefinder_of(devices: Devices, *, free: bool = False) -> Rangefinder:
-    """Board and camera described by devices.toml, not yet open; opening the camera locks its settings.
+    """Create the rangefinder described by devices.toml without opening it. Opening will lock the camera's settings.
 
     Args:
         devices: contents of devices.toml.
-        free: run the camera freely although it has a trigger, for instance for images of a checkerboard.
+        free: use a free-running camera even if a trigger is given, for instance for images of a checkerboard.
 
     Raises:
         InvalidInput: see `Devices.camera`, `Devices.laser_board` and `Devices.sweep_options`.

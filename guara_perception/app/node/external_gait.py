@@ -1,4 +1,4 @@
-"""Placement of a simulated robot at the stance pauses of a gait in development."""
+"""Placement of a simulated robot at the stance pauses announced by a user's gait."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from transport import MessageError, PausePhase, StancePause
 
 logger = logging.getLogger(__name__)
 
-# Iterations of the least-squares fit of the body to the ground; more than one, because the ground is not flat.
+# Iterations of the least-squares fit of the body to the ground; several are needed because the ground is not flat.
 FIT_STEPS = 8
-# Tolerated gap between a sole and the ground [m]; covers joint biases and uneven ground under the sole.
+# Tolerated distance between a sole and the ground [m]; covers joint biases and uneven ground under the sole.
 HANGING_M = 0.020
 # Tolerance for joint readings beyond the limits [rad]; covers encoder noise.
 LIMIT_ERROR_RAD = 0.01
@@ -32,11 +32,11 @@ TILT_ERROR_RAD = 0.06
 
 
 class ExternalGait:
-    """Link that places a simulated robot at the stance pauses of another process's gait and reports contradictions.
+    """Adapter that places a simulated robot at the stance pauses of another process's gait and reports contradictions.
 
     Position and heading follow from leg odometry, height and tilt from the support feet, which rest on the ground. The
-    joints in the messages are readings of encoders with a constant bias, as on a robot. A new walk begins at the
-    origin of the world.
+    joint positions in the messages are treated as encoder readings with a constant bias, as on a real robot. A new walk
+    begins at the origin of the world.
 
     Attributes:
         placed: number of pauses for which the robot was placed.
@@ -46,8 +46,9 @@ class ExternalGait:
         """Start with the robot at the origin.
 
         Args:
-            robot: simulated robot; the devices of `node` are its own.
-            node: running node; receives each announcement after any placement, or its refusal if it is invalid.
+            robot: simulated robot, whose devices `node` uses.
+            node: running node, which receives each announcement after the placement, or an error if the robot cannot be
+                placed.
             tell: called with a line of text for each pause with a contradiction.
         """
         self._robot, self._node, self._tell = robot, node, tell
@@ -61,7 +62,7 @@ class ExternalGait:
         self.placed = 0
 
     def on_pause(self, announcement: StancePause) -> None:
-        """Place the robot at a BEGIN that is not late, then hand the announcement, or its refusal, to the node."""
+        """Place the robot at a BEGIN that is not late, then pass the announcement, or an error, to the node."""
         walk = self._walk
         is_late = walk is not None and walk[0] == announcement.epoch != "" and announcement.step < walk[1]
         if announcement.phase is PausePhase.BEGIN and not is_late:
@@ -73,12 +74,17 @@ class ExternalGait:
                 self._node.on_refused(MessageError(f"step {announcement.step}: {error}"))
                 return
             except KinematicsError as error:
-                # The node rejects it for the same reason.
+                # The node rejects the announcement for the same reason.
                 self._report(announcement.step, [str(error)])
         self._node.on_pause(announcement)
 
     def _place(self, announcement: StancePause, stance: Stance) -> list[str]:
-        """Place the robot; return descriptions of contradictions."""
+        """Place the robot; return descriptions of the contradictions found.
+
+        Raises:
+            InvalidInput: camera or laser would be below the ground.
+            KinematicsError: the stance does not fit the robot.
+        """
         walk, self._walk = self._walk, (announcement.epoch, announcement.step)
         if walk is None or announcement.epoch != walk[0] or (not walk[0] and announcement.step < walk[1]):
             self._odometry.reset()
@@ -131,7 +137,7 @@ def stand_on_ground(
 ) -> tuple[Float, Float]:
     """Fit height, roll and pitch of the body so that its soles rest on the ground.
 
-    The centroid of the soles keeps its horizontal position; the heading stays the same to first order.
+    The centroid of the soles keeps its horizontal position; the heading is unchanged to first order.
 
     Args:
         world: the terrain.
@@ -140,7 +146,7 @@ def stand_on_ground(
         sole: length and width of a sole [m].
 
     Returns:
-        transform_base_to_world (4, 4), and the height (n,) of each sole above the ground [m], which is not zero if
+        transform_base_to_world (4, 4), and the height (n,) of each sole above the ground [m]. Heights are not zero if
         the feet do not fit the ground.
     """
     transform = np.array(transform_base_to_world)
@@ -150,7 +156,7 @@ def stand_on_ground(
         heights = soles[:, 2] - [world.sole_height(x, y, *sole) for x, y, _ in soles]
         centre = soles.mean(axis=0)
         x, y = (soles - centre)[:, :2].T
-        # A small turn (roll, pitch) about the centre of the feet lifts a sole by roll * y - pitch * x.
+        # A small rotation (roll, pitch) about the centre of the feet lifts a sole by roll * y - pitch * x.
         lift, roll, pitch = np.linalg.lstsq(np.column_stack((np.ones_like(x), y, -x)), -heights, rcond=None)[0]
         turn = np.eye(4)
         turn[:3, :3] = cv2.Rodrigues(np.array([roll, pitch, 0.0]))[0]

@@ -1,4 +1,4 @@
-"""Joint consistency check of each stance pause, reported in status and health."""
+"""Consistency check of the joint readings at each stance pause, reported in the status and in the health of grids."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from transport import Health, StatusItem
 
 
 class JointWatch:
-    """Status item `joints`; used from one thread."""
+    """Check of the joint readings, with status item `joints`; used from one thread."""
 
     def __init__(self, robot: RobotModel, status: NodeStatus) -> None:
         self._check, self._status = JointCheck(robot), status
@@ -19,7 +19,7 @@ class JointWatch:
         self._report, self._doubts = JointReport(math.nan), tuple[str, ...]()
 
     def doubts(self, pause: Pause) -> tuple[str, ...]:
-        """Faults of the joints of a pause, as sentences; each pause is tested once, however often it is scanned.
+        """Faults of the joint readings of a pause, as sentences. A pause is tested once, even if it is scanned again.
 
         Raises:
             kinematics.KinematicsError: the stance does not fit the robot.

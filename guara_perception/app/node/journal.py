@@ -1,4 +1,4 @@
-"""Journal of a walk in a folder: written at each confirmed pause, read when the node is started again."""
+"""Journal of a walk in a folder, written at each confirmed pause and read when the node is restarted."""
 
 from __future__ import annotations
 
@@ -16,29 +16,31 @@ from transport import Health, StatusItem
 from transport.supervision import supervised
 
 logger = logging.getLogger(__name__)
-# At INFO, so that the log reports that a walk continues, not only that it does not.
+# At INFO, so that the log also reports that a walk continues.
 logger.setLevel(logging.INFO)
-# Number of files: two copies of the last journal, in case one is damaged, and the journal before it, for a pause that
-# is scanned again.
+# Number of files: two copies of the last claim, in case one is damaged, and the claim before it, for a pause that is
+# scanned again.
 SLOTS = 3
-# [s] Longest wait for the last journal when the node ends.
+# [s] Longest time that the node waits for the last claim to be written when it stops.
 CLOSE_S = 5.0
-# [s] Longest wait of a confirmed map for its journal; writing takes 0.1 s, several times that on a busy machine.
+# [s] Longest time that a confirmed map waits for the journal; writing takes 0.1 s, or several times that on a busy
+# machine.
 CONFIRM_S = 2.0
 
 
 class Journal:
-    """Journal of one node in three files, the oldest of which is replaced; written on a separate thread.
+    """Journal of one node in three files, of which the oldest is replaced; written on a separate thread.
 
     A claim is written to a temporary file when the scan of its pause is fused. When the pause is confirmed, that file
-    only has to be renamed: the node may be killed right after. A copy then replaces the next oldest file.
+    only has to be renamed, so a node killed immediately afterwards loses nothing. A copy then replaces the next oldest
+    file.
 
     Attributes:
         claims: claims found in the files at the start, newest first; empty once they are rejected or a pause is kept.
     """
 
     def __init__(self, folder: Path, robot: RobotModel, seal: Seal) -> None:
-        """Create the folder and read the files in it; the status reports those that cannot be used.
+        """Create the folder and read the files in it; the status reports files that cannot be used.
 
         Raises:
             InvalidInput: the folder cannot be created or is not writable.
@@ -52,14 +54,14 @@ class Journal:
         self._seal, self._lock = seal, threading.Lock()
         self._paths = [folder / f"{seal.instance.replace('/', '-')}-{slot}.journal" for slot in range(SLOTS)]
         self._beside = folder / f".{self._paths[0].stem[:-2]}.journal"
-        # Left by an earlier run: never confirmed, or incomplete.
+        # The temporary file of an earlier run was never confirmed, or is incomplete.
         self._beside.unlink(missing_ok=True)
         self.claims: tuple[Claim, ...] = ()
         self._outcome, self._level = "none was found: a new walk begins", Health.OK
         self._values: dict[str, str] = {"resumed": "0", "refused": "0", "written": "0", "failed": "0"}
         self._trouble = ""
         self._read(robot)
-        # The newest claim; the claim that waits to be written; the one in the temporary file; the confirmed one.
+        # The newest claim; the claim that waits to be written; the claim in the temporary file; the claim to confirm.
         self._last: Claim | None = None
         self._next: Claim | None = None
         self._written: Claim | None = None
@@ -68,27 +70,27 @@ class Journal:
         self._thread = supervised("guara-journal", self._run)
 
     def __enter__(self) -> Self:
-        """Start writing."""
+        """Start the thread that writes."""
         self._thread.start()
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Write the waiting claim, and end the thread."""
+        """Write the waiting claim, and end the thread; wait at most CLOSE_S."""
         with self._has_news:
             self._is_closing = True
             self._has_news.notify_all()
         self._thread.join(CLOSE_S)
 
     def write(self, claim: Claim | None) -> None:
-        """Queue a claim, if any, for the temporary file; returns at once. It replaces a claim still waiting."""
+        """Queue a claim, if any, for the temporary file without blocking. It replaces a claim that is still waiting."""
         with self._has_news:
             self._last = self._next = claim
             self._has_news.notify_all()
 
     def confirm(self) -> None:
-        """Replace the oldest file by the newest claim, and wait up to CONFIRM_S until it is done.
+        """Replace the oldest file with the newest claim; wait up to CONFIRM_S until the file is in place.
 
-        A pause published as confirmed afterwards is not lost if the node is killed.
+        If the file was replaced in time, a node killed afterwards does not lose the confirmed pause.
         """
         with self._has_news:
             self._confirmed = self._last
@@ -100,7 +102,7 @@ class Journal:
         self._report(f"walk {claim.epoch!r} continues from step {claim.step}", "resumed")
 
     def refuse(self, why: str) -> None:
-        """Report that a new walk begins, and remove the files."""
+        """Remove the files, and report that a new walk begins for the reason `why`."""
         self.claims = ()
         for path in self._paths:
             path.unlink(missing_ok=True)
@@ -120,7 +122,7 @@ class Journal:
                 found[path] = Claim.read(path, robot, self._seal)
             except FileFormatError as error:
                 refused.append(str(error))
-        # In the order in which they are replaced: unusable files, then the oldest claim.
+        # Order of replacement: unusable files first, then from the oldest claim to the newest.
         self._paths.sort(key=lambda path: found[path].time if path in found else -1.0)
         self.claims = tuple(sorted(found.values(), key=lambda claim: -claim.time))
         if self.claims:
@@ -160,7 +162,7 @@ class Journal:
                     if self._last is claim:
                         self._last = None
                     self._settle(claim)
-                    self._trouble = f"the last one was not written: {error}"
+                    self._trouble = f"the last claim was not written: {error}"
                     self._values["failed"] = str(int(self._values["failed"]) + 1)
 
     def _is_due(self) -> bool:
@@ -174,7 +176,7 @@ class Journal:
         begun = time.monotonic()
         self._written = None
         with self._open() as stream:
-            # No fsync: after a reboot the clock starts again, which makes the journal void anyway.
+            # No fsync: a reboot restarts the clock, which invalidates the journal anyway.
             claim.write(stream, self._seal)
         with self._lock:
             self._values |= {"bytes": str(self._beside.stat().st_size), "seconds": f"{time.monotonic() - begun:.3f}"}

@@ -1,4 +1,4 @@
-"""Live scan: sweep the laser over the stripes and feed each to a ScanProcessor as it arrives."""
+"""Live scan: sweep the laser over the stripes and pass each stripe to a ScanProcessor as it arrives."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.stripes.band import FramePair
 from transport import clock
 
-# Number of stripes still to be fired when work on the grid begins. They take longer than that work, even on a computer
-# three times slower than a desktop.
+# Number of remaining stripes at which computation of the grid begins. These stripes take longer than the computation,
+# even on a computer three times slower than a desktop.
 STRIPES_AFTER = 3
 
 
@@ -25,11 +25,11 @@ class LiveScan:
     Attributes:
         start: instant before the first frame [ns since the epoch].
         end: instant at which the host received the last frame [ns since the epoch].
-        last_frame: the same instant by `transport.clock` [s].
-        problems: faults of the devices; empty for a good scan.
-        stopped_early: True if the pause ended before the scan.
-        failed: True if a device failed; the processor holds the stripes scanned before.
-        instants: instant by `transport.clock` at which the host received the last frame of each stripe [s], by index.
+        last_frame: the same instant on `transport.clock` [s].
+        problems: problems of devices and light; empty for a good scan.
+        stopped_early: True if the scan was stopped before its last stripe.
+        failed: True if a device failed; the processor has the stripes scanned before.
+        instants: instant on `transport.clock` at which the host received the last frame of each stripe [s], by index.
     """
 
     start: int
@@ -50,21 +50,21 @@ def live_scan(
     on_stripe: Callable[[StripeCapture], None] | None = None,
     flash: Callable[[float], tuple[float, float]] | None = None,
 ) -> LiveScan:
-    """Take a scan; a device that fails ends it early, and the stripes up to then are kept.
+    """Take a scan. If a device fails, the scan ends early and the stripes up to then are kept.
 
-    A fired stripe whose frame was lost or shows another stripe is marked as bad: its ground was scanned without a
+    A fired stripe whose frame was lost or shows another stripe is marked as bad: its ground counts as scanned without a
     return. The ground of a stripe that was not fired stays unscanned.
 
-    The camera's locked settings are read back before the first stripe and the light is checked in the first frames; the
-    problems name a setting that changed, and light that is clipped or too dark.
+    The camera's locked settings are read back before the first stripe, and the light is checked in the first frames.
+    The problems name changed settings, and light that is clipped or too dark.
 
     Args:
         rangefinder: open devices.
-        processor: takes the stripes; made for the stance of this pause.
-        firing_order: (index, mirror angle [rad]) in firing order.
-        should_stop: returns True to end the scan, for instance when the pause ends.
+        processor: processor of the stripes, created for the stance of this pause.
+        firing_order: (index, mirror angle [rad]) of each stripe in firing order.
+        should_stop: function that returns True to end the scan, for instance because the pause has ended.
         on_stripe: called after each stripe, for recording and progress.
-        flash: returns `FramePair.instant` and its sigma from the stamp of a frame; None = no stripe has an instant.
+        flash: function that returns `FramePair.instant` and its sigma for the stamp of a frame; None = no instants.
     """
     start = time.time_ns()
     problems = list(rangefinder.setting_changes())
@@ -79,10 +79,10 @@ def live_scan(
             for group in stripes.groups():
                 instants.update({capture.index: _instant(capture, rangefinder) for capture in group})
                 _take(group, processor, light, on_stripe, flash)
-                # Otherwise the frames of the group would stay in memory until the next one is complete.
+                # Otherwise the frames of this group would stay in memory until the next group is complete.
                 del group
                 if 0 < len(firing_order) - len(instants) <= STRIPES_AFTER and not worked_ahead:
-                    # Work now, while the mirror turns to the last stripes; after the scan, the gait would have to wait.
+                    # Compute while the mirror turns to the last stripes: after the scan, the gait would have to wait.
                     worked_ahead = True
                     processor.work_ahead()
     except DriverError as error:
@@ -102,9 +102,9 @@ def live_scan(
 
 
 def _instant(capture: StripeCapture, rangefinder: Rangefinder) -> float:
-    """Instant at which the host had received all frames of a stripe.
+    """Instant on `transport.clock` at which the host had received all frames of a stripe [s].
 
-    Now, if the frames have no stamps or the devices do not run on the machine's clock.
+    If the frames have no stamps or the devices do not run on the machine's clock, this is the current time.
     """
     stamps = [stamp for stamp in (capture.on_stamp, capture.off_stamp, capture.dark_stamp) if not math.isnan(stamp)]
     if not stamps or rangefinder.clock is not None:

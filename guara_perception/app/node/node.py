@@ -1,4 +1,4 @@
-"""Perception node: scans at every stance pause, and on request, on a thread of its own."""
+"""Perception node: scans at every stance pause, and on request, on its own thread."""
 
 from __future__ import annotations
 
@@ -50,15 +50,15 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-# Longest wait of `close` for the scan under way to end [s].
+# Longest time that `close` waits for the scan thread to end [s].
 STOP_TIMEOUT_S = 5.0
-# Wait beyond the end of a pause, so that it has expired when the thread wakes [s].
+# Extra wait after the deadline of a pause, so that the pause has expired when the thread wakes [s].
 EXPIRY_SLACK_S = 0.01
 SCAN_THREAD = "guara-scans"
 # [s] A scan thread that works this long without reaching the next stripe counts as hung. Drivers take up to 15 s to
-# give up a disconnected camera.
+# give up on a disconnected camera.
 HANG_TIME_S = 30.0
-# Epoch of an unusable pause at which a gait without epochs has restarted its step count.
+# Epoch assigned to an unusable pause if a gait without epochs restarted its step count there.
 UNKNOWN_WALK = "unknown"
 # Longest wait of the scan thread for work [s].
 LONGEST_WAIT_S = 3600.0
@@ -66,7 +66,7 @@ EXPECTED = (PerceptionError, KinematicsError, TransportError)
 
 
 class PerceptionNode:
-    """Node that follows the gait, scans its stance pauses and serves scan requests.
+    """Node that follows the gait, scans at its stance pauses and serves scan requests.
 
     Example:
         with rangefinder, PerceptionNode(robot, calibration, rangefinder, server) as node:
@@ -98,16 +98,16 @@ class PerceptionNode:
             rangefinder: open devices.
             server: the node's side of the transport.
             mode: mode of the scans at pauses: "coarse", "standard", or "adaptive" (coarse, then intermediate stripes
-                where there is an obstacle).
-            method: method of stripe extraction.
+                near obstacles).
+            method: stripe extraction method.
             threshold: binarisation threshold of the paper's methods; None = chosen for each frame.
-            recorder: writes every scan, or None.
+            recorder: recorder of every scan; None = no recording.
             status: collector of the status items; None = a new one.
-            mirror: publishes each pause for ROS 2 tools, or None.
-            journal: stores the walk at each confirmed pause, for a restart of the node; or None.
+            mirror: publisher of each pause for ROS 2 tools, or None.
+            journal: store of the walk at each confirmed pause, read when the node is restarted; or None.
 
         Raises:
-            InvalidInput: unknown mode or method, or a threshold that does not fit it.
+            InvalidInput: unknown mode or method, an invalid threshold, or a threshold for a method that has none.
         """
         if mode not in SWEEPS:
             raise InvalidInput(f"mode is {mode!r}, allowed: {', '.join(SWEEPS)}")
@@ -160,10 +160,11 @@ class PerceptionNode:
         self.close()
 
     def on_pause(self, announcement: StancePause) -> None:
-        """Handle an announcement of a stance pause; returns at once, the scan runs on the node's own thread.
+        """Handle an announcement of a stance pause. Returns immediately: the scan runs on the node's own thread.
 
-        An unusable stance (for instance with an unknown foot) ends its pause: if the robot is not known to stand still,
-        no scan is taken and a scan under way is not used.
+        An unusable stance (for instance one with an unknown foot) ends its pause, since the robot is not known to stand
+        still: no scan is started, and a scan that is not confirmed yet is discarded. An announcement that does not fit
+        the walk is ignored and reported in the status.
         """
         now = clock.now()
         if self._recorder is not None:
@@ -188,25 +189,25 @@ class PerceptionNode:
         last = self._pause
         is_unusable = announcement.phase is PausePhase.BEGIN and stance is None
         if is_unusable or last is None or self._is_later(announcement, last):
-            # A pause that cannot be scanned, or whose BEGIN was missed, also ends the use of earlier grids.
+            # A pause that cannot be scanned, or whose BEGIN was missed, also makes the earlier grids stale.
             is_recount = not announcement.epoch and last is not None and announcement.step < last.step
             self._server.begin_step(announcement.step, UNKNOWN_WALK if is_recount else announcement.epoch)
         if last is None or last.ended.is_set():
             self._server.end_step()
 
     def on_stream(self, batch: StanceStream) -> None:
-        """Handle a batch of joint samples: record it, and count rate and gaps for the status; returns at once."""
+        """Handle a batch of joint samples without blocking: update the stream's status, and record a usable batch."""
         self._report_stream()
         if self._stream.add(batch) and self._recorder is not None:
             self._recorder.add_stream(batch)
 
     def on_stream_refused(self, error: TransportError) -> None:
-        """Handle a batch that cannot be read."""
+        """Handle a batch of joint samples that cannot be decoded."""
         self._report_stream()
         self._stream.refuse(error)
 
     def _report_stream(self) -> None:
-        """Add the stream's item to the status at the first batch."""
+        """Add the status item of the joint stream when its first batch arrives."""
         if not self._has_stream:
             self._has_stream = True
             self.status.follow(self._stream.item)
@@ -222,14 +223,14 @@ class PerceptionNode:
             elif phase is PausePhase.END or stance is None:
                 current.end(stance, now, stamp)
             elif not announcement.epoch and stamp > current.newest_stamp:
-                # A gait without epochs repeats a step number if it restarts, perhaps after the robot was carried.
+                # A gait without epochs repeats a step number after a restart, and the robot may have been carried.
                 current.end(None)
             elif current.begin_again(stance, now, stamp):
                 return None
         elif last is not None and is_same and phase is not PausePhase.BEGIN:
             last.add_late(stance, now, stamp)
         elif current is not None and (phase is PausePhase.BEGIN or self._is_later(announcement, current)):
-            # The announcement is of a later pause: the END of this one is missing.
+            # The announcement belongs to a later pause: the END of the current pause is missing.
             current.end(None)
         if phase is not PausePhase.BEGIN or stance is None:
             return None
@@ -274,15 +275,16 @@ class PerceptionNode:
         return announcement.epoch != current.given_epoch or announcement.step > current.step
 
     def _wake(self) -> None:
-        """Let the thread check confirmations again, after an announcement or a better clock estimate."""
+        """Make the scan thread check confirmations again, after an announcement or a better clock estimate."""
         with self._changed:
             self._has_news = True
             self._changed.notify_all()
 
     def on_refused(self, error: TransportError) -> None:
-        """Handle an announcement that cannot be read, such as one with a joint that is NaN.
+        """Handle an announcement that cannot be used, such as one in which a joint is NaN.
 
-        Since it may have been the END, the pause ends. An unknown phase (of a later version) is ignored.
+        The announcement may have been the END, so the pause ends. An announcement with an unknown phase, from a later
+        version, is only reported in the status.
         """
         self.status.problem("stance", f"announcement refused: {error}")
         if isinstance(error, UnknownPhase):
@@ -293,7 +295,7 @@ class PerceptionNode:
         """End the pause and its scan, since the robot is no longer known to stand still.
 
         Args:
-            failure: failure of another thread of this process that caused this call, if any.
+            failure: failure of another thread that caused this call; unused.
         """
         with self._changed:
             current = self._standing()
@@ -303,14 +305,14 @@ class PerceptionNode:
             self._wake()
 
     def is_well(self) -> bool:
-        """True while the scan thread runs and makes progress."""
+        """False if the scan thread of a started node has ended or is hung."""
         return self._thread_item().level is Health.OK
 
     def _is_hung(self) -> bool:
         return clock.now() - self._progress_at > HANG_TIME_S
 
     def _thread_item(self) -> StatusItem:
-        """Status item of the scan thread: an error if it has ended or makes no progress."""
+        """Status item of the scan thread: an error if the thread has ended or makes no progress."""
         name = f"thread {SCAN_THREAD}"
         is_due = self._thread.ident is not None and not self._closing.is_set()
         if not is_due or (self._thread.is_alive() and not self._is_hung()):
@@ -320,16 +322,16 @@ class PerceptionNode:
 
     @property
     def latest_map(self) -> TerrainGrid | None:
-        """The newest fused map, None before the first pause."""
+        """Newest fused map; None before the first scan."""
         return self._scanner.map.latest
 
     def wait_for_step(self, step: int, timeout: float, epoch: str | None = None) -> bool:
-        """Wait until the scan of a pause is done or abandoned; False after `timeout` [s].
+        """Wait until the scan of a pause has ended or the node is closing; return False after `timeout` [s].
 
         Args:
-            step: number of the pause; the scan of a later one also ends the wait.
+            step: number of the pause; the scan of a later pause also ends the wait.
             timeout: longest wait [s].
-            epoch: walk of the pause; None for the walk of the newest scan.
+            epoch: walk of the pause; None = the walk of the newest scan.
         """
 
         def is_done() -> bool:
@@ -340,12 +342,12 @@ class PerceptionNode:
             return self._changed.wait_for(is_done, timeout)
 
     def wait_for_requests(self, timeout: float) -> bool:
-        """Wait until no requested scan is under way; False after `timeout` [s]."""
+        """Wait until no requested scan is under way or the node is closing; return False after `timeout` [s]."""
         with self._changed:
             return self._changed.wait_for(lambda: not self._is_asked or self._closing.is_set(), timeout)
 
     def close(self) -> None:
-        """End the scan under way, which turns the laser off, and the thread; safe to call twice."""
+        """Stop the scan under way, which turns the laser off, and end the thread. May be called twice."""
         forget(self._end_unknown)
         self._closing.set()
         with self._changed:
@@ -360,7 +362,7 @@ class PerceptionNode:
         return pause_item(pause, is_scanned, self._gait_clock.at(clock.now()))
 
     def _standing(self) -> Pause | None:
-        """Present pause; None if it has ended or none has begun."""
+        """Current pause; None if no pause has begun or the last one has ended."""
         pause = self._pause
         if pause is None:
             return None
@@ -430,8 +432,8 @@ class PerceptionNode:
         try:
             self._scanner.settle()
         except Exception as error:
-            self.status.problem("scan", f"the last grid could not be settled: {error}")
-            logger.exception("the last grid could not be settled")
+            self.status.problem("scan", f"the last grid could not be confirmed or withdrawn: {error}")
+            logger.exception("the last grid could not be confirmed or withdrawn")
 
     def _run_job(self, job: ScanJob, result: list[TerrainMessage | Exception]) -> None:
         pause = self._standing()
@@ -449,7 +451,7 @@ class PerceptionNode:
     def _scan(
         self, pause: Pause, mode: str, is_cancelled: Callable[[], bool], progress: Progress | None
     ) -> TerrainMessage | Exception:
-        """Scan a pause; an error is logged, reported in the status and returned."""
+        """Scan at a pause; return the message, or the error after reporting it in the log and the status."""
 
         def should_stop() -> bool:
             now = clock.now()

@@ -1,4 +1,4 @@
-"""Status of the node: last scan, calibration, and the newest problem of each subsystem."""
+"""Status items of the node: last scan, calibration, and the newest problem of each subsystem."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ VERDICTS = {"good": Health.OK, "usable": Health.OK, "unknown": Health.WARN, "ref
 
 
 class NodeStatus:
-    """Items of the node's status, collected by the scan thread and read by the status thread."""
+    """Thread-safe collection of the node's status items, filled by the scan thread and read by the status thread."""
 
     def __init__(self, calibration: Calibration | None = None) -> None:
-        """Start with nothing scanned.
+        """Create the items before the first scan.
 
         Args:
-            calibration: calibration in use; its verdict is part of every status.
+            calibration: calibration in use, whose verdict is part of every status; None = no such item.
         """
         self._lock = threading.Lock()
         self._items: dict[str, StatusItem] = {}
@@ -61,7 +61,7 @@ class NodeStatus:
         Args:
             terrain: grid of the scan.
             scan: record of the devices during the scan.
-            latency: time from the last frame until the grid was handed over for sending [s].
+            latency: time from the last frame until the grid was passed on for sending [s].
         """
         record = terrain.record
         health = record.health or GridHealth()
@@ -89,7 +89,7 @@ class NodeStatus:
         self.on_scan(terrain)
 
     def confirmed(self, step: int) -> None:
-        """Report that the pause has confirmed the last grid."""
+        """Report that the last grid is confirmed if it is of this step."""
         with self._lock:
             scanner = self._items.get("scanner")
             if scanner is not None and scanner.values["step"] == str(step):
@@ -97,7 +97,7 @@ class NodeStatus:
         self.on_change()
 
     def withdrawn(self, cause: str) -> None:
-        """Count a grid that was withdrawn, by its cause: "moved", "clock" (that of the gait is unknown) or "late"."""
+        """Count a withdrawn grid by cause: "moved", "late", or "clock" if the gait's clock is unknown."""
         with self._lock:
             self._withdrawn[cause] += 1
             self._items["withdrawn"] = StatusItem(
@@ -108,7 +108,7 @@ class NodeStatus:
             )
 
     def drift(self, drift: Drift) -> None:
-        """Report how the floor of the last scan fits the calibration; one scan alone does not cause a warning."""
+        """Report how well the floor of the last scan agrees with the calibration; a single scan causes no warning."""
         self._drift.add(drift)
         verdict, counts = self._drift.verdict, self._drift.counts
         values = {"verdict": verdict, **{f"scans_{name}": str(count) for name, count in counts.items()}}
@@ -121,12 +121,12 @@ class NodeStatus:
         self.set(StatusItem(name="drift", level=level, message=message, values=values))
 
     def light(self, margins: Mapping[str, float]) -> None:
-        """Report the margins of the light in the last scan."""
+        """Report the light margins of the last scan, by name."""
         values = {name: f"{margin:.3f}" for name, margin in margins.items()}
         self.set(StatusItem(name="light", level=Health.OK, message="margins of the last scan", values=values))
 
     def problem(self, subsystem: str, message: str) -> None:
-        """Report a problem of a subsystem until it is solved or replaced by another."""
+        """Report a problem of a subsystem until `solved` is called or another problem replaces it."""
         with self._lock:
             if subsystem == "scan":
                 self._failures += 1
@@ -159,7 +159,7 @@ class NodeStatus:
             self._followed.append(item)
 
     def items(self) -> list[StatusItem]:
-        """All items, problems as errors of their subsystem."""
+        """All items; a problem is an error item named after its subsystem."""
         with self._lock:
             items, followed = list(self._items.values()), list(self._followed)
             for subsystem, (when, message) in self._problems.items():
@@ -169,12 +169,12 @@ class NodeStatus:
 
 
 def pause_item(pause: Pause | None, is_scanned: bool, gait_clock: tuple[float, float] | None = None) -> StatusItem:
-    """Status item: phase of the walk, and the event that brings the next grid.
+    """Status item of the phase of the walk, and of what has to happen for the next grid.
 
     Args:
-        pause: the newest pause, None before the first.
+        pause: the newest pause; None before the first.
         is_scanned: True if the scan of this pause is done or was abandoned.
-        gait_clock: present reading of the gait's clock and the bound of its error [s]; None if unknown.
+        gait_clock: current reading of the gait's clock and its error bound [s]; None if unknown.
     """
     if pause is None:
         message = "no stance pause was announced yet: nothing is scanned until the gait sends BEGIN"
@@ -185,11 +185,11 @@ def pause_item(pause: Pause | None, is_scanned: bool, gait_clock: tuple[float, f
     elif is_scanned:
         state = "standing"
         message = (
-            f"the robot has stood for {seconds:.0f} s, its scan is done: the next grid comes with the next pause or a "
+            f"the robot has stood for {seconds:.0f} s; its scan is done: the next grid comes with the next pause or a "
             "requested scan"
         )
     else:
-        state, message = "scanning", "the robot stands, its scan is not done yet"
+        state, message = "scanning", "the robot stands; its scan is not done yet"
     values = {"state": state, "step": str(pause.step), "epoch": pause.epoch, "seconds": f"{seconds:.1f}"}
     if gait_clock is not None:
         values |= {"clock_ahead_s": f"{gait_clock[0] - time.time():.4f}", "clock_bound_s": f"{gait_clock[1]:.4f}"}
@@ -197,7 +197,7 @@ def pause_item(pause: Pause | None, is_scanned: bool, gait_clock: tuple[float, f
 
 
 def certificates_item(folder: Path) -> StatusItem:
-    """State of the security folder: certificates that expire within 30 days, keys that others can read, old rules."""
+    """Status item of the security folder: expiry of certificates, permissions of keys, version of the access rules."""
     try:
         level, message = judge_security(folder)
     except TransportError as error:

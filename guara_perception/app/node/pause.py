@@ -1,4 +1,4 @@
-"""Stance pause as the node follows it, with the instant until which the robot is known to have stood still."""
+"""Stance pause tracked by the node, and the instant until which the robot is known to have stood still."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from kinematics.robot_settings import PauseLimits
 from kinematics.tree import checked_positions
 from transport import StancePause
 
-# Largest distance of a plausible position beyond a joint's limits: encoder offsets are a few degrees, not thirty.
+# Largest plausible excess of a position over a joint's limits; encoder offsets are only a few degrees.
 BEYOND_LIMITS_RAD = 0.5
-# Largest position of a joint without limits: sixteen turns.
+# Largest plausible position of a joint without limits: sixteen turns.
 LARGEST_POSITION_RAD = 100.0
-# Upper bound of an announced length [s]; longer ones are clipped. HOLD renews the announcement long before.
+# Upper bound of an announced length [s]; a longer length is clipped. HOLD renews the announcement much earlier.
 LONGEST_S = 3600.0
-# Largest time by which rounding can put a stamp ahead of its arrival [s]; a larger one means another clock.
+# Largest time by which rounding can put a stamp ahead of its arrival [s]; a larger time means another clock.
 AHEAD_S = 0.005
 
 UNKNOWN_END = (
@@ -34,11 +34,11 @@ UNKNOWN_END = (
 
 @dataclass
 class Pause:
-    """Stance pause, from its BEGIN on. Instants are read on `transport.clock` [s], stamps on the gait's clock [ns].
+    """Stance pause since its BEGIN. Instants are on `transport.clock` [s], stamps on the gait's clock [ns].
 
     A frame is confirmed by joints that were read after it and show that the robot stood as at BEGIN: the frame is then
-    no later than `still_until`. The stamp of a message counts, not its arrival: it is converted to the earliest instant
-    at which the gait's clock can have shown it, but never to one after its arrival.
+    no later than `still_until`. The stamp of a message counts, not its arrival. A stamp is converted to the earliest
+    instant at which the gait's clock can have shown it, but never to an instant after its arrival.
 
     With a stream the body may move: joint samples give the body's pose at each frame, and confirm the frame.
 
@@ -46,23 +46,23 @@ class Pause:
         step: number of the pause.
         epoch: identity of its walk.
         stance: stance at its beginning.
-        stillness: test of all readings; that of BEGIN has time 0.
-        earliest: returns the earliest instant at which the gait's clock can have shown a stamp; None while that clock
-            is not known.
-        limits: limits of robot.toml.
+        stillness: stillness test of all readings; the reading of BEGIN has time 0.
+        earliest: function that returns the earliest instant at which the gait's clock can have shown a stamp, or None
+            while that clock is not known.
+        limits: time limits of pauses, from robot.toml.
         begun: arrival of BEGIN.
         stamp: stamp of BEGIN.
-        given_epoch: identity of the walk given by the gait, empty if none.
+        given_epoch: identity of the walk given by the gait; empty if none.
         known_ground: ground declared by the gait, in base_footprint of this pause.
         standing_pauses: by leg, number of previous pauses through which the foot has stayed on the ground, as the gait
             reports.
         time_available: time from the stamp of BEGIN to the planned end [s]; 0 when not known.
-        stream: joint samples during this pause, None if the robot must stand still.
-        ended: set when the gait moves on, the robot has moved, or it is no longer known to stand still.
-        end_stance: stance read at the end; None before, and if it was unusable.
+        stream: joint samples during this pause; None if the robot must stand still.
+        ended: set when the gait moves on, the robot has moved, or the robot is no longer known to stand still.
+        end_stance: stance read at the end; None before, and if the stance was unusable.
         newest_stamp: latest stamp of this pause's announcements.
         broken: reason why the robot is not known to have stood still to the end; empty otherwise.
-        moved: a reading shows motion or could not be tested; False if readings are merely missing.
+        moved: True if a reading shows motion or could not be tested; False if readings are merely missing.
     """
 
     step: int
@@ -88,17 +88,17 @@ class Pause:
         """Plan the end of the pause."""
         self.time_available = _sound(self.time_available)
         self.newest_stamp = self.stamp
-        # Stamp up to which the readings show stillness, and arrival of the message that showed it.
+        # Stamp up to which the readings show stillness, and arrival of the message with that stamp.
         self._still = (self.stamp, self.begun)
         self._motion = ""
-        # Stamp, arrival and length [s] of the plan that was announced last.
+        # Stamp and arrival of the newest announcement of the pause's length, and that length [s].
         self._plan = (self.stamp, self.begun, self.time_available)
 
     @property
     def still_until(self) -> float:
         """Instant until which the robot is known to have stood as at BEGIN; -inf while the clock is not known.
 
-        With a stream: instant until which the pose of the body is known.
+        With a stream, this is the instant until which the pose of the body is known.
         """
         stream = self.stream
         stamp, arrival = self._still if stream is None else stream.shown
@@ -107,7 +107,7 @@ class Pause:
 
     @property
     def is_clock_known(self) -> bool:
-        """True if the gait's clock is known and shows no stamp in the future, as a changed clock would."""
+        """True if the gait's clock is known and no stamp lies in the future, as after a change of that clock."""
         instants = [(self.earliest(stamp), arrival) for stamp, arrival in ((self.stamp, self.begun), self._still)]
         return all(earliest is not None and earliest <= arrival + AHEAD_S for earliest, arrival in instants)
 
@@ -115,7 +115,7 @@ class Pause:
     def planned_end(self) -> float:
         """Instant at which the gait is expected to move on; no frame is taken after it.
 
-        It is `time_limit` after the last message if no length was announced.
+        If no length was announced, this is `time_limit` after the last BEGIN or HOLD.
         """
         stamp, arrival, length = self._plan
         if not length:
@@ -129,10 +129,10 @@ class Pause:
         return self.planned_end + self.limits.grace(self._plan[2] or self.limits.time_limit)
 
     def hold(self, stance: Stance | None, now: float, stamp: int, time_available: float = 0.0) -> None:
-        """Handle HOLD: the robot still stands.
+        """Handle HOLD, which reports that the robot still stands and may extend the pause.
 
         Args:
-            stance: stance at the stamp, None if it is unusable.
+            stance: stance at the stamp; None if unusable, which ends the pause.
             now: arrival of the message.
             stamp: stamp of the joints.
             time_available: time from the stamp to the planned end [s]; 0 when not known.
@@ -147,7 +147,7 @@ class Pause:
                 self._plan = (stamp, now, 0.0)
 
     def end(self, stance: Stance | None, now: float = 0.0, stamp: int = 0) -> None:
-        """Handle END; without a stance the robot is not known to have stood still to the end."""
+        """Handle END. If `stance` is None, the robot is not known to have stood still to the end."""
         if stance is None:
             self._break(UNKNOWN_END)
         elif self._add(stance, now, stamp):
@@ -155,21 +155,21 @@ class Pause:
             self.ended.set()
 
     def begin_again(self, stance: Stance, now: float, stamp: int) -> bool:
-        """Handle a second BEGIN; False, which ends the pause, if its joints differ and there is no stream."""
+        """Handle a second BEGIN; end the pause and return False if the robot moved and there is no stream."""
         if self._add(stance, now, stamp):
             return True
         self.broken = f"a second BEGIN of step {self.step} came with other joints: {self.broken}"
         return False
 
     def leave_stream(self) -> None:
-        """Ignore the stream from now on: the readings must show that the robot stood still."""
-        # The order matters, because `_add` runs on another thread: it finds no stream, or its motion is found here.
+        """Ignore the stream from now on, so that the readings must show that the robot stood still."""
+        # The stream is cleared first, because `_add` runs on another thread: a motion is then handled there or here.
         self.stream = None
         if self._motion:
             self._break(self._motion, moved=True)
 
     def add_late(self, stance: Stance | None, now: float, stamp: int) -> None:
-        """Handle joints that arrive after END: those read before END count, later ones belong to the next swing."""
+        """Handle joints that arrive after END: test those read before END; later ones belong to the next swing."""
         if stance is not None and not self.broken and stamp < self.newest_stamp:
             self._add(stance, now, stamp)
 
@@ -187,7 +187,7 @@ class Pause:
         return max(self.planned_end - now, 0.0)
 
     def _add(self, stance: Stance, now: float, stamp: int) -> bool:
-        """Test a reading; False if the robot moved and there is no stream, which ends the pause."""
+        """Test a reading; end the pause and return False if the robot moved and there is no stream."""
         is_late = stamp < self.newest_stamp
         self.newest_stamp = max(self.newest_stamp, stamp)
         try:
@@ -200,7 +200,7 @@ class Pause:
             self._still = (still, now if still > self._still[0] else self._still[1])
         if motion:
             if is_late:
-                # A late reading does not show when the motion began, since readings are tested as they arrive.
+                # Readings are tested in order of arrival, so a late reading does not show when the motion began.
                 self._still = (self.stamp, self.begun)
             self._motion = self._motion or motion
             if self.stream is not None:
@@ -214,15 +214,15 @@ class Pause:
 
 
 def _sound(time_available: float) -> float:
-    """Length of a pause [s], bounded; 0 (not known) for an impossible one."""
+    """Length of a pause [s], at most LONGEST_S; 0 (not known) for an impossible length."""
     return min(time_available, LONGEST_S) if 0.0 < time_available < math.inf else 0.0
 
 
 def stance_of(announcement: StancePause, robot: RobotModel) -> Stance:
-    """Stance of an announcement.
+    """Convert an announcement to the stance of the robot.
 
     Raises:
-        kinematics.KinematicsError: not a stance of this robot, or a joint at an impossible position.
+        kinematics.KinematicsError: the stance is not one of this robot, or a joint is at an impossible position.
     """
     stance = message_to_stance(announcement.stance)
     for foot in stance.support_feet:

@@ -1,4 +1,4 @@
-"""Run one stance pause: scan, publish the grid, check the mirror, update and publish the map, record."""
+"""Scanner of a stance pause: scan, publish the grid, check the mirror, update and publish the map, record."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from transport import TerrainMessage, clock
 from transport.server import PerceptionServer
 
 logger = logging.getLogger(__name__)
-# Number of scans whose longest time from last frame to published grid is assumed for the next scan.
+# Number of recent scans whose longest time from last frame to published grid is assumed for the next scan.
 TAILS = 5
 
 
@@ -57,7 +57,7 @@ class PauseScanner:
         mirror: SceneMirror | None = None,
         journal: Journal | None = None,
     ) -> None:
-        """Connect its parts; arguments as in `PerceptionNode`."""
+        """Create the parts of the scanner; arguments as in `PerceptionNode`."""
         self._mirror = mirror
         self._robot, self._calibration, self._rangefinder = robot, calibration, rangefinder
         self._server, self._status, self._recorder = server, status, recorder
@@ -79,21 +79,22 @@ class PauseScanner:
     def scan(
         self, pause: Pause, mode: str, should_stop: Callable[[], bool], progress: Progress | None = None
     ) -> TerrainMessage:
-        """Scan one pause and publish the result, as provisional while the pause has not confirmed it.
+        """Scan at a pause and publish grid and map, as provisional until joint readings confirm the scan.
 
         Args:
-            pause: present pause of the gait.
+            pause: current pause of the gait.
             mode: one of SWEEPS.
-            should_stop: returns True to end the scan early; stripes not yet fired stay unscanned.
-            progress: called with (stripes done, stripes in all).
+            should_stop: function that returns True to end the scan early; stripes not yet fired stay unscanned.
+            progress: called with (stripes done, total number of stripes), or None.
 
         Returns:
-            The message of the scan's own grid, handed over for sending.
+            Message of the scan's grid, which has been handed over for sending.
 
         Raises:
             CameraMoved: the robot moved, or may have moved, during the scan; at most a coarse grid was published, which
                 `settle` withdraws.
-            MirrorSlipped: the mirror lost steps; the grid was published and withdrawn, and is not in the map.
+            MirrorSlipped: the mirror lost steps; the grid was published, then withdrawn, and is not in the map.
+            DriverError: camera or laser board failed.
             KinematicsError: the stance does not fit the robot.
         """
         self._published.begin(pause)
@@ -161,7 +162,7 @@ class PauseScanner:
         self._published.settle()
 
     def _begin_stream(self, pause: Pause) -> None:
-        """Check that the stream of a pause can locate the stripes; if not, ignore it and report why in the status."""
+        """Check that the joint stream can locate the stripes; otherwise ignore the stream and report the reason."""
         why = ""
         if pause.stream is not None:
             if METHODS[self._method] is not None:
@@ -174,7 +175,10 @@ class PauseScanner:
         self._status.note("stream_use", f"the joint stream is not used: {why}" if why else "")
 
     def _await_joints(self, pause: Pause, processor: ScanProcessor, last_frame: float) -> None:
-        """Wait for the joint samples that locate the stripes; without them, the body is taken to stand still."""
+        """Wait for the joint samples that locate the stripes; if these are unusable, require that the body stood still.
+
+        The reason is then reported in the status.
+        """
         stream = pause.stream
         if stream is None:
             return
@@ -201,26 +205,29 @@ class PauseScanner:
     def _check_steps(self) -> None:
         """Reject a scan in which the mirror lost motor steps, so that stripes were not at their commanded angles.
 
-        Homing takes a tenth of a second, so the grid is published first, and withdrawn if steps were lost. The scan is
-        fused into the map only after homing.
+        The check homes the mirror, which takes a tenth of a second. The grid is therefore published before, and
+        withdrawn if steps were lost; the scan is fused into the map only afterwards.
+
+        Raises:
+            MirrorSlipped: steps were lost.
         """
         lost = self.lost_steps()
         if lost:
             raise MirrorSlipped(
-                f"the mirror had lost {lost} steps by the end of the scan, its heights are wrong: the grid is "
+                f"the mirror had lost {lost} steps by the end of the scan, so its heights are wrong: the grid is "
                 "withdrawn. Check that the mirror turns freely"
             )
 
     def lost_steps(self) -> int:
-        """Home the mirror and move it to the first stripe, so that the next pause need not wait for it.
+        """Home the mirror and move it to the first stripe, so that the next pause need not wait for this motion.
 
         Returns:
-            Motor steps lost since the last homing; 0 if the board does not answer.
+            Motor steps lost since the last homing; 0 if the board fails, which the status reports.
         """
         try:
             lost = self._rangefinder.lost_steps(self._sweeper.firing_order(self._settings.pattern("standard")))
         except DriverError as error:
-            # A disconnected board does not make the last scan wrong; the next scan reconnects or fails.
+            # A board that is disconnected now does not make the last scan wrong; the next scan reconnects or fails.
             self._status.problem("board", str(error))
             return 0
         self._status.solved("board")

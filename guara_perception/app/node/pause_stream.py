@@ -1,4 +1,4 @@
-"""Joint stream of one pause: pose of the body at each flash, and instant until which it is known."""
+"""Joint stream of one pause: pose of the body at each flash, and instant until which that pose is known."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from transport.messages.stance_stream import ANY_WALK
 from transport.recording import FlashRecord
 from transport.stance_link import GaitClock
 
-# [s] Longest wait of a scan for the gait's clock; and for the samples around its last flash, once they are due.
+# [s] Longest time that a scan waits for the gait's clock, and for the samples around its last flash once these are due.
 CLOCK_WAIT, SAMPLE_WAIT = 0.5, 0.5
 
 
@@ -50,7 +50,7 @@ class PauseStream:
         self._heard = self._last_flash = -math.inf
 
     def add(self, batch: StanceStream) -> None:
-        """Add a batch, unless it is of another walk; `ANY_WALK` counts as this walk."""
+        """Add a batch of samples of this walk or of `ANY_WALK`; a batch of another walk is ignored."""
         if batch.epoch not in (ANY_WALK, self._epoch):
             return
         with self._added:
@@ -60,18 +60,18 @@ class PauseStream:
 
     @property
     def shown(self) -> tuple[int, float]:
-        """Stamp up to which the samples give the body's pose [ns], and arrival of the last batch."""
+        """Stamp up to which the samples give the body's pose [ns], and arrival of the last batch [s]."""
         latest = self.track.latest
         if not math.isfinite(latest):
             return self.begin, -math.inf
         return self.begin + round(1e9 * (latest - HALF_WINDOW)), self._heard
 
     def doubt(self, flash: tuple[float, float] | None) -> str:
-        """Reason why flashes cannot be located, empty if they can; waits up to CLOCK_WAIT for the gait's clock.
+        """Reason why the samples cannot locate flashes, empty if they can. Waits up to CLOCK_WAIT for the gait's clock.
 
         Args:
-            flash: present time by `transport.clock`, and standard deviation of the times of flashes [s]; None if the
-                latter is not known.
+            flash: current time on `transport.clock`, and standard deviation of flash times [s]; None if that standard
+                deviation is unknown.
         """
         if flash is None:
             return "the camera's lag is not known: `guara record` measures it for devices.toml"
@@ -88,28 +88,30 @@ class PauseStream:
         return ""
 
     def instant(self, time: float, sigma: float) -> tuple[float, float]:
-        """Time of a flash since BEGIN by the gait's clock, and its sigma [s], both rounded to nanoseconds.
+        """Time of a flash since BEGIN on the gait's clock, and its sigma [s], both rounded to nanoseconds.
+
+        The result is NaN and 0 if the gait's clock is not known.
 
         Args:
-            time: time of the flash by `transport.clock` [s].
-            sigma: its standard deviation [s].
+            time: time of the flash on `transport.clock` [s].
+            sigma: standard deviation of `time` [s].
         """
         read = self._clock.at(time)
         if read is None:
             return math.nan, 0.0
-        # The clock's error has a uniform distribution within the bound.
+        # The error of the clock is assumed to be uniformly distributed within its bound.
         sigma = math.hypot(sigma, read[1] / math.sqrt(3.0))
         self._last_flash = max(self._last_flash, time)
         return (round(1e9 * read[0]) - self.begin) * 1e-9, math.ceil(1e9 * sigma) * 1e-9
 
     def record(self, flash: tuple[float, float] | None) -> FlashRecord | None:
-        """Flash to be recorded, from a result of `instant`; None for None."""
+        """Convert a result of `instant` to the record of a flash; None stays None."""
         if flash is None:
             return None
         return FlashRecord(self.begin, self.begin + round(1e9 * flash[0]), round(1e9 * flash[1]))
 
     def wait(self, is_enough: Callable[[], bool]) -> None:
-        """Wait for enough samples, at most until SAMPLE_WAIT after those around the last flash are due."""
+        """Wait until `is_enough` returns True, or until SAMPLE_WAIT after the samples of the last flash are due."""
         ahead = max(self._last_flash - clock.now(), 0.0)
         with self._added:
             self._added.wait_for(is_enough, ahead + HALF_WINDOW + SAMPLE_WAIT)

@@ -1,4 +1,4 @@
-"""Published grids of the newest pause: confirmed, cut or withdrawn as the gait's announcements require."""
+"""Published grids of the newest pause, confirmed, cut or withdrawn as the gait's announcements require."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ class Published:
     """Scan with a published grid.
 
     Attributes:
-        pause: pause in which it was taken.
+        pause: pause of the scan.
         swept: the scan and its processors.
         terrain: grid of the scan alone.
-        fused: map with this scan, None while it is not in the map.
-        is_confirmed: later joint readings of the pause have confirmed it.
-        was_sent_provisional, was_map_provisional: grid and map were published as provisional.
-        will_be_refined: a finer grid of the same pause follows and is confirmed instead.
+        fused: map with this scan; None while the scan is not in the map.
+        is_confirmed: True if joint readings after its last frame show that the robot stood still.
+        was_sent_provisional, was_map_provisional: True if the grid or the map was published as provisional.
+        will_be_refined: True if a finer grid of the same pause follows, which is confirmed in its place.
     """
 
     pause: Pause
@@ -63,9 +63,9 @@ class PublishedScans:
     """Publisher of the grids and maps of successive pauses; used from one thread.
 
     Attributes:
-        newest: scan whose grid was published last, None if it was withdrawn.
-        fused: scan of the newest pause that is in the map, or None.
-        doubts: faults of the joints of the pause, added to the health of its grids.
+        newest: scan of the current pause whose grid was published last; None if there is none or it was withdrawn.
+        fused: scan of the current pause that is in the map, or None.
+        doubts: doubts about the joint readings of the pause, added to the health of its grids.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class PublishedScans:
         unseen: Callable[[Pause], TerrainGrid],
         journal: Journal | None = None,
     ) -> None:
-        """State before the first pause; `unseen` returns the grid of a pause in which nothing was seen."""
+        """Start without a published scan; `unseen` returns an all-unknown grid of a pause."""
         self._server, self._status, self._map, self._recorder = server, status, walk_map, recorder
         self._unseen, self._journal = unseen, journal
         self._unknown_clock = (
@@ -92,7 +92,7 @@ class PublishedScans:
         self.fused: Published | None = None
 
     def begin(self, pause: Pause) -> None:
-        """Leave the previous pause: its confirmed scans stay in the map, all others are withdrawn."""
+        """Finish the previous pause: keep its confirmed scans in the map, and withdraw all others."""
         before = self.newest or self.fused
         if before is None or before.pause is pause:
             return
@@ -105,10 +105,10 @@ class PublishedScans:
         self.newest = self.fused = None
 
     def usable(self, pause: Pause, swept: Swept) -> Swept:
-        """Part of a scan that may be published: all of it during the pause, afterwards what the gait has confirmed.
+        """Part of a scan that may be published: all of it during the pause, the confirmed stripes afterwards.
 
         Raises:
-            CameraMoved: no part of it may be published.
+            CameraMoved: no part of the scan may be published.
         """
         if not pause.ended.is_set() or pause.still_until >= swept.scan.last_frame:
             return swept
@@ -118,20 +118,20 @@ class PublishedScans:
         return cut
 
     def publish(self, pause: Pause, swept: Swept, *, will_be_refined: bool = False) -> TerrainMessage:
-        """Publish the grid of a scan; `will_be_refined` if a finer one follows in this pause."""
+        """Publish the grid of a scan; `will_be_refined` is True if a finer grid of this pause follows."""
         terrain = dataclasses.replace(with_problems(swept.terrain, swept.scan, self.doubts), stamp=swept.scan.end)
         self.newest = Published(pause, swept, terrain, will_be_refined=will_be_refined)
         return self._send(self.newest, terrain)
 
     def publish_map(self) -> TerrainMessage:
-        """Publish the map; first fuse the newest scan into it, unless the map has a scan of this pause."""
+        """Publish the map, after fusing the newest scan unless the map already has a scan of this pause."""
         if self.fused is None or self.fused.fused is None:
             assert self.newest is not None
             return self._fuse(self.newest)
         return self._send(self.fused, self.fused.fused)
 
     def take_back(self, pause: Pause, reason: str) -> TerrainMessage:
-        """Withdraw the newest grid; an earlier scan of its pause stays in the map."""
+        """Withdraw the newest grid. A scan of its pause that was already fused stays in the map."""
         self.newest = None
         return send_terrain(self._server, self._nothing_seen(pause, reason))
 
@@ -144,7 +144,7 @@ class PublishedScans:
         pause = either.pause
         for published in dict.fromkeys(each for each in (fused, newest) if each is not None):
             was_confirmed = published.is_confirmed
-            # A motion that is detected later may have begun before the last frame.
+            # Not permanent: a motion that is detected later may have begun before the last frame.
             published.is_confirmed = pause.still_until >= published.swept.scan.last_frame
             if published.is_confirmed and not was_confirmed:
                 self._confirm(published)
@@ -160,7 +160,7 @@ class PublishedScans:
             self._cut(newest)
 
     def record_cut(self, pause: Pause, messages: list[TerrainMessage]) -> None:
-        """Record that some frames of a scan must not be used; replays then skip the scan, as if withdrawn."""
+        """Record grids cut to the confirmed stripes. A withdrawal before them makes replays skip the recorded scan."""
         if self._recorder is not None:
             nothing = self._nothing_seen(pause, TOO_LITTLE)
             number = self._server.next_sequence("footprint")
@@ -203,7 +203,7 @@ class PublishedScans:
         self._status.confirmed(published.pause.step)
 
     def _cut(self, newest: Published) -> None:
-        """Remove stripes taken later than the joints that confirm the scan; the pause has ended without a fault."""
+        """Publish a scan again without the stripes that no joint reading confirms, at the regular end of a pause."""
         pause = newest.pause
         cut = newest.swept.until(pause.still_until)
         if cut is None:
@@ -218,9 +218,9 @@ class PublishedScans:
         self.settle()
 
     def _withdraw(self, pause: Pause) -> None:
-        """Withdraw the grid, and undo it in the map unless it was confirmed.
+        """Withdraw the newest grid, and remove its pause from the map unless the fused scan was confirmed.
 
-        A grid that was confirmed before the robot moved is right, but the robot has left its frame.
+        A grid that was confirmed before the robot moved is correct, but the robot has left the frame of the grid.
         """
         reason = f"withdrawn: {self._why_not(pause)}"
         self._status.withdrawn("moved" if pause.broken else "late" if pause.is_clock_known else "clock")
@@ -238,10 +238,10 @@ class PublishedScans:
             self._recorder.add_terrains(pause.step, messages)
 
     def _send(self, published: Published, terrain: TerrainGrid) -> TerrainMessage:
-        """Publish a grid as provisional or confirmed; a provisional one is valid no longer than its pause may last."""
+        """Publish a grid as provisional or confirmed. A provisional grid expires at the deadline of its pause."""
         pause, scan = published.pause, published.swept.scan
         is_provisional = published.will_be_refined or pause.still_until < scan.last_frame
-        # A map is confirmed only once its journal is written, so that a node killed afterwards can continue.
+        # A map is published as confirmed only after its journal is written, so that a node killed later can continue.
         is_map = terrain is published.fused
         is_provisional |= is_map and self._journal is not None and not published.is_confirmed
         published.was_map_provisional |= is_map and is_provisional
@@ -261,11 +261,13 @@ class PublishedScans:
         )
 
     def _send_images(self, step: int, make: Callable[[], TerrainGrid]) -> None:
-        """Publish and record the range images of a confirmed grid; an image cannot be marked as provisional.
+        """Publish and record the range images of a confirmed or withdrawn grid.
+
+        Images of provisional grids are not sent, since an image message has no field for that state.
 
         Args:
             step: step of the pause.
-            make: function that returns the grid with its pictures; called if there is a subscriber or a recorder.
+            make: function that returns the grid with its images; called only if there is a subscriber or a recorder.
         """
         messages = functools.cache(lambda: range_image_messages(make()))
         self._are_images_out = True
@@ -275,11 +277,11 @@ class PublishedScans:
             self._recorder.add_range_images(step, messages)
 
     def _why_not(self, pause: Pause) -> str:
-        """Reason why a scan of an ended pause is not used."""
+        """Reason why the scan of an ended pause cannot be used."""
         return pause.broken or (TOO_LITTLE if pause.is_clock_known else self._unknown_clock)
 
     def _nothing_seen(self, pause: Pause, reason: str) -> TerrainGrid:
-        """Grid that withdraws another one: all unknown, with the reason. Published range images are withdrawn too."""
+        """Make the all-unknown grid that withdraws another, with the reason; withdraw published range images too."""
         nothing = self._unseen(pause).restated(health=Health("failed", (reason,)), withdrawn=True, **walk_of(pause))
         if self._are_images_out:
             self._send_images(pause.step, lambda: with_pictures(nothing))
@@ -288,7 +290,7 @@ class PublishedScans:
 
 
 def with_problems(terrain: TerrainGrid, scan: LiveScan, doubts: tuple[str, ...] = ()) -> TerrainGrid:
-    """Add the problems of the devices, and doubts about the joints, to the health of a grid."""
+    """Add problems of the devices, an early stop, and doubts about the joints to the health of a grid."""
     if not scan.problems and not scan.stopped_early and not doubts:
         return terrain
     health = terrain.record.health or Health()
@@ -298,5 +300,5 @@ def with_problems(terrain: TerrainGrid, scan: LiveScan, doubts: tuple[str, ...] 
 
 
 def walk_of(pause: Pause, *, is_provisional: bool = False) -> dict[str, object]:
-    """Record fields of a grid: identity of its walk, and whether it is provisional."""
+    """Record fields of a grid: identity of its walk, and True if the grid is provisional."""
     return {"epoch": pause.epoch, "provisional": is_provisional}

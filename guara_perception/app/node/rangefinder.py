@@ -1,4 +1,4 @@
-"""Rangefinder: a laser board and a camera that sweep together."""
+"""Rangefinder: laser board and camera, which take a sweep together."""
 
 from __future__ import annotations
 
@@ -34,25 +34,25 @@ if TYPE_CHECKING:
 FiringOrder = Sequence[tuple[int, float]]
 
 # [s] Standard deviation of an instant derived from a frame's arrival: `measure_lag` is accurate to one or two
-# milliseconds, and transfer times vary by about as much.
+# milliseconds, and transfer times vary by about the same amount.
 LAG_SIGMA = 0.002
 
-# Number of stripes processed together, which takes a fifth less processor time than one by one.
+# Number of stripes processed together, which takes a fifth less processor time than separate processing.
 STRIPES_TOGETHER = 2
 
 
 @dataclass
 class Rangefinder:
-    """Board and camera, open inside a `with` block; leaving it turns the laser off.
+    """Laser board and camera, open inside a `with` block. Leaving the block turns the laser off.
 
     Attributes:
         board: the laser board.
         camera: the camera.
-        options: acquisition options; None = one off frame per scan, stripes processed in groups of STRIPES_TOGETHER.
-        settings: settings that are locked and read back when the camera is opened; None = leave the camera unchanged.
-        identity: identity of the calibrated camera, which the opened one must have; empty if unknown.
-        clock: clock of all devices of this process while these are open; None = the machine's clock. On the clock of
-            emulated devices waiting takes no time, so that they miss nothing on a busy machine.
+        options: acquisition options; None = one laser-off frame per scan, stripes in groups of STRIPES_TOGETHER.
+        settings: settings to which the camera is locked when it is opened; None = leave the camera unchanged.
+        identity: identity of the calibrated camera, which the opened camera must have; empty if unknown.
+        clock: clock of all devices of this process while the rangefinder is open; None = the machine's clock. With the
+            clock of emulated devices, waiting takes no time, so the devices lose no frame on a busy machine.
     """
 
     board: Board
@@ -87,11 +87,11 @@ class Rangefinder:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Close both, the laser off first."""
+        """Close both devices, the board and its laser first."""
         self._close()
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Lock settings of the open camera; `setting_changes` compares with these.
+        """Lock the open camera to `settings`, and return the settings that `setting_changes` will compare with.
 
         Raises:
             drivers.CameraError: the camera rejects a setting.
@@ -100,9 +100,9 @@ class Rangefinder:
         return self._locked
 
     def setting_changes(self) -> tuple[str, ...]:
-        """Changes of locked settings, each with its remedy; or the error if they could not be read.
+        """Changes of the locked settings as texts, each with its remedy, or the error if the settings cannot be read.
 
-        Reading the settings takes some milliseconds.
+        The settings are read from the camera, which takes some milliseconds.
         """
         if self._locked is None:
             return ()
@@ -114,7 +114,10 @@ class Rangefinder:
     def sweep(
         self, firing_order: FiringOrder, band: Callable[[int], tuple[int, int]], should_stop: Callable[[], bool]
     ) -> StripeStream:
-        """Stream of the stripes of a scan with new random dark flashes, for a `with` block; see `drivers.acquire`."""
+        """Return the stripes of a scan as a stream for a `with` block, with new random dark flashes.
+
+        See `drivers.acquire` for the arguments.
+        """
         options = self.options or AcquireOptions(together=STRIPES_TOGETHER)
         options = replace(options, dark_after=draw_code([index for index, _ in firing_order]))
         return acquire(
@@ -122,38 +125,38 @@ class Rangefinder:
         )
 
     def flash(self, stamp: float) -> tuple[float, float] | None:
-        """Middle of the flash in a frame with this stamp, on the machine's monotonic clock, and its sigma [s].
+        """Middle of the flash in the frame with `stamp`, on the machine's monotonic clock, and its sigma [s].
 
-        None if the camera's `lag` is not known.
+        None if the camera's `lag` is unknown or 0.
         """
         lag = self.camera.lag
         if not lag:
             return None
         exposure = None if self._locked is None else self._locked.exposure
         if exposure is None:
-            # The flash was at any time from `lag` before the frame's stamp up to the stamp, with equal probability.
+            # The time of the flash is uniformly distributed from `lag` before the frame's stamp to the stamp.
             return stamp - lag / 2, math.hypot(lag / math.sqrt(12.0), LAG_SIGMA)
         if self.options is not None and self.options.sweep is not None:
             exposure = min(exposure, self.options.sweep.flash)
         return stamp - lag + min(exposure, lag) / 2, LAG_SIGMA
 
     def keep_time(self) -> None:
-        """Set an emulated clock to the machine's time, so that flashes can be compared with joint samples."""
+        """Advance an emulated clock to the machine's time, so that flashes can be compared with joint samples."""
         if isinstance(self.clock, EmulatedClock):
             self.clock.catch_up()
 
     def lost_steps(self, firing_order: FiringOrder) -> int:
         """Home the mirror, move it to the first stripe, and return the motor steps lost since the last homing.
 
-        Any lost step means that stripes since then were not at their commanded angles: their heights are wrong.
+        If steps were lost, stripes since that homing were not at their commanded angles, and their heights are wrong.
 
         Raises:
-            drivers.BoardError: the board cannot be reached, or found no home.
+            drivers.BoardError: the board cannot be reached, or did not find the home position.
         """
         return prepare(self.board, firing_order)
 
     def _close(self) -> None:
-        """Close in the order of opening: the board, and with it the laser, first."""
+        """Close in the order of opening, so that the board turns the laser off first."""
         while self._entered:
             self._entered.pop(0).__exit__(None, None, None)
         self._clock_held.close()

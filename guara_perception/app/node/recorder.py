@@ -41,20 +41,20 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 JPEG_444 = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
-# Largest amount of data that waits for a slow disk [byte]: 614 single-channel frames of 640x512 pixels.
+# Largest amount of data that may wait for a slow disk [byte]: 614 single-channel frames of 640 x 512 pixels.
 MAXIMUM_WAITING = 192 * 1024 * 1024
 # Longest wait for the disk when the recorder closes [s].
 CLOSE_TIMEOUT_S = 30.0
 
 
 class ScanRecorder(AbstractContextManager["ScanRecorder"]):
-    """MCAP recorder of scans; data already written survives a crash of the process.
+    """MCAP recorder of scans; data already written survive a crash of the process.
 
-    An existing file is never overwritten: the recording goes to a new one. In a folder, a new file also starts when
-    the current one is full, between two pauses; each file can be opened on its own.
+    An existing file is never overwritten: the recording goes to a new file. In a folder, another file is started
+    between two scans when the current file is full; each file can be opened on its own.
 
     No scan waits for the disk: copies of its frames and its grid are written on another thread. Data that a slow or
-    full disk does not take is missing from the recording, never from the scan; `status_item` reports lost scans.
+    full disk does not accept are missing from the recording, never from the scan; `status_item` reports lost scans.
     """
 
     def __init__(
@@ -71,13 +71,13 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         """Create the file.
 
         Args:
-            path: file that ends with .mcap, or folder; see `RecordingFiles`.
+            path: file name that ends with .mcap, or a folder; see `RecordingFiles`.
             robot: instance name.
             calibration: calibration in use; attached to the file.
-            jpeg_quality: 1 ... 100 compresses frames with loss, to a tenth of the size; None keeps every bit.
-            scene: makes the messages for 3-D viewers: robot, transforms, clouds, markers, ROS grids; None = none.
-            limit: largest total size of the files in a folder [byte]; the oldest are removed.
-            first: step of the first scan that is written.
+            jpeg_quality: 1 ... 100 stores frames as JPEG of this quality (a ninth of the size at 90); None = lossless.
+            scene: source of the messages for 3-D viewers: robot, transforms, clouds, markers, ROS grids; None = none.
+            limit: largest total size of the files in a folder [byte], kept by removing the oldest; None = no limit.
+            first: first step that is recorded.
 
         Raises:
             transport.RecordingError: the file cannot be created.
@@ -98,14 +98,14 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         self._add_later("the robot", self._add_robot)
 
     def __exit__(self, *error: object) -> None:
-        """Write the waiting data, and close the file."""
+        """Write the waiting data and close the file; log an error if the disk is too slow."""
         is_written = self.flush(CLOSE_TIMEOUT_S)
         self._is_closed = True
         if is_written:
             self._outbox.close()
             self.writer.close()
         else:
-            logger.error("%s: the disk is too slow, waiting data is lost; `guara recover` restores the rest", self.path)
+            logger.error("%s: the disk is too slow: waiting data are lost; `guara recover` keeps the rest", self.path)
 
     @property
     def path(self) -> Path:
@@ -114,11 +114,11 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
 
     @property
     def cut(self) -> list[Path]:
-        """Files left incomplete by a killed process, oldest first; `guara recover` makes them readable."""
+        """Incomplete files left by killed processes, oldest first; `guara recover` makes them readable."""
         return [path for path in self._files.cut() if path != self.path]
 
     def begin(self, step: int, mode: str, stance: Stance) -> ScanRecording | None:
-        """Start recording a scan; None before the first step to be recorded."""
+        """Start recording a scan; return None if its step is earlier than `first`."""
         if step < self._first:
             return None
         self.post(0, self._go_on)
@@ -139,7 +139,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         return ScanRecording(self, record, self._quality)
 
     def add_terrains(self, step: int, terrains: Sequence[TerrainMessage]) -> None:
-        """Add grids that are published after their scan has ended, for instance withdrawals; returns at once."""
+        """Add grids that are published after their scan has ended, for instance withdrawals, without blocking."""
         if step < self._first:
             return
 
@@ -152,28 +152,31 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         self.post(0, add)
 
     def add_stance(self, pause: StancePause) -> None:
-        """Add an announcement of a stance pause; returns at once."""
+        """Add an announcement of a stance pause without blocking."""
         if pause.phase is PausePhase.BEGIN:
             self.post(0, self._go_on)
         self._add_later("a stance", lambda: self.writer.add_stance_pause(pause))
 
     def add_stream(self, batch: StanceStream) -> None:
-        """Add a batch of joints; returns at once."""
+        """Add a batch of joint samples without blocking."""
         self._add_later("a batch of joints", lambda: self.writer.add_stance_stream(batch))
 
     def add_status(self, payload: bytes | bytearray) -> None:
-        """Add a status of the node as it was sent; returns at once."""
+        """Add the payload of a status message of the node without blocking."""
         self._add_later("a status", lambda: self.writer.add_status(payload))
 
     def add_points(self, points: Mapping[int, StripePoints], stamp: int) -> None:
-        """Add the points of a scan's stripes, by index; returns at once. Arrays never change and are not copied."""
+        """Add the points of a scan's stripes, by stripe index, without blocking. The arrays must not change later."""
         scene = self._scene
         if scene is not None:
             kept = dict(points)
             self._add_later("the points of a scan", lambda: self.writer.add_messages(scene.of_points(kept, stamp)))
 
     def add_range_images(self, step: int, make: Callable[[], Mapping[str, Any]]) -> None:
-        """Add the range images of a scan; `make` returns them by topic, on the recorder's thread. Returns at once."""
+        """Add the range images of a scan without blocking.
+
+        `make` returns the images by topic; it is called on the recorder's thread.
+        """
         if self._scene is not None and step >= self._first:
             self._add_later("the range images of a scan", lambda: self.writer.add_messages(make().items()))
 
@@ -186,7 +189,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
                 self.writer.add_messages(self._scene.of_grid(terrain))
 
     def flush(self, timeout: float) -> bool:
-        """Wait until all data is written or lost; False after `timeout` [s]."""
+        """Wait until all data are written or lost; return False after `timeout` [s]."""
         try:
             self._outbox.flush(timeout)
         except ReceiveTimeout:
@@ -194,7 +197,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         return True
 
     def status_item(self) -> StatusItem:
-        """Status item: numbers of recorded and lost scans, and the present problems."""
+        """Status item of the recording: numbers of recorded and lost scans, and the current problems."""
         with self._counted:
             return StatusItem(
                 name="recording",
@@ -208,9 +211,9 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             )
 
     def post(self, size: int, task: Callable[[], None]) -> bool:
-        """Queue a task that holds `size` bytes of memory; False if the queue is full or the recorder is closed.
+        """Queue a task that holds `size` bytes of memory; return False if the queue is full or the recorder is closed.
 
-        Tasks run one after the other. A full queue still takes tasks that hold no memory.
+        Tasks run one after the other. A full queue still accepts tasks of size 0.
         """
 
         def run() -> None:
@@ -228,7 +231,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             return True
 
     def ended(self, step: int, problem: str) -> None:
-        """Count a scan as recorded, or as lost if there is a problem."""
+        """Count a scan as recorded, or as lost if `problem` is not empty."""
         with self._counted:
             self._recorded += not problem
             self._lost += bool(problem)
@@ -251,14 +254,14 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             self._report(str(error))
 
     def _go_on(self) -> None:
-        """Continue in a new file if this one is full; called on the recorder's thread, between two scans."""
+        """Continue in a new file if the current file is full; called on the recorder's thread, between two scans."""
         size = self._files.file_size
         if size is None or self.writer.size < size or self.writer.is_scan_open:
             return
         self._make_room()
         full = self.writer
         try:
-            # Fails while data that a full disk rejected waits in memory; then the file stays open.
+            # Fails while data rejected by a full disk are still in memory; the full file then stays open.
             full.flush()
             self.writer = self._open()
         except RecordingError as error:
@@ -267,17 +270,17 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         try:
             full.close()
         except RecordingError as error:
-            logger.error("%s; `guara recover` restores what is in it", error)
+            logger.error("%s; `guara recover` makes the file readable", error)
         _guarded("the robot", self._add_robot)
 
     def _report(self, trouble: str) -> None:
-        """Log a problem of the recording once, and keep it for the status."""
+        """Log a problem of the recording once, and show it in the status until it is solved."""
         if trouble and trouble != self._trouble:
             logger.error("recording: %s", trouble)
         self._trouble = trouble
 
     def _add_later(self, what: str, add: Callable[[], None]) -> None:
-        """Add data other than scans; a disk error is logged and does not stop the scans."""
+        """Queue data other than frames; an error is logged and does not affect the recording of scans."""
         self.post(0, lambda: _guarded(what, add))
 
 
@@ -292,12 +295,12 @@ class ScanRecording:
     """Recording of one scan; a disk error ends the recording, not the scan."""
 
     def __init__(self, recorder: ScanRecorder, record: ScanRecord, jpeg_quality: int | None) -> None:
-        """Begin the recording; called by `ScanRecorder.begin`."""
+        """Queue the start of the recording; called by `ScanRecorder.begin`."""
         self._recorder, self._record, self._quality = recorder, record, jpeg_quality
-        # Used by the scanning thread alone.
+        # Used by the scan thread only.
         self._last_off: tuple[Image, tuple[object, Image]] | None = None
         self._is_full = self._is_done = False
-        # Used by the writing thread alone.
+        # Used by the recorder's thread only.
         self._problem = ""
         self._is_open = False
         self._offs: tuple[object, FrameReference] | None = None
@@ -305,11 +308,11 @@ class ScanRecording:
         self._post(0, self._begin)
 
     def add(self, capture: StripeCapture, flash: FlashRecord | None = None) -> None:
-        """Record one stripe; an off frame that several stripes share is written once. Returns at once.
+        """Record one stripe without blocking. A laser-off frame shared by several stripes is written once.
 
         Args:
             capture: the stripe.
-            flash: time of its flash, if a joint stream locates the stripe; else None.
+            flash: time of the stripe's flash if its pose comes from a joint stream, else None.
         """
         if self._is_full:
             return
@@ -327,14 +330,14 @@ class ScanRecording:
         )
         if not self._recorder.post(size, lambda: self._guarded(lambda: self._add(bare, on, off, dark))):
             self._is_full = True
-            self._post(0, lambda: self._fail("the disk is too slow, frames were left out"))
+            self._post(0, lambda: self._fail("the disk is too slow: frames were left out"))
 
     def extend(self, mode: str | None) -> None:
         """Continue with the intermediate stripes of the sweep.
 
         Args:
-            mode: mode of the whole scan, which is then recorded as a second scan of this pause that refers to the
-                frames already written; None if the scan will be incomplete: then no more frames are recorded.
+            mode: mode of the whole scan. It is recorded as a second scan of this pause, which refers to the frames
+                already written. None = the scan will be incomplete, and no more frames are recorded.
         """
         if mode is None:
             self._is_full = True
@@ -342,13 +345,13 @@ class ScanRecording:
             self._post(0, lambda: self._begin_again(mode))
 
     def restart(self) -> None:
-        """Record another sweep of this pause as a scan of its own, without the stripes so far."""
+        """Record another sweep of this pause as a separate scan, without the stripes recorded so far."""
         self._is_full = False
         self._post(0, lambda: self._stripes.clear())
         self._post(0, lambda: self._begin_again(self._record.mode))
 
     def finish(self, terrains: tuple[TerrainMessage, ...] = (), stance_end: Stance | None = None) -> None:
-        """End the scan and add its grids, none if it failed; returns at once, the recorder's status reports errors."""
+        """End the scan and add its grids (none if it failed) without blocking; the recorder's status reports errors."""
         if not self._is_done:
             self._is_done = True
             end = None if stance_end is None else stance_to_message(stance_end)
@@ -359,7 +362,7 @@ class ScanRecording:
         self._recorder.post(size, lambda: self._guarded(action))
 
     def _shared(self, image: Image | None) -> tuple[tuple[object, Image] | None, int]:
-        """Keyed copy of an off frame, the same for all stripes that share it; and the bytes newly allocated."""
+        """Copy of a laser-off frame with a key, shared by its stripes, and the number of newly allocated bytes."""
         if image is None:
             return None, 0
         if self._last_off is not None and self._last_off[0] is image:
@@ -369,7 +372,7 @@ class ScanRecording:
 
     def _begin(self) -> None:
         if self._recorder.writer.is_scan_open:
-            # The previous scan was never ended: its stripes stay in the file, and this scan is still recorded.
+            # The previous scan was never ended. Keep its stripes in the file, and record this scan.
             self._recorder.writer.end_scan(stamp=time.time_ns())
         self._recorder.writer.begin_scan(self._record)
         self._is_open = True
@@ -377,7 +380,7 @@ class ScanRecording:
     def _begin_again(self, mode: str) -> None:
         self._recorder.writer.end_scan(stamp=time.time_ns())
         self._recorder.writer.begin_scan(dataclasses.replace(self._record, mode=mode))
-        # Times within a topic must not decrease: all stripes get the stamp of the last one; frames keep their own.
+        # Times within a topic must not decrease, so all stripes get the stamp of the last one; frames keep their own.
         for stripe in self._stripes:
             self._write(dataclasses.replace(stripe, stamp=self._stripes[-1].stamp))
 
@@ -415,14 +418,14 @@ class ScanRecording:
     def _frame(self, pixels: Image, stamp: int) -> FrameRecord:
         if self._quality is None:
             return FrameRecord(pixels=pixels, stamp=stamp)
-        # 4:4:4, since a red stripe is mostly in the chroma channels, whose resolution 4:2:0 would halve.
+        # Use 4:4:4: a red stripe is mostly in the chroma channels, whose resolution 4:2:0 would halve.
         options = (cv2.IMWRITE_JPEG_QUALITY, self._quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, JPEG_444)
         return FrameRecord(data=cv2.imencode(".jpg", pixels, options)[1].tobytes(), format="jpeg", stamp=stamp)
 
     def _finish(self, terrains: tuple[TerrainMessage, ...], end: StanceMessage | None, stamp: int) -> None:
         try:
             if self._is_open:
-                # Also after an error, so that the next scan finds none open.
+                # Also after an error, so that no scan is open when the next one begins.
                 self._is_open = False
                 self._recorder.writer.end_scan(stance_end=end, stamp=stamp)
             self._recorder.write_terrains(terrains)

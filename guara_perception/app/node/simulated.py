@@ -1,4 +1,4 @@
-"""Simulated robot for the node: emulated laser board, simulated camera, a walk with stance pauses."""
+"""Simulated robot for the node: emulated laser board, simulated camera, and a gait with stance pauses."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from kinematics import RobotModel, load_robot
 from transport import GroundPatch, PausePhase, StancePause
 from transport.stance_link import StancePublisher
 
-# The terrain that comes with the package.
+# World file of the default terrain.
 DEMO_WORLD = Path(__file__).parents[2] / "simulation" / "worlds" / "demo.toml"
 # Time from the end of an exposure to the frame's arrival on a fast link [s].
 LATENCY_S = 0.001
@@ -34,13 +34,13 @@ LATENCY_S = 0.001
 class SimulatedRobot:
     """Simulated robot, world and rangefinder, whose laser and mirror belong to an emulated board.
 
-    The devices run on a clock of their own: a scan takes as long as its computation, and a busy machine loses no frame.
+    The devices run on their own clock: a scan takes as long as its computation, and no frame is lost on a busy machine.
 
     Attributes:
-        robot: the model.
+        robot: model of the robot.
         world: the terrain.
         calibration: true geometry of the rangefinder.
-        rangefinder: emulated board through the real driver, and the simulated camera.
+        rangefinder: emulated board with the real driver, and the simulated camera.
     """
 
     def __init__(
@@ -53,15 +53,16 @@ class SimulatedRobot:
         fps: float = 30.0,
         seed: int = 0,
     ) -> None:
-        """Build the robot, standing at the world's origin.
+        """Create the robot at the world's origin.
 
         Args:
             robot: name or folder of the robot.
-            calibration: calibration of the rangefinder; None = a specimen with the errors of careful assembly.
-            world: terrain, or the file that describes it.
-            size: picture size when no calibration is given [px].
-            fps: frames per second of the camera.
-            seed: seed of specimen and noise.
+            calibration: calibration file of the rangefinder; None = a random device with the errors of careful
+                assembly.
+            world: terrain, or a world file.
+            size: width and height of the camera images if no calibration is given [px].
+            fps: frame rate of the camera [1/s].
+            seed: random seed of the device and of the noise.
         """
         self.robot: RobotModel = load_robot(robot)
         self.world = load_world(world) if isinstance(world, Path) else world
@@ -81,11 +82,11 @@ class SimulatedRobot:
         self.stand_at(next(self.walk(cycles=0)))
 
     def stand_at(self, pause: WalkPause) -> None:
-        """Set the robot to its pose at a pause; only between scans."""
+        """Move the robot to its pose at a pause. Do not call this during a scan."""
         self.place(pause.transform_base_to_world, pause.joint_positions)
 
     def place(self, transform_base_to_world: Float, joint_positions: Mapping[str, float]) -> None:
-        """Set the pose (4, 4) and the joint positions [rad] of the robot; only between scans.
+        """Set pose (4, 4) and joint positions [rad] of the robot. Do not call this during a scan.
 
         Raises:
             InvalidInput: camera or laser would be below the ground.
@@ -95,12 +96,15 @@ class SimulatedRobot:
     def walk(
         self, choose: Callable[[WalkPause], Choice] | None = None, *, cycles: float = 10, number: int = 0
     ) -> Iterator[WalkPause]:
-        """Pauses of a walk along x, as `simulate_walk`; each `number` has its own noise. The robot is not moved."""
+        """Yield the pauses of a walk along x, as `simulate_walk`, without moving the robot.
+
+        Walks with different `number` have different noise.
+        """
         return simulate_walk(self.world, self.robot, choose, cycles=cycles, seed=self._seed + number)
 
 
 def standing_pauses(pause: WalkPause, before: Mapping[str, int]) -> dict[str, int]:
-    """Number of previous pauses through which each foot has stood, by leg; `before` has those of the last pause."""
+    """Number of previous pauses through which each foot has stood, by leg; `before` is the result of the last pause."""
     swung = None if pause.last_footstep is None else pause.last_footstep.leg
     return {leg: 0 if leg == swung else before.get(leg, -1) + 1 for leg in pause.stance.support_feet}
 
@@ -115,19 +119,26 @@ class SimulatedGait:
     def __init__(
         self, publisher: StancePublisher, instance: str, time_available: float = 0.0, *, seed: int = 0
     ) -> None:
-        """Announce through `publisher` as robot `instance`, with `time_available` per pause [s]; 0 = not known."""
+        """Create the gait of one walk.
+
+        Args:
+            publisher: publisher of the announcements.
+            instance: instance name of the robot.
+            time_available: announced length of each pause [s]; 0 = not known.
+            seed: random seed of the joint readings.
+        """
         self._rng = np.random.default_rng(seed)
         self._publisher, self._instance, self.epoch = publisher, instance, uuid.uuid4().hex
         self._time_available = time_available
         self._stood: dict[str, int] = {}
 
     def begin(self, pause: WalkPause) -> None:
-        """Announce that the robot stands."""
+        """Announce that the robot has begun to stand."""
         self._stood = standing_pauses(pause, self._stood)
         self._announce(pause, PausePhase.BEGIN, self._time_available)
 
     def hold(self, pause: WalkPause) -> None:
-        """Confirm that the robot still stands, after the last frame of a scan."""
+        """Announce that the robot still stands; after the last frame of a scan, this confirms the scan."""
         self._announce(pause, PausePhase.HOLD)
 
     def end(self, pause: WalkPause) -> None:

@@ -1,4 +1,4 @@
-"""Gait of `guara run --simulated`: a simulated robot walks under a running node."""
+"""Gait of `guara run --simulated`, which makes a simulated robot walk for a running node."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from transport.stance_link import StancePublisher
 logger = logging.getLogger(__name__)
 
 SCAN_TIMEOUT_S = 60.0
-# Longest time until a stop is noticed while waiting for a scan.
+# Interval at which a stop is checked for while waiting for a scan.
 STOP_POLL_S = 0.2
-# Pause after each scan, for planners that are slow to subscribe.
+# Rest after each scan, for planners that are slow to subscribe.
 REST_S = 1.0
 # Number of gait cycles that fit into the demo's world.
 CYCLES = 11
@@ -35,14 +35,14 @@ def walk_until_stopped(
     stop: threading.Event,
     tell: Callable[[str], None] = logger.info,
 ) -> None:
-    """Walk to the end of the world, scanning at each pause, and start again as another walk.
+    """Walk to the end of the world with a scan at each pause, and start again as another walk, until stopped.
 
     Args:
         robot: simulated robot with open devices.
         node: running node with the same rangefinder.
-        session: session of the node, which the gait publishes through too.
+        session: session of the node, through which the gait also publishes.
         instance: name of the robot in the keys.
-        stop: ends the walk.
+        stop: event that ends the walk.
         tell: called with a line of text at the end of each walk.
     """
     publisher = StancePublisher(session, robot=instance)
@@ -71,10 +71,10 @@ def walk_until_stopped(
 def _stand(
     robot: SimulatedRobot, node: PerceptionNode, gait: SimulatedGait, pause: WalkPause, stop: threading.Event
 ) -> None:
-    """Stand for one pause, with its scan and those that are requested; a stop leaves the robot standing.
+    """Stand for one pause until its scan and all requested scans are done. After a stop, the robot remains standing.
 
     Raises:
-        WalkEnded: no scan came; the walk of another gait may have replaced this one.
+        WalkEnded: no scan was done in time; the walk of another gait may have replaced this one.
     """
     robot.stand_at(pause)
     gait.begin(pause)
@@ -87,7 +87,7 @@ def _stand(
 
 
 def _is_done(wait: Callable[[], bool], stop: threading.Event) -> bool:
-    """Wait for a scan or a stop; False if no scan came in time."""
+    """Wait for a scan or a stop; return False if neither happens in time."""
     end = time.monotonic() + SCAN_TIMEOUT_S
     while not wait():
         if stop.is_set():

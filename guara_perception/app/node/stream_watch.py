@@ -14,23 +14,24 @@ from kinematics.tree import checked_positions
 from transport import Health, StanceStream, StatusItem, TransportError, clock
 from transport.messages.stance_stream import ANY_WALK
 
-# [1/s] Allowed sampling rates; more samples would take computing time from the scans.
+# [1/s] Allowed sampling rates; a higher rate would take computing time from the scans.
 LOWEST_RATE, HIGHEST_RATE = 50.0, 1000.0
-# Factor by which a measured rate may exceed these bounds, since sampling is not exact.
+# Factor by which a measured rate may be outside these bounds, since sampling is not exact.
 RATE_SLACK = 1.1
-# [s] Longest time between samples that does not count as a gap; time over which rates are measured.
+# [s] Longest time between samples that does not count as a gap; duration over which the rate is measured.
 LONGEST_GAP, RATE_TIME = 0.1, 1.0
-# [s] Silence after which the status warns; time after which warnings are cleared and a silent stream counts as ended.
+# [s] Silence after which the status shows a warning; time after which a warning is cleared and a silent stream counts
+# as ended.
 SILENT, FORGOTTEN = 1.0, 10.0
-# [s] Greatest age of the newest batch at BEGIN with which a pause uses the stream.
+# [s] A pause uses the stream only if the newest batch is at most this old at BEGIN.
 FRESH = 0.25
 
 
 class StreamWatch:
-    """Status item `stance_stream`; batches arrive on the receiver's thread, the item is read on another."""
+    """Monitor of a joint stream, with status item `stance_stream`. Batches and status may be on different threads."""
 
     def __init__(self, robot: RobotModel, name: str) -> None:
-        """Watch for a stream of the robot with the instance name `name`."""
+        """Monitor the stream of the robot with the instance name `name`."""
         self._robot, self._name = robot, name
         self._lock = threading.Lock()
         self._last: StanceStream | None = None
@@ -41,7 +42,10 @@ class StreamWatch:
         self._trouble = (-np.inf, "")
 
     def add(self, batch: StanceStream) -> bool:
-        """Add a batch; False if it is rejected: for another robot, with other joints, or beyond the highest rate."""
+        """Add a batch; return False if it is rejected.
+
+        A batch is rejected if it is for another robot, has other joints, or exceeds the highest rate.
+        """
         now = clock.now()
         problem = self._problem(batch)
         with self._lock:
@@ -68,10 +72,11 @@ class StreamWatch:
             return True
 
     def begin(self, make: Callable[[], PauseStream], epoch: str) -> PauseStream | None:
-        """Begin the stream of a new pause with the samples of the last second; None if its walk has no usable stream.
+        """Begin the stream of a new pause with the samples of the last second; return None if no stream is usable.
 
         Args:
-            make: creates the stream without samples; raises KinematicsError if the pause cannot have one.
+            make: function that creates the stream without samples, or raises KinematicsError if the pause cannot have a
+                stream.
             epoch: walk of the pause.
         """
         with self._lock:
@@ -93,13 +98,13 @@ class StreamWatch:
             return self._pause
 
     def refuse(self, error: TransportError) -> None:
-        """Count a batch that cannot be read."""
+        """Count a batch that cannot be decoded."""
         with self._lock:
             self._refused += 1
             self._trouble = clock.now(), str(error)
 
     def item(self) -> StatusItem:
-        """Status item of the stream."""
+        """Status item of the stream: rate, counts, and the newest problem of the last FORGOTTEN seconds."""
         now = clock.now()
         with self._lock:
             rate = 0.0 if now - self._heard > RATE_TIME else self._rate()
@@ -127,7 +132,7 @@ class StreamWatch:
         )
 
     def _problem(self, batch: StanceStream) -> str:
-        """Reason why a batch is not of this robot; empty if it is."""
+        """Reason why a batch does not belong to this robot; empty if it does."""
         if batch.robot != self._name:
             return f"a batch of robot {batch.robot!r} arrived on the key of {self._name!r}"
         try:
@@ -140,15 +145,15 @@ class StreamWatch:
         return ""
 
     def _rate(self) -> float:
-        """Samples a second among the batches of the last `RATE_TIME`."""
+        """Sampling rate of the batches in the last `RATE_TIME` [1/s]; 0 for fewer than two batches."""
         if len(self._arrivals) < 2:
             return 0.0
         counts = [len(batch.stamps) for _, batch in self._arrivals]
-        # The samples of the first batch were taken before its arrival, where the time begins.
+        # The samples of the first batch do not count: they were taken before its arrival, at which the time starts.
         return sum(counts[1:]) / max(self._arrivals[-1][0] - self._arrivals[0][0], RATE_TIME / 4)
 
     def _follow(self, batch: StanceStream, now: float) -> None:
-        """Count the batches lost before this one, and a gap before or within it."""
+        """Count the batches lost before `batch`, and a gap before or within it."""
         last = self._last
         if last is None or last.epoch != batch.epoch or batch.sequence <= last.sequence:
             return

@@ -1,4 +1,4 @@
-"""Sweep of one pause: a fixed pattern, or a coarse one followed by intermediate stripes where there is an obstacle."""
+"""Laser sweep at a pause: a fixed pattern, or a coarse pattern followed by intermediate stripes near obstacles."""
 
 from __future__ import annotations
 
@@ -33,29 +33,30 @@ ADAPTIVE = "adaptive"
 SWEEPS = (*MODES, ADAPTIVE)
 # [s] Margin for other load on the machine, added to the measured time from the last frame to the published grid.
 MARGIN_S = 0.1
-# Largest number of sweeps in one pause when foreign light spoils them.
+# Largest number of sweeps in one pause if foreign light makes them unusable.
 MOST_SWEEPS = 4
-# [s] Least sweep duration from which the wait before a repetition is computed; interval at which the wait checks that
-# the pause still lasts.
+# [s] Lower bound of the sweep duration from which the wait before a repetition is computed; interval at which the wait
+# checks for a stop.
 LEAST_WAIT_S, WAIT_SLICE_S = 0.2, 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepJob:
-    """Inputs of a sweep from its pause.
+    """Inputs of a sweep that depend on its pause.
 
     Attributes:
-        processor: creates the ScanProcessor of a mode.
-        should_stop: returns True to end the sweep.
-        ends_at: returns the instant by `transport.clock` at which the gait moves on [s], None if it is not known.
+        processor: function that creates the ScanProcessor of a mode.
+        should_stop: function that returns True to end the sweep.
+        publish: function that publishes a coarse grid, which is refined afterwards.
+        ends_at: function that returns the instant on `transport.clock` at which the gait moves on [s], or None if that
+            instant is not known.
         tail: expected time from the last frame until the grid is published [s].
-        publish: publishes a coarse grid that is refined afterwards.
-        progress: called with (stripes done, stripes in all), or None.
-        recording: takes every stripe, or None.
+        progress: called with (stripes done, total number of stripes), or None.
+        recording: recording to which every stripe is added, or None.
         on_stripe: called with every stripe, or None.
-        stream: returns the joint stream that gives the body's pose, None if the body stands still.
-        placed: called after the last stripe with the processor and the record of the devices; waits for the joint
-            samples that locate the stripes.
+        stream: function that returns the joint stream that gives the body's pose, or None if the body stands still.
+        placed: function that waits for the joint samples that locate the stripes; called after the last stripe of each
+            pattern with the processor and the record of the devices.
     """
 
     processor: Callable[[str], ScanProcessor]
@@ -78,7 +79,7 @@ class Swept:
         terrain: grid of the sweep.
         scan: record of the devices.
         processor: processor that made the grid.
-        coarse: processor of the coarse stripes alone, None if no intermediate stripes were fired.
+        coarse: processor of the coarse stripes alone; None if no intermediate stripes were fired.
         is_cut: True if `until` removed stripes.
     """
 
@@ -89,7 +90,7 @@ class Swept:
     is_cut: bool = False
 
     def until(self, instant: float) -> Swept | None:
-        """Scan without the stripes whose frames came later, as if never fired; None if no known cell is left."""
+        """Remove the stripes with frames later than `instant`, as if never fired; return None if no cell is known."""
         kept = [index for index, came in self.scan.instants.items() if came <= instant]
         coarse = None if self.coarse is None else self.coarse.restricted(kept)
         processor = self.processor.restricted(kept)
@@ -108,10 +109,10 @@ class Swept:
         return Swept(terrain, scan, processor, coarse, is_cut=True)
 
     def wide(self, terrain: TerrainGrid) -> TerrainGrid:
-        """Grid of all scanned ground, including that beside the footprint, for the map.
+        """Grid of all scanned ground for the map, including the ground beside the footprint.
 
         Args:
-            terrain: published grid of the footprint; the wide grid gets its record.
+            terrain: published grid of the footprint, whose stamp and record the wide grid gets.
         """
         record = terrain.scan_record
         wide = self.processor.finish("wide", record=record)
@@ -125,16 +126,16 @@ def retry_delay(took: float) -> float:
     """Random wait before a sweep is repeated [s], so that two robots do not sweep at the same time again.
 
     Args:
-        took: duration of the sweep that was spoilt [s].
+        took: duration of the unusable sweep [s].
     """
     return max(took, LEAST_WAIT_S) * (0.3 + 2.4 * secrets.randbelow(1 << 20) / (1 << 20))
 
 
 class Sweeper:
-    """Sweeper of the stripe patterns of pauses; its policy remembers how long the path has been clear."""
+    """Sweeper of the stripe patterns at pauses. Its `policy` keeps state from one pause to the next."""
 
     def __init__(self, calibration: Calibration, rangefinder: Rangefinder, settings: Settings, policy: ScanPolicy):
-        """Store the parts; `calibration` has the mirror angles of `rangefinder`."""
+        """Store the parts; `calibration` must be that of `rangefinder`, for the mirror angles of the stripes."""
         self._angles = {stripe.index: stripe.mirror_angle for stripe in calibration.stripes}
         self._rangefinder, self._settings, self._policy = rangefinder, settings, policy
 
@@ -143,7 +144,7 @@ class Sweeper:
         return [(index, self._angles[index]) for index in sorted(indices) if index in self._angles]
 
     def sweep(self, mode: str, job: SweepJob) -> Swept:
-        """Sweep in a mode of SWEEPS; while the pause lasts, repeat a sweep that foreign light spoilt."""
+        """Sweep in a mode of SWEEPS; repeat a sweep refused because of foreign light while the pause leaves time."""
         for attempt in itertools.count(1):
             start = clock.now()
             swept = self._sweep(mode, job)
@@ -163,7 +164,7 @@ class Sweeper:
 
     @staticmethod
     def _wait(seconds: float, should_stop: Callable[[], bool]) -> bool:
-        """Wait; False if the pause ended first."""
+        """Wait for `seconds`; return False as soon as the scan has to stop."""
         until = clock.now() + seconds
         while clock.now() < until:
             if should_stop():
@@ -238,12 +239,12 @@ class Sweeper:
         return scan
 
     def _flash(self, stream: PauseStream, offset: float, stamp: float) -> tuple[float, float]:
-        """Time of a frame's flash from the BEGIN of the pause, and its sigma [s]; NaN if it is not known.
+        """Time of a frame's flash since the BEGIN of the pause and its sigma [s]; NaN and 0 if not known.
 
         Args:
-            stream: joints of the pause.
+            stream: joint stream of the pause.
             offset: `transport.clock` minus the machine's monotonic clock [s].
-            stamp: stamp of the frame.
+            stamp: stamp of the frame [s].
         """
         found = self._rangefinder.flash(stamp)
         return (math.nan, 0.0) if found is None else stream.instant(found[0] + offset, found[1])

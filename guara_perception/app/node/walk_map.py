@@ -1,4 +1,4 @@
-"""Fused map of a walk: leg odometry joins the pauses, a rolling map keeps the observed ground."""
+"""Fused map of a walk: a rolling elevation map whose scans are placed by leg odometry."""
 
 from __future__ import annotations
 
@@ -39,27 +39,27 @@ class _WalkState:
     pose: OdometryPose | None = None
     last: TerrainGrid | None = None
     restarts: list[str] = field(default_factory=list)
-    # Sole positions in the map's `odom`; None if the images of the last pause did not locate it.
+    # Sole positions in the map's `odom`; None if the image of the last pause did not locate the robot.
     soles: Mapping[str, Float] | None = None
-    # True if this walk began while the scans so far neither confirm nor reject the walk of the journal.
+    # True while no scan has confirmed or rejected the walk of the journal; this walk is provisional until then.
     is_beside: bool = False
 
     def copy(self) -> _WalkState:
-        """Copy with its own odometry. The map is shared: it is large, and keeps its own undo state."""
+        """Copy with its own odometry. The map is shared, since it is large and keeps its own undo state."""
         return replace(self, odometry=copy.copy(self.odometry), restarts=list(self.restarts))
 
 
 class WalkMap:
-    """Map of a walk. It restarts if the odometry is lost or another walk begins; its record states the reason.
+    """Map of a walk. It restarts if the odometry is lost or another walk begins; its record states the reasons.
 
-    A fused scan may turn out to be wrong: `withdraw` undoes all updates since `keep`.
+    Since a fused scan may turn out to be wrong, `withdraw` undoes all updates since `keep`.
 
     Attributes:
-        latest: map that `update` or `withdraw` returned last, None before the first.
+        latest: newest map returned by `update` or `withdraw`; None before the first.
     """
 
     def __init__(self, robot: RobotModel, calibration: Calibration, journal: Journal | None = None) -> None:
-        """State before the first pause, which continues the walk of the journal if its scan fits a claim."""
+        """Start with an empty map. The walk of the journal continues if the first complete scan fits a claim in it."""
         self._robot, self._journal = robot, journal
         odometry = LegOdometry(robot, transform_camera_to_base=calibration.transform_camera_to_base)
         self._state = _WalkState(odometry, TerrainMap(robot))
@@ -86,8 +86,8 @@ class WalkMap:
             terrain: grid of the scan alone.
             known_ground: ground that the gait declares, in base_footprint of this pause.
             epoch: identity of the walk.
-            time: time of the scan by a clock that never jumps [s]; None takes the grid's stamp.
-            picture: laser-off image of the scan, as `TerrainMap.update` takes it.
+            time: time of the scan on a monotonic clock [s]; None = the grid's stamp.
+            picture: laser-off image of the scan, as in `TerrainMap.update`.
             standing_pauses: by leg, number of previous pauses through which the foot has stayed on the ground.
 
         Raises:
@@ -95,7 +95,7 @@ class WalkMap:
         """
         state = self._state
         if state.last is not None and (epoch, step) == (state.epoch, state.step) and stance == state.stance:
-            # Another scan of the same pause, on request: its ground was already fused with the first scan.
+            # A requested scan of the same pause: its ground was already fused with the first scan.
             return state.last
         refused, standing = "", None
         if (state.step is None or state.is_beside) and self._journal is not None and self._journal.claims:
@@ -125,7 +125,7 @@ class WalkMap:
         return state.last
 
     def gravity(self, step: int, stance: Stance, *, epoch: str = "") -> GravityEstimate | None:
-        """Gravity from leg odometry for the scan of a pause; None if it is unknown, or if there is an IMU.
+        """Gravity estimated by leg odometry for the scan of a pause; None if unknown, or if an IMU measures gravity.
 
         Args:
             step, stance, epoch: as in `update`.
@@ -143,11 +143,11 @@ class WalkMap:
 
     @property
     def pose(self) -> OdometryPose | None:
-        """Odometry of the newest pause, with the feet's slip if images measured it; None before the first."""
+        """Odometry of the newest pause, with the slip of the feet if images measured it; None before the first."""
         return self._state.pose
 
     def keep(self) -> None:
-        """Make all updates so far permanent: `withdraw` returns to this state."""
+        """Make all updates so far permanent; `withdraw` returns to this state."""
         self._state.map.keep()
         self._kept = self._state.copy()
         if self._journal is not None and not self._state.is_beside:
@@ -156,7 +156,7 @@ class WalkMap:
     def claim(self, time: float) -> Claim | None:
         """Claim for the journal after the last pause, whose scan ended at `time` [s].
 
-        None before the first pause, and while the journal found at the start has not been judged.
+        None before the first pause, and while no scan has confirmed or rejected the journal found at the start.
         """
         state = self._state
         odometry = state.odometry.state
@@ -166,10 +166,10 @@ class WalkMap:
         return Claim(state.epoch, state.step, state.stance, time, odometry, state.map.copy(), restarts)
 
     def withdraw(self, terrain: TerrainGrid, *, time: float | None = None) -> TerrainGrid:
-        """Undo all updates since `keep`; return the map of the earlier pauses, in base_footprint of the withdrawn one.
+        """Undo all updates since `keep`; return the remaining map, in base_footprint of the withdrawn pause.
 
         Args:
-            terrain: grid of the withdrawn pause, without a known cell; its health gives the reason.
+            terrain: all-unknown grid of the withdrawn pause; its health gives the reason.
             time: as in `update`.
 
         Raises:
@@ -177,16 +177,16 @@ class WalkMap:
         """
         pose = self._state.pose
         if pose is None:
-            raise InvalidInput("no pause was fused that could be withdrawn")
+            raise InvalidInput("there is no fused pause to withdraw")
         began_again = self._state.map is not self._kept.map
         self._state = self._kept
         if self._state.last is None:
-            # No pause was kept: the map holds withdrawn scans only.
+            # No pause was kept, so the map contains withdrawn scans only.
             self._state.map = TerrainMap(self._robot)
         else:
             self._state.map.take_back()
         self._kept = self._state.copy()
-        # A map that restarted with this pause has another `odom`: nothing of the earlier map may be shown in it.
+        # A map that restarted at this pause has another `odom`, in which nothing of the earlier map may be shown.
         known = TerrainMap(self._robot) if began_again else self._state.map
         view = known.view(terrain, pose, time=time)
         self.latest = view.restated(**self._reported(pose), health=terrain.record.health)
@@ -201,29 +201,30 @@ class WalkMap:
         time: float,
         picture: GroundPicture | str | None,
     ) -> tuple[str, Sequence[str] | None]:
-        """Continue from the newest claim before a pause, if its scan fits.
+        """Continue from the newest claim of this walk before a pause, if the scan of the pause fits.
 
         Args:
             journal: the journal with the claims.
-            pause: walk, step, and standing_pauses.
+            pause: epoch, step and standing_pauses, as in `update`.
             stance, terrain, time, picture: as in `update`.
 
         Returns:
-            Reason why a new walk begins, empty if the claimed one continues; and the feet that stood since the claim.
+            Reason why a new walk begins, empty if the claimed walk continues; and the feet that have stood since the
+            claim, None if a new walk begins.
         """
         epoch, step, standing_pauses = pause
         may_fit_later = False
         claim = next((each for each in journal.claims if (each.epoch, each.step < step) == (epoch, True)), None)
         if claim is None:
             newest = journal.claims[0]
-            why = f"the journal is of walk {newest.epoch!r}, step {newest.step}; this is step {step} of {epoch!r}"
+            why = f"the journal ends at step {newest.step} of walk {newest.epoch!r}; this is step {step} of {epoch!r}"
         else:
             odometry = copy.copy(self._state.odometry)
             standing = [leg for leg, pauses in standing_pauses.items() if pauses >= step - claim.step]
             why, may_fit_later = claim.misfit(stance, terrain, odometry, standing, time=time, picture=picture)
         if claim is None or why:
             if may_fit_later:
-                reason = f"the scan was cut short, the next one judges the journal: {why}"
+                reason = f"the scan was cut short; the next scan decides if the journal fits: {why}"
                 logger.warning("journal: %s", reason)
             else:
                 journal.refuse(why)
@@ -238,7 +239,7 @@ class WalkMap:
         return "", standing
 
     def _slips(self, pose: OdometryPose, fused: TerrainGrid) -> dict[str, float] | None:
-        """Distance that each standing foot slid since the last pause [m]; None unless images located both pauses."""
+        """Distance that each standing foot slid since the last pause [m]; None if an image did not locate the robot."""
         told, before = fused.metadata, self._state.soles
         is_shown = self._state.step is None or "visual_corners" in told
         if not is_shown or "visual_refused" in told or "transform_base_to_footprint" not in told:

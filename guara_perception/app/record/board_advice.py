@@ -1,4 +1,4 @@
-"""Advice on the next picture of the board: part of the picture, tilt, stillness, exposure."""
+"""Advice on the next image of the board: position in the image, tilt, stillness and exposure."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ ZONES: Final = 3
 WANTED_PICTURES: Final = 12
 # [rad] Below this tilt, focal length and distance of the board cannot be estimated separately.
 TILT: Final = float(np.deg2rad(15))
-# A still board moves by less than STILL_PX from frame to frame. Different views are more than SAME_OF_WIDTH of the
-# picture's width apart.
+# A still board moves by at most STILL_PX from frame to frame. The corners of different views differ by at least
+# SAME_OF_WIDTH of the image width on average.
 STILL_PX: Final = 0.5
 SAME_OF_WIDTH: Final = 0.04
 CLIPPED_SHARE: Final = 0.02
-# Focal length of a common lens as a fraction of the picture's width, to judge tilts before the real lens is known.
+# Focal length of a typical lens as a fraction of the image width, for estimating tilts before the actual lens is known.
 FOCAL_OF_WIDTH: Final = 0.92
-# The exposure was metered on the stripe, and all pictures of a session have the same.
+# The exposure cannot be changed: it was metered on the stripe, and must be the same for all images of a session.
 TOO_BRIGHT: Final = "shade the scene or close the iris, or begin a new session, which meters the exposure in this light"
 SIDES: Final = ("left", "right", "top", "bottom")
 
 
 @dataclass
 class BoardAdvice:
-    """Coverage of the pictures of the board so far, and advice on the next one.
+    """Coverage by the board images accepted so far, and advice on the next image.
 
     Attributes:
         board: the board.
-        views: views that were accepted.
+        views: accepted views.
     """
 
     board: BoardSpec
@@ -43,7 +43,10 @@ class BoardAdvice:
     _tilts: set[str] = field(default_factory=set)
 
     def judge(self, picture: Image, before: Image | None = None, name: str = "") -> tuple[BoardView, str]:
-        """View of a picture, and the reason why it cannot be used, empty if it can."""
+        """Find the board in an image; return the view, and the reason why it is not accepted or "".
+
+        `before` is the previous frame, for checking that the board is still; None = no check.
+        """
         grey = to_grey(picture)
         if float(np.mean(grey >= 254)) > CLIPPED_SHARE:
             reason = f"too bright: {100 * float(np.mean(grey >= 254)):.0f} % of the picture is clipped: {TOO_BRIGHT}"
@@ -64,7 +67,7 @@ class BoardAdvice:
         return view, ""
 
     def take(self, view: BoardView, shape: tuple[int, ...]) -> None:
-        """Count an accepted view."""
+        """Add an accepted view to the coverage; `shape` is that of its image."""
         self.views.append(view)
         height, width = shape[:2]
         zone = np.clip((view.corners_px / np.array([width, height]) * ZONES).astype(int), 0, ZONES - 1)
@@ -72,11 +75,11 @@ class BoardAdvice:
         self._tilts.update(tilted_sides(view, self.board, (height, width)))
 
     def is_complete(self) -> bool:
-        """True if there are enough pictures, and these show every zone and every tilt."""
+        """True if there are enough views, and they cover every zone and every tilt."""
         return len(self.views) >= WANTED_PICTURES and len(self._zones) == ZONES**2 and len(self._tilts) == len(SIDES)
 
     def missing(self) -> str:
-        """Request for the next picture."""
+        """Request to the operator for the next image."""
         advice = []
         empty = [(r, c) for r in range(ZONES) for c in range(ZONES) if (r, c) not in self._zones]
         if empty:
@@ -92,13 +95,13 @@ class BoardAdvice:
 
 
 def _moved(view: BoardView, other: BoardView) -> Float:
-    """Absolute differences (n, 2) in x and y of the corners that both views show [px]."""
+    """Absolute differences (n, 2) in x and y of the corners that are in both views [px]."""
     _, here, there = np.intersect1d(view.corners, other.corners, return_indices=True)
     return np.abs(view.corners_px[here] - other.corners_px[there])
 
 
 def tilted_sides(view: BoardView, board: BoardSpec, shape: tuple[int, int]) -> set[str]:
-    """Sides of the picture at which the board leans away by TILT or more, judged with a common lens."""
+    """Sides of the image at which the board is tilted away from the camera by more than TILT, with a typical lens."""
     height, width = shape
     focal = FOCAL_OF_WIDTH * width
     matrix = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
@@ -107,7 +110,7 @@ def tilted_sides(view: BoardView, board: BoardSpec, shape: tuple[int, int]) -> s
         return set()
     normal: Float = np.asarray(cv2.Rodrigues(turn)[0][:, 2], dtype=np.float64)
     normal = normal if normal[2] > 0 else -normal
-    # If the normal, which points away from the camera, leans to the right, the left side is the farther one.
+    # The normal points away from the camera: if it leans to the right, the left side of the board is farther away.
     lean_x, lean_y = np.arctan2(-normal[0], normal[2]), np.arctan2(-normal[1], normal[2])
     tests = {"right": lean_x > TILT, "left": lean_x < -TILT, "bottom": lean_y > TILT, "top": lean_y < -TILT}
     return {side for side, holds in tests.items() if holds}

@@ -1,4 +1,4 @@
-"""Web page on this machine with the camera's picture and advice while a session is recorded."""
+"""Local web page with camera image and advice during the recording of a session."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ PAGE = Path(__file__).with_suffix(".html")
 
 
 class LivePage:
-    """Server of the page, for this machine only; it runs on its own thread inside a `with` block.
+    """Server of the live page for this machine only. It runs on its own thread inside a `with` block.
 
     Attributes:
         address: address to open in a browser.
     """
 
     def __init__(self, port: int = 0) -> None:
-        """Prepare the page.
+        """Reserve the port; `__enter__` starts the server.
 
         Args:
-            port: port to serve on; 0 takes any that is free.
+            port: port to serve on; 0 = any free port.
 
         Raises:
-            InvalidInput: the port is taken.
+            InvalidInput: the port is in use or not allowed.
         """
         self._lock = threading.Lock()
         self._task = self._request = self._advice = ""
@@ -52,7 +52,7 @@ class LivePage:
                 self.wfile.write(content)
 
             def log_message(self, format: str, *args: object) -> None:
-                """Log nothing: every picture would add a line."""
+                """Suppress the log, since every image would add a line."""
 
         try:
             self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
@@ -70,7 +70,7 @@ class LivePage:
         self._server.server_close()
 
     def tell(self, task: str) -> None:
-        """Show the name of the current task."""
+        """Show the name of a new task, without a request or advice."""
         with self._lock:
             self._task, self._request, self._advice = task, "", ""
 
@@ -80,7 +80,7 @@ class LivePage:
             self._request, self._advice = request, ""
 
     def watch(self, picture: Image, advice: str) -> None:
-        """Show a picture and the advice for the next one."""
+        """Show a camera image and the advice for the next one."""
         with self._lock:
             self._picture, self._advice = picture, advice
             self._number += 1

@@ -1,4 +1,4 @@
-"""Camera pictures for the live page while the operator lays out board, crosses or plates, with detections drawn in."""
+"""Camera images with overlaid detections for the live page, while the operator lays out board, crosses or plates."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from guara_perception.settings import Settings
 from guara_perception.shown import eight_bits
 from transport.supervision import supervised
 
-# Annotates a picture: returns the picture to show, and a text about it or "".
+# Function that annotates a camera image: returns the image to show, and a text about it or "".
 Look = Callable[[Image], tuple[Image, str]]
-# Called with each picture and a text: one about the picture, or the request to the operator.
+# Function that is called with each image to show and a text, which describes the image or is a request to the operator.
 Watch = Callable[[Image, str], None]
 GREEN, RED = (0, 220, 0), (0, 0, 255)
 # Radius of the circles [px].
 RADIUS = 8
-# Points on each side of an outline, since the distortion of the lens bends its sides.
+# Number of points on each side of an outline, whose sides are curved by the distortion of the lens.
 SIDE_POINTS = 20
 
 
 def show_while(ask: Callable[[], None], grab: Callable[[], Image], look: Look, watch: Watch) -> None:
-    """Show pictures until `ask`, which runs in its own thread, returns; its exception is raised here."""
+    """Show camera images until `ask`, which runs on its own thread, returns; raise an exception of `ask` here."""
     answer: Future[None] = Future()
 
     def wait_for_answer() -> None:
@@ -53,12 +53,12 @@ def show_while(ask: Callable[[], None], grab: Callable[[], Image], look: Look, w
 
 
 def plain(picture: Image) -> tuple[Image, str]:
-    """Return the picture as it is."""
+    """Return the image unchanged, without a text."""
     return picture, ""
 
 
 def board_look(board: BoardSpec) -> Look:
-    """Function that finds a board and draws its corners."""
+    """Make a function that finds a board and draws its corners."""
 
     def look(picture: Image) -> tuple[Image, str]:
         view = find_board(picture, board)
@@ -71,7 +71,10 @@ def board_look(board: BoardSpec) -> Look:
 
 
 def crosses_look(camera: CameraModel, points: Float, nominals: tuple[Float, ...]) -> Look:
-    """Function that looks for crosses where the best-fitting mount expects them: green if found, red if missing."""
+    """Make a function that finds crosses near their positions expected for the best of several camera poses.
+
+    It draws a found cross green, and the expected position of a missing cross red.
+    """
 
     def look(picture: Image) -> tuple[Image, str]:
         grey, drawn = to_grey(picture), _colour(picture)
@@ -87,7 +90,7 @@ def crosses_look(camera: CameraModel, points: Float, nominals: tuple[Float, ...]
 
 
 def area_look(camera: CameraModel, transform_camera_to_footprint: Float, settings: Settings, height: float) -> Look:
-    """Function that draws the outline of the scanned area on a plate of this height [m]."""
+    """Make a function that draws the outline of the scanned area at the height of a plate [m]."""
     (x0, x1), (y0, y1) = settings.footprint_x, settings.footprint_y
     corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)])
     share = np.linspace(0, 4, 4 * SIDE_POINTS + 1)
@@ -103,12 +106,12 @@ def area_look(camera: CameraModel, transform_camera_to_footprint: Float, setting
 
 
 def _colour(picture: Image) -> Image:
-    """Copy of a picture as 8-bit BGR."""
+    """Copy an image as 8-bit BGR."""
     picture = eight_bits(picture)
     return cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR) if picture.ndim == 2 else picture.copy()
 
 
 def _circle(picture: Image, centre: Float, colour: tuple[int, int, int]) -> None:
-    # False for NaN, too.
+    # This also excludes NaN.
     if np.all(np.abs(centre) < 1e5):
         cv2.circle(picture, [round(float(value)) for value in centre], RADIUS, colour, 2)

@@ -1,4 +1,4 @@
-"""Operator of a calibration session: a person at a terminal, asked task by task."""
+"""Operator of a calibration session: interface, and a person who is asked at a terminal."""
 
 from __future__ import annotations
 
@@ -12,49 +12,57 @@ from guara_perception.settings import Settings
 
 
 class Operator(Protocol):
-    """Operator who puts board, crosses and plates in front of the camera."""
+    """Person or program that places board, crosses and plates in front of the camera on request."""
 
     def show_board(self, advice: str) -> None:
-        """Request a board held up, with advice on the next picture; returns at once."""
+        """Request to hold up the board, with advice on the next image; return immediately."""
 
     def lay_board(self, board: BoardSpec, why_again: str) -> None:
-        """Request the board on the floor; return when it is there. `why_again` is the fault of the last try, or ""."""
+        """Request the board on the floor; return when it is there.
+
+        `why_again` is the reason why the last attempt failed, or "".
+        """
 
     def lay_crosses(self, points: str, why_again: str) -> None:
         """Request the crosses on the floor; return when they are there. `why_again` as in `lay_board`."""
 
     def lay_plate(self, height: float) -> None:
-        """Request a flat plate, its top `height` [m] above the floor, or the bare floor; return when it is there."""
+        """Request a plate with its top at `height` [m], or the bare floor at 0; return when it is in place."""
 
     def clear(self) -> None:
-        """Request a plain floor and nothing else in view; return when it is clear."""
+        """Request a bare floor with nothing else in view; return when it is clear."""
 
 
 class TextOperator:
-    """Operator asked on the terminal; the live page shows the same text."""
+    """Operator at the terminal. The live page shows the same requests."""
 
     def __init__(self, ask: Callable[[str], None], settings: Settings) -> None:
-        """Print every request, and show it with `ask`; `settings` has the area for the plates."""
+        """Store how requests are shown.
+
+        Args:
+            ask: called with the text of every request, which is also printed.
+            settings: settings with the scanned area, for the position of the plates.
+        """
         self._show, self._settings = ask, settings
         self._printed = ""
 
     def show_board(self, advice: str) -> None:
-        """Print the advice, once."""
+        """Print the advice unless it was the last text printed."""
         if advice != self._printed:
             self._print(advice)
 
     def lay_board(self, board: BoardSpec, why_again: str) -> None:
-        """Ask for the board on the floor, with the reason why the last try failed."""
+        """Ask for the board on the floor, with the reason why the last attempt failed."""
         again = f"{why_again}. " if why_again else ""
         self._ask(f"{again}Lay the board flat on the floor, entirely in the picture")
 
     def lay_crosses(self, points: str, why_again: str) -> None:
-        """Ask for the crosses, with the reason why the last try failed."""
+        """Ask for the crosses, with the reason why the last attempt failed."""
         again = f"{why_again}. " if why_again else ""
         self._ask(f"{again}Remove the board; lay the crosses at {points} m in base_footprint (the mat shows them)")
 
     def lay_plate(self, height: float) -> None:
-        """Ask for a plate."""
+        """Ask for a plate, or for the bare floor at height 0."""
         (x0, x1), (y0, y1) = self._settings.footprint_x, self._settings.footprint_y
         area = f"x {x0:.2f} ... {x1:.2f} m, y {y0:.2f} ... {y1:.2f} m"
         if height == 0:
@@ -66,7 +74,7 @@ class TextOperator:
             )
 
     def clear(self) -> None:
-        """Ask for a plain floor."""
+        """Ask for the bare floor."""
         self._ask("Robot in its scan posture on a flat floor, nothing in view; it must not move until the end")
 
     def _ask(self, text: str) -> None:

@@ -1,4 +1,4 @@
-"""Scan of a plate without a calibration: the pattern of robot.toml, whole frames."""
+"""Scan without a calibration, for instance of a plate: pattern from robot.toml, verification on whole frames."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from guara_perception.exceptions import MirrorSlipped, PerceptionError
 from guara_perception.settings import Settings
 from kinematics import RobotModel, Stance
 
-# [s] Time that a camera has to deliver a frame.
+# [s] Longest wait for a frame.
 FRAME_SECONDS = 2.0
 
 
 class PlateScanFailed(PerceptionError, RuntimeError):
-    """A plate could not be scanned completely; the message gives the reason."""
+    """Failed or incomplete scan without a calibration; the message gives the reason."""
 
 
 def nominal_order(robot: RobotModel, mode: str = "standard") -> FiringOrder:
-    """Stripes as (index, mirror angle [rad]) from `[scan]` of robot.toml, for the first calibration."""
+    """Firing order of (index, mirror angle [rad]) from `[scan]` of robot.toml, for a scan without a calibration."""
     settings = Settings.of(robot)
     angles = np.linspace(*settings.mirror_angles, settings.stripes)
     return [(index, float(angles[index])) for index in settings.pattern(mode)]
@@ -40,24 +40,25 @@ def scan_uncalibrated(
     mode: str = "standard",
     on_stripe: Callable[[Image, int, int], None] | None = None,
 ) -> tuple[str, ...]:
-    """Record one scan to a scan folder; whole frames are checked, since the bands of the stripes are not known.
+    """Record one scan to a scan folder. Whole frames are verified, since the bands of the stripes are not known.
 
-    Before the first stripe the camera's locked settings are read back: all plates must be scanned with the settings of
-    their session. The light is checked in the first frames.
+    Before the first stripe, the camera's locked settings are read back, since all plates must be scanned with the
+    settings of their session. The light is checked in the first frames.
 
     Args:
         rangefinder: open devices.
         robot: robot whose pattern is swept.
-        stance: stance in which it stands.
+        stance: stance of the robot.
         folder: scan folder to create.
         mode: "standard" or "coarse".
-        on_stripe: called with the picture of each stripe, its number from 1, and the number of all.
+        on_stripe: called with the laser-on frame of each stripe, its number from 1, and the total number of stripes.
 
     Returns:
-        Faults of the light, a sentence each; the scan is complete in spite of them.
+        Problems of the light, as sentences. The scan is nevertheless complete.
 
     Raises:
-        PlateScanFailed: a setting changed since it was locked; a frame was lost or does not show its stripe.
+        PlateScanFailed: a setting has changed since it was locked, or a frame was lost or does not show its stripe.
+        InvalidInput: the folder exists, or its parent folder does not exist.
         MirrorSlipped: the mirror lost steps.
         drivers.DriverError: a device failed.
     """

@@ -1,4 +1,4 @@
-"""`record_session`: guide an operator through a calibration session."""
+"""Recording of a calibration session, in which an operator is guided through all parts."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ from kinematics import RobotModel
 DEVICES_FILE: Final = "devices.toml"
 FIRST_EXPOSURE_S: Final = 0.008
 GRAB_SECONDS: Final = 2.0
-# Pictures of the board after which the recording gives up (ten minutes at 30 per second).
+# Number of camera images of the board after which the recording fails (ten minutes at 30 per second).
 MOST_PICTURES: Final = 18_000
 MOST_TRIES: Final = 20
-# Largest distance of a cross: the camera of a robot sees no floor beyond it.
+# Largest plausible coordinate of a cross [m]: a robot's camera does not see the floor farther away.
 FARTHEST_CROSS_M: Final = 5.0
 
 
 class RecordingFailed(PerceptionError, RuntimeError):
-    """The session could not be recorded; its pictures are kept, and the same command resumes it."""
+    """Session that could not be completed. Its images are kept, and the same command resumes it."""
 
 
 def record_session(
@@ -58,18 +58,19 @@ def record_session(
         writer: writer of the session's folder; parts that the folder already has are not recorded again.
         robot: model of the robot.
         rangefinder: open board and camera.
-        devices: devices chosen by the user; they are written to the folder with the metered exposure and the measured
-            lag.
-        operator: puts board, crosses and plates in front of the camera.
-        tell: called with a text for each task.
-        watch: called with each picture and the request for the next one, for a live page.
+        devices: devices chosen by the user, written to the folder with the metered exposure and the measured lag. A
+            resumed session uses those of its folder.
+        operator: person or program that places board, crosses and plates in front of the camera.
+        tell: function that shows a text; called for each task.
+        watch: called with each camera image and the request for the next one, for a live page.
 
     Returns:
         Path of `session.json`.
 
     Raises:
-        RecordingFailed: crosses or board were not found after many tries.
-        drivers.DriverError: a device failed; run the command again to continue.
+        RecordingFailed: board or crosses were not found after many attempts.
+        CalibrationMismatch: another camera than that of the interrupted session is connected.
+        drivers.DriverError: a device failed; another call with the same folder resumes the session.
     """
     plan = writer.plan
     if writer.has(DEVICES_FILE):
@@ -110,10 +111,10 @@ def record_session(
 
 
 def check_crosses(points: Float, source: str) -> None:
-    """Refuse crosses that cannot be found, before anything is recorded.
+    """Reject crosses from which the camera cannot be located, before anything is recorded.
 
     Raises:
-        InvalidInput: fewer than four crosses, all on one line, or one farther away than FARTHEST_CROSS_M.
+        InvalidInput: there are fewer than four crosses, all are on one line, or a coordinate exceeds FARTHEST_CROSS_M.
     """
     farthest = float(np.abs(points).max(initial=0.0))
     if farthest > FARTHEST_CROSS_M:
@@ -125,10 +126,10 @@ def check_crosses(points: Float, source: str) -> None:
 
 
 def measured_devices(robot: RobotModel, rangefinder: Rangefinder, devices: Devices) -> Devices:
-    """Meter the exposure on a stripe, lock all settings, measure the lag; return the devices with these values.
+    """Meter the exposure on a stripe, lock all settings and measure the lag; return the devices with these values.
 
     Raises:
-        drivers.DriverError: the camera does not accept an exposure, or does not see the laser.
+        drivers.DriverError: the camera rejects a setting or does not see the laser, or a device failed.
     """
     from drivers import CameraSettings, measure_lag, meter_exposure
 
@@ -147,7 +148,12 @@ def measured_devices(robot: RobotModel, rangefinder: Rangefinder, devices: Devic
 
 
 def _as_before(rangefinder: Rangefinder, devices: Devices) -> None:
-    """Lock the settings of an interrupted session, so that all its pictures have one exposure."""
+    """Lock the camera to the settings of an interrupted session, so that all its images have the same exposure.
+
+    Raises:
+        CalibrationMismatch: another camera is connected.
+        drivers.DriverError: the camera rejects a setting.
+    """
     from drivers import CameraSettings
 
     check_identity(rangefinder.camera.identity, devices.identity, "what is connected")
@@ -161,7 +167,7 @@ def _picture(rangefinder: Rangefinder) -> Image:
 
 
 def _fresh(rangefinder: Rangefinder) -> Image:
-    """Picture whose exposure begins after this call; an exposure that has already begun is dropped."""
+    """Grab an image whose exposure begins after this call; an exposure that has already begun is dropped."""
     rangefinder.camera.flush()
     _picture(rangefinder)
     return _picture(rangefinder)
@@ -239,7 +245,7 @@ def _nominal(writer: SessionWriter, robot: RobotModel) -> Float:
 
 
 def _lens(writer: SessionWriter) -> CameraModel:
-    """Lens estimated from the pictures of the board so far."""
+    """Estimate the lens from the board images recorded so far."""
     pictures = {name: writer.read(name) for name in (*writer.boards, FLOOR_PICTURE)}
     views = [find_board(picture, writer.plan.board, name) for name, picture in pictures.items()]
     height, width = pictures[FLOOR_PICTURE].shape[:2]

@@ -1,4 +1,4 @@
-"""Folder of a session while it is recorded; an interrupted recording continues in it."""
+"""Writer of a session folder during a recording, which can be resumed in the same folder."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from kinematics import KinematicsError, Stance
 
 PLAN_FILE = "recording.json"
 FLOOR_PICTURE, CROSSES_PICTURE = "board_floor.png", "crosses.png"
-# Parts that can be recorded again, and their pictures and folders.
+# Parts that can be recorded again, with the patterns of their image files and folders.
 PARTS = {"plates": ("plate_*",), "board": ("board_[0-9][0-9].png", FLOOR_PICTURE), "crosses": (CROSSES_PICTURE,)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionPlan:
-    """Planned contents of a session; a recording can only be continued with the same plan.
+    """Planned contents of a session. A recording can only be resumed with the same plan.
 
     Attributes:
         robot: name of the robot.
-        board: the board, with the printed size of its squares.
+        board: the board, with the printed size of the squares.
         crosses: (n, 2) positions of the crosses in base_footprint [m].
         plates: heights of the plates' tops above z = 0 [m].
-        stance: stance of all pictures.
+        stance: stance of the robot in all images.
     """
 
     robot: str
@@ -46,7 +46,7 @@ class SessionPlan:
     stance: Stance
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for recording.json."""
+        """Convert the plan to plain values for recording.json."""
         return {
             "robot": self.robot,
             "board": board_to_dict(self.board),
@@ -57,14 +57,14 @@ class SessionPlan:
 
 
 def read_plan(folder: Path) -> SessionPlan:
-    """Read the plan with which the recording in a folder was begun.
+    """Read the plan of the recording in a folder.
 
     Raises:
         MissingFile: the folder has no plan.
         FileFormatError: the plan cannot be read.
     """
     if not (folder / PLAN_FILE).is_file():
-        raise MissingFile(f"{folder}: no {PLAN_FILE} in it, so `guara record` did not make it: nothing to record again")
+        raise MissingFile(f"{folder}: no {PLAN_FILE}, so `guara record` did not make it: nothing to record again")
     fields = read_json(folder / PLAN_FILE)
     with errors_as(FileFormatError, folder / PLAN_FILE, KinematicsError):
         stance = Stance.from_dict(fields.sub("stance").data)
@@ -73,25 +73,26 @@ def read_plan(folder: Path) -> SessionPlan:
 
 
 class SessionWriter:
-    """Writer of a session folder, picture by picture, each whole or not at all."""
+    """Writer of a session folder, which writes each file atomically."""
 
     def __init__(self, folder: str | Path, plan: SessionPlan, redo: Sequence[str] = ()) -> None:
-        """Begin, or continue an earlier recording with the same plan.
+        """Start a recording, or resume an earlier recording with the same plan.
 
         Args:
             folder: the session's folder.
-            plan: what to record.
-            redo: keys of `PARTS` that are recorded again, possibly with another plan; `clear` removes their files.
+            plan: parts to record.
+            redo: keys of `PARTS` to record again, possibly with another plan; `clear` removes their files.
 
         Raises:
-            InvalidInput: the folder holds something else, a finished session, or was begun with another plan.
+            InvalidInput: the folder contains something else or, without `redo`, a finished session; or the recording in
+                it has another plan.
         """
         self.folder, self.plan, self._redo = Path(folder), plan, tuple(redo)
         check_folder(self.folder)
         if (self.folder / SESSION_FILE).exists() and not redo:
             raise InvalidInput(
-                f"{self.folder} holds a finished session; give another name, `guara calibrate` it, or record a part of "
-                f"it again: --redo {', '.join(PARTS)}"
+                f"{self.folder} contains a finished session; give another name, run `guara calibrate` on it, or record "
+                f"a part of it again: --redo {', '.join(PARTS)}"
             )
         present = self.folder / PLAN_FILE
         if present.exists():
@@ -109,28 +110,28 @@ class SessionWriter:
 
     @property
     def boards(self) -> list[str]:
-        """Names of the board pictures taken so far."""
+        """File names of the board images recorded so far."""
         return sorted(path.name for path in self.folder.glob("board_[0-9][0-9].png"))
 
     def has(self, name: str) -> bool:
-        """True if a picture or scan exists."""
+        """True if the image, scan or file `name` exists."""
         return (self.folder / name).exists()
 
     def read(self, name: str) -> Image:
-        """Read a picture."""
+        """Read an image of the session."""
         return read_picture(self.folder / name)
 
     def write(self, name: str, picture: Image) -> None:
-        """Write a picture.
+        """Write an image of the session.
 
         Raises:
-            OSError: the picture cannot be written.
+            OSError: the image cannot be written.
         """
         with whole_file(self.folder / name) as temporary:
             write_picture(temporary, picture)
 
     def clear(self) -> None:
-        """Remove the parts to be recorded again, and `session.json`; called when the devices are open."""
+        """Remove `session.json` and the parts to record again, and write the new plan; called with open devices."""
         for path in [path for part in self._redo for pattern in PARTS[part] for path in self.folder.glob(pattern)]:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
         (self.folder / SESSION_FILE).unlink(missing_ok=True)
@@ -142,14 +143,14 @@ class SessionWriter:
 
     @property
     def plate_names(self) -> list[str]:
-        """Folders of the plate scans; repeated scans of one height are numbered."""
+        """Folder names of the plate scans; repeated scans of one height are numbered."""
         heights = self.plan.plates
         names = [f"plate_{1e3 * height:g}".replace(".", "_") for height in heights]
         again = [heights[:i].count(height) for i, height in enumerate(heights)]
         return [f"{name}-{count + 1}" if count else name for name, count in zip(names, again, strict=True)]
 
     def finish(self) -> Path:
-        """Write `session.json`; the session can then be calibrated."""
+        """Write `session.json`, so that the session can be calibrated; return its path."""
         plan = self.plan
         document = {
             "format": FORMAT,

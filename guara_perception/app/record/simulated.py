@@ -1,4 +1,4 @@
-"""Simulated workshop for `record --simulated`: robot, devices and an operator with board, crosses and plates."""
+"""Simulated workshop for `guara record --simulated`: robot, devices, and operator with board, crosses and plates."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ LATENCY_S = 0.001
 FRAMES_PER_SECOND = 60.0
 # Margin of a plate around the scanned area, so that the plate fills the view.
 PLATE_MARGIN_M = 0.06
-# Poses of the board, which cover every part of the picture and every tilt: position of its centre in the picture
-# (fractions of width and height), distance [m], tilts about the picture's axes and rotation in its plane [rad].
+# Poses of the board, which cover every part of the image and every tilt: position of the board's centre in the image
+# (fractions of width and height), distance [m], tilts about the axes of the image and rotation in its plane [rad].
 BOARD_POSES = (
     (0.50, 0.50, 0.42, 0.00, 0.00, 0.0),
     (0.36, 0.38, 0.50, 0.50, 0.00, 0.1),
@@ -49,25 +49,32 @@ BOARD_POSES = (
     (0.30, 0.70, 0.62, -0.35, -0.30, 0.2),
     (0.70, 0.70, 0.62, 0.35, 0.35, 0.1),
 )
-# Factor by which a ChArUco board is held further out, so that the picture shows a part of it only.
+# Factor by which a ChArUco board is held farther from the centre of the image, so that only part of it is visible.
 CHARUCO_REACH = 1.5
-# Floor on which the exposure is metered and the lag is measured.
+# Material of the floor, on which the exposure is metered and the lag is measured.
 FLOOR_MATERIAL = "soil"
 
 
 class SimulatedWorkshop:
-    """Simulated devices and operator: the camera sees what the operator is asked to show.
+    """Simulated devices and operator. The camera sees what the operator is asked to show.
 
-    The devices run on a clock of their own, so that a busy machine loses no frame.
+    The devices run on their own clock, so that no frame is lost on a busy machine.
 
     Attributes:
-        robot: the model.
-        rangefinder: emulated board through the real driver, and a camera that sees the current scene.
+        robot: model of the robot.
+        stance: stance of the robot during the whole session.
+        rangefinder: emulated board with the real driver, and a camera that sees the current scene.
         truth: true geometry of the rangefinder.
     """
 
     def __init__(self, robot: str | Path = "guara", size: tuple[int, int] = (640, 512), seed: int = 1) -> None:
-        """Set up the robot in its scan posture on a flat floor."""
+        """Place a robot in its scan posture on a flat floor.
+
+        Args:
+            robot: name or folder of the robot.
+            size: width and height of the camera images [px].
+            seed: random seed of the simulated device and its noise.
+        """
         from drivers import LaserBoard
         from drivers.emulator import EmulatedBoard, EmulatedClock, emulated_backend
         from drivers.emulator.emulated_camera import EmulatedCamera
@@ -95,11 +102,11 @@ class SimulatedWorkshop:
         self.rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera, clock=clock)
 
     def use_board(self, board: BoardSpec) -> None:
-        """Use this board from now on."""
+        """Replace the board that the operator has."""
         self._board = board
 
     def show_board(self, advice: str) -> None:
-        """Hold the board in the next pose."""
+        """Hold up the board in the next pose."""
         u, v, distance, about_x, about_y, turn = BOARD_POSES[self._poses % len(BOARD_POSES)]
         self._poses += 1
         reach = CHARUCO_REACH if self._board.pattern == CHARUCO else 1.0
@@ -109,21 +116,21 @@ class SimulatedWorkshop:
         self._still(self._targets.board(self._board, self._board_pose(ray / ray[2] * distance, lean)))
 
     def lay_board(self, board: BoardSpec, why_again: str) -> None:
-        """Lay the board where the camera looks."""
+        """Lay the board on the floor at the centre of the image."""
         to_camera = np.linalg.inv(self._camera_to_footprint)
         ray = self._camera_to_footprint[:3, :3] @ np.array([0.0, 0.0, 1.0])
         start = self._camera_to_footprint[:3, 3]
         centre = to_camera @ np.append(start - ray * start[2] / ray[2], 1.0)
-        # The board faces up, so its y axis is opposite to the floor's.
+        # The board faces up, so its y axis is opposite to that of the floor.
         flat = to_camera[:3, :3] @ rotation([np.pi, 0, 0]) @ rotation([0, 0, np.pi / 2])
         self._still(self._targets.board(self._board, self._board_pose(centre[:3], flat)))
 
     def lay_crosses(self, points: str, why_again: str) -> None:
-        """Lay the crosses at their places on the mat."""
+        """Lay out the mat with the crosses."""
         self._still(self._targets.crosses(cross_points(self.robot), self._camera_to_footprint))
 
     def lay_plate(self, height: float) -> None:
-        """Show a plate of this height, with the laser on it."""
+        """Show a plate with its top at this height [m], or the bare floor at 0, with the current laser stripe."""
         self._scene = renderer(self._over(height))
 
     def clear(self) -> None:

@@ -1,4 +1,4 @@
-"""Advice after a refused calibration: the part of the session to record again."""
+"""Advice after a refused calibration on what to correct or record again."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from guara_perception.app.record.session_writer import PLAN_FILE
 from guara_perception.exceptions import CalibrationRefused
 
-# Advice by a phrase in the text of the refusal; the first phrase found counts.
+# Advice by a phrase in the text of the error; the first phrase found counts.
 WAYS = (
     ("wrong square size", "`guara calibrate {session} -o {out} --square METRES` with the size measured again"),
     (
@@ -30,10 +30,10 @@ WAYS = (
 
 @contextmanager
 def way_on(session: Path) -> Iterator[None]:
-    """Add advice to a refusal of a session that was recorded by `guara record`.
+    """Add advice to a CalibrationRefused that the block raises for a session recorded by `guara record`.
 
     Raises:
-        CalibrationRefused: the error of the block, with advice.
+        CalibrationRefused: the error of the block, with advice if there is any.
     """
     try:
         yield
@@ -42,4 +42,4 @@ def way_on(session: Path) -> Iterator[None]:
         if not advice or not (session / PLAN_FILE).is_file():
             raise
         said = advice.format(session=session, out=session / "calibration.json")
-        raise CalibrationRefused(f"{error}; to continue with everything else kept: {said}") from None
+        raise CalibrationRefused(f"{error}; to continue and keep everything else: {said}") from None

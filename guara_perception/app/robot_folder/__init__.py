@@ -1,4 +1,4 @@
-"""Creation of a robot folder from a URDF, and its check: `guara robot new` and `guara robot check`.
+"""Creation and check of robot folders, for `guara robot new` and `guara robot check`.
 
-Only the commands import it.
+Only the commands import this folder.
 """

@@ -1,4 +1,4 @@
-"""Checks of a robot folder: its files, the robot as it stands in its postures, and a simulated walk."""
+"""Checks of a robot folder: files, the robot in its postures, and a simulated walk."""
 
 from __future__ import annotations
 
@@ -29,18 +29,19 @@ from kinematics.srdf import allowed_pairs
 from kinematics.tree import RobotState
 from kinematics.urdf import Link
 
-# Largest height of a sole frame above or below its foot [m]; more would exceed the noise of a cell's height.
+# Largest distance of a sole frame above or below the lowest point of its foot [m]; a larger distance would exceed the
+# noise of a cell's height.
 SOLE_OFF_M = 0.002
-# Least distance of a joint from its limit, to follow the tilt of the body on uneven ground [rad].
+# Smallest distance of a leg joint from its limits, so that the body can tilt on uneven ground [rad].
 LIMIT_MARGIN = 0.05
-# Least distance of the centre of mass from the edge of the support polygon [m].
+# Smallest distance of the centre of mass from the edge of the support polygon [m].
 BALANCE_M = 0.020
 # Largest tilt of the body in its scan posture [rad].
 LARGEST_TILT = 0.0175
 
 
 def check_robot(folder: Path) -> tuple[RobotModel | None, list[Finding]]:
-    """Check a robot folder, or a robot by name; return the robot, None if it does not load, and all findings."""
+    """Check a robot, given by folder or name; return the robot, or None if it cannot be loaded, and all findings."""
     findings: list[Finding] = []
     robot: RobotModel | None = None
     try:
@@ -54,14 +55,14 @@ def check_robot(folder: Path) -> tuple[RobotModel | None, list[Finding]]:
         findings.append(Finding(Weight.UNUSABLE, str(folder), str(error)))
     else:
         with warnings.catch_warnings():
-            # A joint beyond its limits is a finding of its own.
+            # No warning for a joint beyond its limits, which is reported as a finding.
             warnings.simplefilter("ignore")
             findings += [*_file_findings(robot), *body_findings(robot), *scan_findings(robot)]
     return robot, findings
 
 
 def _subject_and_text(text: str) -> tuple[str, str]:
-    """Split a finding of `load_robot` into file with line and what is wrong there."""
+    """Split a finding of `load_robot` into its subject (file and line) and the problem."""
     subject, separator, rest = text.partition(": ")
     return (subject, rest) if separator else ("robot folder", text)
 
@@ -77,7 +78,7 @@ def _file_findings(robot: RobotModel) -> Iterator[Finding]:
 
 
 def walk_findings(walk: TrialWalk) -> Iterator[Finding]:
-    """Findings of a simulated walk."""
+    """Yield the findings of a simulated walk."""
     if walk.ended is not None:
         yield wrong("simulated walk", f"ended after {walk.pauses} pauses: {walk.ended}")
     if walk.unknown_called_safe:
@@ -87,7 +88,7 @@ def walk_findings(walk: TrialWalk) -> Iterator[Finding]:
 
 
 def body_findings(robot: RobotModel) -> Iterator[Finding]:
-    """Findings of the robot in its postures."""
+    """Yield the findings of the robot in its postures."""
     for name in robot.posture_names:
         state = robot.state(robot.posture(name))
         yield from _collisions(robot, name, state)
@@ -179,9 +180,9 @@ def _shapes(robot: RobotModel) -> Iterator[Finding]:
         links = [joint.child for joint in tree.urdf.path_to(leg.sole)]
         if not any(tree.links[link].shapes for link in links):
             yield wrong(
-                f"legs.{name}", "none of its links has a collision shape: the self-filter cannot tell it from terrain"
+                f"legs.{name}", "none of its links has a collision shape: the self-filter would take it for terrain"
             )
-    # Links fixed to one another are one body: a shape of one of them is enough.
+    # Links fixed to one another form one body, so a shape of any of them is sufficient.
     bodies: dict[tuple[str, ...], list[Link]] = {}
     for link in tree.urdf.links:
         carriers = tuple(joint.name for joint in tree.urdf.path_to(link.name) if joint.kind != "fixed")

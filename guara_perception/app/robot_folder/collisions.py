@@ -1,4 +1,4 @@
-"""Contacts between links of a robot in a posture, computed by the library coal from the URDF's collision shapes."""
+"""Contacts between links of a robot in a posture, computed from the URDF's collision shapes with the library coal."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from guara_perception.arrays import Float
 from kinematics.tree import RobotState
 from kinematics.urdf import Shape, Urdf
 
-# Links with one moving joint between them overlap at the joint, in every posture of every robot.
+# Links with at most this number of moving joints between them overlap at the joint, in every posture of every robot.
 JOINED_JOINTS = 1
-# Links with two between them overlap in most robots as well (body, hip and thigh): motion planners should skip such
-# pairs (`neighbours`). In a single posture their contact is a true finding, so `touching` reports it.
+# Links with at most this number of moving joints between them overlap in most robots (body, hip and thigh), so motion
+# planners should skip such pairs (`neighbours`). `touching` checks a single posture, in which the contact of links with
+# two joints between them may be a real collision, and reports it.
 NEIGHBOUR_JOINTS = 2
 
 
 def neighbours(urdf: Urdf) -> list[tuple[str, str]]:
-    """Pairs of links that have shapes, with at most NEIGHBOUR_JOINTS moving joints between them."""
+    """Pairs of links with collision shapes and at most NEIGHBOUR_JOINTS moving joints between them."""
     with_shapes = [link.name for link in urdf.links if link.shapes]
     return [pair for pair in combinations(with_shapes, 2) if _joints_between(urdf, *pair) <= NEIGHBOUR_JOINTS]
 
@@ -31,12 +32,11 @@ def _joints_between(urdf: Urdf, first: str, second: str) -> int:
 
 
 def touching(state: RobotState, allowed: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Pairs of links whose shapes touch, except pairs that are allowed to and pairs that are joined.
+    """Pairs of links in contact, except allowed pairs and links connected by at most JOINED_JOINTS moving joints.
 
     Args:
         state: joint positions of a robot.
-        allowed: pairs of names of links that may touch, in either order. Links with at most JOINED_JOINTS moving joints
-            between them need not be among them.
+        allowed: pairs of names of links that may touch, in either order.
     """
     import coal
 

@@ -1,4 +1,4 @@
-"""Search for the legs of a robot in the tree of its URDF."""
+"""Detection of a robot's legs in its URDF."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 from guara_perception.exceptions import InvalidInput
 from kinematics.urdf import Joint, Urdf
 
-# A leg needs this many joints to place its foot anywhere.
+# Smallest number of joints of a leg, with which it can place its foot at any point in reach.
 LEAST_JOINTS = 3
 LEAST_LEGS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class FoundLeg:
-    """Chain of joints that ends in a foot.
+    """Leg: a chain of joints that ends in a foot.
 
     Attributes:
-        name: lf, rf, lh, rh where there are four; else the name of its foot.
-        joints: moving joints from the body to the foot.
-        foot: the link at its end.
-        start: (3,) origin of the first joint in the base [m].
+        name: lf, rf, lh or rh if the robot has four legs, else the name of the foot.
+        joints: names of the moving joints from the body to the foot.
+        foot: name of the link at the end of the chain.
+        start: (3,) origin of the first joint in the base, with all joints at zero [m].
     """
 
     name: str
@@ -33,10 +33,10 @@ class FoundLeg:
 
 
 def find_legs(urdf: Urdf) -> tuple[FoundLeg, ...]:
-    """Find the legs: chains of three or more moving joints that no other leg has, in left and right pairs.
+    """Find the legs: chains of three or more moving joints, each with a mirror image on the other side of the x axis.
 
     Raises:
-        InvalidInput: fewer than three legs, or legs that share joints; the message says what was found.
+        InvalidInput: fewer than three legs are found, or chains share joints; the message states what was found.
     """
     below: dict[str, list[Joint]] = {}
     for joint in urdf.joints:
@@ -68,7 +68,8 @@ def find_legs(urdf: Urdf) -> tuple[FoundLeg, ...]:
 
 def _leg(urdf: Urdf, chain: tuple[Joint, ...], below: dict[str, list[Joint]]) -> FoundLeg:
     x, y, z = urdf.transform_at_zero(chain[0].child)[:3, 3].tolist()
-    # Follow fixed links up to a branch. The foot is the last one with a shape, else a child named foot, toe or tip.
+    # Follow fixed links down to a branch. The foot is the last of them with a shape. If none has a shape, it is a child
+    # of the last moving link with a shape and a name that contains foot, toe or tip, or else the last moving link.
     foot, link = chain[-1].child, chain[-1].child
     links = {item.name: item for item in urdf.links}
     while len(below.get(link, [])) == 1:
@@ -91,7 +92,7 @@ def _has_twin(leg: FoundLeg, legs: list[FoundLeg]) -> bool:
 
 
 def _named(legs: list[FoundLeg]) -> tuple[FoundLeg, ...]:
-    """Name the legs, front to hind and left before right; four legs get the usual names."""
+    """Name the legs and sort them from front to hind, left before right; four legs are lf, rf, lh and rh."""
     ordered = sorted(legs, key=lambda leg: (-round(leg.start[0], 2), -leg.start[1]))
     names = ("lf", "rf", "lh", "rh") if len(ordered) == 4 else tuple(leg.foot for leg in ordered)
     return tuple(replace(leg, name=name) for name, leg in zip(names, ordered, strict=True))

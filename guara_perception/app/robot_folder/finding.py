@@ -1,4 +1,4 @@
-"""One finding of `guara robot check`."""
+"""Findings of `guara robot check`."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ class Weight(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Finding in one file, table, leg or link of a robot folder.
+    """Finding about a file, table, leg or link of a robot folder.
 
     Attributes:
-        weight: unusable: the robot does not load; wrong: it loads, but this should be corrected; note: good to know.
+        weight: "unusable" if the robot cannot be loaded, "wrong" if this should be corrected, "note" for information.
         subject: the file, table, leg or link.
-        text: the fault, and what to do about it.
+        text: the problem, and what to do about it.
     """
 
     weight: Weight
@@ -29,19 +29,19 @@ class Finding:
     text: str
 
     def __str__(self) -> str:
-        """One line of text."""
+        """Return the finding as one line of text."""
         return f"{self.weight.value}: {self.subject}: {self.text}"
 
     def to_dict(self) -> dict[str, str]:
-        """Plain values, for JSON."""
+        """Convert the finding to plain values, for JSON."""
         return {"weight": self.weight.value, "place": self.subject, "text": self.text}
 
 
 def wrong(subject: str, text: str) -> Finding:
-    """Finding that should be corrected."""
+    """Create a finding that should be corrected."""
     return Finding(Weight.WRONG, subject, text)
 
 
 def note(subject: str, text: str) -> Finding:
-    """Finding that is good to know."""
+    """Create a finding that is for information only."""
     return Finding(Weight.NOTE, subject, text)

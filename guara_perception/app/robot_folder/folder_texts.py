@@ -1,4 +1,4 @@
-"""Texts of robot.toml and README.md of a proposed robot: two templates beside this file, filled with its values."""
+"""Texts of robot.toml and README.md of a proposed robot, from two templates beside this module."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from typing import Any
 from guara_perception.app.robot_folder.postures import FoundPosture
 from guara_perception.app.robot_folder.propose import Proposal, kind_of
 
-# Wave gait: advance, pauses, and duration of a cycle without scans at the slowest pace; duration of a scan.
+# Wave gait: advance and number of pauses of a cycle, duration of a cycle at the slowest pace without scans, and
+# duration of a scan.
 CYCLE_M, PAUSES, CYCLE_S, SCAN_S = 0.140, 4, 18.7, 7.0
 SWING_HEIGHT_M = 0.060
 
 
 def assumed(proposal: Proposal) -> dict[str, str]:
-    """Assumed fields of robot.toml, each with the way to measure it before the robot walks."""
+    """Assumed fields of robot.toml, each with instructions for measuring it before the robot walks."""
     legs = {
         f"legs.{leg.leg.name}.sole": "in the scan posture the frame must lie where this foot touches the floor"
         for leg in proposal.legs
@@ -38,11 +39,11 @@ def assumed(proposal: Proposal) -> dict[str, str]:
 
 
 def toml_text(proposal: Proposal, source: str) -> str:
-    """Text of robot.toml: every value with its reason, and the list of those not measured.
+    """Text of robot.toml: every value with its reason, and the list of values that are not measured.
 
     Args:
-        proposal: proposal of the robot.
-        source: name of the URDF that it was made from.
+        proposal: the proposed robot.
+        source: name of the URDF from which the proposal was made.
     """
     p, m = proposal, proposal.mounts
     legs = (
@@ -72,7 +73,7 @@ joints = [{", ".join(f'"{joint}"' for joint in leg.joints)}]
         step=SWING_HEIGHT_M / 2,
         swing=1e3 * SWING_HEIGHT_M,
         minimum=-1.5 * SWING_HEIGHT_M - 0.01,
-        # The body tips by 3 degrees when a foot falls this far.
+        # The body tilts by 3 degrees if a foot drops by this height.
         drop=min(round(0.055 * p.scan.hip_height, 3), 0.020),
         disc=max(0.015, round(min(p.sole) / 4.0, 3)),
         pauses=min(cycles * PAUSES, 255),
@@ -84,12 +85,12 @@ joints = [{", ".join(f'"{joint}"' for joint in leg.joints)}]
 
 
 def readme_text(proposal: Proposal, source: str, notes: tuple[str, ...]) -> str:
-    """Text of README.md.
+    """Text of README.md of the robot folder.
 
     Args:
-        proposal: proposal of the robot.
-        source: name of the URDF that it was made from.
-        notes: parts of that URDF that are not used.
+        proposal: the proposed robot.
+        source: name of the URDF from which the proposal was made.
+        notes: unused parts of the URDF.
     """
     p = proposal
     legs = (
@@ -113,12 +114,12 @@ def _filled(template: str, proposal: Proposal, source: str, **values: Any) -> st
 
 
 def camera_height(proposal: Proposal, posture: FoundPosture) -> float:
-    """Height of the optical centre over the plane of the soles in a posture [m]."""
+    """Height of the optical centre above the plane of the soles in a posture [m]."""
     return float(proposal.mounts.camera[2]) + posture.base_height
 
 
 def _sole_radius(p: Proposal) -> str:
-    """Line of the radius of round feet; empty for flat soles."""
+    """Line of robot.toml with the radius of round feet; empty for flat soles."""
     if not p.sole_radius:
         return ""
     return f"sole_radius = {p.sole_radius:.4f}    # of the round foot: a ball that rolls lifts its sole frame\n"

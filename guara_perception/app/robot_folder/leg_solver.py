@@ -1,4 +1,4 @@
-"""Inverse kinematics of a leg known only by its joints, and search for its foot."""
+"""Inverse kinematics of a leg of which only the joints are known, and detection of its foot."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from kinematics.tree import KinematicTree, RobotState
 from kinematics.urdf import Joint, Link, Shape, Urdf, rotation_from_rpy
 from kinematics.urdf_checks import root_link
 
-# Angles from which the search starts, besides the centre of the limits [rad].
+# Joint angles from which the search starts, in addition to the centre of the limits [rad].
 STARTS = (-1.6, -0.8, 0.0, 0.8, 1.6)
 TIP = "tip of the leg"
-# Ratio of length to width above which a shape is a bone with the foot at its end; else it is the foot.
+# Ratio of length to width above which a shape is a bone with the foot at its end. A shorter shape is the foot itself.
 BONE_RATIO = 1.5
 
 
 class LegSolver:
-    """Inverse kinematics of one leg, with the tip of its foot as sole.
+    """Inverse kinematics of one leg, for the tip of its foot.
 
     Attributes:
-        leg: leg as found in the URDF.
-        foot: the foot of this leg.
+        leg: leg found in the URDF.
+        foot: foot of this leg.
         pitch_joint: (3,) origin of the first joint that swings the foot fore and aft, in the base, with all joints at
             zero [m].
-        hip: link moved by that joint.
-        side: the tip's y in the base, with all joints at zero [m].
+        hip: link moved by the pitch joint.
+        side: y of the tip in the base, with all joints at zero [m].
         length: length of the stretched leg from the pitch joint to the tip [m].
     """
 
@@ -63,16 +63,20 @@ class LegSolver:
         self.length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
     def solver(self, start: Float) -> NumericLeg:
-        """Numeric solver that starts from these joint positions."""
+        """Numeric solver that starts from the joint positions `start`."""
         return NumericLeg(self._tree, self.leg.name, start)
 
     def solve(self, start: Float, tip: Float) -> Float | None:
-        """Joint positions that put the tip at (3,) in the base [m], searched from `start`; None = out of reach."""
+        """Joint positions that place the tip at (3,) in the base [m], searched from `start`; None if out of reach."""
         found = self.solver(start).solve(tip[None], np.zeros(1))[0]
         return None if np.any(np.isnan(found)) else found
 
     def stand_over(self, tip: Float) -> Float | None:
-        """Joint positions that put the tip at (3,) in the base [m], knees inwards; None = out of reach."""
+        """Joint positions that place the tip at `tip` (3,) in the base [m]; None if not found.
+
+        The search starts from the last result, or else from many positions, of which the result with the least hip roll
+        and the knee towards the body's centre is returned.
+        """
         if self._last is not None:
             again = self.solve(self._last, tip)
             if again is not None:
@@ -88,18 +92,18 @@ class LegSolver:
         return self._last
 
     def _cost(self, positions: Float, tip: Float) -> float:
-        """Cost of a posture: least for a hip that does not roll and a knee on the side of the body's centre."""
+        """Cost of a posture; smallest if the hip does not roll and the knee points to the body's centre."""
         frames = self.transforms(positions)
         knee = frames[-1][:3, 3] if len(frames) < 4 else frames[2][:3, 3]
         outward = float(np.sign(self.leg.start[0]) * (knee[0] - (tip[0] + self.pitch_joint[0]) / 2.0))
         return outward * 2.0 + float(np.abs(positions[0])) + 0.01 * float(np.abs(positions).sum())
 
     def transforms(self, positions: Float) -> list[Float]:
-        """transform_link_to_base (4, 4) of the links moved by the joints of the leg, from hip to foot."""
+        """transform_link_to_base (4, 4) of each link moved by a joint of the leg, from hip to foot."""
         whole = np.zeros(len(self._tree.joint_names))
         whole[self._columns] = positions
         with warnings.catch_warnings():
-            # Zero may be outside the limits of a joint.
+            # No warning here: zero may be outside the limits of a joint.
             warnings.simplefilter("ignore", JointLimitWarning)
             state = RobotState(self._tree, whole)
         moving = [joint for joint in self._tree.urdf.path_to(TIP) if joint.kind != "fixed"]
@@ -111,7 +115,7 @@ class LegSolver:
 
 
 def with_frame(urdf: Urdf, parent: str, name: str, transform: Float) -> Urdf:
-    """URDF with one more link fixed to `parent`; its rotation is rounded as in the written file."""
+    """Add a link fixed to `parent`; its rotation has the roll, pitch and yaw that are written to the file."""
     placed = np.array(transform)
     placed[:3, :3] = rotation_from_rpy(*rpy_from_rotation(placed[:3, :3]))
     link = Link(name, None, np.zeros(3), np.zeros((3, 3)), ())
@@ -120,7 +124,7 @@ def with_frame(urdf: Urdf, parent: str, name: str, transform: Float) -> Urdf:
 
 
 def tree_of(urdf: Urdf, legs: tuple[LegConfig, ...], sole: tuple[float, float] = (0.01, 0.01)) -> KinematicTree:
-    """Kinematic tree with these legs and soles, before camera and laser are placed."""
+    """Kinematic tree with the given legs and soles. Camera and laser frames are still those of the root link."""
     root = root_link(urdf)
     config = RobotToml(
         path=Path(urdf.path),
@@ -145,9 +149,11 @@ class Foot:
     Attributes:
         link: the last moving link.
         tip: (3,) centre of the foot, or of the round end of the bone [m].
-        shapes: shapes that move rigidly with it, each with transform_shape_to_link (4, 4).
-        is_round: the foot touches in a point: a ball, the end of a bone, or any short foot of a leg with three joints.
-        size: (3,) extents of the foot along its own axes; a ball's diameter, a bone's width [m].
+        shapes: shapes that move rigidly with the link, each with transform_shape_to_link (4, 4).
+        is_round: True if the foot has a point contact: a ball, the end of a bone, or any short foot of a leg with
+            fewer than four joints.
+        size: (3,) extents of the foot along its own axes [m]: the diameter of a ball, the width of a bone; zeros if the
+            foot has no shape.
     """
 
     link: str
@@ -157,7 +163,10 @@ class Foot:
     size: Float
 
     def lowest(self, rotation: Float) -> float:
-        """Distance from the tip down to the lowest point of all shapes, with the link rotated by (3, 3) [m]."""
+        """Distance from the tip down to the lowest point of all shapes [m] if the link is rotated by `rotation`.
+
+        The distance is 0 if the foot has no shape.
+        """
         down = np.array([0.0, 0.0, -1.0])
         depths = [
             extent_along(shape, rotation @ m[:3, :3], down) + float(down @ (rotation @ (m[:3, 3] - self.tip)))
@@ -167,7 +176,10 @@ class Foot:
 
 
 def find_foot(urdf: Urdf, leg: FoundLeg) -> Foot:
-    """Find the foot of a leg: of the shapes that move with its last link, the one farthest from the last joint."""
+    """Find the foot of a leg: the shape farthest from the last joint among those that move with the last link.
+
+    Without a shape, the foot is the frame farthest from that joint.
+    """
     link = next(joint.child for joint in urdf.joints if joint.name == leg.joints[-1])
     frames = dict(frames_fixed_to(urdf, link))
     shapes = tuple(

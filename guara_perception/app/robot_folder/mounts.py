@@ -1,4 +1,4 @@
-"""Mounts of camera and laser mirror: the lowest positions outside the robot from which both see the area."""
+"""Proposal of the mounts of camera and laser mirror: low positions outside the robot with a clear view of the area."""
 
 from __future__ import annotations
 
@@ -12,18 +12,20 @@ from guara_perception.arrays import Float, Mask
 from kinematics import SelfFilter
 from kinematics.tree import KinematicTree, RobotState
 
-# Area as on the Guará. It begins this far ahead of the front feet, since earlier scans saw the ground up to there.
+# Scanned area, as on the Guará. It begins AREA_AHEAD_M ahead of the front feet, since earlier scans cover the ground
+# up to there.
 AREA_AHEAD_M = 0.20
 AREA_DEPTH_M, AREA_WIDTH_M = 0.45, 0.54
-# Width beside the tracks of the soles, since the planner may set a foot further out.
+# Additional width on each side of the soles, since the planner may place a foot farther out.
 BESIDE_M = 0.06
-# Mounts of the Guará: camera at 0.5 m height and 0.1 m before the area, mirror 0.2 m ahead of it and 0.03 m lower.
+# Mounts of the Guará: camera at 0.5 m height and 0.1 m behind the near edge of the area, mirror 0.2 m ahead of the
+# camera and 0.03 m lower.
 CAMERA_HEIGHT_M, CAMERA_BEFORE_M, BASELINE_M, MIRROR_LOWER_M = 0.5, 0.10, 0.20, 0.03
-# Tangents of half the field of view across and along, less 5 %: a lens of 3.2 mm, a 5:4 sensor 3.5 mm wide.
+# Tangents of half the field of view across and along, less 5 %, for a 3.2 mm lens and a 5:4 sensor 3.5 mm wide.
 VIEW_ACROSS, VIEW_ALONG = 0.95 * 0.5 / 0.921, 0.95 * 0.4 / 0.921
-# Least distance of a mount from the shapes of the robot.
+# Smallest distance of a mount from the collision shapes of the robot.
 MOUNT_MARGIN_M = 0.03
-# Share of the area that the robot itself may hide.
+# Fraction of the area that the robot itself may hide.
 HIDDEN_ENOUGH = 0.01
 HIGHEST_M = 1.4
 SAMPLES = (10, 12)
@@ -31,14 +33,14 @@ SAMPLES = (10, 12)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundMounts:
-    """Camera, mirror and the area that they scan, with the robot in its scan posture.
+    """Proposed camera, mirror and scanned area, for the robot in its scan posture.
 
     Attributes:
         area_x, area_y: limits of the area in base_footprint [m].
         camera: (3,) position of the camera in the base [m].
-        camera_pitch: angle of the camera forward from straight down [rad].
+        camera_pitch: forward tilt of the camera from straight down [rad].
         mirror: (3,) position of the mirror in the base [m].
-        hidden: share of the area that the robot itself hides from camera or laser.
+        hidden: fraction of the area that the robot itself hides from camera or laser; 1 if no free view was found.
     """
 
     area_x: tuple[float, float]
@@ -50,7 +52,7 @@ class FoundMounts:
 
     @property
     def transform_camera_to_base(self) -> Float:
-        """transform_camera_optical_to_base (4, 4): image v grows forward, u to the left, as in the paper's eq. 5."""
+        """Pose (4, 4) of the camera in the base; v of the image grows forward and u to the left (the paper's eq. 5)."""
         sine, cosine = np.sin(self.camera_pitch), np.cos(self.camera_pitch)
         transform = np.eye(4)
         transform[:3, :3] = [[0.0, cosine, sine], [1.0, 0.0, 0.0], [0.0, sine, -cosine]]
@@ -61,13 +63,15 @@ class FoundMounts:
 def find_mounts(
     tree: KinematicTree, posture: FoundPosture, sole: tuple[float, float], others: tuple[Mapping[str, float], ...] = ()
 ) -> FoundMounts:
-    """Propose area, camera and mirror for a robot that stands.
+    """Propose scanned area, camera and mirror for a standing robot.
+
+    The mounts of the Guará are returned if no candidate is outside the robot with the whole area in view.
 
     Args:
         tree: the robot, whose shapes may hide the area.
-        posture: posture in which it scans.
+        posture: posture in which the robot scans.
         sole: length and width of a sole [m].
-        others: joint positions of further stances from which the area should be seen, with feet further ahead or back.
+        others: joint positions of further stances, with feet farther ahead or back, that should not hide the area.
     """
     soles = np.array(list(posture.soles.values()))
     front, track = float(soles[:, 0].max()), float(np.abs(soles[:, 1]).max())
@@ -93,7 +97,7 @@ def find_mounts(
         if best.hidden <= HIDDEN_ENOUGH:
             break
     if best is None:
-        # The Guará's mounts; `guara robot check` then reports their faults.
+        # Fall back to the mounts of the Guará, whose faults `guara robot check` then reports.
         camera = np.array([near - CAMERA_BEFORE_M, 0.0, CAMERA_HEIGHT_M - posture.base_height])
         mirror = camera + (BASELINE_M, 0.0, -MIRROR_LOWER_M)
         pitch = _pitch(area_x, float(camera[0]), CAMERA_HEIGHT_M)
@@ -102,7 +106,7 @@ def find_mounts(
 
 
 def _candidates(near: float) -> Iterator[tuple[float, float, float]]:
-    """Yield (height over the floor, x of the camera, x of the mirror), low ones and those like the Guará's first."""
+    """Yield (height above the floor, x of the camera, x of the mirror) [m], from low to high."""
     for height in np.arange(CAMERA_HEIGHT_M, HIGHEST_M, 0.05):
         scale = float(height) / CAMERA_HEIGHT_M
         for ahead in (0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30, 0.35):
@@ -122,7 +126,7 @@ def _pitch(area_x: tuple[float, float], camera_x: float, height: float) -> float
 
 
 def _in_view(points: Float, camera: Float, pitch: float) -> bool:
-    """True if a camera pitched forward from straight down sees all points (n, 3)."""
+    """True if all points (n, 3) are in view of a camera that is tilted forward from straight down by `pitch`."""
     directions = points - camera
     ahead = np.array([np.sin(pitch), 0.0, -np.cos(pitch)])
     along = np.array([np.cos(pitch), 0.0, np.sin(pitch)])

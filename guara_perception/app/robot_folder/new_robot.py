@@ -1,4 +1,4 @@
-"""Robot folder from a URDF, with SRDF and README.md, written whole or not at all."""
+"""Creation of a robot folder from a URDF: URDF, SRDF, robot.toml and README.md."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from kinematics.urdf_checks import check_urdf
 
 
 def new_robot(source: Path, folder: Path, *, name: str | None = None, hip_height: float | None = None) -> Proposal:
-    """Create a robot folder.
+    """Create a robot folder atomically.
 
     Args:
         source: URDF file.
-        folder: folder to create; must not exist, or be empty.
-        name: name of the robot; None = the folder's.
+        folder: folder to create, which must not exist or must be empty.
+        name: name of the robot; None = that of the folder, with "_" for characters that are not allowed.
         hip_height: height of the hips in the scan posture [m]; None = chosen.
 
     Raises:
-        InvalidInput: the folder is not empty, the name is invalid, or the URDF has no robot that can walk.
+        InvalidInput: the folder is not empty, the name is invalid, or no legs that can stand are found.
         kinematics.RobotFileError: the URDF is invalid; the message lists all findings with their lines.
     """
     name = name or re.sub(r"[^A-Za-z0-9_-]", "_", folder.resolve().name)
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
         raise InvalidInput(f"the name of the robot is {name!r}; letters, digits, '_' and '-' are allowed: give --name")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InvalidInput(f"{folder} exists; give another name, nothing is overwritten")
+        raise InvalidInput(f"{folder} exists and is not overwritten; give another name")
     urdf = read_urdf(source)
     check_urdf(urdf)
     proposal = propose(urdf, name, hip_height)
@@ -64,7 +64,7 @@ def new_robot(source: Path, folder: Path, *, name: str | None = None, hip_height
 
 
 def srdf_text(proposal: Proposal) -> str:
-    """Text of the SRDF."""
+    """Text of the SRDF file of a proposed robot."""
     root = Element("robot", name=proposal.name)
     for leg in proposal.leg_configs:
         group = SubElement(root, "group", name=leg.name)

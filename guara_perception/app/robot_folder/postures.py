@@ -1,4 +1,4 @@
-"""Postures of a robot that stands level over its feet, and the best height for the reach of its feet."""
+"""Postures in which a robot stands level above its feet, and choice of the hip height for the reach of the feet."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from guara_perception.exceptions import InvalidInput
 from kinematics.leg import NumericLeg
 from kinematics.tree import KinematicTree
 
-# Footholds of the wave gait relative to the standing foot [m]: on level ground half a swing fore and aft plus the
-# search radius of the planner; half a swing on lower ground; 30 mm more than that on an obstacle. All of these 40 mm
-# to either side.
+# Footholds of the wave gait relative to the standing foot [m]. The distances fore and aft are half a swing plus the
+# planner's search radius on level ground, half a swing on lower ground, and 30 mm more on an obstacle. Each is combined
+# with 40 mm to either side.
 FOOT_OFFSETS = np.array(
     [
         (x, y, z)
@@ -23,7 +23,7 @@ FOOT_OFFSETS = np.array(
         for y in (-0.04, 0.04)
     ]
 )
-# Hip heights that are tried, as shares of the length of the stretched leg.
+# Hip heights that are tried, as fractions of the length of the stretched leg.
 SHARES = np.arange(0.86, 0.48, -0.02)
 ROUNDS = 4
 
@@ -33,10 +33,10 @@ class FoundPosture:
     """Posture of a standing robot.
 
     Attributes:
-        hip_height: height of the pitch joints over the plane of the soles [m].
-        base_height: height of the base's origin over that plane [m].
-        joint_positions: positions by joint [rad].
-        soles: (3,) by leg, point where the foot touches the ground, in the base [m].
+        hip_height: height of the pitch joints above the plane of the soles [m].
+        base_height: height of the base's origin above that plane [m].
+        joint_positions: position of each joint, by name [rad].
+        soles: (3,) ground contact of each foot, by leg, in the base [m].
     """
 
     hip_height: float
@@ -46,7 +46,7 @@ class FoundPosture:
 
 
 def stand(legs: tuple[LegSolver, ...], hip_height: float) -> FoundPosture | None:
-    """Posture with the hips at this height above the soles, each sole below its hip; None = out of reach."""
+    """Posture with the hips at `hip_height` [m] above the soles and each sole below its hip; None if out of reach."""
     top = float(np.mean([leg.pitch_joint[2] for leg in legs]))
     floor = top - hip_height
     joints: dict[str, float] = {}
@@ -70,9 +70,10 @@ def stand(legs: tuple[LegSolver, ...], hip_height: float) -> FoundPosture | None
 
 
 def choose_height(legs: tuple[LegSolver, ...]) -> tuple[float, float]:
-    """Choose the hip height; return it with the fraction of the gait's foot positions within reach (1 = all).
+    """Choose the hip height [m] for the gait; return the height and the fraction of foot positions within reach.
 
-    It is the greatest height from which the feet reach all positions, or else the one from which they reach most.
+    The result is the greatest height from which the feet reach all positions, or else the height from which they reach
+    most of them. Only the first and the last leg are tested.
 
     Raises:
         InvalidInput: the robot cannot stand at any height.
@@ -99,7 +100,7 @@ def choose_height(legs: tuple[LegSolver, ...]) -> tuple[float, float]:
 
 
 def reach_share(leg: LegSolver, posture: FoundPosture) -> float:
-    """Fraction of the FOOT_OFFSETS around the standing foot that the leg reaches."""
+    """Fraction of the positions FOOT_OFFSETS around the standing foot that the leg reaches."""
     start = np.array([posture.joint_positions[joint] for joint in leg.leg.joints])
     tip = posture.soles[leg.leg.name] + (0.0, 0.0, leg.foot.lowest(leg.foot_rotation(start)))
     found = leg.solver(start).solve(tip + FOOT_OFFSETS, np.zeros(len(FOOT_OFFSETS)))
@@ -107,12 +108,12 @@ def reach_share(leg: LegSolver, posture: FoundPosture) -> float:
 
 
 def raised(tree: KinematicTree, legs: tuple[LegSolver, ...], posture: FoundPosture, lift: float) -> FoundPosture | None:
-    """Posture with the body `lift` [m] higher over the same sole frames; None = out of reach.
+    """Posture with the body `lift` [m] higher above the same sole frames; None if out of reach.
 
     Args:
         tree: the robot with its sole frames.
         legs: the robot's legs.
-        posture: posture from which to rise.
+        posture: posture from which the body is lifted.
         lift: rise of the body [m].
     """
     joints, soles = dict(posture.joint_positions), {}

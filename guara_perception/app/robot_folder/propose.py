@@ -1,4 +1,4 @@
-"""Proposal of a robot folder from a URDF alone: legs, soles, postures, mounts and scan pattern."""
+"""Proposal of a robot folder, derived from a URDF alone: legs, soles, postures, mounts and scan pattern."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ class Proposal:
     """Proposed contents of a robot folder.
 
     Attributes:
-        urdf: the source with frames for soles, camera and laser.
+        urdf: the given URDF with added frames for soles, camera and laser.
         name: name of the robot.
         base: root link of the robot.
-        legs: legs as found, with the foot and the solver of each.
-        soles: name of the sole's frame, by leg.
+        legs: the legs found, each with its foot and solver.
+        soles: name of the sole frame, by leg.
         sole: length and width of a sole [m].
-        sole_radius: radius of round feet [m], 0 for flat ones.
-        scan, standing: postures; joints outside the legs are as close to zero as their limits allow.
-        reach: fraction of the gait's foot positions that are within reach; 1 if the hip height was given, not chosen.
-        mounts: camera, laser, area.
+        sole_radius: radius of round feet [m]; 0 for flat feet.
+        scan, standing: postures. In `scan`, joints outside the legs are as close to zero as their limits allow.
+        reach: fraction of the gait's foot positions that are within reach; 1 if the hip height was given.
+        mounts: camera, laser and scanned area.
         mirror_angles: first and last mirror angle of the scan pattern [rad].
         stripes: number of stripes of the pattern.
         camera_frame, laser_frame: names in the URDF.
@@ -78,10 +78,10 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
     Args:
         urdf: URDF, read and checked.
         name: name of the robot.
-        hip_height: height of the hips in the scan posture [m]; None = chosen for the reach of the feet.
+        hip_height: height of the hips above the soles in the scan posture [m]; None = chosen for the reach of the feet.
 
     Raises:
-        InvalidInput: no legs are found, or they cannot stand.
+        InvalidInput: no legs are found, or the legs found cannot stand.
     """
     found = find_legs(urdf)
     legs = tuple(LegSolver(urdf, leg, find_foot(urdf, leg)) for leg in found)
@@ -131,14 +131,18 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
 
 
 def _free(urdf: Urdf, wanted: str) -> str:
-    """The wanted name, or that name with a number, if a link or joint already has it."""
+    """Free name for a new link: `wanted`, with a number appended if a link or joint already uses that name."""
     taken = {link.name for link in urdf.links} | {joint.name for joint in urdf.joints}
     names = [wanted, *(f"{wanted}_{number}" for number in range(2, 100))]
     return next(name for name in names if name not in taken and f"{name}_joint" not in taken)
 
 
 def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[Urdf, dict[str, str]]:
-    """URDF with sole frames where the feet touch the ground in the scan posture, parallel to the base; their names."""
+    """Add a sole frame to each foot, at its ground contact in the scan posture and parallel to the base.
+
+    Returns:
+        The URDF with these frames, and the name of each frame by leg.
+    """
     names = {}
     for leg in legs:
         name = _free(urdf, f"{leg.leg.name}_sole")
@@ -154,7 +158,7 @@ def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> 
 def _sole(feet: list[Foot]) -> tuple[float, float]:
     """Length and width of a sole [m], each the smallest over all feet.
 
-    A flat foot gives its two longer sides, a round foot its smallest extent for both.
+    Length and width of a flat foot are its two longer sides; a round foot has its smallest extent for both.
     """
     lengths: list[tuple[float, ...]] = []
     for foot in feet:
@@ -169,9 +173,9 @@ def _sole(feet: list[Foot]) -> tuple[float, float]:
 
 
 def _sole_radius(feet: list[Foot]) -> float:
-    """Radius of round feet [m], 0 if a foot is flat or has no shape.
+    """Radius of round feet [m]; 0 if a foot is flat or has no shape.
 
-    Half the largest extent of the smallest foot; a mesh may show only the lower half of a ball.
+    The radius is half the largest extent of the smallest foot, since a mesh may contain only the lower half of a ball.
     """
     if not all(foot.is_round and foot.shapes for foot in feet):
         return 0.0
@@ -179,7 +183,7 @@ def _sole_radius(feet: list[Foot]) -> float:
 
 
 def _half_swings(legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[dict[str, float], ...]:
-    """Joint positions with the front feet half a swing ahead, and half a swing back."""
+    """Joint positions with the front feet half a swing forward, and half a swing back, as far as within reach."""
     front = max(float(sole[0]) for sole in scan.soles.values())
     found = []
     for offset in (HALF_SWING_M, -HALF_SWING_M):
@@ -198,5 +202,5 @@ def _half_swings(legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[dict[
 
 
 def kind_of(leg: FoundLeg, foot: Foot) -> str:
-    """Description of a leg in a few words."""
+    """Short description of a leg: number of joints, and type of foot."""
     return f"{len(leg.joints)} joints, {'point foot' if foot.is_round else 'flat sole'}"

@@ -1,4 +1,4 @@
-"""Checks that camera and laser of a robot folder cover the scanned area, with the robot in its scan posture."""
+"""Check that camera and laser of a robot cover the scanned area in the scan posture."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from kinematics.scan_pattern import END_TOLERANCE_M, plane_on_floor
 
 PICTURE_PX = (640, 512)
 CELLS = (46, 55)
-# Shares of the area that may be hidden, or out of view, without a finding.
+# Fractions of the area that may be hidden, or out of view, without a finding.
 HIDDEN_SHARE, UNSEEN_SHARE = 0.02, 0.005
 # Largest angle between the mirror axis and the y axis of base_link [rad].
 MAX_AXIS_ANGLE = 0.01
@@ -28,10 +28,11 @@ class Coverage:
 
     Attributes:
         x, y: centres of the cells in base_footprint [m].
-        in_view: (ny, nx) cells in view of the nominal camera.
-        hidden: (ny, nx) cells hidden from camera or laser by the robot itself.
-        lit: (ny, nx) cells between the first and the last laser plane.
-        inside: links whose shape encloses camera or laser.
+        in_view: (ny, nx) mask of the cells in view of the nominal camera.
+        hidden: (ny, nx) mask of the cells that the robot itself hides from camera or laser; all False if `inside` is
+            not empty.
+        lit: (ny, nx) mask of the cells between the first and the last laser plane.
+        inside: names of the links whose shape encloses camera or laser.
     """
 
     x: Float
@@ -43,7 +44,7 @@ class Coverage:
 
     @property
     def seen(self) -> Mask:
-        """(ny, nx) cells that camera and laser both reach."""
+        """(ny, nx) mask of the cells that both camera and laser reach."""
         return self.in_view & ~self.hidden & self.lit
 
 
@@ -87,7 +88,7 @@ def _in_picture(robot: RobotModel, in_camera: Float) -> Mask:
 
 
 def scan_findings(robot: RobotModel) -> Iterator[Finding]:
-    """Findings about camera and laser. A pattern that misses the area is already reported by `load_robot`."""
+    """Yield findings about camera and laser. `load_robot` already reports a pattern that misses the area."""
     axis = robot.transform_laser_to_base[:3, 1]
     if abs(axis[1]) < np.cos(MAX_AXIS_ANGLE):
         yield wrong("frames.laser", "its y axis, the axis of the mirror, is not parallel to y of the base")
@@ -107,5 +108,5 @@ def scan_findings(robot: RobotModel) -> Iterator[Finding]:
         yield wrong(
             "frames.camera, frames.laser",
             f"the robot itself hides {hidden:.0%} of the scanned area from camera or laser (legs, body): mount them "
-            "further ahead or higher",
+            "farther ahead or higher",
         )

@@ -1,4 +1,4 @@
-"""Views of a robot in its scan posture, in the browser and as a picture: scanned area, camera cone, laser planes."""
+"""Views of a robot in its scan posture, in the browser and as a picture, with scanned area, camera and laser planes."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from kinematics.transforms import transform_points
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Points along each drawn line.
+# Number of points on each drawn line.
 POINTS = 300
 SOLE = "#0072b2"
 CAMERA, LASER, AREA, BAD = "#009e73", "#d55e00", "#56b4e9", "#cc3311"
 
 
 def show_robot(robot: RobotModel, port: int) -> None:
-    """Serve the view until Ctrl-C."""
+    """Show a robot in the browser until Ctrl-C."""
     with stop_event() as stop, BrowserView(robot, port=port) as view:
         view.show_recording([robot_moment(robot)])
         click.echo(f"{robot.name}: open {view.address} (Ctrl-C ends)")
@@ -40,9 +40,9 @@ def show_robot(robot: RobotModel, port: int) -> None:
 
 
 def robot_moment(robot: RobotModel) -> Moment:
-    """Scene of the robot over a flat floor, with camera cone and laser planes.
+    """Scene of the robot on a flat floor, with camera cone and laser planes.
 
-    Ground that camera or laser do not reach is unknown.
+    Ground that is not seen by both camera and laser is unknown.
     """
     settings, covered = Settings.of(robot), coverage(robot)
     stance, pose, camera, laser, planes = _mounts(robot, settings)
@@ -61,7 +61,10 @@ def robot_moment(robot: RobotModel) -> Moment:
 
 
 def _mounts(robot: RobotModel, settings: Settings) -> tuple[Stance, StancePose, Float, Float, list[float]]:
-    """Stance and pose of a scan; camera and mirror (3,) in base_footprint; x of the outer laser planes on the floor."""
+    """Stance, pose, camera and mirror (3,) of a scan, and x of the outer laser planes on the floor.
+
+    Positions are in base_footprint [m].
+    """
     stance = Stance(robot.posture(robot.config.scan_posture), robot.legs)
     pose = robot.stance_pose(stance, find_unloaded=False)
     mounts = robot.transform_camera_to_base, robot.transform_laser_to_base
@@ -75,7 +78,7 @@ def _line(start: Float, end: Float) -> Float:
 
 
 def draw_robot(robot: RobotModel, path: Path) -> None:
-    """Save a picture of two panels: from the side, and from above with hidden or unseen ground in red."""
+    """Draw a robot to a file, from the side and from above; ground that is not seen is red."""
     from matplotlib.patches import Rectangle
 
     settings, covered = Settings.of(robot), coverage(robot)
@@ -115,7 +118,10 @@ def draw_robot(robot: RobotModel, path: Path) -> None:
 
 
 def _draw_links(axes: Axes, robot: RobotModel, pose: StancePose, up: int) -> None:
-    """Draw the convex outline of each shape; `up` is the axis drawn upwards: 2 (z) from the side, 1 (y) from above."""
+    """Draw the convex outline of each visual shape.
+
+    `up` is the axis that points upwards in the drawing: 2 (z) in the side view, 1 (y) in the view from above.
+    """
     from matplotlib.patches import Polygon
     from scipy.spatial import ConvexHull
 
@@ -124,7 +130,7 @@ def _draw_links(axes: Axes, robot: RobotModel, pose: StancePose, up: int) -> Non
     for link, visuals in visual_shapes(robot).items():
         transform = pose.transform_base_to_footprint @ state.transform_to_base(link)
         shapes += [(transform_points(transform, item.vertices), item.colour) for item in visuals]
-    # Shapes farther from the viewer first: seen from the right, those on the left; seen from above, the low ones.
+    # Draw shapes farther from the viewer first. The side view is from the right.
     shapes.sort(key=lambda item: -item[0][:, 1].mean() if up == 2 else item[0][:, 2].mean())
     for placed, colour in shapes:
         flat: Float = placed[:, [0, up]]

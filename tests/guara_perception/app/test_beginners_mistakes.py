@@ -105,7 +105,7 @@ MISTAKES = (
     ),
     (
         "calibration of another rig",
-        "the calibration is of another camera or mount",
+        "the calibration belongs to another camera or mount",
         "guara_perception/app/test_doctor.py",
         "drift_is_checked_on_a_scan",
     ),

@@ -99,7 +99,7 @@ def test_drift_is_checked_on_a_scan(data: Path, calibration: gp.Calibration, tmp
     lens = dataclasses.replace(calibration.camera, distortion=calibration.camera.distortion + (0.05, 0, 0, 0, 0))
     gp.save_calibration(dataclasses.replace(calibration, camera=lens), tmp_path / "other.json")
     finding = attempt(doctor.check_scan_drift, tmp_path / "other.json", scan)
-    assert finding.level == WARN and "the calibration is of another camera or mount" in finding.message
+    assert finding.level == WARN and "the calibration belongs to another camera or mount" in finding.message
     assert "not checked" in attempt(doctor.check_scan_drift, None, None).message
     assert attempt(doctor.check_scan_drift, tmp_path / "true.json", tmp_path / "none").level == FAIL
 

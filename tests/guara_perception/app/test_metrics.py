@@ -65,7 +65,7 @@ def test_each_request_reads_the_status_of_now() -> None:
 
 def test_a_port_in_use_is_refused() -> None:
     with metrics_served(port := free_port(), "guara", list):
-        with pytest.raises(InvalidInput, match=f"--metrics is {port}: .*; allowed: a port that is free"):
+        with pytest.raises(InvalidInput, match=f"--metrics is {port}: .*; allowed: a free port"):
             with metrics_served(port, "guara", list):
                 pass
 

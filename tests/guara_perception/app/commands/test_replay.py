@@ -46,7 +46,7 @@ def test_an_earlier_step_begins_another_walk(guara, data: Path, calibration_file
     scans = data / "scans"
     said = guara("replay", scans / "dark", scans / "paper", "-c", calibration_file, "-o", tmp_path, "--extent", "map")
     assert said.code == 0
-    assert "step 0 after step 2: another walk, the map restarts" in said.out
+    assert "step 0 after step 2: another walk; the map restarts" in said.out
     assert gp.load_terrain(tmp_path / "0001-step0-map.npz").metadata["scans"] == 1
 
 
@@ -126,8 +126,8 @@ def test_a_foreign_recording_is_reported(guara, calibration_file: Path, tmp_path
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--extent", "world"], "--extent holds 'world', allowed: footprint, map"),
-        (["--listen", "tcp/127.0.0.1:1"], "need --publish: give it too"),
+        (["--extent", "world"], "--extent has 'world', allowed: footprint, map"),
+        (["--listen", "tcp/127.0.0.1:1"], "require --publish"),
         (["--method", "fast"], "allowed: "),
         (["-o", "FILE"], "is a file, a folder is needed"),
         (["--robot", "tapir"], "tapir"),

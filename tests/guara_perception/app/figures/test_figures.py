@@ -138,7 +138,7 @@ def test_stripes_together_leave_unreadable_frames_out(paper_scan: gp.Scan, paper
 
 def test_what_cannot_be_drawn_is_refused(processor, paper_scan, calibration, paper_terrain, tmp_path: Path) -> None:
     """A grid without range images, and a file instead of the folder."""
-    with pytest.raises(gp.InvalidInput, match="carries no range images"):
+    with pytest.raises(gp.InvalidInput, match="has no range images"):
         draw_figures(tmp_path, paper_scan, calibration, processor, processor.finish())
     taken = tmp_path / "taken"
     taken.write_text("")

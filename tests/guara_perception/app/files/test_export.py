@@ -88,9 +88,9 @@ def test_command_exports_a_grid_of_a_recording(guara, paper_terrain: gp.TerrainG
             writer.add_terrain(terrain_to_message(paper_terrain, robot="guara", sequence=sequence))
     assert guara("convert", tmp_path / "w.mcap", tmp_path / "t.ply").code == 0
     said = guara("convert", tmp_path / "w.mcap", "--step", "9", tmp_path / "u.ply")
-    assert said.code == 2 and "holds no grid of step 9; its steps: 0" in said.err
+    assert said.code == 2 and "has no grid of step 9; allowed: 0" in said.err
     said = guara("convert", tmp_path / "w.mcap", "--extent", "map", tmp_path / "u.ply")
-    assert said.code == 2 and "holds no map grid; `guara replay` makes them" in said.err
+    assert said.code == 2 and "contains no map grid; `guara replay` makes grids" in said.err
 
 
 def test_command_repairs_a_recording(guara, paper_terrain: gp.TerrainGrid, tmp_path: Path):

@@ -11,9 +11,9 @@ import guara_perception as gp
 from guara_perception.app.files import open_scan as module
 
 CASES = {
-    "not chosen": ((0, 1, 2), None, "walk.mcap: it holds scans of the steps 0 ... 2: give one of these (--step)"),
-    "not there": ((1, 3), 2, "walk.mcap: step is 2; it holds scans of the steps 1, 3: give one"),
-    "none": ((), None, "walk.mcap: it holds no scan"),
+    "not chosen": ((0, 1, 2), None, "walk.mcap: contains scans of steps 0 ... 2; select one with --step"),
+    "not there": ((1, 3), 2, "walk.mcap: no scan of step 2; contains scans of steps 1, 3; select one"),
+    "none": ((), None, "walk.mcap: contains no scan"),
 }
 
 

@@ -34,7 +34,7 @@ def test_a_folder_and_a_recording_carry_the_same(carrying: Path, calibration_fil
 def test_none_inside_and_none_given_is_refused(data: Path):
     """The message says what is missing and how to give it."""
     assert carried_calibration(data / "scans" / "paper") is None
-    with pytest.raises(gp.InvalidInput, match=r"paper carries no calibration.json: give the calibration .* \(-c\)"):
+    with pytest.raises(gp.InvalidInput, match=r"paper has no calibration.json: give the calibration .* \(-c\)"):
         calibration_for(data / "scans" / "paper", None)
 
 
@@ -57,7 +57,7 @@ def test_paths_are_taken_where_objects_are(carrying: Path, calibration_file: Pat
 
 def test_an_open_scan_needs_its_calibration(paper_scan: gp.Scan):
     """An opened scan has no path to search in."""
-    with pytest.raises(gp.InvalidInput, match="give its calibration; only a path can be searched for one"):
+    with pytest.raises(gp.InvalidInput, match="give its calibration, which can only be omitted if the scan is a path"):
         gp.process_scan(paper_scan)
 
 
@@ -72,4 +72,4 @@ def test_command_takes_what_the_scan_carries(guara, carrying: Path, tmp_path: Pa
 def test_command_without_any_calibration_is_bad_input(guara, data: Path, tmp_path: Path):
     """Exit 2, one line, nothing written."""
     said = guara("process", data / "scans" / "paper", "-o", tmp_path / "t.npz")
-    assert said.code == 2 and "carries no calibration.json" in said.err and not (tmp_path / "t.npz").exists()
+    assert said.code == 2 and "has no calibration.json" in said.err and not (tmp_path / "t.npz").exists()

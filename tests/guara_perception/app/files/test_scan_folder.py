@@ -96,7 +96,7 @@ BAD_FIELDS = {
     ),
     "no on": (lambda c: c["stripes"][0].pop("on"), "stripes[0].on is missing"),
     "on null": (lambda c: c["stripes"][0].update(on=None), "stripes[0].on is null, a value is needed"),
-    "no off": (lambda c: c["stripes"][0].pop("off"), "stripes[0].off is missing, it must be a frame name or null"),
+    "no off": (lambda c: c["stripes"][0].pop("off"), "stripes[0].off is missing; allowed: a frame name or null"),
     "off a number": (lambda c: c["stripes"][0].update(off=3), "stripes[0].off is a whole number, it must be text"),
     "frame not there": (
         lambda c: c["stripes"][5].update(on="x.png"),
@@ -154,7 +154,7 @@ def test_missing_folder_and_missing_scan_file(tmp_path: Path):
 def test_a_file_that_is_no_recording_is_refused(data: Path):
     """Given scan.json instead of its folder, the message says what a scan is."""
     with pytest.raises(
-        gp.InvalidInput, match="scan.json: a scan is a folder that holds scan.json, or a file that ends"
+        gp.InvalidInput, match="scan.json: not a scan; allowed: a folder with scan.json, or a file that ends"
     ):
         gp.open_scan(data / "scans" / "paper" / "scan.json")
 

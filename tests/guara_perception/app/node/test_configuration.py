@@ -18,7 +18,7 @@ def test_changed_new_and_deleted_files_are_named(tmp_path: Path) -> None:
     (folder / "urdf" / "rex.urdf").unlink()
     (folder / "new.toml").write_text("")
     item = watch.item()
-    assert item.level is Health.WARN and "restart the node to use it" in item.message
+    assert item.level is Health.WARN and "restart the node to apply the changes" in item.message
     for path in (calibration, folder / "urdf" / "rex.urdf", folder / "new.toml"):
         assert str(path) in item.message
     assert "robot.toml" not in item.message.replace("new.toml", "")

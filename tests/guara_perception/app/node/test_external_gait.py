@@ -204,7 +204,7 @@ def test_a_gait_in_another_process_drives_the_robot(
 def test_a_real_robot_has_no_simulated_world(more: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """Exit 2, and what to do."""
     assert run(["run", *more]) == 2
-    assert "--gait and --world need --simulated" in capsys.readouterr().err
+    assert "--gait and --world require --simulated" in capsys.readouterr().err
 
 
 def test_a_world_that_is_not_there_is_named(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

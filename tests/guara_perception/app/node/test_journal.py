@@ -222,7 +222,9 @@ def test_a_scan_that_was_cut_short_judges_no_journal(
     with journal:
         fused = cut.fuse(walk_map)
         assert same(fused, cut.fuse(WalkMap(robot, calibration)))
-        assert any("cut short, the next one judges the journal" in why for why in fused.metadata["health"]["reasons"])
+        assert any(
+            "cut short; the next scan decides if the journal fits" in why for why in fused.metadata["health"]["reasons"]
+        )
         walk_map.keep()
         # It must not take the place of the journal that waits.
         assert walk_map.claim(BEGUN) is None
@@ -285,10 +287,10 @@ MISFITS = {
         {"standing_pauses": dict.fromkeys(("lf", "lh", "rf", "rh"), 4)},
         "moved, but",
     ),
-    "another walk": ({"epoch": "v"}, "the journal is of walk 'w', step 3; this is step 4 of 'v'"),
-    "old": ({"time": BEGUN + 1000.0}, "it is 970 s old, ground is valid for 420 s"),
+    "another walk": ({"epoch": "v"}, "the journal ends at step 3 of walk 'w'; this is step 4 of 'v'"),
+    "old": ({"time": BEGUN + 1000.0}, "it is 970 s old, but ground is valid for only 420 s"),
     "the clock went back": ({"time": 10.0}, "it is -1020 s old"),
-    "no picture": ({"picture": "no frame without laser"}, "the first picture: no frame without laser"),
+    "no picture": ({"picture": "no frame without laser"}, "the first image: no frame without laser"),
 }
 
 
@@ -400,7 +402,7 @@ def test_a_journal_of_something_else_is_refused_by_name(
     if what == "instance":
         assert journal.item().message.startswith("none was found")
     else:
-        assert f"{killed[1]}: it is of {what} " in journal.item().message
+        assert f"{killed[1]}: {what} is " in journal.item().message
         assert journal.item().level is Health.WARN
 
 
@@ -417,8 +419,8 @@ def test_damaged_and_foreign_journals_are_refused_by_name(
         with pytest.raises(FileFormatError, match=path.name):
             Claim.read(path, robot, seal)
     for foreign, why in {
-        b"notes": "its format is 'notes', allowed: 'guara-journal/1'",
-        content.replace(b"journal/1", b"journal/2", 1): "its format is 'guara-journal/2'",
+        b"notes": "format is 'notes', allowed: 'guara-journal/1'",
+        content.replace(b"journal/1", b"journal/2", 1): "format is 'guara-journal/2'",
     }.items():
         path.write_bytes(foreign)
         with pytest.raises(FileFormatError, match=why):
@@ -466,7 +468,7 @@ def test_a_journal_that_cannot_be_written_stops_no_scan(walk: list[Scanned], ope
         journal.write(walk_map.claim(BEGUN))
         journal.confirm()
     assert journal.item().level is Health.WARN
-    assert journal.item().message.startswith("none was found: a new walk begins; the last one was not written: ")
+    assert journal.item().message.startswith("none was found: a new walk begins; the last claim was not written: ")
     assert journal.item().values["failed"] == "1"
 
 

@@ -338,7 +338,7 @@ def test_the_node_is_not_moved_by_what_is_said_to_another_robot(bench: Bench) ->
     )
     for phase in (PausePhase.BEGIN, PausePhase.END):
         key.put(encode(make_stance_pause(StancePause(robot="other", step=0, phase=phase, stamp=1, stance=stance))))
-        assert reported(bench, "the announcement is for robot 'other', this node is 'guara'")
+        assert reported(bench, "the announcement is for robot 'other'; this node is 'guara'")
         bench.gait.say(0, PausePhase.BEGIN)
     assert bench.client.wait_for_step(0, timeout=TIMEOUT).metadata["sequence"] == 1
 
@@ -349,13 +349,13 @@ def test_walks_have_an_identity(bench: Bench) -> None:
     assert {grid.metadata["epoch"] for grid in both(bench, 5)} == {"walk-a"}
     bench.gait.say(5, PausePhase.END, epoch="walk-a")
     bench.gait.say(4, PausePhase.BEGIN, epoch="walk-a")
-    assert reported(bench, "comes late, step 5 of walk 'walk-a' has begun")
+    assert reported(bench, "comes late: step 5 of walk 'walk-a' has begun")
     bench.gait.say(0, PausePhase.BEGIN, epoch="walk-b")
     footprint, fused = both(bench, 0)
     assert footprint.metadata["epoch"] == fused.metadata["epoch"] == "walk-b" and fused.looks.max() == 1
     bench.gait.say(0, PausePhase.END, epoch="walk-b")
     bench.gait.say(6, PausePhase.BEGIN, epoch="walk-a")
-    assert reported(bench, "of walk 'walk-a', which is over")
+    assert reported(bench, "belongs to walk 'walk-a', which is over")
     walks = []
     for step in (7, 8, 0):
         bench.gait.say(step, PausePhase.BEGIN)

@@ -369,7 +369,7 @@ def test_a_withdrawn_scan_is_not_replayed(
     first, second = open_scans(both)
     assert not first.withdrawn and "withdrawn: " in second.withdrawn
     said = guara("replay", both, "-o", tmp_path / "grids", "--extent", "footprint")
-    assert said.code == 0 and "step 1: withdrawn on the robot, left out (" in said.out
+    assert said.code == 0 and "step 1: withdrawn on the robot, skipped (" in said.out
     assert [path.name for path in (tmp_path / "grids").iterdir()] == ["0000-step0-footprint.npz"]
     out = tmp_path / "out"
     for arguments in (

@@ -236,7 +236,7 @@ def test_a_refusal_tells_the_way_on(tmp_path: Path, refusal: str, way: str):
     (tmp_path / "recording.json").write_text("{}")
     with pytest.raises(gp.CalibrationRefused) as told, way_on(tmp_path):
         raise gp.CalibrationRefused(refusal)
-    assert str(told.value).startswith(f"{refusal}; to continue with everything else kept: ")
+    assert str(told.value).startswith(f"{refusal}; to continue and keep everything else: ")
     assert way.format(session=tmp_path) in str(told.value)
 
 
@@ -332,7 +332,7 @@ def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: P
         ),
         (["--simulated", "--crosses", "three.json"], "three.json: fiducials.points_in_footprint: 3 points given, 4 or"),
         (["--simulated", "--crosses", "line.json"], "line.json: fiducials: the points are collinear"),
-        (["--simulated", "--redo", "plates"], "no recording.json in it, so `guara record` did not make it: nothing to"),
+        (["--simulated", "--redo", "plates"], "no recording.json, so `guara record` did not make it: nothing to"),
         (["--simulated", "--redo", "laser"], "'laser' is not one of 'plates', 'board', 'crosses'"),
         (["--simulated", "--pattern", "dots"], "'dots' is not one of 'checkerboard', 'charuco'"),
         (["--simulated", "--board", "9"], "--board is '9', it must be COLUMNSxROWS"),
@@ -357,4 +357,4 @@ def test_scan_refuses_two_targets(guara, tmp_path: Path):
     said = guara("scan", tmp_path / "a", "-o", tmp_path / "b", "--simulated")
     assert said.code == 2 and "give one of them" in said.err
     said = guara("scan", tmp_path / "a", "--no-calibration", "-c", "c.json")
-    assert said.code == 2 and "contradict each other" in said.err
+    assert said.code == 2 and "mutually exclusive" in said.err

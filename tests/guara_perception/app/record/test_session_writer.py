@@ -66,7 +66,7 @@ def test_a_part_is_removed_when_it_is_recorded_again(plan: SessionPlan, tmp_path
 
 def test_folders_with_other_things_are_refused(plan: SessionPlan, tmp_path: Path, data: Path):
     """A finished session, a file, a folder of something else."""
-    with pytest.raises(gp.InvalidInput, match="holds a finished session"):
+    with pytest.raises(gp.InvalidInput, match="contains a finished session"):
         SessionWriter(data / "calibration", plan)
     (tmp_path / "file").write_text("x")
     with pytest.raises(gp.InvalidInput, match="is a file, a folder is needed"):

@@ -160,7 +160,7 @@ def test_findings_as_json(folder: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert said["verdict"] == "unusable" and said["robot"] is None
     assert said["findings"][0]["place"].endswith("robot.toml:3")
     assert run(["robot", "check", "guara", "--json", "--view"]) == 2
-    assert "--json and --view exclude each other" in capsys.readouterr().err
+    assert "--json and --view are mutually exclusive" in capsys.readouterr().err
 
 
 def test_all_that_makes_it_unusable_is_listed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

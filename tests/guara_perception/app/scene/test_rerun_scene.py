@@ -137,7 +137,7 @@ def test_files_without_a_scene_are_refused(tmp_path: Path, walk: Path, capsys: p
     assert run(["view", "--rerun", "-c", "calibration.json", str(walk)]) == 2
     assert "-c is for the view in a browser" in capsys.readouterr().err
     assert run(["view", str(walk), "--save", out]) == 2
-    assert "--save needs --rerun" in capsys.readouterr().err
+    assert "--save requires --rerun" in capsys.readouterr().err
     assert not Path(out).exists()
 
 
