@@ -3,16 +3,18 @@
 `python -m benchmarks light effects [--strengths 0.5 1] [--effects NAME ...]`: a scene of boxes, a
 pit and a dark patch, rendered with each effect alone and with all together (at a third of each). A strength of 1 is
 what photographs of laser lines show (`guara_perception.simulation.real_light`); with and without laser-off pictures.
-It takes 75 s of processor time. `light cost` times extraction beside a plain OpenCV loop; `light mosaics` takes no
-arguments.
+It takes 75 s of processor time. `light cost` times extraction beside a plain OpenCV loop, `light scans` whole scans, by
+their parts; `light mosaics` takes no arguments.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache, partial, wraps
 from typing import Any
 
 import cv2
@@ -22,9 +24,18 @@ import guara_perception as gp
 from benchmarks import mosaics
 from benchmarks.command import Table, options, run_part
 from benchmarks.contenders import REFERENCE, over, reference
+from benchmarks.memory import memory
 from benchmarks.photographs import RIGHT_PX, Counts
-from benchmarks.rounds import alternate
+from benchmarks.rounds import Ratio, alternate
+from benchmarks.scans import LATENCY, one_scan, process
 from guara_perception.arrays import Float
+from guara_perception.ranging.scan_geometry import StripeRanger
+from guara_perception.scanning import scan_processor
+from guara_perception.scanning.background import BackgroundWitness
+from guara_perception.scanning.flash_proof import FlashProof
+from guara_perception.scanning.light_diagnosis import FrameSamples
+from guara_perception.scanning.scan_surface import ScanSurface
+from guara_perception.scanning.stripe_finder import StripeFinder
 from guara_perception.simulation import EFFECTS, Light, real_light
 from guara_perception.stripes.band import Band
 from guara_perception.stripes.precise import extract_precise
@@ -34,6 +45,19 @@ from testbed.scenes import ScanInMemory, simulated
 SIZE, STRIPES = (640, 512), 35
 # Effects that hide a stripe from its highest peaks, and stripes of a scan of which every second is timed.
 HARD, COST_STRIPES = ("width", "halo", "ambient", "noise", "drift", "ghosts"), 14
+# Parts of a scan whose processor time is told: owner and name of the function that does it.
+PARTS: dict[str, tuple[Any, str]] = {
+    "preparation": (scan_processor.ScanProcessor, "__init__"),
+    "finding stripes": (StripeFinder, "find_all"),
+    "second lines": (scan_processor, "second_line"),
+    "dark frames": (FlashProof, "add"),
+    "light of samples": (FrameSamples, "add"),
+    "motion of the background": (BackgroundWitness, "look"),
+    "ranging": (StripeRanger, "points"),
+    "surface and raster": (ScanSurface, "add"),
+    "causes and layers": (ScanSurface, "layers"),
+    "record and grid": (scan_processor.ScanProcessor, "finish"),
+}
 ALL, ALL_STRENGTH = "all together", 1 / 3
 # The true row of a stripe is the one in a dark room without noise. A stripe can be seen where ordinary laser light has
 # SEEN_LEVEL or more [grey levels of 255]; there is none to find where the light of the laser used is below GAP_LEVEL.
@@ -143,9 +167,82 @@ def cost() -> None:
         table.row(name, *size, str(timings.ratio("ours", REFERENCE)))
 
 
+@contextmanager
+def noting_parts() -> Iterator[dict[str, float]]:
+    """Processor seconds spent in each of PARTS while the block lasts, without those of parts that they call."""
+    seconds, running = dict.fromkeys(PARTS, 0.0), list[str]()
+    since = time.process_time()
+
+    def switch() -> None:
+        nonlocal since
+        now = time.process_time()
+        if running:
+            seconds[running[-1]] += now - since
+        since = now
+
+    def clocked(part: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(function)
+        def call(*args: Any, **keywords: Any) -> Any:
+            switch()
+            running.append(part)
+            try:
+                return function(*args, **keywords)
+            finally:
+                switch()
+                running.pop()
+
+        return call
+
+    kept = {part: getattr(owner, name) for part, (owner, name) in PARTS.items()}
+    for part, (owner, name) in PARTS.items():
+        setattr(owner, name, clocked(part, kept[part]))
+    try:
+        yield seconds
+    finally:
+        for part, (owner, name) in PARTS.items():
+            setattr(owner, name, kept[part])
+
+
+def scans() -> None:
+    """Processor time of whole scans beside the reference on their bands, where it goes, and memory [--rounds]."""
+    asked = options(scans.__doc__, rounds=(5, "interleaved rounds; of their ratios: median, smallest and largest"))
+    cv2.setNumThreads(1)
+    table = Table(
+        "scan:<8 | columns:7d | rows:4d | scan / reference:<19 | last frame to grid / reference of a frame:<19"
+    )
+    shares: dict[str, dict[str, float]] = {}
+    for name, size in itertools.product(("clean", "ambient"), ((1280, 1024), SIZE)):
+        scan = simulated(size, 70, real_light({} if name == "clean" else {name: 1.0}))
+        runs: dict[str, Callable[[], object]] = {
+            "scan": partial(process, scan, "precise"),
+            REFERENCE: over(reference, scan.bands()),
+        }
+        timings = alternate(runs, asked.rounds)
+        frame_s = timings.milliseconds(REFERENCE, per=len(scan.frames)) / 1e3
+        last = [one_scan(scan, time.process_time)[LATENCY] / frame_s for _ in range(asked.rounds)]
+        told = str(timings.ratio("scan", REFERENCE)), str(Ratio(float(np.median(last)), min(last), max(last)))
+        table.row(name, *size, *told)
+        with noting_parts() as seconds:
+            timings = alternate(runs, asked.rounds)
+        reference_s = sum(timings.seconds[REFERENCE].values())
+        # The first scan, which warms up, is noted too.
+        per_scan = asked.rounds / (asked.rounds + 1) / reference_s
+        parts = {part: spent * per_scan for part, spent in seconds.items()}
+        parts["the rest"] = timings.ratio("scan", REFERENCE).median - sum(parts.values())
+        shares[f"{name} {size[0]}"] = parts
+        if (name, size) == ("clean", (1280, 1024)):
+            megabytes = memory(scan).figures
+    print(
+        f"memory of a clean scan of 1280 x 1024: {megabytes['first_mb']:.1f} MB, the next {megabytes['second_mb']:.1f}"
+    )
+    print("parts of a scan / reference:", *(f"{case:>12s}" for case in shares))
+    for part in (*PARTS, "the rest"):
+        print(f"{part:28s}", *(f"{parts[part]:12.2f}" for parts in shares.values()))
+
+
 def main() -> None:
     """Command line."""
-    run_part("light", {"effects": effects, "cost": cost, "mosaics": mosaics.main})
+    run_part("light", {"effects": effects, "cost": cost, "scans": scans, "mosaics": mosaics.main})
 
 
 if __name__ == "__main__":

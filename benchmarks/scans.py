@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 import guara_perception as gp
 from benchmarks.contenders import OURS, USER, Extract, opencv_user, over, reference
-from benchmarks.rounds import Timings, alternate, number
+from benchmarks.rounds import Clock, Timings, alternate, number
 from benchmarks.section import Effort, Section
 from guara_perception.app.node.live_scan import STRIPES_AFTER
 from guara_perception.arrays import Float
@@ -134,7 +134,7 @@ def grid_errors(elevation: npt.NDArray[Any], truth: Truth) -> dict[str, float]:
 def stages(scan: ScanInMemory, effort: Effort) -> Section:
     """Wall time of each stage of a scan, and from the last frame to the grid."""
     bands, taken = scan.bands(), list[dict[str, float]]()
-    runs = {REFERENCE: over(reference, bands), OVERALL: lambda: taken.append(_one_scan(scan))}
+    runs = {REFERENCE: over(reference, bands), OVERALL: lambda: taken.append(one_scan(scan))}
     whole = alternate(runs, effort.rounds, clock=time.perf_counter).seconds[REFERENCE]
     # The first one warmed up.
     seconds = {name: {n: each[name] for n, each in enumerate(taken[1:])} for name in (*STAGES, LATENCY)}
@@ -159,7 +159,8 @@ def stages(scan: ScanInMemory, effort: Effort) -> Section:
     )
 
 
-def _one_scan(scan: ScanInMemory) -> dict[str, float]:
+def one_scan(scan: ScanInMemory, clock: Clock = time.perf_counter) -> dict[str, float]:
+    """Seconds of each of STAGES of a scan, and by `clock` from its last frame to the grid (LATENCY)."""
     start = time.perf_counter()
     processor = scan.processor()
     prepared = time.perf_counter() - start
@@ -168,8 +169,8 @@ def _one_scan(scan: ScanInMemory) -> dict[str, float]:
     processor.work_ahead()
     for frames in scan.frames[-STRIPES_AFTER:-1]:
         processor.add(*frames)
-    start = time.perf_counter()
+    start = clock()
     processor.add(*scan.frames[-1])
     terrain = processor.finish()
-    latency = time.perf_counter() - start
+    latency = clock() - start
     return {"prepare": prepared, **terrain.metadata["seconds"], LATENCY: latency}
