@@ -112,7 +112,7 @@ CORE = {"stripes", "stripes.kernel", "calibration", "ranging", *TERRAIN}
 MAY_IMPORT = {
     "stripes.kernel": set(),
     "stripes": {"stripes.kernel"},
-    "calibration": {"stripes"},
+    "calibration": {"stripes", "stripes.kernel"},
     "ranging": {"stripes", "stripes.kernel", "calibration", "terrain.layers", "terrain.assessment"},
     "terrain.layers": set(),
     "terrain.assessment": {"terrain.layers", "stripes.kernel"},

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, Index
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import FileFormatError
 from guara_perception.fields import Fields
+from guara_perception.stripes.kernel.library import address, addresses, kernel
 from kinematics.arrays import read_only
 
 # Monomials of the height field, in the offset from its origin.
@@ -65,31 +66,32 @@ class HeightUncertainty:
         points_in_footprint: Float,
         transform_camera_to_footprint: Float,
         transform_camera_to_base: Float,
+        rows: Index | None = None,
     ) -> Float:
-        """Variances (s, n) of the heights of points on stripes [m^2]; NaN where a point is NaN.
-
-        The matrix products are computed stripe by stripe, so that rounding does not depend on the other stripes.
+        """Variances of the heights of points on stripes [m^2], of the shape of `rows`; NaN where a point is NaN.
 
         Args:
             indices: indices of s stripes; a stripe without a covariance uses that of the nearest stripe.
             planes: (s, 4) calibrated planes in the camera frame.
-            points_in_footprint: (3, s, n) coordinates x, y, z of n points on each stripe [m].
+            points_in_footprint: (3, ...) coordinates x, y, z of the points [m].
             transform_camera_to_footprint: (4, 4) pose of the camera over the ground.
             transform_camera_to_base: (4, 4) mount of the camera.
+            rows: (...) row of each point's stripe in `indices`; None = the points are (3, s, n), n on each stripe.
         """
-        rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
-        in_camera = rotation.T @ (points_in_footprint.transpose(1, 0, 2) - translation[:, None])
-        one = np.ones((len(indices), 1, in_camera.shape[2]))
-        covariances = np.array([self.plane_covariance(index) for index in indices])
-        off_plane = _quadratic_form(np.concatenate((in_camera, one), axis=1), covariances)
-        # Moving X along its ray changes n . X + d in proportion to n . X, and the height in proportion to r_z . X,
-        # where r_z is the last row of the rotation.
-        baseline = (planes[:, None, :3] @ in_camera)[:, 0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            gain = (rotation[2] @ in_camera) / np.where(np.abs(baseline) < MIN_BASELINE_M, np.nan, baseline)
-        offsets = transform_camera_to_base[:3, :3] @ in_camera
-        offsets += (transform_camera_to_base[:3, 3] - self.field_origin)[:, None]
-        return np.asarray(gain**2 * off_plane + _quadratic_form(field_terms(offsets), self.field))
+        points = np.ascontiguousarray(points_in_footprint, np.float64)
+        if rows is None:
+            rows = np.broadcast_to(np.arange(len(indices))[:, None], points.shape[1:])
+        stripes = np.ascontiguousarray(rows, np.int64)
+        variance = np.empty(stripes.shape)
+        known = np.array(list(self.planes))
+        nearest = known[np.abs(known - np.asarray(indices)[:, None]).argmin(axis=1)]
+        covariances = np.array([self.planes[index] for index in nearest.tolist()])
+        poses = transform_camera_to_footprint, transform_camera_to_base
+        given = planes, covariances, *poses, self.field_origin, self.field
+        arrays = [np.ascontiguousarray(each, np.float64) for each in given]
+        at = addresses(points, stripes)
+        kernel().height_variance(*at, stripes.size, *addresses(*arrays), MIN_BASELINE_M, address(variance))
+        return variance
 
     def plane_covariance(self, index: int) -> Float:
         """Covariance (4, 4) of a stripe's plane, or of the plane of the nearest stripe that has one."""
@@ -124,8 +126,3 @@ def field_covariance(offsets: Float, errors: Sequence[Float], parameters: Float)
     """
     effect = np.linalg.lstsq(field_terms(offsets.T).T, np.column_stack(errors), rcond=None)[0]
     return np.asarray(effect @ parameters @ effect.T)
-
-
-def _quadratic_form(vectors: Float, matrix: Float) -> Float:
-    """Quadratic form v . M v (..., n) of vectors (..., k, n)."""
-    return np.einsum("...kn,...kn->...n", vectors, matrix @ vectors)

@@ -16,7 +16,7 @@ from guara_perception.arrays import Float, Image, Mask
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.optical_flow import follow
 from guara_perception.stripes.band import pictures_of
-from guara_perception.stripes.kernel.library import addresses, kernel
+from guara_perception.stripes.kernel.library import Picture, address, addresses, kernel
 from kinematics.transforms import inverse, transform_points
 
 CAMERA_MOVED = "camera moved"
@@ -32,6 +32,8 @@ DIM_LEVEL, BRIGHT_LEVEL, MOST_GAIN = 32.0, 100.0, 16.0
 # which LEAST_SHARE must agree.
 MOST_CORNERS, QUALITY, APART_PX, LEAST_CORNERS, LEAST_SHARE = 48, 0.01, 14, 16, 0.6
 WINDOW_PX, LEVELS = 13, 2
+# Of so many corners or up to twice as many, only the surroundings are searched at first.
+FEW_CORNERS = 20
 # Largest error of a corner that agrees with the homography, and median motion below which an image has not moved [px].
 AGREE_PX, STILL_PX = 0.7, 0.15
 # Distance to which the glow of the line reaches beyond its rows, and least noise of a corner [px].
@@ -53,14 +55,19 @@ def grey(picture: Image, gain: float) -> Image:
         picture: (h, w) or (h, w, 3).
         gain: factor of brightness; see `gain_of`.
     """
-    given, factor = pictures_of(picture, None)[0], max(round(picture.shape[1] / FOLLOWED_PX), 1)
-    # The green one of three channels, because it has the least noise.
-    channel = given.channels // 2
+    given, *how = _reduction(picture, gain)
+    factor = how[1]
     out = np.empty((given.rows // factor, given.columns // factor), np.uint8)
     line, sums = np.empty(given.columns, np.uint16), np.empty((2, given.columns), np.uint32)
-    gain /= 256 if given.size == 2 else 1
-    kernel().shrink(given, channel, factor, gain, *addresses(line, sums, out))
+    kernel().shrink(given, *how, *addresses(line, sums, out))
     return out
+
+
+def _reduction(picture: Image, gain: float) -> tuple[Picture, int, int, float]:
+    """Image, channel, factor and gain of `grey`, for the kernel."""
+    given, factor = pictures_of(picture, None)[0], max(round(picture.shape[1] / FOLLOWED_PX), 1)
+    # The green one of three channels, because it has the least noise.
+    return given, given.channels // 2, factor, gain / 256 if given.size == 2 else gain
 
 
 def corners(picture: Image) -> Float:
@@ -146,6 +153,8 @@ class BackgroundWitness:
         self._reference: Image | None = None
         self._points = self._rays = np.zeros((0, 2))
         self._flow: Float = np.zeros((0, 2, 6))
+        # Change (n, 2, 2) of the ray of each corner by a pixel along x and along y.
+        self._turn: Float = np.zeros((0, 2, 2))
         self._seen: dict[int, _Seen] = {}
         self._pixel = self._gain = 0.0
         # Rise of the corners per unit of small motion (translation, rotation) along the axes of the camera.
@@ -165,23 +174,42 @@ class BackgroundWitness:
             self._begin(off)
         if self._reference is None or len(self._points) < LEAST_CORNERS:
             return
-        seen = grey(picture, self._gain)
-        if seen.shape != self._reference.shape:
+        given, channel, factor, gain = _reduction(picture, self._gain)
+        if (given.rows // factor, given.columns // factor) != self._reference.shape:
             return
-        scale = seen.shape[0] / picture.shape[0]
+        scale = self._reference.shape[0] / picture.shape[0]
         first, end = scale * band[0] - GLOW_PX, scale * band[1] + GLOW_PX
         outside = (self._points[:, 1] < first) | (self._points[:, 1] >= end)
         if np.count_nonzero(outside) < LEAST_CORNERS:
             return
-        there = follow(self._reference, seen, self._points[outside], WINDOW_PX, LEVELS)
-        if (found := self._motion(self._camera.rays(there / scale)[:, :2] - self._rays[outside], outside)) is not None:
+        found = self._still(given, outside, (channel, factor, gain))
+        if found is None:
+            there = follow(self._reference, grey(picture, self._gain), self._points[outside], WINDOW_PX, LEVELS)
+            rays = self._camera.rays(there / scale)[:, :2]
+            found = self._motion(rays - self._rays[outside], self._flow[outside])
+        if found is not None:
             self._seen[index] = found
+
+    def _still(self, picture: Picture, outside: Mask, how: tuple[int, int, float]) -> _Seen | None:
+        """Estimate from a few corners, each close to its place; None if they do not show that the camera stands still.
+
+        Only the surroundings of these corners are read.
+        """
+        used = np.flatnonzero(outside)[:: max(np.count_nonzero(outside) // FEW_CORNERS, 1)]
+        points, moved = self._points[used], np.empty((len(used), 2), np.float32)
+        assert self._reference is not None
+        kernel().follow_corners(picture, *how, *addresses(self._reference, points), len(points), address(moved))
+        flow = self._turn[used] @ moved[..., None].astype(np.float64)
+        found = self._motion(flow[..., 0], self._flow[used])
+        if found is None or (np.abs(found.rise) + LEAST_SIGMAS * found.sigma > MOST_RISE_M).any():
+            return None
+        return found
 
     def _begin(self, off: Image) -> None:
         self._gain = gain_of(off)
         self._reference = grey(off, self._gain)
-        points = corners(self._reference)
         scale = self._reference.shape[0] / off.shape[0]
+        points = corners(self._reference)
         # Angle of one pixel of the reduced image [rad].
         self._pixel = 1.0 / (scale * float(self._camera.matrix[0, 0]))
         rays = self._camera.rays(points / scale)
@@ -191,6 +219,8 @@ class BackgroundWitness:
         depth = -self._pose[2, 3] / down[ground]
         (x, y), zero = rays[ground, :2].T, np.zeros(len(depth))
         self._points, self._rays = points[ground], rays[ground, :2]
+        beside = [self._camera.rays((self._points + step) / scale)[:, :2] - self._rays for step in np.eye(2)]
+        self._turn = np.stack(beside, axis=-1)
         self._flow = np.stack(
             (
                 np.stack((-1 / depth, zero, x / depth, x * y, -(1 + x**2), y), axis=1),
@@ -199,13 +229,18 @@ class BackgroundWitness:
             axis=1,
         )
 
-    def _motion(self, flow: Float, used: Mask) -> _Seen | None:
-        """Rise of the corners of the area from the flow (n, 2) of image corners; None if it is not determined."""
-        found = np.isfinite(flow[:, 0])
-        count = int(np.count_nonzero(found))
-        if count < max(LEAST_CORNERS, LEAST_SHARE * np.count_nonzero(used)):
+    def _motion(self, flow: Float, rows: Float) -> _Seen | None:
+        """Rise of the corners of the area from the flow of image corners; None if it is not determined.
+
+        Args:
+            flow: (n, 2) change of their rays, NaN where a corner was lost.
+            rows: (n, 2, 6) its derivatives with respect to the motion.
+        """
+        seen = np.isfinite(flow[:, 0])
+        count = int(np.count_nonzero(seen))
+        if count < max(LEAST_CORNERS, LEAST_SHARE * len(flow)):
             return None
-        rows, wanted = self._flow[used][found], flow[found]
+        rows, wanted = rows[seen], flow[seen]
         fit, work = np.empty(6 + 36 + 2), np.empty((2, count), np.float32)
         limits = STEPS, LEAST_NOISE_PX * self._pixel, MOST_CONDITION
         if not kernel().fit_motion(*addresses(rows, wanted), count, *limits, *addresses(work, fit)):

@@ -10,16 +10,17 @@ import numpy as np
 from guara_perception.arrays import Float, Image, Index, Mask
 from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus, is_clipped
 
-# Approximate number of sampled frames, spread over the scan, and spacing of the sampled pixels and columns [px].
+# Approximate number of sampled frames, spread over the scan, and spacing of the sampled rows and of their pixels [px]:
+# few rows, because reading a picture from memory takes most of the time of a sample.
 SAMPLED_FRAMES = 12
-PIXELS_APART, COLUMNS_APART = 16, 48
-# Number of evenly spaced columns of a frame in which the brightest row is sought.
+ROWS_APART, PIXELS_APART = 32, 8
+# Number of evenly spaced columns of a frame in which the brightest row and a clipped core are sought.
 GLANCED = 12
 # Light counts if it exceeds the background of its column by this [grey levels of 255] and by this many sigmas.
 LEAST_LEVEL = 12.0
 LEAST_SIGMAS = 8.0
-# Spacing of the rows in which light is sought [px].
-ROWS_APART = 2
+# Spacing of the rows in which light and a core are sought, as a fraction of the image height: 2 px of 512.
+GLANCED_ROWS_OF_HEIGHT = 1 / 256
 # The background of a column is estimated from every eighth of these rows.
 USUAL_ROWS_APART = 8
 # Largest share of the pixels that may be clipped in a laser-off image; above it there is too much light.
@@ -33,8 +34,6 @@ DARKEST_LEVEL = 32.0
 STRIPE_SHARE = 0.05
 # Widest clipped core, as a fraction of the image height: a wider one leaves no flanks to measure. 8 px of 512.
 WIDEST_CORE_OF_HEIGHT = 8 / 512
-# Spacing of the rows in which the core is sought, as a fraction of the image height: 2 px of 512.
-CORE_ROWS_OF_HEIGHT = 1 / 256
 # Least height of a stripe above its surroundings [grey levels of 255]; a lower one is lost in texture and noise.
 WEAKEST_LINE = 50.0
 # Without laser-off pictures, texture hides the stripe if its contrast exceeds this multiple of the stripe's height.
@@ -96,7 +95,7 @@ class FrameSamples:
         if profile.remark and pair.off is not None:
             self._unused[pair.index] = profile.remark
         if pair.index in self._chosen:
-            self._samples[pair.index] = _sample(pair, profile, _brightest_rows(pair.on, pair.off, self.columns))
+            self._samples[pair.index] = _sample(pair, profile, self.columns)
 
     def take_over(self, other: FrameSamples, indices: Collection[int]) -> None:
         """Add the samples of some stripes of another scan."""
@@ -180,37 +179,37 @@ class FrameSamples:
 STEADY = 'lock exposure and white balance, keep lamps steady, or take laser-off pictures "per stripe"'
 
 
-def _sample(pair: FramePair, profile: StripeProfile, rows: Float) -> FrameSample:
+def _sample(pair: FramePair, profile: StripeProfile, columns: Index) -> FrameSample:
     on, off = pair.on, pair.off
     scale = 255.0 / float(np.iinfo(on.dtype).max)
-    # Copied, because reading pixels so far apart takes most of the time of a sample.
-    thin = on[::PIXELS_APART, ::PIXELS_APART].copy()
-    dark = thin if off is None else off[::PIXELS_APART, ::PIXELS_APART].copy()
+    thin = on[::ROWS_APART, ::PIXELS_APART].copy()
+    dark = thin if off is None else off[::ROWS_APART, ::PIXELS_APART].copy()
     level, without = (scale * _level(picture) for picture in (thin, dark))
     found = profile.status != StripeStatus.DROPOUT
+    apart = max(round(GLANCED_ROWS_OF_HEIGHT * on.shape[0]), 1)
+    glanced, glanced_off = on[::apart, columns], None if off is None else off[::apart, columns]
     return FrameSample(
         clipped=float(_any_channel(is_clipped(dark)).mean()),
         level=level,
         change=_share(level, without),
-        core=_core(on, off),
+        core=apart * _core(glanced, glanced_off),
         seen=float(found.mean()),
         peak=scale * float(np.median(profile.peak[found])) if found.any() else 0.0,
         contrast=0.0 if off is not None else scale * _contrast(thin),
-        rows=rows,
+        rows=apart * _brightest_rows(glanced, glanced_off),
     )
 
 
-def _brightest_rows(on: Image, off: Image | None, columns: Index) -> Float:
-    """Brightest row in some columns of a whole frame (n,) [px]; NaN where no row stands out.
+def _brightest_rows(on: Image, off: Image | None) -> Float:
+    """Brightest row (n,) of some columns; NaN where no row stands out.
 
     Args:
-        on: (h, w) or (h, w, 3) laser-on image.
-        off: laser-off image, or None.
-        columns: (n,) the columns.
+        on: (rows, n) or (rows, n, 3) samples of the laser-on image.
+        off: the same of the laser-off image, or None.
     """
-    seen = on[::ROWS_APART, columns].astype(np.float32)
+    seen = on.astype(np.float32)
     if off is not None and off.shape == on.shape:
-        seen -= off[::ROWS_APART, columns]
+        seen -= off
     if seen.ndim == 3:
         seen = seen.max(axis=2)
     if on.dtype == np.uint16:
@@ -219,8 +218,8 @@ def _brightest_rows(on: Image, off: Image | None, columns: Index) -> Float:
     usual = np.median(some, axis=0)
     noise = np.median(np.abs(some - usual), axis=0)
     row = seen.argmax(axis=0)
-    height = seen[row, np.arange(len(columns))] - usual
-    return np.where(height > np.maximum(LEAST_LEVEL, LEAST_SIGMAS * noise), ROWS_APART * row, np.nan)
+    height = seen[row, np.arange(len(row))] - usual
+    return np.where(height > np.maximum(LEAST_LEVEL, LEAST_SIGMAS * noise), row, np.nan)
 
 
 def _median(samples: Sequence[FrameSample], name: str) -> float:
@@ -252,12 +251,11 @@ def _share(level: float, usual: float) -> float:
 
 
 def _core(on: Image, off: Image | None) -> float:
-    """Number of rows clipped by the laser, median over the columns that have any."""
-    apart = max(round(CORE_ROWS_OF_HEIGHT * on.shape[0]), 1)
-    clipped = _any_channel(is_clipped(on[::apart, ::COLUMNS_APART]))
-    if off is not None:
-        clipped &= ~_any_channel(is_clipped(off[::apart, ::COLUMNS_APART]))
-    rows = apart * clipped.sum(axis=0)
+    """Number of rows that the laser clips, median over the columns that have any; arguments as of `_brightest_rows`."""
+    clipped = _any_channel(is_clipped(on))
+    if off is not None and off.shape == on.shape:
+        clipped &= ~_any_channel(is_clipped(off))
+    rows = clipped.sum(axis=0)
     return float(np.median(rows[rows > 0])) if rows.any() else 0.0
 
 

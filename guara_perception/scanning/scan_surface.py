@@ -16,6 +16,7 @@ from guara_perception.ranging.scan_geometry import TOGETHER, ScanGeometry, in_gr
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 from guara_perception.ranging.surface import Key, sample_count, shares, surface_of
 from guara_perception.settings import Settings
+from guara_perception.stripes.kernel.library import address, addresses, kernel
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.causes import LookPlan, unknown_causes
 from guara_perception.terrain.assessment.raster import (
@@ -77,17 +78,19 @@ class SharedVariance:
         variance = variance_by_motion(points, np.zeros(3), self._pose)
         variance += variance_by_motion(points, transform[:3, 3], self._motion)
         if self._calibration is not None and points.size:
-            planes = geometry.planes_in_footprint
-            stripes = np.argmin(np.abs(planes[:, :3] @ points + planes[:, 3:]), axis=0)
-            for row, index in enumerate(geometry.stripes):
-                own = stripes == row
-                variance[own] += self._calibration.variance(
-                    [index],
-                    geometry.stripes[index].plane_in_camera[None],
-                    points[:, None, own],
-                    transform,
-                    geometry.calibration.transform_camera_to_base,
-                )[0]
+            planes, points = (np.ascontiguousarray(each, np.float64) for each in (geometry.planes_in_footprint, points))
+            nearest, distance = np.empty(points.shape[1], np.int64), np.empty(len(planes), np.float32)
+            kernel().nearest_planes(
+                address(points), nearest.size, address(planes), len(planes), *addresses(distance, nearest)
+            )
+            variance += self._calibration.variance(
+                list(geometry.stripes),
+                np.array([stripe.plane_in_camera for stripe in geometry.stripes.values()]),
+                points,
+                transform,
+                geometry.calibration.transform_camera_to_base,
+                nearest,
+            )
         return variance
 
 
@@ -131,6 +134,8 @@ class ScanSurface:
         self._pattern = pattern
         # The functions below hold no reference to this surface: a cycle would delay the release of its memory.
         self._shared, self._attitude_sigma = shared, attitude_sigma
+        # Heights and what `_shared_of` gave for them, by grid.
+        self._shared_before: dict[GridGeometry, tuple[Float, Float]] = {}
         self._limits, self._origins = settings.limits, (origins := geometry.sensor_origins)
         planes, size = geometry.planes_in_footprint, geometry.calibration.camera.size
 
@@ -191,11 +196,17 @@ class ScanSurface:
         )
 
     def _shared_of(self, raster: Raster, grid: GridGeometry) -> Float:
-        """Variance (ny, nx) that neighbouring cells share [m^2], NaN in unknown cells."""
-        iy, ix = np.nonzero(np.isfinite(raster.elevation))
+        """Variance (ny, nx) that neighbouring cells share [m^2], NaN in unknown cells.
+
+        Computed for the cells whose height has changed since the last call.
+        """
+        nothing = np.full(grid.shape, np.nan), np.full(grid.shape, np.nan)
+        before, shared = self._shared_before.get(grid, nothing)
+        iy, ix = np.nonzero(~((raster.elevation == before) | np.isnan(raster.elevation)))
         x, y = grid.centres()
-        shared = np.full(grid.shape, np.nan)
+        shared = np.where(np.isnan(raster.elevation), np.nan, shared)
         shared[iy, ix] = self._shared.at(np.stack((x[ix], y[iy], raster.elevation[iy, ix])))
+        self._shared_before[grid] = raster.elevation, shared
         return shared
 
     def lost_cells(self, layers: Mapping[str, Array], is_lost: Mask, area: str) -> tuple[Run, ...]:

@@ -30,6 +30,99 @@ void shrink(const Picture *p, int64_t channel, int64_t factor, double gain, void
     }
 }
 
+// Half the side of the square about a corner that is compared, farthest that a corner is followed, and half the side of the
+// square of the picture that this takes [px of the small picture].
+enum { HALF = 6, FAR = 2, REACH = HALF + FAR + 1, SIDE = 2 * REACH + 1, WINDOW = 2 * HALF + 1 };
+// Floats of a square, LANES of which may be read from any column of its rows.
+enum { SQUARE = SIDE * SIDE + LANES };
+// Most steps, step at which they end [px], and share of the square's contrast that may remain.
+enum { MOST_STEPS = 10 };
+#define LEAST_STEP 0.01f
+#define MOST_LEFT 0.2f
+
+// A square of the small picture about (x, y), by the same rounding as `shrink`.
+enum { MOST_STEP = 4, MOST_FACTOR = 8, MOST_BYTES = SIDE * MOST_FACTOR * MOST_STEP };
+static void small_square(const Picture *p, int64_t channel, int64_t factor, double gain, int64_t x, int64_t y, float *out) {
+    const float share = (float)(gain / (double)(factor * factor));
+    const int64_t step = p->column_step, bytes = (SIDE * factor - 1) * step + 1, first = (x - REACH) * factor;
+    const int is_close = p->size == 1 && step > 0 && step <= MOST_STEP && factor <= MOST_FACTOR;
+    for (int64_t r = 0; r < SIDE; r++) {
+        int32_t sum[SIDE] = {0};
+        uint16_t whole[MOST_BYTES];
+        if (is_close) memset(whole, 0, (size_t)bytes * sizeof *whole);
+        for (int64_t i = 0; i < factor; i++) {
+            const int64_t row = (y - REACH + r) * factor + i;
+            const uint8_t *restrict from = (const uint8_t *)p->data + row * p->row_step + channel * p->channel_step + first * step;
+            // All channels first: these sums are the processor's fastest.
+            if (is_close) for (int64_t k = 0; k < bytes; k++) whole[k] = (uint16_t)(whole[k] + from[k]);
+            else for (int64_t c = 0; c < SIDE * factor; c++) sum[c / factor] += level(p, row, first + c, channel);
+        }
+        if (is_close)
+            for (int64_t c = 0; c < SIDE; c++)
+                for (int64_t k = 0; k < factor; k++) sum[c] += whole[(c * factor + k) * step];
+        for (int64_t c = 0; c < SIDE; c++) out[r * SIDE + c] = (float)(uint8_t)MIN((float)sum[c] * share + 0.5f, 255.0f);
+    }
+}
+
+static float sum_of(const float *lanes) {
+    float sum = 0;
+    for (int k = 0; k < WINDOW; k++) sum += lanes[k];
+    return sum;
+}
+
+// One corner by Lucas and Kanade at full size of the small pictures; 0 where it is lost. own: reference at the corner.
+static int follow_corner(const uint8_t *own, int64_t columns, const float *square, float *moved) {
+    float light[WINDOW][LANES] = {{0}}, along_x[WINDOW][LANES] = {{0}}, along_y[WINDOW][LANES] = {{0}};
+    float xx = 0, xy = 0, yy = 0, mean = 0, contrast = 0, dx = 0, dy = 0;
+    for (int64_t r = 0; r < WINDOW; r++)
+        for (int64_t c = 0; c < WINDOW; c++) {
+            const uint8_t *at = own + (r - HALF) * columns + c - HALF, *up = at - columns, *down = at + columns;
+            const float x = (float)(3 * (up[1] - up[-1] + down[1] - down[-1]) + 10 * (at[1] - at[-1])) / 32;
+            const float y = (float)(3 * (down[-1] - up[-1] + down[1] - up[1]) + 10 * (down[0] - up[0])) / 32;
+            along_x[r][c] = x, along_y[r][c] = y, xx += x * x, xy += x * y, yy += y * y;
+            light[r][c] = *at, mean += (float)*at / (WINDOW * WINDOW), contrast += (float)*at * (float)*at;
+        }
+    contrast -= mean * mean * WINDOW * WINDOW;
+    const float determinant = xx * yy - xy * xy;
+    if (!(determinant > 0)) return 0;
+    for (int64_t step = 0; step < MOST_STEPS; step++) {
+        const int64_t left = (int64_t)floorf(dx), top = (int64_t)floorf(dy);
+        const float u = dx - (float)left, v = dy - (float)top, a = (1 - u) * (1 - v), b = u * (1 - v), c = (1 - u) * v, d = u * v;
+        float by_x[LANES] = {0}, by_y[LANES] = {0}, rest[LANES] = {0};
+        for (int64_t r = 0; r < WINDOW; r++) {
+            const float *at = square + (r + REACH - HALF + top) * SIDE + REACH - HALF + left, *below = at + SIDE;
+            for (int64_t k = 0; k < LANES; k++) {
+                const float less = light[r][k] - (a * at[k] + b * at[k + 1] + c * below[k] + d * below[k + 1]);
+                by_x[k] += less * along_x[r][k], by_y[k] += less * along_y[r][k], rest[k] += less * less;
+            }
+        }
+        const float x = sum_of(by_x), y = sum_of(by_y);
+        const float step_x = (yy * x - xy * y) / determinant, step_y = (xx * y - xy * x) / determinant;
+        dx += step_x, dy += step_y;
+        if (!(fabsf(dx) < FAR && fabsf(dy) < FAR)) return 0;
+        moved[0] = dx, moved[1] = dy;
+        if (step_x * step_x + step_y * step_y < LEAST_STEP * LEAST_STEP) return sum_of(rest) <= MOST_LEFT * contrast;
+    }
+    return 0;
+}
+
+// How far corners (n, 2) of a small reference (rows, columns) have moved (n, 2) in a picture, if that is little; NaN where a
+// corner is lost. Only what surrounds the corners is read.
+void follow_corners(const Picture *p, int64_t channel, int64_t factor, double gain, const uint8_t *reference,
+    const double *corners, int64_t n, float *moved) {
+    const int64_t rows = p->rows / factor, columns = p->columns / factor;
+    float square[SQUARE] = {0};
+    for (int64_t i = 0; i < n; i++) {
+        const int64_t x = llrint(corners[2 * i]), y = llrint(corners[2 * i + 1]);
+        int found = x >= REACH && y >= REACH && x < columns - REACH && y < rows - REACH;
+        if (found) {
+            small_square(p, channel, factor, gain, x, y, square);
+            found = follow_corner(reference + y * columns + x, columns, square, moved + 2 * i);
+        }
+        if (!found) moved[2 * i] = moved[2 * i + 1] = NAN;
+    }
+}
+
 // Inverse of a symmetric positive definite matrix by Gauss and Jordan; 0 where it is none.
 enum { DEGREES = 6 };
 static int invert(const double *matrix, double *inverse) {
