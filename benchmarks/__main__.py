@@ -14,7 +14,7 @@ PROGRAMS = {
     "endurance": "hours of a recording node, planners and a viewer with faults at random: memory, handles, threads",
     "journal": "killed, carried: walks that go on after a restart, and robots that were carried meanwhile",
     "joints": "joints that read wrong: jumps and zeros that are told, alarms on clean walks (extra robots-test)",
-    "light": "effects, cost, mosaics: real light and Bayer mosaics through the whole chain, beside the truth",
+    "light": "effects, cost, scans, twins, mosaics: real light and Bayer mosaics through the chain, beside the truth",
     "node": "a running node: sweep, latency, processor time",
     "passive": "stereo and optical flow by OpenCV beside the laser, on the same simulated scene",
     "pauses": "scans confirmed of 20 pauses by announced time, HOLD and lateness of END; a robot that moves",

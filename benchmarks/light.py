@@ -4,7 +4,7 @@
 pit and a dark patch, rendered with each effect alone and with all together (at a third of each). A strength of 1 is
 what photographs of laser lines show (`guara_perception.simulation.real_light`); with and without laser-off pictures.
 It takes 75 s of processor time. `light cost` times extraction beside a plain OpenCV loop, `light scans` whole scans, by
-their parts; `light mosaics` takes no arguments.
+their parts; `light twins` and `light mosaics` take no arguments.
 """
 
 from __future__ import annotations
@@ -45,6 +45,10 @@ from testbed.scenes import ScanInMemory, simulated
 SIZE, STRIPES = (640, 512), 35
 # Effects that hide a stripe from its highest peaks, and stripes of a scan of which every second is timed.
 HARD, COST_STRIPES = ("width", "halo", "ambient", "noise", "drift", "ghosts"), 14
+# Two lines in one picture: widths [px], distances [px], brightness of the second as a share of the first's; least
+# distance of each row of the table [sigmas]; distance from both from which a position belongs to neither [px].
+TWIN_WIDTHS, TWIN_DISTANCES, TWIN_RATIOS = (1.0, 1.7, 3.0), (3, 4, 5, 6, 7, 8, 10, 14, 20, 40), (1.0, 0.8, 0.5, 0.35)
+TWIN_SIGMAS, TWIN_WRONG_PX = (0.0, 1.5, 2.0, 2.7, 3.5, 5.0), 1.0
 # Parts of a scan whose processor time is told: owner and name of the function that does it.
 PARTS: dict[str, tuple[Any, str]] = {
     "preparation": (scan_processor.ScanProcessor, "__init__"),
@@ -240,9 +244,33 @@ def scans() -> None:
         print(f"{part:28s}", *(f"{parts[part]:12.2f}" for parts in shares.values()))
 
 
+def twins() -> None:
+    """Positions between two lines in one picture, which are neither line's, by their distance."""
+    options(twins.__doc__)
+    cv2.setNumThreads(1)
+    rng = np.random.default_rng(0)
+    rows, columns = np.arange(120)[:, None], np.arange(320)
+    centre, two = 45 + 6 * np.sin(columns / 50), (columns >= 100) & (columns < 220)
+    counts = {nearest: np.zeros(2, int) for nearest in TWIN_SIGMAS}
+    for sigma, apart, ratio, is_grey in itertools.product(TWIN_WIDTHS, TWIN_DISTANCES, TWIN_RATIOS, (False, True)):
+        first, second = (np.exp(-0.5 * ((rows - centre - far) / sigma) ** 2) for far in (0, apart))
+        pair = 30 + rng.normal(0, 1.5, (2, 120, 320, 3))
+        pair[0] += 120 * (first + ratio * second * two)[:, :, None] * (0.1, 0.2, 1.0)
+        on, off = pair.clip(0, 255).astype(np.uint8)
+        if is_grey:
+            on, off = on[:, :, 2].copy(), off[:, :, 2].copy()
+        position = gp.extract_stripe(on, off).position_px[two]
+        beyond = np.minimum(np.abs(position - centre[two]), np.abs(position - centre[two] - apart)) > TWIN_WRONG_PX
+        nearest = max(limit for limit in TWIN_SIGMAS if apart >= limit * sigma)
+        counts[nearest] += np.count_nonzero(beyond), np.count_nonzero(np.isfinite(position))
+    table = Table("sigmas apart, at least:22.1f | positions:9d | between the lines:17d")
+    for nearest, (between, found) in counts.items():
+        table.row(nearest, found, between)
+
+
 def main() -> None:
     """Command line."""
-    run_part("light", {"effects": effects, "cost": cost, "scans": scans, "mosaics": mosaics.main})
+    run_part("light", {"twins": twins, "effects": effects, "cost": cost, "scans": scans, "mosaics": mosaics.main})
 
 
 if __name__ == "__main__":

@@ -3,6 +3,8 @@
 `python -m benchmarks.photographs FOLDER`: FOLDER holds index.json (set, name, on, off, along, colour) and truth.npz,
 per picture where a stripe is seen (must), where one may be returned (may) and where none may be (gap). Families of one
 camera, laser and scene count alike, whatever their number of pictures.
+`--board FOLDER`: calib<i>.jpg and light<i>.jpg there show a board of 7 x 7 dots without and with a line; all lines lie
+in one plane, and each picture is measured by the plane of the others.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ import guara_perception as gp
 from benchmarks.command import options
 from benchmarks.photograph_peers import PEERS, read
 from guara_perception.arrays import Float, Image
+from guara_perception.ranging.stripe_points import run_ends
 
 Method = Callable[[Image, Image | None, str, int], Float]
 
@@ -30,6 +33,8 @@ CHANNELS = {"b": 0, "g": 1, "r": 2, "m": 0}
 # A position this near is right; where a stripe is only allowed it may be off by this much more.
 RIGHT_PX, MARGIN_PX = 3.0, 2.0
 BAND_PIXELS = 640 * 160
+# The board: dots along each side, their distance [m], pictures; error from which a point is off [mm].
+DOTS, DOT_PITCH_M, BOARD_PICTURES, OFF_MM = 7, 0.0375, range(12), 1.0
 
 
 @dataclass
@@ -141,10 +146,76 @@ def report(folder: Path) -> None:
         print(f"{'mean':22s} " + " ".join(f"{cell:>20s}" for cell in cells))
 
 
+def fitted_plane(points: Float) -> tuple[Float, float]:
+    """Normal (3,) and distance of the plane of most of the points (n, 3)."""
+    used = np.ones(len(points), bool)
+    for _ in range(5):
+        middle = points[used].mean(axis=0)
+        normal = np.linalg.svd(points[used] - middle, full_matrices=False)[2][2]
+        far = np.abs((points - middle) @ normal)
+        used = far < 4 * 1.4826 * np.median(far)
+    return normal, float(normal @ middle)
+
+
+def board_points(folder: Path, *, with_off: bool) -> list[tuple[Float, npt.NDArray[np.bool_]]]:
+    """Points (n, 3) of the line on the board of each picture [m], and whether a scan would use them (`run_ends`).
+
+    Args:
+        folder: folder of the pictures.
+        with_off: whether the pictures without the laser are given to the extraction too.
+    """
+    marks = np.array([(x, y, 0) for y in range(DOTS) for x in range(DOTS)], np.float32) * DOT_PITCH_M
+    names = [[f"{kind}{i}.jpg" for kind in ("light", "calib")] for i in BOARD_PICTURES]
+    pairs = [[np.asarray(read(folder, name, "r")) for name in pair] for pair in names]
+    centres = [cv2.findCirclesGrid(off, (DOTS, DOTS))[1] for _, off in pairs]
+    size = pairs[0][0].shape[1::-1]
+    _, matrix, lens, turns, shifts = cv2.calibrateCamera([marks] * len(pairs), centres, size, None, None)
+    found: list[tuple[Float, npt.NDArray[np.bool_]]] = []
+    for (on, off), turn, shift in zip(pairs, turns, shifts, strict=True):
+        profile = gp.extract_stripe(on, off if with_off else None)
+        rotation, origin = cv2.Rodrigues(turn)[0], shift[:, 0]
+        pixels = np.column_stack((np.arange(size[0]), np.nan_to_num(profile.position_px))).astype(np.float64)
+        rays = np.column_stack((cv2.undistortPoints(pixels[:, None], matrix, lens)[:, 0], np.ones(size[0])))
+        points = rays * ((rotation[:, 2] @ origin) / (rays @ rotation[:, 2]))[:, None]
+        on_board = (points - origin) @ rotation
+        seen = np.isfinite(profile.position_px) & (np.abs(on_board[:, :2] / DOT_PITCH_M - 3) < DOTS / 2).all(axis=1)
+        height = np.where(np.isfinite(profile.position_px), points[:, 1], np.nan)
+        ends = run_ends(height[None], np.asarray(profile.peak[None], np.float64))[0]
+        found.append((np.asarray(points[seen], np.float64), ~ends[seen]))
+    return found
+
+
+def report_board(folder: Path) -> None:
+    """Print how many points are off, with and without the pictures without the laser."""
+    for with_off in (False, True):
+        found = board_points(folder, with_off=with_off)
+        errors, kept = [], []
+        for number, (points, usable) in enumerate(found):
+            normal, distance = fitted_plane(
+                np.concatenate([other for k, (other, _) in enumerate(found) if k != number])
+            )
+            errors.append(1e3 * np.abs(points @ normal - distance))
+            kept.append(usable)
+        error, used = np.concatenate(errors), np.concatenate(kept)
+        for name, each in (("extracted", error), ("used by a scan", error[used])):
+            print(
+                f"board, {'with' if with_off else 'without'} laser-off pictures, {name}: "
+                f"{np.count_nonzero(each > OFF_MM)} of {each.size} points are off by more than {OFF_MM:.0f} mm, "
+                f"worst {each.max():.1f}, 95 % within {np.percentile(each, 95):.2f}"
+            )
+
+
 def main() -> None:
     """Command line."""
-    asked = options(__doc__, FOLDER=(Path, "folder with index.json, truth.npz and the pictures"))
+    asked = options(
+        __doc__,
+        FOLDER=(Path, "folder with index.json, truth.npz and the pictures"),
+        board=(Path, "folder with pictures of a board; then only these are measured"),
+    )
     cv2.setNumThreads(1)
+    if asked.board is not None:
+        report_board(asked.board)
+        return
     if (asked.folder / "index.json").is_file():
         report(asked.folder)
     else:

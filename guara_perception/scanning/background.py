@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Image, Mask
+from guara_perception.arrays import Array, Float, Image, Mask
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.optical_flow import follow
 from guara_perception.stripes.band import pictures_of
@@ -132,10 +132,17 @@ def motion_text(moved: Mapping[int, float], parted: int, count: int, *, has_trac
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """Rise (4,) of the corners of the scanned area by camera motion since the reference image, and sigmas [m]."""
+    """Camera motion since the reference image.
+
+    Attributes:
+        rise: (4,) rise of the corners of the scanned area by it [m].
+        sigma: (4,) their standard deviations [m].
+        shift: median motion of the corners of the image [px of the reduced image].
+    """
 
     rise: Float
     sigma: Float
+    shift: float
 
 
 class BackgroundWitness:
@@ -186,7 +193,7 @@ class BackgroundWitness:
         if found is None:
             there = follow(self._reference, grey(picture, self._gain), self._points[outside], WINDOW_PX, LEVELS)
             rays = self._camera.rays(there / scale)[:, :2]
-            found = self._motion(rays - self._rays[outside], self._flow[outside])
+            found = self._motion(rays - self._rays[outside], self._flow[outside], there - self._points[outside])
         if found is not None:
             self._seen[index] = found
 
@@ -200,7 +207,7 @@ class BackgroundWitness:
         assert self._reference is not None
         kernel().follow_corners(picture, *how, *addresses(self._reference, points), len(points), address(moved))
         flow = self._turn[used] @ moved[..., None].astype(np.float64)
-        found = self._motion(flow[..., 0], self._flow[used])
+        found = self._motion(flow[..., 0], self._flow[used], moved)
         if found is None or (np.abs(found.rise) + LEAST_SIGMAS * found.sigma > MOST_RISE_M).any():
             return None
         return found
@@ -229,12 +236,17 @@ class BackgroundWitness:
             axis=1,
         )
 
-    def _motion(self, flow: Float, rows: Float) -> _Seen | None:
+    def is_still(self, index: int) -> bool:
+        """Test that the image of a stripe shows the background where the reference image shows it."""
+        return index in self._seen and self._seen[index].shift < STILL_PX
+
+    def _motion(self, flow: Float, rows: Float, moved: Array) -> _Seen | None:
         """Rise of the corners of the area from the flow of image corners; None if it is not determined.
 
         Args:
             flow: (n, 2) change of their rays, NaN where a corner was lost.
             rows: (n, 2, 6) its derivatives with respect to the motion.
+            moved: (n, 2) motion of the corners [px of the reduced image].
         """
         seen = np.isfinite(flow[:, 0])
         count = int(np.count_nonzero(seen))
@@ -249,7 +261,7 @@ class BackgroundWitness:
         if agree < max(LEAST_CORNERS, LEAST_SHARE * count):
             return None
         sigma = noise * np.sqrt(((self._rise @ inverse_normal) * self._rise).sum(axis=1))
-        return _Seen(self._rise @ motion, sigma)
+        return _Seen(self._rise @ motion, sigma, float(np.median(np.linalg.norm(moved[seen], axis=1))))
 
     def moved(self, places: Mapping[int, Float] | None) -> dict[int, float]:
         """Stripes whose camera pose contradicts the joints, with the largest error of their heights [m].

@@ -369,7 +369,8 @@ class ScanProcessor:
             if pair.index in good:
                 self._samples.add(pair, good[pair.index])
                 self._witness.look(pair.index, pair.on, pair.off, stripes[pair.index].band)
-                self._proof.add_second_line(pair.index, second_line(pair, good[pair.index], aligned))
+                align = None if self._witness.is_still(pair.index) else aligned
+                self._proof.add_second_line(pair.index, second_line(pair, good[pair.index], align))
                 if pair.off is not None and (self._off is None or pair.index < self._off[0]):
                     self._off = pair.index, grey_picture(pair.off)
             if pair.dark is not None:
