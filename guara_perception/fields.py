@@ -1,4 +1,4 @@
-"""Typed reading of parsed JSON, with errors that name file, field, given value and allowed values."""
+"""Reader of parsed JSON that checks types, with errors that name file, field, given value and allowed values."""
 
 from __future__ import annotations
 
@@ -31,8 +31,9 @@ def read_json(path: str | Path) -> Fields:
     """Read a JSON file whose top level is an object.
 
     Raises:
-        MissingFile: there is no such file.
-        FileFormatError: it cannot be read, is too large, is not JSON, not an object, or holds NaN or infinity anywhere.
+        MissingFile: there is no such file, or it is a folder.
+        FileFormatError: the file cannot be read, is too large, is not JSON, or contains NaN or infinity anywhere, or
+            its top level is not an object.
     """
     path = Path(path)
     if path.is_dir():
@@ -41,14 +42,15 @@ def read_json(path: str | Path) -> Fields:
 
 
 def parse_json(content: bytes, source: str) -> Fields:
-    """Read JSON whose top level is an object.
+    """Parse JSON whose top level is an object.
 
     Args:
         content: content of the file.
         source: name of the source, for messages.
 
     Raises:
-        FileFormatError: it is not JSON, not an object, or holds NaN or infinity anywhere.
+        FileFormatError: the content is not JSON or contains NaN or infinity anywhere, or its top level is not an
+            object.
     """
     try:
         data = json.loads(content.decode())
@@ -77,12 +79,12 @@ def refuse_not_finite(data: Any, source: str, path: str = "") -> None:
 
 
 class Fields:
-    """One JSON object, each field of which is checked when it is read.
+    """JSON object whose fields are checked when they are read; each method raises FileFormatError for a wrong value.
 
     Attributes:
         data: the parsed object.
         source: file name for messages.
-        path: dotted path inside the file, empty at the top.
+        path: dotted path of the object inside the file, empty for the top level.
     """
 
     def __init__(self, data: Mapping[str, Any], source: str, path: str = "") -> None:
@@ -98,11 +100,11 @@ class Fields:
         return f"{self.path}.{name}" if self.path else name
 
     def has(self, name: str) -> bool:
-        """Test that the field is there and not null."""
+        """Test that a field exists and is not null."""
         return self.data.get(name) is not None
 
     def raw(self, name: str) -> Any:
-        """The field as parsed; a missing or null field is refused."""
+        """Field as parsed; a missing or null field is refused."""
         if name not in self.data:
             raise FileFormatError(f"{self.path_to(name)} is missing")
         value = self.data[name]
@@ -111,20 +113,20 @@ class Fields:
         return value
 
     def text(self, name: str, allowed: tuple[str, ...] | None = None) -> str:
-        """A text field, one of `allowed` where given."""
+        """Text field; one of `allowed`, if given."""
         value: str = self._of_type(name, str)
         if allowed is not None and value not in allowed:
             raise FileFormatError(f"{self.path_to(name)} is {value!r}, allowed: {', '.join(map(repr, allowed))}")
         return value
 
     def integer(self, name: str, minimum: int | None = None, maximum: int | None = None) -> int:
-        """A whole number within bounds (inclusive)."""
+        """Whole number within bounds (inclusive)."""
         value: int = self._of_type(name, int)
         self._check_bounds(name, value, minimum, maximum)
         return value
 
     def number(self, name: str, minimum: float | None = None, maximum: float | None = None, unit: str = "") -> float:
-        """A finite number within bounds (inclusive); messages append `unit` to the bounds."""
+        """Finite number within bounds (inclusive); messages append `unit` to the bounds."""
         try:
             number = float(self._of_type(name, float))
         except OverflowError:
@@ -135,7 +137,7 @@ class Fields:
         return number
 
     def array(self, name: str, shape: tuple[int | None, ...]) -> Float:
-        """A nested list of finite numbers of the given shape (None = any length)."""
+        """Nested list of finite numbers, as an array of a shape (None = any length)."""
         value = self.raw(name)
         wanted = "x".join("n" if n is None else str(n) for n in shape)
         if not _holds_numbers_only(value):
@@ -153,11 +155,11 @@ class Fields:
         return array
 
     def sub(self, name: str) -> Fields:
-        """A nested object."""
+        """Nested object."""
         return Fields(self._of_type(name, dict), self.source, self._below(name))
 
     def items(self, name: str) -> Iterator[Fields]:
-        """Iterate over the objects of a list."""
+        """Iterate over a list of objects."""
         values = self.sequence(name)
         if len(values) > MOST_ITEMS:
             raise FileFormatError(f"{self.path_to(name)} has {len(values)} items, allowed: up to {MOST_ITEMS}")
@@ -167,7 +169,7 @@ class Fields:
             yield Fields(value, self.source, f"{self._below(name)}[{i}]")
 
     def sequence(self, name: str) -> list[Any]:
-        """A list, elements unchecked."""
+        """List whose elements are not checked."""
         found: list[Any] = self._of_type(name, list)
         return found
 
@@ -188,7 +190,7 @@ class Fields:
 
 
 def _holds_numbers_only(value: Any) -> bool:
-    """Test that a nested list holds nothing but numbers: NumPy would convert "1" and true to numbers."""
+    """Test that a nested list contains nothing but numbers; NumPy would silently convert "1" and true to numbers."""
     if isinstance(value, list):
         return all(map(_holds_numbers_only, value))
     return isinstance(value, int | float) and not isinstance(value, bool)

@@ -19,17 +19,17 @@ from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFi
 
 # Largest text file [byte]: a calibration of 70 stripes with all covariances takes less than 1 MB.
 LARGEST_TEXT = 16 * 1024 * 1024
-# Largest size of all arrays of a grid file together [byte]: all layers of the largest grid take 192 MB.
+# Largest total size of the arrays of a grid file [byte]: all layers of the largest grid take 192 MB.
 LARGEST_ARRAYS = 192 * 1024 * 1024
 # Largest header of one array [byte].
 LARGEST_HEADER = 10_000
 
 
 def read_bounded(path: Path, largest: int) -> bytes:
-    """Read a file.
+    """Read a file of limited size.
 
     Raises:
-        FileFormatError: the file is longer than `largest` [byte], or cannot be read.
+        FileFormatError: the file is longer than `largest` [byte] or cannot be read.
     """
     try:
         with path.open("rb") as file:
@@ -42,7 +42,7 @@ def read_bounded(path: Path, largest: int) -> bytes:
 
 
 def read_toml(path: Path, largest: int) -> dict[str, Any]:
-    """Read a TOML file.
+    """Read a TOML file of limited size.
 
     Raises:
         FileFormatError: the file is longer than `largest` [byte], cannot be read, or is not TOML.
@@ -57,7 +57,9 @@ def read_toml(path: Path, largest: int) -> dict[str, Any]:
 def read_arrays(
     path: Path, wanted: Sequence[str], kind: str = "terrain", largest: int = LARGEST_ARRAYS
 ) -> dict[str, Array]:
-    """Read those of the wanted arrays that an .npz file contains; others are not unpacked.
+    """Read the wanted arrays of an .npz file; other arrays are not decompressed.
+
+    Wanted arrays that the file does not contain are missing in the result.
 
     Args:
         path: path of the file.
@@ -66,8 +68,8 @@ def read_arrays(
         largest: largest total size of the wanted arrays [byte].
 
     Raises:
-        FileFormatError: the file is missing or invalid, an array is shorter than its header states, or the arrays
-            exceed `largest`.
+        FileFormatError: the file is missing or invalid, an array is shorter than its header states, or the wanted
+            arrays exceed `largest`.
     """
     found: dict[str, Array] = {}
     left = largest
@@ -108,10 +110,10 @@ def _read_array(file: Any, size: int, source: str) -> Array:
 
 
 def existing_file(path: str | Path, remedy: str = "") -> Path:
-    """Path of an existing file.
+    """Check that a file exists, and return its path.
 
     Raises:
-        MissingFile: there is no such file; the message ends with `remedy`.
+        MissingFile: there is no such file; the message ends in `remedy`.
     """
     path = Path(path)
     if not path.is_file():
@@ -120,7 +122,7 @@ def existing_file(path: str | Path, remedy: str = "") -> Path:
 
 
 def check_folder(path: Path) -> None:
-    """Refuse an output folder that is a file, before time is spent on its contents.
+    """Reject a file given as output folder, before time is spent on the output.
 
     Raises:
         InvalidInput: `path` is a file.
@@ -130,15 +132,15 @@ def check_folder(path: Path) -> None:
 
 
 def check_target(path: str | Path, *endings: str) -> Path:
-    """Refuse an output path that cannot be written, before time is spent on its contents.
+    """Reject an output path that cannot be written, before time is spent on the output.
 
     Args:
         path: file to write.
-        endings: endings that it may have; any if there are none.
+        endings: allowed endings in lower case, such as ".pdf"; without them, any ending is allowed.
 
     Raises:
         MissingFile: the folder of `path` does not exist.
-        InvalidInput: another ending, or `path` is itself a folder.
+        InvalidInput: the ending of `path` is not allowed, or `path` is a folder.
     """
     path = Path(path)
     if endings and path.suffix.lower() not in endings:
@@ -158,20 +160,21 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 
     Raises:
         MissingFile: the folder of `path` does not exist.
-        InvalidInput: `path` is itself a folder.
+        InvalidInput: `path` is a folder.
+        OSError: the file cannot be written, for example on a full disk; the error names `path`.
     """
     path = check_target(path)
     temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
-    # Created here, so that it is ours alone, with the permissions that any new file of this user gets.
+    # Created here, so that no other process has it, with the permissions of any new file of this user.
     temporary.touch(exist_ok=False)
     try:
         yield temporary
-        # Without this a power cut soon after the rename can leave an empty file under the new name.
+        # Without fsync, a power cut soon after the rename can leave an empty file under the new name.
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
         os.replace(temporary, path)
     except OSError as error:
-        # The error of a full disk names no file, or the temporary one, which the user does not know.
+        # The error of a full disk names no file, or the temporary file, which the user does not know.
         if error.filename is None or os.fspath(error.filename) == os.fspath(temporary):
             raise OSError(error.errno, error.strerror, str(path)) from error
         raise

@@ -17,7 +17,7 @@ from kinematics.findings import Findings
 from kinematics.toml_table import Table
 
 MODES = ("coarse", "standard")
-# Largest values of limits: of all lengths [m], and of others by name. A larger value is in the wrong unit (degrees,
+# Largest values of limits: one for all lengths [m], others by name. A larger value is in a wrong unit (degrees,
 # millimetres).
 LARGEST_LENGTH = 1.0
 LARGEST_LIMIT = {"slope": np.pi / 2, "confidence": 10.0}
@@ -28,8 +28,8 @@ RobotLike: TypeAlias = RobotModel | str | Path
 class TraversabilityLimits:
     """Traversability limits of the robot's feet. A cell that exceeds any of them is a hazard.
 
-    A limit added later needs a default that excludes nothing, since grids of older versions lack it. It sets the
-    existing flag of `Hazard` that fits best, and the records of grids list it under `limit_flags`.
+    A limit added in a later version needs a default that excludes nothing, since grids of older versions lack it. The
+    new limit sets the existing flag of `Hazard` that fits best, and the records of grids list it under `limit_flags`.
 
     Attributes:
         slope: largest angle to the horizontal [rad].
@@ -38,8 +38,8 @@ class TraversabilityLimits:
         roughness: largest standard deviation about the fitted plane [m].
         sigma: largest standard deviation of the elevation [m].
         disc_radius: radius of the window of the plane fit and of the step search [m].
-        confidence: number of standard deviations added before a value is compared.
-        sole_length, sole_width: the sole rectangle, along x and y [m].
+        confidence: number of standard deviations added to a value before it is compared with its limit.
+        sole_length, sole_width: extent of the sole rectangle along x and y [m].
     """
 
     slope: float
@@ -69,13 +69,13 @@ class Settings:
         resolution: default cell edge [m].
         footprint_x, footprint_y: area of a single scan in base_footprint [m].
         map_x, map_y: area of the fused map in base_footprint [m].
-        minimum_height, maximum_height: heights that count as terrain [m].
+        minimum_height, maximum_height: range of heights that count as terrain [m].
         join_height: largest height difference between neighbouring stripes on one surface [m].
         stripes: number of stripes of the standard pattern.
-        coarse_every: stride of a coarse scan, which fires the stripes whose index is a multiple of it.
-        mirror_angles: nominal first and last mirror angle, for a first calibration only [rad].
+        coarse_every: stride of a coarse scan, which uses the stripes whose index is a multiple of this number.
+        mirror_angles: nominal first and last mirror angle, for the first calibration only [rad].
         limits: traversability limits.
-        validity_pauses, validity_seconds: age up to which an observation may be used.
+        validity_pauses, validity_seconds: age up to which an observation may be used [pauses, s].
     """
 
     resolution: float
@@ -96,10 +96,10 @@ class Settings:
     @staticmethod
     @lru_cache(maxsize=16)
     def of(robot: RobotModel) -> Settings:
-        """Read and check the perception tables of a robot; cached, since every scan needs them.
+        """Read and check the perception tables of a robot's robot.toml; cached, since every scan needs them.
 
         Raises:
-            FileFormatError: values are missing or impossible; all are reported at once, each with table and field.
+            FileFormatError: values are missing or not allowed; all are reported at once, each with table and key.
         """
         findings = Findings(robot.config.path)
         root = robot.config.root.gathering(findings)
@@ -132,10 +132,10 @@ class Settings:
         return settings
 
     def pattern(self, mode: str) -> range:
-        """Stripe indices of a mode, in the standard pattern.
+        """Indices in the standard pattern of the stripes of a mode.
 
         Raises:
-            InvalidInput: no such mode.
+            InvalidInput: there is no such mode.
         """
         if mode not in MODES:
             raise InvalidInput(f"mode is {mode!r}, allowed: {', '.join(MODES)}")
@@ -155,7 +155,7 @@ def _limits(root: Table) -> TraversabilityLimits:
 
 
 def robot_model(robot: RobotLike) -> RobotModel:
-    """Load a robot that is given by its name or folder.
+    """Load a robot given by name or folder; return a `RobotModel` unchanged.
 
     Raises:
         kinematics.KinematicsError: there is no such robot, or its folder is not valid.

@@ -1,9 +1,9 @@
-"""Pose of the body at every instant of a pause, from streamed joint positions and the feet that stand.
+"""Pose of the body at any instant of a pause, from streamed joint positions and the standing feet.
 
 The feet do not move on the ground, so the motion of the body since BEGIN follows from the positions of the soles in
-`base_link`. The joints are smoothed around the instant (a parabola in time, weighted by distance), and a rigid motion
-is fitted to the soles by generalised least squares, each sole weighted by the noise of its leg as in `stillness`. The
-bias of a joint is the same at both times and cancels.
+`base_link`. The joint positions are smoothed around the instant by a parabola in time, weighted by distance in time.
+A rigid motion is then fitted to the soles by generalised least squares, with each sole weighted by the noise of its leg
+as in `stillness`. The bias of a joint is the same at both times and cancels.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ from kinematics.stillness import MOST_NOISE, StandingFeet, most_apart
 from kinematics.transforms import transform_points
 from kinematics.tree import RobotState
 
-# Half width of the smoothing window [s]. For a sway of 2 Hz the error of the parabola is 0.4 % of the amplitude.
+# Half width of the smoothing window [s]. For a sway at 2 Hz, the error of the parabola is 0.4 % of the amplitude.
 HALF_WINDOW = 0.08
-# Longest gap between the samples before and after an instant [s]: three lost samples at 50 Hz.
+# Longest allowed gap between the samples before and after an instant [s]: three lost samples at 50 Hz.
 LONGEST_GAP = 0.08
-# Largest standard deviation of an instant [s]. Over a longer time the body may reverse its motion, but the covariance
-# assumes a constant speed.
+# Largest allowed standard deviation of an instant [s]. Over a longer time, the body may reverse its motion, whereas the
+# covariance assumes a constant speed.
 MOST_TIME_SIGMA = 0.015
 # Least number of samples for a parabola: three to fit it and one to contradict it.
 LEAST_SAMPLES = 4
 # Number of newest samples kept when the buffer is full: a minute at 1 kHz.
 MOST_SAMPLES = 60_000
-# Iterations of the fit: at a rotation of 0.1 rad, the third moves the body by less than a micrometre.
+# Number of iterations of the fit: at a rotation of 0.1 rad, the third changes the pose by less than a micrometre.
 STEPS = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyPlace:
-    """Place of the body at one instant; arrays are read-only.
+    """Pose of the body at one instant, relative to BEGIN; arrays are read-only.
 
     Attributes:
-        transform_base_to_begin: (4, 4) from `base_link` now to `base_link` at BEGIN.
+        transform_base_to_begin: (4, 4) from `base_link` at the instant to `base_link` at BEGIN.
         covariance: (6, 6) covariance of this motion, REP-103 order in `base_link`: translation of the optical centre
             [m], rotation [rad]. Errors that all instants of a pause share, such as the noise of BEGIN's joints, are
             excluded.
@@ -56,19 +56,20 @@ class BodyPlace:
 
 
 class BodyTrack:
-    """Places of the body during one pause; samples are added in the order of their times, on any thread."""
+    """Poses of the body during one pause; samples are added in the order of their times, on any thread."""
 
     def __init__(
         self, robot: RobotModel, stance: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
     ) -> None:
-        """Start with the stance of BEGIN, to which all places are relative.
+        """Start with the stance of BEGIN, to which all poses are relative.
 
         Args:
             robot: the model.
             stance: stance of BEGIN.
-            transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
+            transform_camera_to_base: (4, 4) calibrated pose of the camera; None = the pose in the URDF.
 
         Raises:
+            ArgumentError: the matrix is not a transform.
             StanceError: fewer than three feet carry the body, or they are on a line.
             UnknownName, JointPositionError: the stance does not fit this robot.
         """
@@ -76,7 +77,7 @@ class BodyTrack:
         self._feet: dict[tuple[str, ...], StandingFeet] = {}
         self._feet_of(stance.support_feet)
         self._begin = robot.state(stance.joint_positions)
-        # Rows of time, joints and supports; the first `_end` are filled.
+        # Each row is a sample: time, joints and supports. The first `_end` rows are filled.
         self._rows: Float = np.zeros((0, 1 + len(self._begin.positions) + len(robot.legs)))
         self._end = 0
         self._lock = threading.Lock()
@@ -85,12 +86,12 @@ class BodyTrack:
         """Add n samples.
 
         Args:
-            times: (n,) ascending, later than those of earlier samples [s], on any clock.
+            times: (n,) strictly ascending and later than all earlier samples [s], on any one clock.
             joint_positions: (n, j) in the order of the robot's joints [rad].
-            supports: (n, l) true where a leg carries weight, in the order of the robot's legs.
+            supports: (n, l) True for a leg that carries weight, in the order of the robot's legs.
 
         Raises:
-            ArgumentError: wrong shape, values that are not finite, or times that do not ascend.
+            ArgumentError: an array has the wrong shape, a value is not finite, or times do not ascend.
         """
         times, joints = np.array(times, dtype=np.float64), np.array(joint_positions, dtype=np.float64)
         carry = np.array(supports, dtype=bool)
@@ -106,7 +107,7 @@ class BodyTrack:
             if end > len(self._rows):
                 kept = self._rows[: self._end][-MOST_SAMPLES:]
                 end = len(kept) + len(times)
-                # Doubling the buffer copies each sample once on average.
+                # Because the buffer doubles, each sample is copied only once on average.
                 self._rows = np.concatenate((kept, np.empty((end + len(times), self._rows.shape[1]))))
             self._rows[end - len(times) : end] = np.column_stack((times, joints, carry))
             self._end = end
@@ -118,13 +119,13 @@ class BodyTrack:
             return float(self._rows[self._end - 1, 0]) if self._end else -math.inf
 
     def covers(self, time: float) -> bool:
-        """Test that later samples can no longer change the place at a time [s]."""
+        """Test that the pose at a time [s] is final: later samples can no longer change it."""
         return self.latest >= time + HALF_WINDOW
 
     def longest_gap(self, start: float, end: float) -> float:
-        """Longest time without a sample between two times, including the smoothing windows around them [s].
+        """Longest gap between samples from `start` to `end`, including the smoothing windows around both [s].
 
-        Infinite if the samples begin too late or end too early.
+        Infinite if the samples begin after this interval begins or end before it ends.
         """
         with self._lock:
             times = self._rows[: self._end, 0]
@@ -135,16 +136,16 @@ class BodyTrack:
         return float(np.diff(times[first : last + 1]).max(initial=0.0))
 
     def at(self, time: float, time_sigma: float = 0.0) -> BodyPlace | None:
-        """Place of the body at a time.
+        """Compute the pose of the body at a time.
 
         Args:
             time: instant on the clock of the samples [s].
             time_sigma: standard deviation of `time` [s].
 
         Returns:
-            The place; None if samples around the time are missing, if fewer than three of BEGIN's feet stand or they
-            are on a line, if these feet moved relative to each other, if the joints deviate too much from a parabola,
-            or if the time is too uncertain (`MOST_TIME_SIGMA`).
+            The pose; None if samples around the time are missing, if fewer than three of BEGIN's feet stand or they are
+            on a line, if these feet moved relative to each other, if the joints deviate too much from a parabola, or if
+            the time is too uncertain (`MOST_TIME_SIGMA`).
         """
         samples = self._window(time)
         if samples is None or not time_sigma <= MOST_TIME_SIGMA:
@@ -179,7 +180,7 @@ class BodyTrack:
         return BodyPlace(read_only(transform), read_only(covariance), state)
 
     def _window(self, time: float) -> Float | None:
-        """Samples around a time, one per row; None if too many are missing."""
+        """Samples in the smoothing window around a time, one per row; None if too many are missing."""
         with self._lock:
             rows = self._rows[: self._end]
         first, after, end = np.searchsorted(rows[:, 0], (time - HALF_WINDOW, time, time + HALF_WINDOW)).tolist()
@@ -193,7 +194,7 @@ class BodyTrack:
         return self._feet[names]
 
     def _fit(self, feet: StandingFeet, state: RobotState) -> tuple[Float, float]:
-        """Motion (4, 4) that returns the soles to their places at BEGIN, and chi^2 of the residual, for sigma = 1."""
+        """Motion (4, 4) that maps the soles to their positions at BEGIN, and chi^2 of the residual for sigma = 1."""
         import pinocchio
 
         begin, now = self._begin.soles_in_base(feet.names), state.soles_in_base(feet.names)
@@ -210,6 +211,6 @@ class BodyTrack:
 
 
 def _freedom(parabola: Float, weights: Float, gains: Float) -> float:
-    """Expected weighted sum of squared residuals of one joint, for sigma = 1."""
+    """Expected weighted sum of squared residuals of one joint for sigma = 1."""
     hat = np.eye(len(weights)) - parabola @ gains
     return max(float(np.sum(weights[:, None] * hat**2)), math.ulp(1.0))

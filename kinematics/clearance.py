@@ -1,4 +1,4 @@
-"""Clearance of sole and leg above the ground when a leg stands on a foothold."""
+"""Clearance of the sole and leg above the ground for a leg that stands on a foothold."""
 
 from __future__ import annotations
 
@@ -26,13 +26,14 @@ SPACING = 0.005
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootholdClearance:
-    """Clearances at one foothold [m]: negative where ground is penetrated, NaN where the ground below is unknown.
+    """Clearances at one foothold [m]: negative if the ground is penetrated, NaN if any ground below is unknown.
 
     Attributes:
-        leg: smallest height of the leg above the ground, except within one sole length of the sole's centre.
-        sole: smallest height of the sole above the ground; negative where a bump would press into it.
+        leg: smallest height above the ground of the leg's points farther from the sole's centre than the longer side of
+            the sole; inf if there are no such points.
+        sole: smallest height of the sole above the ground; negative if a bump would press into the sole.
         sole_gap: largest height of the sole above the ground.
-        joint_positions: (n,) positions of the leg's joints that place the sole there [rad].
+        joint_positions: (n,) positions of the leg's joints that place the sole on the foothold [rad].
     """
 
     leg: float
@@ -44,17 +45,18 @@ class FootholdClearance:
 def foothold_clearance(
     pose: StancePose, leg: str, sole_in_footprint: npt.ArrayLike, height_at: HeightFunction
 ) -> FootholdClearance:
-    """Clearances of a leg that stands on a foothold with a level sole, for a given stance pose of the body.
+    """Compute the clearances of a leg that stands on a foothold with a level sole, for a stance pose of the body.
 
     Args:
         pose: the stance pose.
-        leg: the leg's name.
+        leg: name of the leg.
         sole_in_footprint: (3,) sole centre [m].
-        height_at: height of the ground.
+        height_at: function that returns the heights of the ground at given points.
 
     Raises:
-        UnknownName: no such leg.
-        ArgumentError: wrong shape, or a height function that does not return one height per point.
+        UnknownName: the robot has no such leg.
+        ArgumentError: `sole_in_footprint` is not three finite numbers, or `height_at` does not return one height per
+            point.
         StanceError: the foothold is out of the leg's reach.
     """
     sole = np.asarray(sole_in_footprint, dtype=np.float64)
@@ -70,11 +72,12 @@ def foothold_clearance(
     state = RobotState(tree, positions)
     length, width = tree.config.sole
     patch = _box_points(np.array([length, width, 0.0]) / 2.0)
-    # A leg of fewer than four joints cannot level its sole. Its foot is taken as round, with a level contact patch.
+    # A leg of fewer than four joints cannot level its sole. Its foot is assumed to be round, with a level contact
+    # patch.
     round_foot = len(config.joints) < 4
     on_sole = _above_ground(sole + patch if round_foot else _in_footprint(pose, state, config.sole, patch), height_at)
     over_leg = _above_ground(_leg_points(pose, state, leg), height_at)
-    # min and max propagate NaN: one sample over unknown ground makes the clearance unknown.
+    # min and max propagate NaN, so one sample over unknown ground makes the clearance unknown.
     return FootholdClearance(
         float(np.min(over_leg, initial=np.inf)),
         float(np.min(on_sole)),
@@ -84,7 +87,10 @@ def foothold_clearance(
 
 
 def _leg_points(pose: StancePose, state: RobotState, leg: str) -> Float:
-    """Points (n, 3) in base_footprint of the leg's shapes, except within a sole's length of the sole's centre."""
+    """Points (n, 3) in base_footprint on the leg's shapes, without those near the sole's centre.
+
+    Points closer to the centre than the longer side of the sole are left out.
+    """
     config = state.tree.leg(leg)
     above = {joint.child: joint for joint in state.tree.urdf.joints}
     centre = _in_footprint(pose, state, config.sole, np.zeros((1, 3)))
@@ -110,7 +116,7 @@ def _above_ground(points: Float, height_at: HeightFunction) -> Float:
 
 
 def _shape_points(shape: Shape) -> Float:
-    """Points (n, 3) on the surface of a shape in its link's frame; the end faces of a cylinder only at their rims."""
+    """Points (n, 3) on the surface of a shape, in the frame of its link; end faces of cylinders only at their rims."""
     if shape.kind == "box":
         points = _box_points(np.asarray(shape.size) / 2.0)
     elif shape.kind == "cylinder":
@@ -134,7 +140,7 @@ def _circle(radius: float, height: float) -> Float:
 
 
 def _box_points(half: Float) -> Float:
-    """Points (n, 3) on the whole surface of a box of half extents (3,), corners included."""
+    """Points (n, 3) on the whole surface of a box with half extents (3,), including its corners."""
     axes = [_spaced(h) if h > 0.0 else np.zeros(1) for h in half]
     points = np.array(list(product(*axes)))
     on_surface = np.any(np.abs(points) >= half - 1e-12, axis=1)

@@ -1,8 +1,9 @@
 """Kalman filter of the footholds in `odom`, and the footprint fitted to them at each pause.
 
 A foothold is four numbers: x, y, z of the sole's centre and the sole's pitch, which does not change while the foot
-stands. Each foot stands for several pauses, so its foothold is known better than from one reading. At a pause the
-footprint (heading a, position t) is fitted so that the readings p_i fall on the footholds x_i of the feet that stayed.
+stands. Each foot stands for several pauses, so its foothold is known better than from one reading. At each pause, the
+footprint (heading a, position t) is fitted so that the readings p_i of the feet that stayed fall on their footholds
+x_i.
 With R the rotation by a:
 
     e_i = x_i - (R p_i + t),   V = P_ss + R C R'          P: covariance of the footholds, C: of the readings
@@ -11,8 +12,9 @@ With R the rotation by a:
     x' = x - P_:s W e,   P' = P - P_:s W P_s:             the footholds, corrected by the residuals of the fit
     cov(footprint, x') = S H' V^-1 P_s:
 
-A foot that was set down anew gets its position from the footprint, including the cross-covariance. Noise is therefore
-neither counted twice nor summed as if pauses were independent, which would double the sigma of the result.
+The foothold of a foot that was set down since the last pause is computed from the footprint, including the
+cross-covariance. Noise is therefore neither counted twice nor summed as if pauses were independent, which would double
+the sigma of the result.
 """
 
 from __future__ import annotations
@@ -23,10 +25,11 @@ import numpy as np
 
 from kinematics.arrays import Float, read_only
 
-# Huber's limit [sigmas]: beyond it the influence of a residual is constant; costs 5 % of efficiency if nothing slips.
+# Huber's limit [sigmas], beyond which the influence of a residual is constant. It costs 5 % of efficiency if no foot
+# slips.
 HUBER_LIMIT = 1.5
 
-# Chi-square per degree of freedom exceeds 1 + this / sqrt(freedom) by chance at most once in 100.
+# By chance, chi-square per degree of freedom exceeds 1 + this / sqrt(freedom) at most once in 100 fits.
 MISFIT_LIMIT = 4.6
 
 # A sole whose pitch changed by more than this many standard deviations has rocked.
@@ -38,15 +41,15 @@ ITERATIONS = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """A footprint fitted to footholds.
+    """Footprint of a pause, fitted to footholds.
 
     Attributes:
         transform_footprint_to_odom: (4, 4), a rotation about z and a translation.
-        covariance: (4, 4) covariance of its x, y, z [m] and heading [rad].
+        covariance: (4, 4) covariance of the footprint's x, y, z [m] and heading [rad].
         residual: rms horizontal distance of the soles from their footholds [m].
-        misfit: chi-square per degree of freedom if noise does not explain it, else 1.
-        last_covariance: (4, 4) covariance of the last footprint's x, y, z and heading.
-        with_last: (4, 4) cross-covariance of the last footprint's x, y, z and heading with those of this one.
+        misfit: chi-square per degree of freedom if noise does not explain the residuals, else 1.
+        last_covariance: (4, 4) covariance of the previous footprint's x, y, z and heading.
+        with_last: (4, 4) cross-covariance of the previous footprint's x, y, z and heading with those of this one.
     """
 
     transform_footprint_to_odom: Float
@@ -106,7 +109,8 @@ class Footholds:
         unweighted = _blocks(rotation @ covariances[now] @ rotation.T)
         misfit = _misfit(errors, prior + unweighted)
         if misfit > 1.0:
-            # Feet slipped in this motion: its noise, not the drift of the walk so far, grows until it explains them.
+            # Feet slipped in this motion. The noise of its readings, not the drift of the walk so far, is scaled until
+            # it explains the residuals.
             growth = misfit
             for _ in range(ITERATIONS):
                 growth *= _chi_square(errors, prior + growth * unweighted)
@@ -131,7 +135,8 @@ class Footholds:
             covariance=read_only(self.covariance - cross_covariance @ residual_weight @ cross_covariance.T),
         )
         cross = pose_covariance @ by_pose.T @ inverse @ cross_covariance.T
-        # A poor fit means that feet slipped, perhaps all of them: their footholds are then where they stand now.
+        # A poor fit means that feet slipped, perhaps all of them. All footholds are then set to where the feet stand
+        # now.
         standing = stayed if misfit == 1.0 else ()
         return fit, posterior._with(fit, cross, standing, legs, readings, covariances)
 
@@ -149,7 +154,8 @@ class Footholds:
         rotation[:3, :3] = fit.transform_footprint_to_odom[:3, :3]
         shift = np.append(fit.transform_footprint_to_odom[:3, 3], 0.0)
         count, size = len(legs), len(self.positions)
-        # Matrix that maps (footprint, old footholds) to the new footholds, and reading noise of feet set down anew.
+        # Matrix that maps (footprint, old footholds) to the new footholds, and reading noise of feet that were set
+        # down.
         source, fresh = np.zeros((4 * count, 4 + 4 * size)), np.zeros((count, 4, 4))
         positions = np.zeros((count, 4))
         for row, leg in enumerate(legs):
@@ -176,9 +182,9 @@ class Footholds:
 
     @property
     def own_of_footprint(self) -> Float:
-        """(4, 4) covariance of the part of the last footprint's error that is independent of the footholds.
+        """Covariance (4, 4) of the part of the last footprint's error that is independent of the footholds.
 
-        Later pauses do not inherit it.
+        Later pauses do not inherit this part.
         """
         shared = np.linalg.lstsq(self.covariance, self.with_footprint.T, rcond=1e-9)[0]
         own, directions = np.linalg.eigh(self.of_footprint - self.with_footprint @ shared)
@@ -194,7 +200,7 @@ def first_footholds(legs: tuple[str, ...], readings: Float, covariances: Float) 
 
 
 def _without_rocked(covariances: Float, rows: list[int], rotated: Float, prior: Float) -> Float:
-    """Covariances (n, 4, 4) with the pitch of each sole that rocked, as on an edge or a pebble, made uninformative."""
+    """Make the pitch uninformative in the covariances (n, 4, 4) of soles that rocked, as on an edge or a pebble."""
     result = covariances.copy()
     for row, angle, variance in zip(rows, rotated, prior, strict=True):
         if angle**2 > ROCKED_SIGMAS**2 * (variance + covariances[row, 3, 3]):
@@ -204,7 +210,7 @@ def _without_rocked(covariances: Float, rows: list[int], rotated: Float, prior: 
 
 
 def _turn(angle: float) -> Float:
-    """Rotation (4, 4) of (x, y, z, pitch) about z; the pitch is unchanged: its axis turns too little to matter."""
+    """Rotation (4, 4) of (x, y, z, pitch) about z; the pitch is unchanged, as its axis turns too little to matter."""
     cosine, sine = np.cos(angle), np.sin(angle)
     turn = np.eye(4)
     turn[:2, :2] = [[cosine, -sine], [sine, cosine]]
@@ -212,7 +218,7 @@ def _turn(angle: float) -> Float:
 
 
 def _by_pose(rotated: Float) -> Float:
-    """H (4 n, 4): d(footholds) / d(x, y, z, heading) for readings (n, 4) already rotated by the heading."""
+    """Matrix H (4 n, 4): d(footholds) / d(x, y, z, heading) for readings (n, 4) already rotated by the heading."""
     derivative = np.zeros((len(rotated), 4, 4))
     derivative[:, :3, :3] = np.eye(3)
     derivative[:, 0, 3], derivative[:, 1, 3] = -rotated[:, 1], rotated[:, 0]
@@ -220,13 +226,13 @@ def _by_pose(rotated: Float) -> Float:
 
 
 def _blocks(covariances: Float) -> Float:
-    """Covariances (n, 4, 4) as one block-diagonal matrix (4 n, 4 n)."""
+    """Arrange covariances (n, 4, 4) in one block-diagonal matrix (4 n, 4 n)."""
     count = len(covariances)
     return np.asarray(np.einsum("ij,ikl->ikjl", np.eye(count), covariances).reshape(4 * count, 4 * count))
 
 
 def _pull(errors: Float, covariance: Float) -> Float:
-    """Huber weight (n,) of each foot, from its error and the covariance of that error."""
+    """Huber weight (n,) of each foot, from the foot's error and the covariance of that error."""
     own, foot = errors.reshape(-1, 4), np.arange(errors.size // 4)
     its_covariance = covariance.reshape(foot.size, 4, foot.size, 4)[foot, :, foot]
     distances = np.sqrt(np.vecdot(own, np.linalg.solve(its_covariance, own[..., None])[..., 0]))
@@ -245,7 +251,7 @@ def _misfit(errors: Float, covariance: Float) -> float:
 
 
 def _closed_form(soles: Float, positions: Float) -> tuple[float, Float]:
-    """Unweighted least squares: heading between the centred point sets, then translation between their means."""
+    """Heading and translation (4,) that map soles to positions, by unweighted least squares in closed form."""
     p, q = soles - soles.mean(axis=0), positions - positions.mean(axis=0)
     angle = float(np.arctan2(np.sum(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]), np.sum(p[:, :2] * q[:, :2])))
     shift = positions.mean(axis=0) - _turn(angle)[:3, :3] @ soles.mean(axis=0)

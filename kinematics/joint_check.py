@@ -7,14 +7,14 @@ errors of the joints, every reading of a standing leg satisfies
 
 where e is noise and p is the same in all pauses in which the foot stays. A flat sole also measures the slope of its
 foothold, as the z component of its x axis in the world, and an IMU gives the vertical of R_k. Poses, footholds and
-slopes are unknown and eliminated by least squares; the residual is compared with the one that an error of each joint
-would cause. With A and B the Jacobians with respect to the unknowns and to one joint, r the residual, all whitened, and
-P the projection onto the orthogonal complement of the range of A,
+slopes are unknown and eliminated by least squares. The residual is then compared with the residual that an error of
+each joint would cause. With A and B the Jacobians with respect to the unknowns and to one joint, r the residual, all
+whitened, and P the projection onto the orthogonal complement of the range of A,
 
     b = -(P B) . r / |P B|^2,   sigma_b = 1 / |P B|.
 
-A joint that jumped has such an error in the newest pause only, a joint with a wrong zero in all pauses. A wrong zero is
-observable only as far as the legs move between pauses and the soles are flat: see `JointCheck.sigmas`.
+A joint that jumped has such an error in the newest pause only; a joint with a wrong zero has it in all pauses. How well
+a wrong zero is observable depends on how far the legs move between pauses and on flat soles: see `JointCheck.sigmas`.
 """
 
 from __future__ import annotations
@@ -35,20 +35,21 @@ from kinematics.stance import Stance
 from kinematics.transforms import unit_vector
 from kinematics.tree import RobotState
 
-# Longest and shortest window of pauses in which wrong zeros are sought: two cycles of four legs, and one.
+# Longest and shortest window in which wrong zeros are sought [pauses]: two cycles of four legs, and one cycle.
 LONGEST, SHORTEST = 9, 5
 # Creep of a standing foot between two pauses, per horizontal axis [m]: 4 % of the 35 mm by which the body moves
 # (cycle of 140 mm).
 SLIP_SIGMA = 0.0015
 # Sinkage of a standing foot between two pauses [m].
 SINK_SIGMA = 0.0005
-# Errors below either limit are not reported: [rad], and in standard deviations.
+# Errors below either limit are not reported: one limit in radians, one in standard deviations.
 LEAST_ERROR, LEAST_SIGMAS = 0.045, 4.5
-# A wrong zero is also reported above this many standard deviations at the noise stated in robot.toml; noise exceeds it
-# once in 10,000 tests. LEAST_SIGMAS must be larger, because the noise estimated over one cycle is uncertain by a sixth.
+# A wrong zero is also reported above this many standard deviations of the noise stated in robot.toml, a limit that
+# noise exceeds once in 10,000 tests. LEAST_SIGMAS refers to the noise estimated over one cycle and must be larger,
+# because that estimate is uncertain by a sixth.
 STATED_SIGMAS = 3.9
-# Largest jump that is sought, and largest uncertain zero error that is named [rad]: a foot that swings along the arc of
-# its leg looks like a larger jump.
+# Largest jump that is sought, and largest zero error below the reporting threshold that is named as an alternative
+# [rad]: a foot that swings along the arc of its leg looks like a larger jump.
 LARGEST_JUMP = 0.35
 # A foot that moved by more than this multiple of `swing_least` was lifted, if the other feet are consistent without it.
 MOST_SWING = 1.25
@@ -59,7 +60,8 @@ AS_LIKELY = 9.0
 LEAST_SCALE, LEARNED = 0.2, 36
 # A wrong zero is reported only if its standard deviation is below this [rad].
 LARGEST_SIGMA = 0.03
-# Joints beyond their limits by more than this are reported [rad]; less is an encoder offset or a nominal limit.
+# Joints beyond their limits by more than this are reported [rad]; smaller excesses are due to encoder offsets or
+# nominal limits.
 BEYOND_LIMIT = 0.1
 # Sigma of an unknown position and heading in `odom` [m, rad].
 UNKNOWN = 10.0
@@ -67,12 +69,12 @@ UNKNOWN = 10.0
 
 @dataclass(frozen=True, slots=True)
 class JointFault:
-    """Error of one joint, or of one of several that explain the readings about equally well.
+    """Error of one joint; several joints are named if an error of any of them explains the readings about equally well.
 
     Attributes:
-        joints: names of the joints that explain the readings, the likeliest first.
-        error: error of the first of them, reading minus truth [rad].
-        sigma: its standard deviation [rad]; 0 for a joint beyond its limits.
+        joints: names of these joints, the likeliest first.
+        error: error of the first joint, reading minus truth [rad]; for kind "limit", distance beyond the limits.
+        sigma: standard deviation of the error [rad]; 0 for kind "limit".
         kind: "jump" (since the last pause), "offset" (in all pauses of the window) or "limit".
     """
 
@@ -97,8 +99,8 @@ class JointReport:
     """Verdict on the joints at one pause.
 
     Attributes:
-        residual: rms residual of the closed chains between this pause and the last, in standard deviations; NaN if
-            fewer than three feet stayed.
+        residual: rms residual of the closed chains between this pause and the last, in standard deviations; NaN at the
+            first pause or if fewer than three feet stayed.
         faults: faults found; empty if all joints are consistent.
     """
 
@@ -113,7 +115,8 @@ class _Reading:
         tree, self.legs = state.tree, stance.support_feet
         self.soles = state.soles_in_base(self.legs)
         self.jacobians = [state.jacobian(tree.leg(leg).sole) for leg in self.legs]
-        # A foot that stays keeps its contact point, so only the joints' part of its error varies.
+        # A foot that stays keeps its contact point, so the contact noise does not vary between pauses; only joint noise
+        # counts.
         self.covariances = [robot.noise.encoder_sigma**2 * j[:3] @ j[:3].T for j in self.jacobians]
         self.axes = [
             state.transform_to_base(tree.leg(leg).sole)[:3, 0] if len(tree.leg(leg).joints) > 3 else None
@@ -127,7 +130,7 @@ class _Reading:
 
 @dataclass(frozen=True, slots=True)
 class _Placed:
-    """Reading with an approximate pose of its body and the foothold number of each leg in use."""
+    """Reading with an approximate pose of the body and the number of the foothold of each leg in use."""
 
     reading: _Reading
     rotation: Float
@@ -135,7 +138,7 @@ class _Placed:
     footholds: Mapping[str, int]
 
     def then(self, reading: _Reading, stayed: Sequence[str], footholds: Mapping[str, int]) -> _Placed:
-        """Place the reading of the next pause by three or more feet that stayed."""
+        """Place the reading of the next pause relative to this one, by three or more feet that stayed."""
         now, before = reading.soles_of(stayed), self.reading.soles_of(stayed)
         turn = turn_between(now, before)
         shift = before.mean(axis=0) - turn @ now.mean(axis=0)
@@ -147,7 +150,7 @@ class _Chains:
 
     Attributes:
         chi2: chi^2 of the residuals.
-        degrees: their degrees of freedom.
+        degrees: degrees of freedom of the residuals, at least 1.
     """
 
     def __init__(self, robot: RobotModel, pauses: Sequence[_Placed]) -> None:
@@ -210,7 +213,7 @@ class _Chains:
         return self.chi2 < _most(self.degrees)
 
     def errors(self, *, since_last: bool) -> tuple[Float, Float]:
-        """Error of each joint, each taken alone, and its standard deviation (infinite if unobservable) [rad]."""
+        """Error of each joint if it alone is wrong, and the standard deviation, infinite if unobservable [rad]."""
         design = self._by_joints * self._is_last if since_last else self._by_joints
         along = self._basis.T @ design
         information = np.sum(design**2, axis=0) - np.sum(along**2, axis=0)
@@ -236,12 +239,12 @@ class JointCheck:
         self._jump: tuple[int, JointFault] | None = None
 
     def reset(self) -> None:
-        """Start over, as before the first pause."""
+        """Return to the state before the first pause."""
         self._pauses, self._noise, self._jump = (), (), None
 
     @property
     def sigmas(self) -> dict[str, float]:
-        """Standard deviation of the zero error of each joint after the pauses so far [rad]; inf if unobservable."""
+        """Joint name -> standard deviation of its zero error after the pauses so far [rad]; inf if unobservable."""
         if not self._pauses:
             return dict.fromkeys(self._robot.joint_names, math.inf)
         _, sigma = _Chains(self._robot, self._pauses).errors(since_last=False)
@@ -249,7 +252,7 @@ class JointCheck:
 
     @property
     def bars(self) -> dict[str, float]:
-        """Least zero error of each joint that is reported at the noise of the pauses so far [rad]; inf if none is."""
+        """Joint name -> least zero error that is reported after the pauses so far [rad]; inf if none is reported."""
         if len(self._pauses) < SHORTEST:
             return dict.fromkeys(self._robot.joint_names, math.inf)
         return {name: bar for name, (*_, bar) in self._zeros(_Chains(self._robot, self._pauses)).items()}
@@ -288,7 +291,7 @@ class JointCheck:
         return JointReport(residual, tuple(faults))
 
     def _begin(self, reading: _Reading) -> tuple[_Placed, ...]:
-        """Place the first pause; empty if its feet are too few or on a line."""
+        """Place the first pause of a window; empty if it has fewer than three feet or they are on a line."""
         try:
             plane = fit_support_plane(reading.soles)
         except StanceError:
@@ -300,7 +303,7 @@ class JointCheck:
     def _offsets(self, chains: _Chains) -> list[JointFault]:
         """Find a joint with a wrong zero.
 
-        Once an error is certain, less observable joints that explain it about as well are named too.
+        If an error exceeds its threshold, less observable joints that explain the readings about as well are named too.
         """
         found, is_told = {}, False
         for name, (left, error, scaled, bar) in self._zeros(chains).items():
@@ -312,9 +315,9 @@ class JointCheck:
         return [] if fault is None else [fault]
 
     def _zeros(self, chains: _Chains) -> dict[str, tuple[float, float, float, float]]:
-        """By joint: chi^2 without its zero error, the error, its sigma scaled to the residual noise, and the threshold.
+        """Joint name -> chi^2 without its zero error, the error, the error's sigma, and the reporting threshold.
 
-        The threshold is the least error that is reported, as in `bars`.
+        The sigma is scaled to the residual. The threshold is the least error that is reported, as in `bars`.
         """
         found = {}
         errors, sigmas = chains.errors(since_last=False)
@@ -326,7 +329,10 @@ class JointCheck:
         return found
 
     def _since_last(self, reading: _Reading) -> tuple[tuple[str, ...], float, JointFault | None]:
-        """Feet that stayed since the last pause, residual of their chains, and the fault of a joint that jumped."""
+        """Feet that stayed since the last pause, residual of their chains, and fault of a joint that jumped, if any.
+
+        If fewer than three feet stayed, none are returned and the residual is NaN.
+        """
         last = self._pauses[-1]
         common = [leg for leg in last.reading.legs if leg in reading.legs]
         tried: list[tuple[tuple[str, ...], _Chains]] = []
@@ -350,12 +356,12 @@ class JointCheck:
         return (), math.nan, self._jumped(tried)
 
     def _scale(self) -> float:
-        """Upper bound (two sigmas) of this walk's noise variance, as a fraction of that stated in robot.toml."""
+        """Upper bound (two sigmas) of this walk's noise variance, as a fraction, at most 1, of that in robot.toml."""
         chi2, degrees = (sum(of) for of in zip(*self._noise, strict=True)) if self._noise else (0.0, 0)
         return min(max(chi2 / degrees * (1.0 + 2.0 * math.sqrt(2.0 / degrees)), LEAST_SCALE), 1.0) if degrees else 1.0
 
     def _jumped(self, tried: Sequence[tuple[tuple[str, ...], _Chains]]) -> JointFault | None:
-        """Find a joint whose jump explains why feet did not stay; `tried` are sets of feet that may have stayed."""
+        """Find a joint whose jump explains why chains do not close; `tried` are sets of feet that may have stayed."""
         tree, scale = self._robot.tree, self._scale()
         found: dict[str, tuple[float, float, float]] = {}
         for legs, chains in tried:
@@ -369,7 +375,7 @@ class JointCheck:
         return _likeliest(found, "jump")
 
     def _may_have_stayed(self, now: _Placed, legs: Sequence[str]) -> bool:
-        """Test that all the feet moved too little to have been lifted."""
+        """Test that each of these feet moved too little to have been lifted."""
         last = self._pauses[-1]
         here = now.reading.soles_of(legs) @ now.rotation.T + now.origin
         before = last.reading.soles_of(legs) @ last.rotation.T + last.origin
@@ -382,7 +388,7 @@ def _is_error(error: float, sigma: float) -> bool:
 
 
 def _likeliest(found: Mapping[str, tuple[float, float, float]], kind: str) -> JointFault | None:
-    """Fault of the joints with the least chi^2, from (chi^2, error, sigma) by joint."""
+    """Fault of the joint with the least chi^2, from (chi^2, error, sigma) by joint; None without joints."""
     if not found:
         return None
     names = sorted(found, key=lambda name: found[name])

@@ -1,9 +1,9 @@
-"""Kinematics of one leg: closed-form for four joints (hip roll, three pitch joints in one plane), else numeric.
+"""Inverse kinematics of one leg: closed-form for hip roll and three pitch joints in one plane, otherwise numeric.
 
-The leg is recognised by its geometry, not by its names: the first axis along x, the others along y, all joints and
-the sole in one plane through the first axis, hip roll and hip pitch axes intersecting. Thigh, shank and foot are
-vectors in that plane and may have any direction. With r the sole relative to the hip and phi the sole's pitch in the
-leg's plane:
+A leg that fits the closed form is recognised by its geometry, not by names: the first axis is along x, the others are
+along y, all joints and the sole are in one plane through the first axis, and the hip roll and hip pitch axes intersect.
+Thigh, shank and foot are vectors in that plane and may have any direction. With r the sole relative to the hip and phi
+the sole's pitch in the leg's plane:
 
     hip roll     q1 = atan2(r_y, -r_z);   in the plane the sole is at (r_x, -sqrt(r_y^2 + r_z^2))
     ankle        a = sole - Ry(phi) foot
@@ -11,11 +11,11 @@ leg's plane:
     thigh        at the angle psi(a) - atan2(l2 sin b, l1 + l2 cos b) from straight down
     ankle pitch  q4 = phi - q2 - q3
 
-psi(v) is the angle about y that turns "straight down" onto v. Everything is vectorised over soles.
+psi(v) is the angle about y that rotates "straight down" onto v. The computation is vectorised over soles.
 
-Where the closed form does not fit, `NumericLeg` runs damped Gauss-Newton on a Pinocchio model of that leg alone. Three
-joints can only place the sole centre; legs of four joints or more also solve for the sole's pitch. Soles are solved one
-at a time, each from the solution of the last: a grid takes seconds, not milliseconds.
+For other legs, `NumericLeg` runs damped Gauss-Newton on a Pinocchio model of that leg alone. Three joints can only
+place the sole centre; legs of four joints or more also solve for the sole's pitch. Soles are solved one at a time, each
+starting from the solution of the previous one, so a grid takes seconds instead of milliseconds.
 """
 
 from __future__ import annotations
@@ -31,27 +31,28 @@ from kinematics.arrays import Float, read_only
 from kinematics.tree import KinematicTree, build_model
 
 ITERATIONS = 40
-# Damping of the normal equations [m^2 / rad^2]: keeps the step finite when the leg is stretched.
+# Damping of the normal equations [m^2 / rad^2], which keeps the step finite when the leg is stretched.
 DAMPING = 1e-6
 # Weight of pitch against position [m / rad]: the height of the ankle of the stock robot guara.
 LENGTH = 0.1
 # Weighted error [m] below which the iteration has converged.
 TOLERANCE = 1e-9
-# Step limit [rad]: keeps the first step from flipping the knee.
+# Step limit [rad], which prevents the first step from flipping the knee.
 LARGEST_STEP = 0.3
-# Tolerance of lengths [m] and axes [-] for recognising a leg: the closed form must match the URDF up to rounding.
+# Tolerance of lengths [m] and axes [-] in recognising a leg: the closed form must match the URDF up to rounding.
 GEOMETRY_TOLERANCE = 1e-9
-# Rounding may take the cosine of a straight knee this far beyond 1.
+# Rounding error by which the cosine of a straight knee may exceed 1.
 ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegGeometry:
-    """Lengths and axis directions of a four-joint leg.
+    """Geometry of a four-joint leg that fits the closed form, with its forward and inverse kinematics.
 
     Attributes:
         hip: (3,) intersection of the first two axes in `base_link` [m].
-        senses: (4,) +1 where an axis points along x, y, y, y of `base_link`, -1 where it is opposite.
+        senses: (4,) +1 for an axis along x, y, y, y of `base_link`, respectively, -1 for an axis in the opposite
+            direction.
         thigh, shank, foot: (2,) vectors (x, z) in the leg's plane at zero angles [m].
         knee_sign: sign of the knee bend b in the standing posture.
         lower, upper: (4,) joint limits [rad].
@@ -67,7 +68,7 @@ class LegGeometry:
     upper: Float
 
     def soles_in_base(self, joint_positions: npt.ArrayLike) -> Float:
-        """Forward kinematics: joint positions (..., 4) [rad] -> sole centres (..., 3) in `base_link` [m]."""
+        """Sole centres (..., 3) in `base_link` [m] at joint positions (..., 4) [rad]."""
         roll, *pitches = np.moveaxis(np.asarray(joint_positions, dtype=np.float64) * self.senses, -1, 0)
         plane = np.zeros((*roll.shape, 2))
         angle = np.zeros_like(roll)
@@ -78,14 +79,14 @@ class LegGeometry:
         return np.stack([plane[..., 0], down * np.sin(roll), -down * np.cos(roll)], axis=-1) + self.hip
 
     def solve(self, soles_in_base: Float, sole_pitch: Float) -> Float:
-        """Inverse kinematics.
+        """Compute the joint positions that place the sole at given points with a given pitch.
 
         Args:
             soles_in_base: (n, 3) sole centres [m].
             sole_pitch: (n,) pitch of the sole in the leg's plane [rad].
 
         Returns:
-            (n, 4) joint positions [rad], not checked against limits; NaN where the sole is too far or too near.
+            (n, 4) joint positions [rad], not checked against limits; NaN for a sole too far from the hip or too near.
         """
         reach = soles_in_base - self.hip
         roll = np.arctan2(reach[:, 1], -reach[:, 2])
@@ -106,7 +107,7 @@ class LegGeometry:
 
 
 def _turned(vector: Float, angle: Float) -> Float:
-    """Vector (x, z) rotated about y by angles (...), as an array (..., 2)."""
+    """Rotate a vector (x, z) about y by angles (...) [rad]; returns an array (..., 2)."""
     sine, cosine = np.sin(angle), np.cos(angle)
     return np.stack([vector[0] * cosine + vector[1] * sine, vector[1] * cosine - vector[0] * sine], axis=-1)
 
@@ -117,10 +118,10 @@ def _angle(vectors: Float) -> Float:
 
 
 def find_leg_geometry(tree: KinematicTree, leg: str) -> LegGeometry | None:
-    """Geometry of a leg for the closed form; None if the form does not fit.
+    """Geometry of a leg for the closed form; None for a leg that does not fit it.
 
     Raises:
-        UnknownName: no such leg.
+        UnknownName: the robot has no such leg.
     """
     config = tree.leg(leg)
     if len(config.joints) != 4:
@@ -198,11 +199,11 @@ class NumericLeg:
         return configuration
 
     def solve(self, soles_in_base: Float, sole_pitch: Float) -> Float:
-        """Joint positions (n, joints) [rad] within limits for sole centres (n, 3) [m] and pitches (n,) [rad].
+        """Find joint positions (n, joints) [rad] within limits for sole centres (n, 3) [m] and pitches (n,) [rad].
 
-        NaN where none was found. Legs of three joints or fewer ignore the pitch.
+        NaN for a sole without a solution. Legs of three joints or fewer ignore the pitch.
         """
-        # Pinocchio's workspace, one for each call: solvers are shared between threads.
+        # Each call has its own workspace of Pinocchio, because solvers are shared between threads.
         data = self._model.createData()
         solutions = np.full((len(soles_in_base), len(self._order)), np.nan)
         last: Float | None = None
@@ -228,7 +229,7 @@ class NumericLeg:
         return None
 
     def _error(self, data: Any, positions: Float, sole: Float, pitch: float) -> tuple[Float, Float]:
-        """Weighted error (3 or 4,) [m] and Jacobian of the pose, with columns in the leg's order."""
+        """Weighted error (3,) or (4,) of the sole's pose [m], and Jacobian of the pose; columns in the leg's order."""
         import pinocchio
 
         configuration = self._configuration(positions)
@@ -236,8 +237,8 @@ class NumericLeg:
             self._model, data, configuration, self._sole, pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )[:, self._order]
         placement = data.oMf[self._sole]
-        # As in `soles_in_base`. The small derivative with respect to the joints is neglected; the next iterations
-        # correct its effect.
+        # Height of a round foot as in `RobotState.soles_in_base`. Its small derivative with respect to the joints is
+        # neglected; the following iterations correct the effect.
         lifted = self._sole_radius * (1.0 - placement.rotation[2, 2])
         error, jacobian = sole - placement.translation + (0.0, 0.0, lifted), full[:3]
         if not self.seeks_pitch:

@@ -1,8 +1,8 @@
 """Loading of a robot from its folder or from a one-line description, with all errors reported at once.
 
 The description is sent with every grid, so that receivers can compute the reach of the robot's legs. It is the
-compressed text of robot.toml, the SRDF and the parts of the URDF that are used. It may come from anywhere: its size is
-limited, its files pass the same checks as those of a folder, and no other file is opened for it.
+compressed text of robot.toml, the SRDF and the parts of the URDF that are used. Its origin is not trusted: its size is
+limited, its texts pass the same checks as the files of a folder, and no other file is opened to load it.
 """
 
 from __future__ import annotations
@@ -35,9 +35,11 @@ from kinematics.tree import KinematicTree
 from kinematics.urdf import SIZES, Joint, Link, Urdf
 from kinematics.urdf_checks import check_urdf
 
-# Stock robots, found by name: beside this package, both in a checkout and in an installed wheel.
+# Folder of the stock robots, which are found by name. It is beside this package in a checkout and in an installed
+# wheel.
 ROBOTS_FOLDER = Path(__file__).resolve().parent.parent / "robots"
-# Largest description, as text [characters] and unpacked [bytes]. The stock robot guara takes 6 kB, 26 kB unpacked.
+# Largest description, as text [characters] and decompressed [bytes]. That of the stock robot guara has 6 kB, 26 kB
+# decompressed.
 LARGEST_TEXT = 1_000_000
 LARGEST_UNPACKED = 8_000_000
 SOURCE = "robot description"
@@ -50,26 +52,32 @@ def load_robot(name_or_path: str | Path) -> RobotModel:
         name_or_path: name of a robot that comes with the package, or path of a robot folder.
 
     Raises:
-        LibraryMissing: Pinocchio is not installed, as with the distribution guara-client alone.
-        RobotNotFound: neither a known name nor a robot folder; the message lists the names.
-        RobotFileError: a file is missing or broken, or contradicts another; `findings` lists every error of the three
+        LibraryMissing: Pinocchio is not installed, for example because only the distribution guara-client is.
+        ArgumentError: `name_or_path` is empty or neither a string nor a path.
+        RobotNotFound: there is neither a robot of this name nor such a robot folder; the message lists the names.
+        RobotFileError: a file is missing or invalid, or contradicts another; `findings` lists the errors of all three
             files, each with file, line and remedy.
 
     Warns:
-        RobotFileWarning: one warning on all unused content of the files, and one for each of `RobotModel.doubts`.
+        RobotFileWarning: one warning lists all unused content of the files, and each of `RobotModel.doubts` has its
+            own.
     """
     _check_pinocchio()
     return _load(_find(name_or_path), {})
 
 
 def _check_pinocchio() -> None:
-    """Check that Pinocchio is installed, before any file is read."""
+    """Check that Pinocchio is installed.
+
+    Raises:
+        LibraryMissing: it is not; the message says how to install it.
+    """
     if find_spec("pinocchio") is None:
         raise LibraryMissing("a robot needs Pinocchio: pip install guara-perception (guara-client does not include it)")
 
 
 def _load(folder: Path, texts: Mapping[str, str]) -> RobotModel:
-    """Load a robot from its folder, or from the texts of its files ("toml", "urdf", "srdf") if given."""
+    """Load a robot from its folder, or from `texts` ("toml", "urdf" and "srdf" -> text) if it is not empty."""
     root = open_robot_toml(folder / "robot.toml", texts.get("toml"))
     toml = Findings(root.path)
     config = read_robot_toml(root, toml)
@@ -103,11 +111,11 @@ def _load(folder: Path, texts: Mapping[str, str]) -> RobotModel:
 
 
 def _read_urdf(path: Path, config: RobotToml, text: str | None) -> tuple[Urdf | None, tuple[str, ...]]:
-    """Checked URDF, or None and its errors."""
+    """Read and check a URDF; return it without errors, or None with its errors."""
     try:
         urdf = read_urdf(path, text)
         if config.name and urdf.name != config.name:
-            return None, (f"{path}: the robot is named {urdf.name!r}, in robot.toml {config.name!r}",)
+            return None, (f"{path}: the robot is named {urdf.name!r}, but {config.name!r} in robot.toml",)
         check_urdf(urdf, config.base_frame or None)
     except RobotFileError as error:
         return None, error.findings
@@ -117,7 +125,7 @@ def _read_urdf(path: Path, config: RobotToml, text: str | None) -> tuple[Urdf | 
 def _check_tree(
     urdf: Urdf, config: RobotToml, postures: Mapping[str, Posture] | None, findings: Findings
 ) -> KinematicTree | None:
-    """Tree of links and joints; its errors become findings."""
+    """Build and check the tree of links and joints; errors are added to `findings`. None if it cannot be built."""
     scan = None if postures is None else postures.get(config.scan_posture)
     try:
         tree = KinematicTree(urdf, config, None if scan is None else scan.joint_positions)
@@ -147,17 +155,17 @@ def _find(name_or_path: str | Path) -> Path:
 
 @lru_cache(maxsize=8)
 def describe_robot(robot: RobotModel) -> str:
-    """Description of a robot, the inverse of `robot_from_description`."""
+    """Encode a robot as a description of one line, from which `robot_from_description` loads it again."""
     files = {"name": robot.name, "toml": robot.toml_text, "urdf": plain_urdf(robot.tree.urdf), "srdf": robot.srdf_text}
     return base64.b64encode(zlib.compress(json.dumps(files).encode("utf-8"), 9)).decode("ascii")
 
 
 def robot_from_description(text: str) -> RobotModel:
-    """Load the robot of a description.
+    """Load a robot from its description.
 
     Raises:
         LibraryMissing: as in `load_robot`.
-        RobotFileError: the text is damaged or too long, or a file in it has errors.
+        RobotFileError: the description is corrupt or too long, or a text in it has errors.
     """
     _check_pinocchio()
     if len(text) > LARGEST_TEXT:
@@ -168,14 +176,14 @@ def robot_from_description(text: str) -> RobotModel:
         files = json.loads(content)
         texts = {key: str(files[key]) for key in ("toml", "urdf", "srdf")}
     except (binascii.Error, zlib.error, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise RobotFileError(f"{SOURCE}: is damaged, or longer than {LARGEST_UNPACKED} bytes: {error}") from error
+        raise RobotFileError(f"{SOURCE}: corrupt, or longer than {LARGEST_UNPACKED} bytes: {error}") from error
     if "<mesh" in texts["urdf"]:
-        raise RobotFileError(f"{SOURCE}: its URDF names mesh files; they are not read")
+        raise RobotFileError(f"{SOURCE}: its URDF refers to mesh files, which are not read")
     return _load(Path(SOURCE), texts)
 
 
 def plain_urdf(urdf: Urdf) -> str:
-    """URDF text with everything that was read from a file, in the same order."""
+    """Write a URDF as text, with everything that was read from the file, in the same order."""
     root = Element("robot", name=urdf.name)
     for link in urdf.links:
         _add_link(root, link)
@@ -217,7 +225,7 @@ def _add_origin(element: Element, transform: Float) -> None:
 
 
 def rpy_from_rotation(rotation: Float) -> Float:
-    """Roll, pitch, yaw (3,) [rad] of a rotation (3, 3), the inverse of `rotation_from_rpy`."""
+    """Roll, pitch, yaw (3,) [rad] of a rotation (3, 3); inverse of `rotation_from_rpy`."""
     import pinocchio
 
     return np.array(pinocchio.rpy.matrixToRpy(rotation))

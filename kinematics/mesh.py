@@ -1,8 +1,7 @@
-"""Collision meshes: location of their files, and bounding shapes.
+"""Collision meshes: search for their files, and bounding shapes.
 
-A mesh is replaced by the smallest box, cylinder or sphere found that contains its convex hull. The shape is never
-smaller than the mesh, so points on the robot are never taken for terrain. Files are read by coal (Assimp), which comes
-with Pinocchio.
+A mesh is replaced by the smallest box, cylinder or sphere, of those tried, that contains the mesh. Points on the robot
+are therefore never taken for terrain. Files are read by coal (Assimp), which comes with Pinocchio.
 """
 
 from __future__ import annotations
@@ -21,18 +20,18 @@ from kinematics.exceptions import RobotFileError
 # Largest mesh file that is read [bytes].
 LARGEST_MESH = 256 * 1024 * 1024
 
-# Number of the hull's largest faces that are tried as a side of the box.
+# Number of faces of the convex hull, the largest ones, that are tried as a side of the box.
 DIRECTIONS = 80
 
 
 def find_mesh(filename: str, urdf: Path) -> Path:
-    """Path of the file that a `<mesh filename>` names.
+    """Find the file named by a `<mesh filename>`.
 
     `package://NAME/rest` is searched in every folder NAME that contains the URDF or is beside a folder that does, then
-    in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH; other names are relative to the URDF's folder.
+    in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH. Other names are relative to the URDF's folder.
 
     Raises:
-        RobotFileError: no such file; the message lists the paths searched.
+        RobotFileError: the file was not found; the message lists the first paths searched.
     """
     paths = list(_paths(filename, urdf.resolve()))
     for path in paths:
@@ -60,7 +59,7 @@ def _paths(filename: str, urdf: Path) -> Iterator[Path]:
 
 
 def _folders(variable: str) -> list[Path]:
-    """Folders that an environment variable lists."""
+    """Folders listed in an environment variable."""
     return [Path(entry) for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
 
 
@@ -68,7 +67,8 @@ def read_mesh(path: Path, scale: tuple[float, ...]) -> Float:
     """Vertices (n, 3) of a mesh file (STL, OBJ, Collada or another format that Assimp reads), scaled [m].
 
     Raises:
-        RobotFileError: the file is too large or cannot be read, or holds fewer than four points.
+        RobotFileError: the file is too large or cannot be read, has fewer than four points, or has a point that is not
+            finite.
     """
     import coal
 
@@ -87,7 +87,7 @@ def read_mesh(path: Path, scale: tuple[float, ...]) -> Float:
 
 @lru_cache(maxsize=256)
 def mesh_shape(path: Path, scale: tuple[float, ...], stamp: int) -> tuple[str, tuple[float, ...], Float]:
-    """`bounding_shape` of a mesh file, cached by modification time `stamp` [ns]: legs share meshes."""
+    """`bounding_shape` of a mesh file; cached by modification time `stamp` [ns], because legs share meshes."""
     return bounding_shape(read_mesh(path, scale))
 
 
@@ -95,7 +95,7 @@ def bounding_shape(vertices: Float) -> tuple[str, tuple[float, ...], Float]:
     """Smallest box, cylinder or sphere, of those tried, that contains points (n, 3).
 
     Returns:
-        kind ("box", "cylinder" or "sphere"), its size as in `Shape`, and transform_shape_to_points (4, 4).
+        Kind of the shape ("box", "cylinder" or "sphere"), size as in `Shape`, and transform_shape_to_points (4, 4).
 
     Raises:
         RobotFileError: the points lie in one plane.
@@ -134,7 +134,7 @@ def bounding_shape(vertices: Float) -> tuple[str, tuple[float, ...], Float]:
 
 
 def _rotations(points: Float, hull: Any) -> Iterator[Float]:
-    """Candidate frames (3, 3) of the box: the file's own, the principal axes, one for each of the largest faces."""
+    """Yield candidate axes (3, 3) of box and cylinder: the file's own, the principal axes, one for each large face."""
     yield np.eye(3)
     axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2].T
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])

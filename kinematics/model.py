@@ -21,24 +21,25 @@ from kinematics.tree import KinematicTree, RobotState
 
 
 class RobotModel:
-    """Loaded and checked robot folder; made by `load_robot`. Do not modify it.
+    """Robot loaded from a checked robot folder by `load_robot`. Do not modify it.
 
     Attributes:
-        folder: the folder it was read from.
+        folder: the robot folder.
         toml_text, srdf_text: texts of robot.toml and of the SRDF, for `describe_robot`.
-        name: the robot's name.
-        tree: its kinematic tree (names, limits, Pinocchio's model).
+        name: name of the robot.
+        tree: kinematic tree (names, limits, Pinocchio's model).
         legs: names of the legs, in robot.toml's order.
         joint_names: names of all joints: leg by leg from hip to sole, then any others.
         sole: length (x) and width (y) of the sole [m].
-        noise: standard deviations of a stance (table [stance]).
+        noise: standard deviations of the errors of a stance (table [stance]).
         odometry_limits: limits of leg odometry: slip, swing and turn between two pauses (table [odometry]).
         pause_limits: limits of a stance pause (table [pause]).
-        self_filter_settings: margin around the robot's own shapes (table [self_filter]).
+        self_filter_settings: margin around the robot's own shapes, and ignored links (table [self_filter]).
         notes: content of the files that is not used or could not be checked.
         doubts: content that is accepted but should be corrected, such as a scan pattern that misses part of the area.
-        transform_camera_to_base: (4, 4), nominal, from the URDF.
-        transform_laser_to_base: (4, 4), nominal; its origin lies on the mirror axis, which is parallel to y.
+        transform_camera_to_base: (4, 4) nominal pose of the camera, from the URDF.
+        transform_laser_to_base: (4, 4) nominal pose of the laser, from the URDF; its origin is on the mirror axis,
+            which is parallel to y.
     """
 
     def __init__(
@@ -50,7 +51,7 @@ class RobotModel:
         texts: tuple[str, str],
         notes: tuple[str, ...] = (),
     ) -> None:
-        """Assemble the content that `load_robot` read and checked; `texts`: texts of robot.toml and of the SRDF."""
+        """Assemble the content read and checked by `load_robot`; `texts` are those of robot.toml and of the SRDF."""
         self.notes = notes
         self.folder = folder
         self.toml_text, self.srdf_text = texts
@@ -95,10 +96,10 @@ class RobotModel:
         return dict(named("posture", name, self._postures).joint_positions)
 
     def optical_centre(self, transform_camera_to_base: npt.ArrayLike | None = None) -> Float:
-        """Optical centre (3,) in `base_link` [m] for a calibrated placement (4, 4) of the camera; default the URDF's.
+        """Optical centre (3,) in `base_link` [m] for a calibrated pose (4, 4) of the camera; None = pose in the URDF.
 
         Raises:
-            ArgumentError: not a transform.
+            ArgumentError: the matrix is not a transform.
         """
         if transform_camera_to_base is None:
             return self.transform_camera_to_base[:3, 3]
@@ -107,11 +108,12 @@ class RobotModel:
     def state(self, joint_positions: Mapping[str, float] | npt.ArrayLike) -> RobotState:
         """State of the robot at joint positions, given by name or as (n,) in the order of `joint_names` [rad].
 
-        Positions beyond the joint limits are accepted, with one `JointLimitWarning`.
+        Positions beyond the joint limits are accepted with one `JointLimitWarning`.
 
         Raises:
             UnknownName: a joint that the robot does not have.
-            JointPositionError: a joint is missing, a value is not finite, or an array has the wrong length.
+            JointPositionError: a joint is missing, a value is not finite or obviously not in radians, or an array has
+                the wrong length.
         """
         return RobotState(self.tree, joint_positions)
 

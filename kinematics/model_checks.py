@@ -16,16 +16,19 @@ from kinematics.urdf import Joint, Shape, Urdf
 # Tolerance of heights [m], which robot.toml states to the millimetre.
 HEIGHT_TOLERANCE = 0.0005
 
-# Tolerance between left and right legs [m]; a larger difference is a mistake in the file.
+# Tolerance of differences between left and right legs [m]; a larger difference is a mistake in the file.
 PAIR_TOLERANCE = 0.0005
 
-# Largest difference in height between a sole frame and the lowest point of its foot [m]; every foothold is off by this
-# difference. A frame aligned with a tilted shank is 4 mm off on a round foot of 20 mm.
+# Largest difference in height between a sole frame and the lowest point of its foot [m]. Every foothold is wrong by
+# this difference. On a round foot of 20 mm, a frame aligned with a tilted shank is wrong by 4 mm.
 SOLE_TOLERANCE = 0.005
 
 
 def check_names(config: RobotToml, urdf: Urdf, findings: Findings) -> None:
-    """Check that the URDF has every link and joint named in robot.toml; "" (a name that was not read) is skipped."""
+    """Check that the URDF has every link and joint named in robot.toml.
+
+    An empty link name stands for an invalid entry, which has been reported before, and is skipped.
+    """
     links = [link.name for link in urdf.links]
     moving = [joint.name for joint in urdf.joints if joint.kind != "fixed"]
     frames = {
@@ -54,7 +57,10 @@ def check_names(config: RobotToml, urdf: Urdf, findings: Findings) -> None:
 
 
 def check_legs(tree: KinematicTree, findings: Findings) -> None:
-    """Check chains, soles and left-right pairs; a sole that cannot be checked becomes a note."""
+    """Check chains, soles and left-right pairs of the legs; soles and pairs only if all chains are correct.
+
+    A sole whose foot has no collision shape cannot be checked and is noted as unused.
+    """
     before = len(findings.texts)
     for leg in tree.legs.values():
         _check_chain(tree, leg, findings)
@@ -66,7 +72,7 @@ def check_legs(tree: KinematicTree, findings: Findings) -> None:
 
 
 def check_postures(tree: KinematicTree, postures: Mapping[str, Posture], findings: Findings) -> None:
-    """Check every posture of robot.toml against the URDF and the SRDF: limits, soles on one plane, stated heights."""
+    """Check every posture of robot.toml against the URDF and the SRDF: limits, soles in one plane, stated heights."""
     for config in tree.config.postures:
         if config.name in postures:
             _check_posture(tree, config, postures[config.name], findings)
@@ -95,9 +101,9 @@ def _check_chain(tree: KinematicTree, leg: LegConfig, findings: Findings) -> Non
 
 
 def frames_fixed_to(urdf: Urdf, link: str, transform: Float | None = None) -> Iterator[tuple[str, Float]]:
-    """Iterate over a link and all links fixed below it, each with its transform (4, 4) to the link.
+    """Iterate over a link and all links fixed below it, each with its transform (4, 4) to that link.
 
-    If the link's own `transform` to another frame is given, the transforms lead to that frame.
+    With `transform`, the transform (4, 4) of the link to another frame, all transforms lead to that frame instead.
     """
     open_links = [(link, np.eye(4) if transform is None else transform)]
     while open_links:
@@ -109,7 +115,7 @@ def frames_fixed_to(urdf: Urdf, link: str, transform: Float | None = None) -> It
 
 def foot_shapes(tree: KinematicTree, leg: LegConfig) -> list[tuple[Shape, Float]]:
     """Collision shapes rigidly connected to a sole, each with transform_shape_to_sole (4, 4)."""
-    # Up to the link carried by the last moving joint, then down to everything fixed to it.
+    # Go up to the link carried by the last moving joint, then down to everything fixed to that link.
     to_sole, link = np.eye(4), leg.sole
     for joint in reversed(tree.urdf.path_to(leg.sole)):
         if joint.kind != "fixed":
@@ -151,7 +157,7 @@ def _check_sole_size(tree: KinematicTree, leg: LegConfig, findings: Findings) ->
 
 
 def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
-    """Check that every leg has a mirror image: hips mirrored, and equal lengths from joint to joint.
+    """Check that every leg has one mirror image: mirrored hip, equal lengths from joint to joint, and mirrored limits.
 
     Names, axes and masses may differ between the sides.
     """
@@ -180,11 +186,11 @@ def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
 
 
 def _check_limits(tree: KinematicTree, leg: LegConfig, twin: LegConfig, findings: Findings) -> None:
-    """Check that joints whose axes are mirror images at zero positions have mirrored limits."""
+    """Check that joints of the same kind whose axes are parallel after mirroring, at zero, have mirrored limits."""
     joints = {joint.name: joint for joint in tree.urdf.joints}
     for joint, twin_joint in zip(leg.joints, twin.joints, strict=True):
         a, b = joints[joint], joints[twin_joint]
-        # Mirroring keeps rotations about the mirror's normal and reverses the others; a sliding axis is mirrored.
+        # Mirroring in y = 0 keeps rotations about y and reverses rotations about x and z; a sliding axis is mirrored.
         image = _axis(tree, a) * ((1.0, -1.0, 1.0) if a.kind == "prismatic" else (-1.0, 1.0, -1.0))
         sense = float(image @ _axis(tree, b))
         limits = (a.lower, a.upper) if sense > 0.0 else (-a.upper, -a.lower)
@@ -198,7 +204,7 @@ def _check_limits(tree: KinematicTree, leg: LegConfig, twin: LegConfig, findings
 
 
 def _axis(tree: KinematicTree, joint: Joint) -> Float:
-    """Axis (3,) of a joint in `base_link`, all joints at zero."""
+    """Axis (3,) of a joint in `base_link`, with all joints at zero."""
     return np.asarray(tree.urdf.transform_at_zero(joint.child)[:3, :3] @ joint.axis)
 
 
@@ -247,7 +253,7 @@ def _check_posture(tree: KinematicTree, config: PostureConfig, posture: Posture,
 
 
 def sole_above_foot(tree: KinematicTree, leg: LegConfig, state: RobotState) -> float | None:
-    """Height of a sole frame above the lowest point of its foot's shapes, along base z [m]; None without shapes."""
+    """Height of a sole frame above the lowest point of the foot's shapes, along base z [m]; None without shapes."""
     sole = state.transform_to_base(leg.sole)
     down = np.array([0.0, 0.0, -1.0])
     depths = [

@@ -31,8 +31,8 @@ class PoseInOdom:
     """Pose of the footprint of one pause in `odom`, from any odometry; `LegOdometry` gives an `OdometryPose`.
 
     Attributes:
-        transform_footprint_to_odom: (4, 4) for the base_footprint of the pause's scan.
-        covariance: (6, 6) covariance relative to the start, REP-103 order; must not shrink during a walk.
+        transform_footprint_to_odom: (4, 4) pose of the base_footprint of the pause's scan.
+        covariance: (6, 6) covariance relative to the start, REP-103 order; must not decrease during a walk.
         covariance_since_last: (6, 6) covariance of the motion since the last pause; None if unknown.
         own_covariance: (6, 6) covariance of the error of this pause alone, which later pauses do not inherit; None =
             no such error.
@@ -52,21 +52,22 @@ class OdometryPose(PoseInOdom):
         step: number of the pause since the start, from 0.
         pose: the stance pose of the pause (attitude source `odometry` if gravity was carried from the last pause).
         transform_footprint_to_odom: (4, 4), a rotation about z and a translation.
-        covariance: (6, 6) covariance relative to the first pause, REP-103 order; roll and pitch are exact by definition
-            (both frames are gravity-aligned; the error of that alignment is in `pose.covariance`).
+        covariance: (6, 6) covariance relative to the first pause, REP-103 order. Roll and pitch are exact by
+            definition, because both frames are gravity-aligned; `pose.covariance` contains the error of this alignment.
         covariance_since_last: (6, 6) covariance of the motion since the last pause, expressed in the last footprint,
-            REP-103 order; zeros at the first pause. The two poses share errors, so it cannot be computed from their
-            covariances.
-        own_covariance: (6, 6) covariance of the error of this footprint alone, along the axes of `odom`, REP-103 order:
-            the noise of readings and vertical that no other pause shares; zeros at the first pause. The rest of the
-            error is drift, which later pauses inherit.
-        gravity: gravity estimate that is propagated to the next pause.
+            REP-103 order; zeros at the first pause. The two poses share errors, so this covariance cannot be computed
+            from theirs.
+        own_covariance: (6, 6) covariance of the part of this footprint's error that no other pause shares (noise of the
+            readings and the vertical), along the axes of `odom`, REP-103 order; zeros at the first pause. The rest of
+            the error is drift, which later pauses inherit.
+        gravity: gravity estimate from which the next pause continues.
         stayed_feet: feet that carried the body at both pauses and stayed.
         swung_feet: feet that carried the body at both pauses and were set down elsewhere.
         slipped_feet: feet that carried the body at both pauses and moved by less than a swing.
         residual: rms horizontal distance of the feet that stayed from their footholds [m].
-        foot_slips: leg -> distance that each standing foot moved since the last pause [m]. Leg odometry cannot observe
-            a slide common to all feet; it is included only after the map measured it in images.
+        foot_slips: leg -> distance by which a foot moved since the last pause, for all common feet except
+            `swung_feet` [m]. Leg odometry cannot observe a slide common to all feet; such a slide is included only
+            after the map has measured it in images.
     """
 
     step: int
@@ -88,12 +89,12 @@ class OdometryPose(PoseInOdom):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdometryState:
-    """State of a leg odometry after a pause, from which another one can continue; arrays are read-only.
+    """State of leg odometry after a pause, from which another `LegOdometry` can continue; arrays are read-only.
 
     Attributes:
         step: number of the pause since the start, from 0.
-        transform_footprint_to_odom: (4, 4) of the pause.
-        footholds: positions of the standing feet.
+        transform_footprint_to_odom: (4, 4) pose of the pause's footprint.
+        footholds: positions of the standing feet, with covariances.
         first_tilt: (6, 6) covariance of the first footprint's position caused by the error of its vertical.
     """
 
@@ -108,7 +109,8 @@ class LegOdometry:
 
     Args:
         robot: the model.
-        transform_camera_to_base: (4, 4) calibrated camera placement for the stance poses; default the URDF's.
+        transform_camera_to_base: (4, 4) calibrated pose of the camera, for the stance poses; None = the pose in the
+            URDF.
     """
 
     def __init__(self, robot: RobotModel, *, transform_camera_to_base: npt.ArrayLike | None = None) -> None:
@@ -132,17 +134,19 @@ class LegOdometry:
         return OdometryState(self._last.step, self._last.transform_footprint_to_odom, self._footholds, self._first_tilt)
 
     def restore(self, state: OdometryState, stance: Stance) -> None:
-        """Continue from a state, given the stance of its pause; exact if that stance includes gravity.
+        """Continue from a state, given the stance of its pause.
+
+        The pose of the body is restored exactly if the stance includes gravity. `last.covariance` is zero after this.
 
         Raises:
-            KinematicsError: as `RobotModel.stance_pose`.
+            KinematicsError: as in `RobotModel.stance_pose`.
         """
         pose = self._pose(self._robot.state(stance.joint_positions), stance, None)
         self._last = _exact(state.step, pose, state.transform_footprint_to_odom)
         self._footholds, self._first_tilt = state.footholds, state.first_tilt
 
     def reset(self) -> None:
-        """Start over: the next pause is the first one and defines `odom` anew."""
+        """Start a new walk: the next pause is its first one and defines a new `odom`."""
         self._last, self._footholds = None, None
 
     def update(self, stance: Stance, standing: Sequence[str] | None = None) -> OdometryPose:
@@ -150,13 +154,14 @@ class LegOdometry:
 
         Args:
             stance: stance of the pause.
-            standing: feet that may have stayed since the last pause; None = all. After missed pauses, the joints alone
-                cannot distinguish feet that stood from two that swung alike and so kept their distance.
+            standing: feet that may have stayed since the last pause; None = all. Needed after missed pauses, because
+                the joints alone cannot distinguish feet that stood from two feet that swung alike and kept their
+                distance.
 
         Raises:
-            OdometryLost: fewer than two feet stayed since the last pause; the odometry is unchanged, `reset` restarts
-                it.
-            KinematicsError: as `RobotModel.stance_pose`.
+            OdometryLost: fewer than two feet stayed since the last pause. The odometry is unchanged; call `reset` to
+                start a new walk.
+            KinematicsError: as in `RobotModel.stance_pose`.
         """
         if self._last is None or self._footholds is None:
             self._last, self._footholds = self._first(stance)
@@ -195,7 +200,7 @@ class LegOdometry:
             tuple(stayed), _named_feet(pose), *sole_readings(pose, _named_feet(pose), self._robot.noise)
         )
         transform = fit.transform_footprint_to_odom
-        # The tilt error of a pause shifts its own footprint only, so it is reported there and not propagated.
+        # The tilt error of a pause shifts only that pause's footprint, so it is added here and not propagated.
         rotation = transform[:3, :3]
         covariance = self._first_tilt.copy()
         covariance[np.ix_(PLANAR, PLANAR)] += fit.covariance
@@ -219,10 +224,13 @@ class LegOdometry:
         return new, footholds
 
     def carried_gravity(self, stance: Stance) -> GravityEstimate | None:
-        """Gravity carried from the last pause to a new one, for the scan there; the odometry is unchanged.
+        """Direction of gravity at a new pause, carried over from the last one; the odometry is unchanged.
 
-        None at the first pause, if fewer than three feet stayed, or if the stance has gravity from an IMU, which is the
-        better source.
+        None at the first pause, if fewer than three feet stayed, or if the stance has gravity from an IMU, which is
+        more accurate.
+
+        Raises:
+            UnknownName, JointPositionError: the stance does not fit this robot.
         """
         if self._last is None:
             return None
@@ -246,14 +254,15 @@ class LegOdometry:
     def _feet(
         self, state: RobotState, stance: Stance, last: OdometryPose, standing: Sequence[str] | None = None
     ) -> tuple[list[str], list[str]]:
-        """Feet that carried the body at both pauses, and those of them that stayed."""
-        # A foot that seemed unloaded counts too: it may stand on a block, and if not, its distances change.
+        """Feet that carried the body at both pauses, and those among them that stayed."""
+        # A foot that was found unloaded is included: it may stand on a block, and if it hangs free, its distances to
+        # the other feet change.
         may_stand = stance.support_feet if standing is None else set(standing).intersection(stance.support_feet)
         common = [leg for leg in _named_feet(last.pose) if leg in may_stand]
         return common, self._stayed(state, last.pose.state, common)
 
     def _stayed(self, now: RobotState, before: RobotState, common: list[str]) -> list[str]:
-        # In base_link: distances do not depend on the vertical.
+        # Soles in base_link suffice, because the distances between them do not depend on the vertical.
         rows = find_stayed_feet(
             now.soles_in_base(common),
             sole_covariances(now, common, self._robot.noise),
@@ -265,7 +274,7 @@ class LegOdometry:
         return [common[row] for row in rows]
 
     def _moved(self, pose: StancePose, last: OdometryPose, transform: Float, legs: list[str]) -> dict[str, float]:
-        """Distance by which the sole of each of the legs moved in `odom` [m]."""
+        """Leg -> distance by which its sole moved in `odom` [m]."""
         here = transform @ pose.transform_base_to_footprint
         now = transform_points(here, pose.state.soles_in_base(legs))
         before = transform_points(last.transform_base_to_odom, last.pose.state.soles_in_base(legs))
@@ -273,7 +282,7 @@ class LegOdometry:
 
 
 def _exact(step: int, pose: StancePose, transform: Float) -> OdometryPose:
-    """Pose of a pause from which odometry starts: its footprint is known exactly."""
+    """Pose of a pause from which odometry starts or continues, with an exact footprint."""
     return OdometryPose(
         step=step,
         pose=pose,
@@ -291,10 +300,10 @@ def _named_feet(pose: StancePose) -> tuple[str, ...]:
 
 
 def _since_last(last: OdometryPose, pose: StancePose, fit: Fit) -> Float:
-    """Covariance (6, 6) of the motion from the last footprint to the new one, in the last one's frame.
+    """Covariance (6, 6) of the motion from the last footprint to the new one, in the frame of the last footprint.
 
     With headings a, positions t and R the rotation of the last footprint, the motion is (R' (t_new - t_last), a_new -
-    a_last). Its errors follow from those of both footprints by the chain rule; errors that they share cancel.
+    a_last). Its covariance follows from the errors of both footprints by the chain rule; their shared errors cancel.
     """
     before, after = last.transform_footprint_to_odom, fit.transform_footprint_to_odom
     rotation = before[:3, :3]
@@ -313,7 +322,7 @@ def _since_last(last: OdometryPose, pose: StancePose, fit: Fit) -> Float:
 
 
 def _own(pose: StancePose, transform: Float, footholds: Footholds) -> Float:
-    """Covariance (6, 6) of the error of this footprint alone: its own readings and its vertical."""
+    """Covariance (6, 6) of the part of a footprint's error that comes from the readings and vertical of its pause."""
     rotation = transform[:3, :3]
     result = np.zeros((6, 6))
     result[np.ix_(PLANAR, PLANAR)] = footholds.own_of_footprint

@@ -1,10 +1,10 @@
-"""Reader of URDF files: checks every element that is used, and skips all others.
+"""Reader of URDF files that checks every element it uses and skips all others.
 
-All errors are reported at once, each with its line. Visuals and vendors' tags are not used. Masses are needed only for
-the centre of mass, so a link without one is taken as massless.
+All errors are reported at once, each with its line. Visuals and vendor-specific elements are not used. Masses are
+needed only for the centre of mass, so a link without a mass is assumed to be massless.
 
-Other URDF readers skip unknown names and use the default, so a misspelt <origin> misplaces a link without a warning.
-Here an unknown name similar to a known one is an error, any other a note.
+Other URDF readers skip unknown names and use default values, so a misspelt <origin> misplaces a link without a warning.
+Here an unknown name that is similar to a known one is an error; any other unknown name is noted.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from kinematics.untrusted import Element, finite_numbers, parse_xml, read_xml
 from kinematics.urdf import SIZES, Joint, Link, Shape, Urdf, rotation_from_rpy
 
 Numbers = tuple[float, ...]
-# Tolerance of the triangle inequality of inertias, relative to the largest, for values rounded to seven digits.
+# Tolerance of the triangle inequality of moments of inertia, relative to the largest, for values of seven digits.
 TRIANGLE_TOLERANCE = 1e-6
 READ = {
     "robot": ("link", "joint"),
@@ -47,7 +47,7 @@ ATTRIBUTES = {
     "mesh": ("filename", "scale"),
     **{shape: tuple(sizes) for shape, sizes in SIZES.items()},
 }
-# Elements of the URDF specification and of simulators that are skipped without a note; others are noted.
+# Elements of the URDF specification and of simulators that are skipped without a note. Other unused ones are noted.
 COMMON = {
     "robot": {"material", "mujoco", "gazebo", "transmission", "drake", "sensor"},
     "link": {"visual"},
@@ -66,8 +66,8 @@ def read_urdf(path: Path, text: str | None = None) -> Urdf:
         text: text of the file; None = read it.
 
     Raises:
-        RobotFileError: the file is missing or not XML, or elements or values that are used are wrong; the message names
-            each with its line and what is allowed.
+        RobotFileError: the file is missing or is not XML, or elements or values that are used are wrong; the message
+            lists each of them with its line and what is allowed.
     """
     root, text = read_xml(path) if text is None else (parse_xml(text, path), text)
     if root.tag != "robot":
@@ -81,7 +81,7 @@ def read_urdf(path: Path, text: str | None = None) -> Urdf:
 
 
 class _Reader:
-    """Reader of the elements of one file; a wrong value becomes a finding and is replaced by a harmless one."""
+    """Reader of the elements of one file; a wrong value is recorded as a finding and replaced by a valid one."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -129,7 +129,7 @@ class _Reader:
         return transform
 
     def _named(self, element: Element) -> tuple[str, str]:
-        """Name of a link or joint, and its designation in messages; its attributes and elements are checked too."""
+        """Check the words of a link or joint; return its name and its designation in messages."""
         name = element.get("name", "")
         if not name:
             self.findings.wrong(f"a <{element.tag}> has no name", element.line)
@@ -152,7 +152,10 @@ class _Reader:
         return Link(name, mass, centre, inertia, shapes, element.line)
 
     def _inertia(self, inertial: Element, transform: Float, mass: float) -> Float:
-        """Inertia (3, 3) about the centre of mass; zero if missing, or (with a note) if physically impossible."""
+        """Inertia (3, 3) about the centre of mass, along the link's axes; zero if missing or physically impossible.
+
+        An impossible inertia of a link with a mass is noted.
+        """
         inertia = inertial.find("inertia")
         if inertia is None:
             return np.zeros((3, 3))
@@ -190,7 +193,7 @@ class _Reader:
             self.findings.wrong(f"{where}: size of <{shape.tag}> is {size}; every length must be positive", shape.line)
             return None
         if shape.tag == "capsule":
-            # A cylinder extended by both round ends contains the capsule.
+            # The cylinder extended by both round ends encloses the capsule.
             return Shape("cylinder", (size[0], size[1] + 2.0 * size[0]), transform)
         return Shape(shape.tag, size, transform)
 
@@ -236,7 +239,7 @@ def check_words(element: Element, where: str, findings: Findings) -> None:
 
     Args:
         element: an element that is read.
-        where: what it belongs to, for messages.
+        where: link, joint or robot that the element belongs to, for messages.
         findings: receives names that look misspelt as errors, and other unknown names as notes.
     """
     known = ATTRIBUTES.get(element.tag)

@@ -15,13 +15,13 @@ from kinematics.untrusted import LARGEST_FILE, key_lines, parse_toml
 
 @dataclass(frozen=True, slots=True)
 class LegConfig:
-    """One leg.
+    """Configuration of one leg (table [legs.<name>]).
 
     Attributes:
-        name: the leg's name.
-        hip: name of its hip link.
-        sole: name of its sole frame.
-        joints: names of its joints, from hip to sole.
+        name: name of the leg.
+        hip: name of the hip link.
+        sole: name of the sole frame.
+        joints: names of the joints, from hip to sole.
     """
 
     name: str
@@ -32,12 +32,12 @@ class LegConfig:
 
 @dataclass(frozen=True, slots=True)
 class PostureConfig:
-    """One posture.
+    """Stated heights of one posture (table [postures.<name>]).
 
     Attributes:
-        name: the posture's name.
-        hip_height: height of the hips over the plane of the soles [m].
-        camera_height: height of the camera's optical centre over that plane [m].
+        name: name of the posture.
+        hip_height: height of the hips above the plane of the soles [m].
+        camera_height: height of the camera's optical centre above that plane [m].
     """
 
     name: str
@@ -50,17 +50,18 @@ class RobotToml:
     """Kinematic content of robot.toml; tables that other packages read are in `root`, unchecked.
 
     Attributes:
-        path: the file's path.
-        name: the robot's name.
+        path: path of the file.
+        name: name of the robot.
         sole: length and width of a sole [m].
-        sole_radius: radius of the ball of a round foot, which touches the sole frame from above [m]; 0 for flat soles.
+        sole_radius: radius of the ball of a round foot [m], whose lowest point is the origin of the sole frame; 0 for
+            flat soles.
         scan_posture: name of the posture in which the robot scans.
-        base_frame, camera_frame, laser_frame: names of links of the URDF.
-        imu_frame: name of the IMU's link, None without one.
+        base_frame, camera_frame, laser_frame: names of the links of body, camera and laser in the URDF.
+        imu_frame: name of the IMU's link; None without an IMU.
         legs: the legs, in the order of the file.
         postures: the postures, in the order of the file.
         root: the whole file.
-        assumed: table [assumed]: name of a value that has not been measured -> how to measure it.
+        assumed: table [assumed]: name of a value that has not been measured -> instruction for measuring it.
     """
 
     path: Path
@@ -106,8 +107,8 @@ def read_robot_toml(root: Table, findings: Findings) -> RobotToml:
 
     Args:
         root: the whole file.
-        findings: receives the errors; a wrong value is replaced by a harmless one so that reading can continue. Use the
-            result only if no error was added.
+        findings: receives the errors; a wrong value is replaced by an allowed one, so that reading can continue. Use
+            the result only if no error was added.
     """
     table = root.gathering(findings)
     frames, legs, postures = table.table("frames"), table.table("legs"), table.table("postures")

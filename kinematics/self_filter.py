@@ -1,7 +1,7 @@
-"""Self-filter: points on the robot itself, and points that it hides from the camera or the laser.
+"""Self-filter: finds points on the robot itself, and points that the robot hides from the camera or the laser.
 
-The robot is represented by the collision shapes of its URDF, each grown by a margin and placed by forward kinematics.
-Points on them are not terrain; points in their shadow are hidden by the robot, not by the ground.
+The robot is represented by the collision shapes of its URDF, each enlarged by a margin and placed by forward
+kinematics. Points on these shapes are not terrain; points in their shadow are occluded by the robot, not by terrain.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from kinematics.transforms import checked_points
 from kinematics.tree import RobotState
 from kinematics.urdf import Shape
 
-# Margin of the coarse tests [m^2]: rounding error of squared lengths that are differences of larger squares.
+# Margin of the coarse tests [m^2] for the rounding error of squared lengths computed as differences of larger squares.
 ROUNDING = 1e-12
-# Replaces a zero component of a ray: its interval in that slab is then infinite or empty.
+# Replaces a zero component of a ray's direction, so that the ray's interval in that slab becomes infinite or empty.
 NO_DIRECTION = 1e-300
 
 
 class SelfFilter:
-    """Shapes of the robot in one state; made once per pause and queried for many points.
+    """Shapes of the robot in one state, created once per pause and queried for many points.
 
     Args:
         state: the robot's state.
-        margin: added to every shape on all sides [m]; default robot.toml's `[self_filter] margin`.
-        ignore: links to leave out; default robot.toml's `[self_filter] ignore`.
-        transform_base_to_frame: (4, 4) to another frame in which all points and origins are then given, instead of
-            `base_link`.
+        margin: added to every shape on all sides [m]; None = `[self_filter] margin` of robot.toml.
+        ignore: links to leave out; None = `[self_filter] ignore` of robot.toml.
+        transform_base_to_frame: (4, 4) transform to another frame, in which all points and origins are then given
+            instead of `base_link`.
 
     Raises:
-        UnknownName: an ignored link that the robot does not have.
-        ArgumentError: a negative margin.
+        UnknownName: `ignore` names a link that the robot does not have.
+        ArgumentError: the margin is negative or not finite.
     """
 
     def __init__(
@@ -74,10 +74,10 @@ class SelfFilter:
         """Mask of the points that lie on the robot.
 
         Args:
-            points_in_base: (n, 3) in `base_link` [m]; a row with NaN does not lie on the robot.
+            points_in_base: (n, 3) in `base_link` [m]; a point with NaN does not lie on the robot.
 
         Returns:
-            (n,) true where a point lies inside a grown shape.
+            (n,) True for a point inside an enlarged shape.
 
         Raises:
             ArgumentError: wrong shape.
@@ -86,7 +86,7 @@ class SelfFilter:
         inside = np.zeros(len(points), dtype=np.bool_)
         if not len(points):
             return inside
-        # Most points of a scan are ahead of the robot: few shapes, if any, overlap their bounding box.
+        # Most points of a scan are ahead of the robot, so few shapes, if any, overlap the bounding box of the points.
         columns = np.ascontiguousarray(points.T)
         low, high = _box(columns)
         shapes = np.flatnonzero(np.all((self._lowest <= high) & (self._highest >= low), axis=1))
@@ -98,7 +98,7 @@ class SelfFilter:
             is_within &= (values >= least) & (values <= most)
         rows = np.flatnonzero(is_within)
         close = points[rows]
-        # All bounding spheres at once, (n, shapes): few points are within any.
+        # Test all bounding spheres at once, (n, shapes): few points are inside any of them.
         square = np.einsum("ni,ni->n", close, close)
         is_near = square[:, None] - close @ self._twice_centres[:, shapes] <= self._powers[shapes]
         for index in np.flatnonzero(is_near.any(axis=0)).tolist():
@@ -107,17 +107,18 @@ class SelfFilter:
         return inside
 
     def blocks(self, origins_in_base: npt.ArrayLike, points_in_base: npt.ArrayLike) -> Mask:
-        """Mask of the points whose segment from camera or laser meets the robot.
+        """Mask of the points whose line segment from the camera or laser meets the robot.
 
         Args:
-            origins_in_base: (3,) one origin for all, or (n, 3) one for each point, in `base_link` [m].
-            points_in_base: (n, 3) in `base_link` [m]; a row with NaN is not blocked.
+            origins_in_base: origin of all segments (3,), or of each segment (n, 3), in `base_link` [m].
+            points_in_base: (n, 3) in `base_link` [m]; a point with NaN is not blocked.
 
         Returns:
-            (n,) true where a grown shape lies on the segment, its end included.
+            (n,) True if an enlarged shape lies on the segment, including its end.
 
         Raises:
-            ArgumentError: wrong shape, or an origin inside a grown shape (name that shape's link in `ignore`).
+            ArgumentError: wrong shape of an array, or an origin inside an enlarged shape (if that link carries the
+                camera or laser, name it in `ignore`).
         """
         points = checked_points(points_in_base, "points_in_base", "(n, 3)")
         origins = np.asarray(origins_in_base, dtype=np.float64)
@@ -157,12 +158,12 @@ class SelfFilter:
 
 
 def _may_meet(along: Float, apart: Float, lengths: Float, reach: float) -> Mask:
-    """Mask (n,) of the segments that may come within `reach` of a centre; includes all that do.
+    """Conservative mask (n,) of the segments that may come within `reach` of a centre; includes all that do.
 
     With c the vector from a segment's origin to the centre and w the segment, the arguments are w . c,
     |c|^2 - reach^2 and |w|, each (n or 1,).
     """
-    # Distance of the centre from the line: |c|^2 - (w . c)^2 / |w|^2, without dividing.
+    # The squared distance of the centre from the line is |c|^2 - (w . c)^2 / |w|^2; compared here without dividing.
     beside = apart * lengths**2 <= along**2
     behind, beyond = along < -reach * lengths, along > (lengths + reach) * lengths
     return np.asarray(beside & ~behind & ~beyond)
@@ -175,15 +176,16 @@ def _box(columns: Float) -> tuple[Float, Float]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedShape:
-    """A shape of a link, in `base_link`.
+    """Collision shape of a link, placed in `base_link`.
 
     Attributes:
         link: name of the link.
         kind: "box", "cylinder" (axis z) or "sphere".
-        half: (3,) half extents along its own axes, margin included; radius in x and y for a cylinder [m].
-        centre: (3,) in `base_link` [m].
-        rotation: (3, 3) from the shape's axes to `base_link`.
-        reach: radius of its bounding sphere [m].
+        half: (3,) half extents along the shape's own axes, margin included [m]; x and y of a cylinder, and all three of
+            a sphere, are the radius.
+        centre: (3,) position in `base_link` [m].
+        rotation: (3, 3) rotation from the shape's axes to `base_link`.
+        reach: radius of the bounding sphere [m].
     """
 
     link: str
@@ -217,7 +219,7 @@ class PlacedShape:
 
 
 def place_shape(shape: Shape, link: str, transform_link_to_base: Float, margin: float) -> PlacedShape:
-    """A shape of the URDF at its pose on the robot, grown by a margin [m]."""
+    """Place a shape of the URDF at its pose on the robot, enlarged by a margin [m]."""
     transform = transform_link_to_base @ shape.transform_shape_to_link
     if shape.kind == "box":
         half = np.asarray(shape.size) / 2.0
@@ -240,7 +242,7 @@ def _through_slabs(start: Float, along: Float, half: Float) -> tuple[Float, Floa
 
 
 def _through_round(start: Float, along: Float, radius: float, *, flat: bool) -> tuple[Float, Float]:
-    """Entry and exit of rays through a sphere or (flat) an infinite cylinder about z; entry > exit where they miss."""
+    """Entry and exit of rays through a sphere or (flat) an infinite cylinder about z; entry > exit for a miss."""
     used = slice(0, 2) if flat else slice(0, 3)
     a = np.einsum("ni,ni->n", along[:, used], along[:, used])
     b = np.einsum("ni,ni->n", np.broadcast_to(start, along.shape)[:, used], along[:, used])
@@ -250,7 +252,7 @@ def _through_round(start: Float, along: Float, radius: float, *, flat: bool) -> 
     with np.errstate(over="ignore", invalid="ignore"):
         half_chord = np.sqrt(np.maximum(root, 0.0))
         enter, leave = (-b - half_chord) / a, (-b + half_chord) / a
-    # A ray parallel to the axis is inside everywhere or nowhere.
+    # A ray parallel to the cylinder's axis is inside everywhere or nowhere.
     along_axis = a == NO_DIRECTION
     enter = np.where(along_axis, np.where(c <= 0.0, -np.inf, np.inf), enter)
     leave = np.where(along_axis, np.where(c <= 0.0, np.inf, -np.inf), leave)

@@ -6,8 +6,8 @@ covariance is
 
     s^2 B (I - u u') B' + sum A_i C_i A_i'.
 
-Points measured in `base_link` do not depend on this pose. It is needed to align them with gravity and to relate the
-scans of different pauses.
+Points measured in `base_link` do not depend on this pose. The pose is needed to align the points with gravity and to
+relate the scans of different pauses.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ from kinematics.transforms import checked_transform, inverse, transform_points, 
 from kinematics.tree import RobotState
 from kinematics.unloaded import FourFeet, find_unloaded_foot
 
-# Sources of the vertical; without a choice, the first of imu, odometry and support_plane that is available.
+# Sources of the vertical. The default is the first available one of imu, odometry and support_plane.
 ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
 
 # Least z of the vertical in `base_link`: a body tilted by more than 60 degrees has fallen.
 LEAST_UP_Z = 0.5
 
-# Default white noise of a joint [rad]: 0.05 degrees, plus the quantisation of a 12-bit encoder. If the true noise is
-# several times larger, scans are withdrawn; if it is smaller, motions of 1.5 mm are still detected.
+# Default white noise of a joint [rad]: 0.05 degrees, plus the quantisation of a 12-bit encoder. With a true noise
+# several times larger, scans are withdrawn; with a smaller one, motions of 1.5 mm are still detected.
 ENCODER_NOISE = 0.001
 
 
 @dataclass(frozen=True, slots=True)
 class StanceNoise:
-    """Standard deviations of a stance (robot.toml, table [stance]).
+    """Standard deviations of the errors of a stance (robot.toml, table [stance]).
 
     Attributes:
         encoder_sigma: bias of one joint angle [rad], constant over a pause.
@@ -71,7 +71,7 @@ class StanceNoise:
 
     @classmethod
     def from_table(cls, table: Table) -> StanceNoise:
-        """Read the table; every value must be positive."""
+        """Read the table [stance]; every value must be positive."""
         noise = table.record(cls)
         is_given = "encoder_noise" in table.values
         return noise if is_given else replace(noise, encoder_noise=min(ENCODER_NOISE, noise.encoder_sigma))
@@ -90,18 +90,19 @@ class StancePose:
     """Pose of the body at one stance pause; all arrays are read-only.
 
     Attributes:
-        transform_base_to_footprint: (4, 4).
-        covariance: (6, 6) its covariance, REP-103 order (x y z [m], rotations about the footprint's fixed axes [rad]).
-            x, y and the heading are exact by definition. With `support_plane` it is relative to that plane, not to
-            gravity.
+        transform_base_to_footprint: (4, 4) pose of the body.
+        covariance: (6, 6) covariance of this transform, REP-103 order (x y z [m], rotations about the footprint's fixed
+            axes [rad]). x, y and the heading are exact by definition. With attitude source `support_plane`, the
+            covariance is relative to that plane, not to gravity.
         attitude_source: "imu", "odometry", "support_plane" or "level".
         attitude_sigma: standard deviation of the vertical relative to gravity, per axis [rad]; with `support_plane` it
             includes the slope of the ground (robot.toml, [stance] terrain_slope_sigma).
         support_feet_used: feet used to compute the pose.
-        unloaded_feet: feet named as supporting but found unloaded, left out.
+        unloaded_feet: feet that were named as supporting but found unloaded and therefore not used.
         support_residual: rms distance of the used soles from their plane [m]; zero for three feet, NaN for fewer.
         soles_in_footprint: (n, 3) centres of the used soles [m].
-        transform_camera_to_footprint: (4, 4), with the calibrated camera placement if given, else the URDF's.
+        transform_camera_to_footprint: (4, 4), from the calibrated pose of the camera on the body if given, else from
+            the URDF.
         state: state of the robot.
     """
 
@@ -164,18 +165,18 @@ def stance_pose(
     Args:
         state: the robot's state.
         support_feet: legs whose soles carry the body.
-        gravity_in_base: direction of gravity from an IMU, pointing down; None without one.
+        gravity_in_base: direction of gravity from an IMU, pointing down; None without an IMU.
         noise: standard deviations.
         attitude: one of `ATTITUDE_SOURCES`; None = the first available of `imu`, `odometry`, `support_plane`.
         odometry: gravity propagated from earlier pauses.
-        transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
-        find_unloaded: with four feet, exclude one that is found unloaded.
+        transform_camera_to_base: (4, 4) calibrated pose of the camera; None = the pose in the URDF.
+        find_unloaded: if four feet are given, exclude a foot that is found unloaded.
 
     Raises:
         UnknownName: a leg that the robot does not have.
         StanceError: too few feet for the attitude source, feet on a line, gravity requested but not given, or a body
             tilted by more than 60 degrees.
-        ArgumentError: an unknown source, or a matrix that is not a transform.
+        ArgumentError: an unknown attitude source, or a matrix that is not a transform.
     """
     legs = list(support_feet)
     source, up, sigma = _vertical(attitude, gravity_in_base, odometry, noise)
@@ -230,14 +231,14 @@ def stance_pose(
 
 
 def sole_covariances(state: RobotState, legs: Sequence[str], noise: StanceNoise) -> Float:
-    """Covariance of each sole centre in `base_link`, (n, 3, 3) [m^2]: encoder and contact noise."""
+    """Covariance of each sole centre in `base_link`, (n, 3, 3) [m^2], from encoder bias and contact noise."""
     contact = noise.contact_sigma**2 * np.eye(3)
     jacobians = [state.jacobian(state.tree.leg(leg).sole)[:3] for leg in legs]
     return np.reshape([noise.encoder_sigma**2 * j @ j.T + contact for j in jacobians], (-1, 3, 3))
 
 
 def support_soles(pose: StancePose, noise: StanceNoise) -> dict[str, Float]:
-    """Leg -> its sole in `base_footprint`, (4, 3): the centre [m], and the rows of its covariance [m^2]."""
+    """Leg -> array (4, 3) of its sole in `base_footprint`: the centre [m], then the rows of the covariance [m^2]."""
     legs, transform = pose.support_feet_used, np.asarray(pose.transform_base_to_footprint)
     soles = transform_points(transform, pose.state.soles_in_base(legs))
     rotation = transform[:3, :3]
@@ -253,7 +254,7 @@ def _vertical(
     odometry: GravityEstimate | None,
     noise: StanceNoise,
 ) -> tuple[str, Float | None, float]:
-    """Source, unit vertical (None = the support plane's normal) and its sigma [rad]."""
+    """Attitude source, unit vertical (None = the support plane's normal), and sigma of the vertical [rad]."""
     if attitude is None:
         attitude = "imu" if gravity_in_base is not None else "odometry" if odometry is not None else "support_plane"
     if attitude not in ATTITUDE_SOURCES:
@@ -272,7 +273,7 @@ def _vertical(
 
 
 def _plane_vertical(plane: SupportPlane, count: int) -> tuple[Float, Float]:
-    """Normal of the plane and its derivative with respect to the soles, (3, 3 n)."""
+    """Normal of the support plane, and derivative (3, 3 n) of the normal with respect to the soles."""
     a, b, _ = plane.coefficients
     upright = np.array([-a, -b, 1.0])
     length = np.linalg.norm(upright)

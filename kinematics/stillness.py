@@ -8,8 +8,8 @@ gives
 
 from which xi follows by generalised least squares. The bias of a joint is constant and cancels. At every reading, the
 mean over the last 1, 2, 4 ... readings is compared with the means of all earlier readings, of the preceding window and
-of the first window of the pause, to detect a step, a pulse and a ramp. The noise is estimated from the residual, the
-part of dq that no motion of the body explains; sway is such a motion and does not affect the residual. A residual far
+of the first window of the pause, to detect steps, pulses and ramps. The noise is estimated from the residual, the part
+of dq that no motion of the body explains. Sway is a motion of the body and does not affect the residual. A residual far
 above the noise means that feet moved.
 """
 
@@ -34,11 +34,11 @@ from kinematics.tree import checked_positions
 # Probability of a false alarm per pause, over all tests made in it.
 FALSE_ALARMS = 0.003
 
-# Longest window [readings]: 5 s at 50 Hz. Slower motions show between the first and the last window.
+# Longest window [readings]: 5 s at 50 Hz. Slower motions appear as a difference between the first and the last window.
 LONGEST = 256
 
-# Required probability of detecting a motion in a random direction, and the size of that motion [m, rad] with frequent
-# readings and without.
+# Required probability of detecting a motion in a random direction, and the size of that motion [m, rad] with and
+# without frequent readings.
 POWER = 0.95
 WITH_HOLD = (1.0e-3, math.radians(0.1))
 WITHOUT_HOLD = (1.5e-3, math.radians(0.15))
@@ -46,13 +46,13 @@ WITHOUT_HOLD = (1.5e-3, math.radians(0.15))
 # Shortest pulse that must be detected [s]; readings are frequent if at least OFTEN of them fall into it.
 PULSE_S, OFTEN = 0.2, 3
 
-# Longest window tried when the start of a motion is dated [readings]: PULSE_S at 320 Hz.
+# Longest window considered in dating the start of a motion [readings]: PULSE_S at 320 Hz.
 MOST_NEEDED = 64
 
-# Largest learned noise, relative to the sigma stated in robot.toml: more is not joint noise. After LEARNED changes, the
-# learned noise is also used to test for feet that moved relative to each other.
+# Largest learned noise, as a multiple of encoder_noise in robot.toml: anything larger is not joint noise. After LEARNED
+# changes, the learned noise is also used to test if feet moved relative to each other.
 MOST_NOISE, LEARNED = 4.0, 8
-# Least noise assumed in that test [rad]: with a leg of 0.3 m it moves the sole by 0.03 mm, which is not a slip.
+# Least noise assumed in that test [rad]: it moves the sole of a 0.3 m leg by 0.03 mm, which is not a slip.
 LEAST_NOISE = 1e-4
 
 # Weight of the noise stated in robot.toml [readings]: low, so that a few readings distinguish a noisier robot from a
@@ -71,7 +71,8 @@ class CameraMotion:
     Attributes:
         translation: distance moved by the optical centre [m].
         rotation: rotation angle of the camera [rad].
-        is_still: True if the motion is within the limits of robot.toml or explained by the noise of the readings.
+        is_still: True if no motion was detected: the camera's motion is within the limits of robot.toml or explained by
+            noise, and the standing feet did not move relative to each other.
     """
 
     translation: float
@@ -83,11 +84,11 @@ class StandingFeet:
     """Least-squares fit of the camera's motion to the joint changes of some standing feet, as matrices.
 
     Attributes:
-        names: the feet.
-        motion: (6, n) maps joint changes to the motion.
-        whitened: (6, n) maps joint changes to the whitened motion.
-        residual: (3 feet - 6, n) maps joint changes to the part that no motion explains.
-        inverse: (6, 3 feet) maps whitened changes of the soles to the motion.
+        names: legs of the feet.
+        motion: (6, n) matrix from joint changes to the camera's motion.
+        whitened: (6, n) matrix from joint changes to the whitened motion.
+        residual: (3 feet - 6, n) matrix from joint changes to the part that no motion of the camera explains.
+        inverse: (6, 3 feet) matrix from whitened changes of the soles to the camera's motion.
         covariance: (6, 6) covariance of the motion, for sigma = 1.
         units: (2, directions) chi^2 of a unit translation and a unit rotation in each of `DIRECTIONS`, for sigma = 1.
     """
@@ -134,8 +135,9 @@ class StandingFeet:
 class Stillness:
     """Sequential test that the camera stands still, over all readings of a pause in the order of arrival.
 
-    A motion is reported if it exceeds the limits of robot.toml ([pause]) and noise does not explain it; at most a
-    fraction `FALSE_ALARMS` of still pauses is reported.
+    A motion of the camera is reported if it exceeds the limits of robot.toml ([pause]) and noise does not explain it;
+    at most a fraction `FALSE_ALARMS` of still pauses is reported. Feet that moved relative to each other are reported
+    too.
     """
 
     def __init__(
@@ -146,11 +148,11 @@ class Stillness:
         Args:
             robot: the model.
             stance: the stance of BEGIN.
-            time: stamp of its joints on the gait's clock [s].
-            transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
+            time: stamp of the joint reading on the gait's clock [s].
+            transform_camera_to_base: (4, 4) calibrated pose of the camera; None = the pose in the URDF.
 
         Raises:
-            ArgumentError: a time that is not finite, or a matrix that is not a transform.
+            ArgumentError: `time` is not finite, or the matrix is not a transform.
             UnknownName, JointPositionError: the stance does not fit this robot.
         """
         self._robot, self._begin = robot, stance
@@ -159,8 +161,8 @@ class Stillness:
         self._last = self._first
         self._names = stance.support_feet
         self._feet: StandingFeet | None = None
-        # Row k: sum of joint changes since BEGIN over the first k readings; rows in the middle of a long pause are
-        # dropped (`_add_sum`). BEGIN is the first reading, with a change of zero.
+        # Row k is the sum of the joint changes since BEGIN over the first k readings. BEGIN is the first reading and
+        # has a change of zero. In a long pause, `_add_sum` drops rows in the middle.
         self._sums = np.zeros((4 * LONGEST, len(self._first)))
         self._row = self._count = 1
         self._times = deque([_checked_time(time)], maxlen=2 * LONGEST + 1)
@@ -174,11 +176,11 @@ class Stillness:
     def add(self, time: float, stance: Stance) -> None:
         """Add a reading of HOLD or END.
 
-        A repeated reading (same stamp, same joints) carries no information and is ignored.
+        A repetition of the last reading (same stamp, same joints) carries no information and is ignored.
 
         Raises:
-            ArgumentError: a time that is not finite.
-            StanceError: fewer than three feet carried the body in all readings, or they are on a line.
+            ArgumentError: `time` is not finite.
+            StanceError: fewer than three feet carried the body in all readings, or these feet are on a line.
             UnknownName, JointPositionError: the stance does not fit this robot.
         """
         positions, time = checked_positions(self._robot.tree, stance.joint_positions), _checked_time(time)
@@ -199,21 +201,24 @@ class Stillness:
 
     @property
     def motion(self) -> str:
-        """Description in one line of a detected motion of the camera or of standing feet; empty if there is none."""
+        """One-line description of the first detected motion of the camera or of standing feet; empty without one."""
         return self._motion
 
     @property
     def still_until(self) -> float:
         """Stamp until which the readings show that the camera stood still [s]; -inf before a second reading.
 
-        A motion that began earlier is found with probability `POWER` if it has the size `WITH_HOLD` (frequent readings)
-        or `WITHOUT_HOLD`, unless `undetectable` states a larger size.
+        A motion that began earlier is detected with probability `POWER` if it has the size `WITH_HOLD` (for frequent
+        readings) or `WITHOUT_HOLD`, unless `undetectable` states a larger size.
         """
         return self._still_until
 
     @property
     def undetectable(self) -> str:
-        """Reason why motions of 1 mm or 0.1 degrees cannot be detected in this pause; empty if they can."""
+        """Reason why motions of 1 mm or 0.1 degrees cannot be detected in this pause.
+
+        Empty if such motions can be detected, and before a second reading.
+        """
         window = self._recent()
         scales = np.arange(1.0, 20.05, 0.1)
         if self._feet is None or (seen := self._power(window, WITH_HOLD, scales) >= POWER)[0]:
@@ -229,8 +234,9 @@ class Stillness:
     def covariance(self) -> Float:
         """Covariance (6, 6) of the camera's motion as estimated from the readings.
 
-        REP-103 order in `base_link` (translation of the optical centre [m], rotation [rad]), for the shortest pulse
-        that must be found (`PULSE_S`); before a second reading, for a single reading.
+        REP-103 order in `base_link` (translation of the optical centre [m], rotation [rad]). The estimate is the mean
+        over the shortest pulse that must be detected (`PULSE_S`) compared with all earlier readings; before a second
+        reading, it is the difference between two single readings.
         """
         feet = self._feet or StandingFeet(self._robot, self._begin, self._names, self._camera)
         window = self._recent()
@@ -242,11 +248,12 @@ class Stillness:
         return CameraMotion(float(shift), float(turn), not self._motion)
 
     def _learn(self, feet: StandingFeet, change: Float) -> None:
-        """Update the estimate of the white noise from successive readings; at least the noise stated in robot.toml."""
+        """Update the estimate of the white noise, which is at least that stated in robot.toml, by one joint change."""
         stated = self._robot.noise.encoder_noise**2
         self._energies.append(float(np.sum((feet.residual @ change) ** 2)) / 2.0)
         degrees = len(feet.residual)
-        # From the median of chi^2 (Wilson and Hilferty): a foot that slips in a few readings does not count as noise.
+        # Estimated from the median of chi^2 (approximation of Wilson and Hilferty), so that a foot that slips in a few
+        # readings does not count as noise.
         found = float(np.median(self._energies)) / (degrees * (1.0 - 2.0 / (9.0 * degrees)) ** 3)
         count = len(self._energies)
         found = min(found, MOST_NOISE**2 * stated)
@@ -304,7 +311,8 @@ class Stillness:
                 f"encoder_noise of robot.toml ({math.degrees(self._robot.noise.encoder_noise):.3f} degrees): scan again"
             )
         if worst is not None:
-            # Earliest start of the motion: start of the preceding window, or end of the first one if that was compared.
+            # Earliest start of the motion: the start of the preceding window, or the end of the pause's first window if
+            # the motion was detected by comparison with that.
             window = int(of[worst])
             is_first = len(windows) <= worst < len(windows) + len(pairs)
             began = self._head_times[window - 1] if is_first else self._times[-min(2 * window, len(self._times))]
@@ -313,7 +321,7 @@ class Stillness:
             self._still_until = max(self._still_until, min(islice(reversed(self._times), self._needed())))
 
     def _recent(self) -> int:
-        """Number of readings in the last `PULSE_S`, at least one and never all."""
+        """Number of readings in the last `PULSE_S`, at least one and at most all but one."""
         since = self._times[-1] - PULSE_S
         recent = next((age for age, time in enumerate(reversed(self._times)) if time <= since), len(self._times))
         return max(1, min(recent, self._count - 1))
@@ -326,7 +334,7 @@ class Stillness:
         return int(windows[enough[0]]) if enough.size else recent
 
     def _power(self, windows: npt.ArrayLike, sizes: tuple[float, float], scales: npt.ArrayLike = 1.0) -> Float:
-        """Probability (n,) of detecting a step of random direction and scaled size with windows that end now."""
+        """Probability (n,) of detecting a step of scaled size, in a random direction, with windows that end now."""
         assert self._feet is not None
         windows = np.asarray(windows, dtype=np.float64)
         variances = self._variance * (1 / windows + 1 / np.maximum(self._count - windows, 1.0))
@@ -344,16 +352,18 @@ class Stillness:
 def camera_motion(
     robot: RobotModel, begin: Stance, end: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
 ) -> CameraMotion:
-    """Motion of the camera between two readings, as `Stillness` computes it from these alone.
+    """Motion of the camera between two readings, computed by `Stillness` from these two alone.
 
     Args:
         robot: the model.
-        begin: the stance read before the scan.
-        end: the stance read after it.
-        transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
+        begin: stance read before the scan.
+        end: stance read after the scan.
+        transform_camera_to_base: (4, 4) calibrated pose of the camera; None = the pose in the URDF.
 
     Raises:
-        StanceError: fewer than three feet carried the body at both readings.
+        ArgumentError: the matrix is not a transform.
+        StanceError: fewer than three feet carried the body at both readings, or these feet are on a line.
+        UnknownName, JointPositionError: a stance does not fit this robot.
     """
     return _of_two(robot, begin, end, transform_camera_to_base).between_first_and_last()
 
@@ -361,11 +371,11 @@ def camera_motion(
 def check_camera_still(
     robot: RobotModel, begin: Stance, end: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
 ) -> CameraMotion:
-    """Return `camera_motion`; raise if a motion was detected.
+    """Check that the camera stood still between two readings, and return the motion that `camera_motion` computes.
 
     Raises:
         CameraMoved: the camera moved, or standing feet moved relative to each other; the message says which.
-        StanceError: as `camera_motion`.
+        ArgumentError, StanceError, UnknownName, JointPositionError: as in `camera_motion`.
     """
     stillness = _of_two(robot, begin, end, transform_camera_to_base)
     if stillness.motion:
@@ -382,8 +392,9 @@ def _of_two(robot: RobotModel, begin: Stance, end: Stance, camera: npt.ArrayLike
 def _threshold(count: int) -> float:
     """Least chi^2 of six degrees of freedom that is reported after this many readings.
 
-    Half of the false alarms are allotted to the second reading, the rest to all later ones in proportion to
-    1 / ((n - 1)(n - 2)), whose sum over a pause of any length is below one. Tests at the same reading share equally.
+    Half of the allowed false alarms are allotted to the second reading, the other half to all later readings in
+    proportion to 1 / ((n - 1)(n - 2)), which sums to less than one over a pause of any length. All tests at one reading
+    have the same share.
     """
     from scipy.special import chdtri
 
@@ -395,7 +406,7 @@ def _threshold(count: int) -> float:
 def most_apart(degrees: int) -> float:
     """Largest chi^2 of the residual attributed to noise.
 
-    The mean at three times the assumed sigma, plus 18, a sum that noise of the assumed sigma does not reach in a pause.
+    This is the mean of chi^2 at three times the assumed sigma, plus 18. Noise of the assumed sigma does not reach it.
     """
     return 9.0 * degrees + 18.0
 

@@ -1,4 +1,4 @@
-"""Table of a TOML file whose values are checked as they are read; messages name the file, the line and the key."""
+"""Table of a TOML file whose values are checked when they are read; messages name the file, the line and the key."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ T = TypeVar("T")
 
 
 class Table:
-    """View of one table; `number`, `text` and the others read and check a value.
+    """One table of a TOML file; `number`, `text` and the other methods read and check a value.
 
-    A wrong value raises; in a table made by `gathering` it becomes a finding and is replaced by a harmless value.
+    A wrong or missing value raises RobotFileError. In a table made by `gathering`, it is recorded as a finding and
+    replaced by an allowed value instead.
 
     Args:
         path: the file, for messages.
-        name: dotted name of the table, "" for the whole file.
-        values: content of the table from the TOML parser.
-        lines: dotted name of table or key -> line of the file.
+        name: dotted name of the table; "" for the whole file.
+        values: content of the table, from the TOML parser.
+        lines: dotted name of a table or key -> line of the file.
     """
 
     def __init__(
@@ -37,23 +38,23 @@ class Table:
         self._is_absent = False
 
     def gathering(self, findings: Findings) -> Table:
-        """The same table, whose wrong values become findings instead of errors."""
+        """Copy of this table whose wrong values become findings instead of errors."""
         return self._below(self.name, self.values, findings)
 
     def line(self, key: str = "") -> int:
-        """Line of a key, else of this table; 0 if neither is in the file."""
+        """Line of a key, or of this table if the key is missing; 0 if neither is in the file."""
         return self._lines.get(self._dotted(key), self._lines.get(self.name, 0))
 
     def wrong(self, key: str, needed: str) -> None:
         """Report the value given for a key and what is needed.
 
         Raises:
-            RobotFileError: unless findings are gathered.
+            RobotFileError: the table does not gather findings.
         """
         self._report(f"{self._path_of(key)} is {self.values.get(key)!r}; {needed} is needed", key)
 
     def number(self, key: str, *, above: float = -math.inf, least: float = -math.inf, most: float = math.inf) -> float:
-        """A finite number above `above`, at least `least` and at most `most`."""
+        """Finite number above `above`, at least `least` and at most `most`."""
 
         def is_within(value: Any) -> bool:
             return _is_number(value) and value > above and least <= value <= most
@@ -61,7 +62,7 @@ class Table:
         return float(self._value(key, is_within, f"a number{_bounds(above, least, most)}", 1.0))
 
     def integer(self, key: str, *, least: int, most: int | None = None) -> int:
-        """A whole number of at least `least`, and at most `most` if given."""
+        """Whole number of at least `least` and, if given, at most `most`."""
 
         def is_within(value: Any) -> bool:
             return isinstance(value, int) and _is_number(value) and least <= value <= (value if most is None else most)
@@ -70,9 +71,10 @@ class Table:
         return int(self._value(key, is_within, needed, least))
 
     def record(self, kind: type[T]) -> T:
-        """A dataclass of numbers, each from the key of its name; a key whose field has a default may be missing.
+        """Dataclass whose fields are numbers, each from the key of the same name; keys with a default may be missing.
 
-        Numbers must be positive, or within the bounds that the field's metadata gives; whole numbers at least 1.
+        Each number must be within the bounds in the field's metadata; without metadata, it must be above 0, and a whole
+        number at least 1.
         """
         values = {}
         for each in fields(kind):  # type: ignore[arg-type]
@@ -83,11 +85,11 @@ class Table:
         return kind(**values)
 
     def text(self, key: str) -> str:
-        """A non-empty string; "" replaces a wrong one."""
+        """Non-empty string; "" replaces a wrong value."""
         return str(self._value(key, _is_text, "a string", ""))
 
     def texts(self, key: str) -> tuple[str, ...]:
-        """A list of different non-empty strings; the list may be empty."""
+        """List of different non-empty strings; the list may be empty."""
         value = self._value(
             key, lambda given: isinstance(given, list) and all(map(_is_text, given)), "a list of strings", []
         )
@@ -99,7 +101,7 @@ class Table:
     def pair(
         self, key: str, *, above: float = -math.inf, most: float = math.inf, rising: bool = False
     ) -> tuple[float, float]:
-        """Two finite numbers, each greater than `above` and at most `most`; with `rising` the second is the larger."""
+        """Two finite numbers, each above `above` and at most `most`; with `rising`, the second is larger."""
         value = self._value(
             key, lambda given: isinstance(given, list) and len(given) == 2, "a list of two numbers", None
         )
@@ -114,7 +116,7 @@ class Table:
         return (1.0, 1.0)
 
     def table(self, key: str) -> Table:
-        """The table of that name below this one."""
+        """Table of a name inside this table."""
         name = self._dotted(key)
         value = self.values.get(key)
         if isinstance(value, Mapping):
@@ -133,7 +135,7 @@ class Table:
         return table
 
     def _value(self, key: str, is_allowed: Callable[[Any], bool], needed: str, instead: Any) -> Any:
-        """Value of a key; a missing or wrong one is reported and replaced by `instead`."""
+        """Value of a key; a missing or wrong value is reported and replaced by `instead`."""
         if key in self.values:
             if is_allowed(self.values[key]):
                 return self.values[key]

@@ -1,10 +1,10 @@
 """Kinematic tree of a robot: Pinocchio's model of its URDF, and its states with the poses of all links.
 
-This module hides that Pinocchio has its own order of joints and returns an index past the end for an unknown frame.
-The body is a free-flyer held at the identity, so Pinocchio's world is `base_link`.
+This module hides two traits of Pinocchio: it has its own order of joints, and it returns an index past the end for an
+unknown frame. The body is a free-flyer held at the identity, so Pinocchio's world frame is `base_link`.
 
-Pinocchio's own URDF reader is not used: it gives a continuous joint two coordinates and fails if a link and a joint
-share a name. Only links get frames here, so every name is unique.
+Pinocchio's own URDF reader is not used, because it gives a continuous joint two coordinates and fails if a link and a
+joint share a name. Here only links have frames, so every frame name is unique.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from kinematics.urdf_checks import root_link
 
 # Tolerance of joint limits [rad]: a position exactly at a limit is not beyond it.
 LIMIT_TOLERANCE = 1e-9
-# Number of joints named in one warning; the others are counted.
+# Number of joints named in one warning; further ones are only counted.
 NAMED = 3
 
 
@@ -36,8 +36,8 @@ class KinematicTree:
         urdf: content of the URDF.
         config: content of robot.toml.
         joint_names: all moving joints: those of the legs, from hip to sole in robot.toml's order, then any others.
-        legs: leg name -> its configuration, in robot.toml's order.
-        links: link name -> its inertia and shapes.
+        legs: leg name -> configuration of the leg, in robot.toml's order.
+        links: link name -> the link with its inertia and shapes.
         lower_limits, upper_limits: (n,) [rad], in the order of `joint_names`.
         pinocchio_model: Pinocchio's model; do not modify it.
         velocity_indices: (n,) columns of Pinocchio's Jacobians, in the order of `joint_names`.
@@ -50,7 +50,7 @@ class KinematicTree:
 
         Args:
             urdf: content of the URDF.
-            config: content of robot.toml; its links and joints are in the URDF.
+            config: content of robot.toml; the URDF must contain the links and joints that it names.
             nominal: joint name -> position [rad] of a standing posture; None = midway between the limits.
 
         Raises:
@@ -85,7 +85,7 @@ class KinematicTree:
         }
 
     def configuration(self, positions: Float) -> Float:
-        """Pinocchio's configuration vector for joint positions (n,) in the order of `joint_names`."""
+        """Convert joint positions (n,) in the order of `joint_names` to Pinocchio's configuration vector."""
         configuration = self._neutral.copy()
         configuration[self._position_indices] = positions
         return configuration
@@ -136,7 +136,7 @@ def build_model(urdf: Urdf, only: tuple[str, ...] | None = None) -> Any:
     first = 0
     if only is None:
         first = model.addJoint(0, pinocchio.JointModelFreeFlyer(), pinocchio.SE3.Identity(), "root_joint")
-    # Name of a link, index of the joint that carries it, and its pose in that joint's frame.
+    # Name of a link, index of the joint that carries the link, and pose of the link in that joint's frame.
     open_links = [(root_link(urdf), first, pinocchio.SE3.Identity())]
     while open_links:
         name, carrier, placement = open_links.pop()
@@ -179,11 +179,12 @@ class RobotState:
     Attributes:
         tree: the robot's kinematic tree.
         positions: (n,) joint positions [rad] in the order of `tree.joint_names`, read-only.
-        beyond_limits: joint name -> distance beyond its limit [rad]; empty if all are within.
+        beyond_limits: joint name -> distance beyond its limits [rad]; empty if all joints are within their limits.
 
     Raises:
         UnknownName: a joint that the robot does not have.
-        JointPositionError: a joint is missing, a value is not finite, or an array has the wrong length.
+        JointPositionError: a joint is missing, a value is not finite or obviously not in radians, or an array has the
+            wrong length.
     """
 
     def __init__(self, tree: KinematicTree, joint_positions: Mapping[str, float] | npt.ArrayLike) -> None:
@@ -216,10 +217,13 @@ class RobotState:
         return read_only(self._data.oMf[self.tree.frame_id(frame)].translation)
 
     def soles_in_base(self, legs: Iterable[str] | None = None) -> Float:
-        """Sole centres in `base_link`, (n, 3) [m], in the order of `legs` (default: all legs).
+        """Sole centres in `base_link`, (n, 3) [m], in the order of `legs`; None = all legs.
 
-        For a round foot, x and y are those of the sole frame and z is that of the lowest point of the ball. When the
-        ball rolls, this point stays in place to 0.2 mm, while the frame rises.
+        For a round foot, x and y are those of the sole frame, and z is that of the lowest point of the ball along base
+        z. When the ball rolls, this point stays in place to 0.2 mm, while the frame rises.
+
+        Raises:
+            UnknownName: a leg that the robot does not have.
         """
         names = tuple(self.tree.legs) if legs is None else tuple(legs)
         places = [self._data.oMf[self.tree.frame_id(self.tree.leg(leg).sole)] for leg in names]
@@ -229,9 +233,12 @@ class RobotState:
         return read_only(soles)
 
     def jacobian(self, frame: str) -> Float:
-        """Jacobian of a frame's origin, (6, n): d(linear [m], angular [rad]) / d(positions).
+        """Jacobian (6, n) of a frame with the body fixed: linear rows [m/rad], then angular rows [rad/rad].
 
-        Axes of `base_link`, with the body fixed; columns in the order of `tree.joint_names`.
+        Rows are along the axes of `base_link`, columns in the order of `tree.joint_names`.
+
+        Raises:
+            UnknownName: the robot has no such frame; the message lists them.
         """
         import pinocchio
 
@@ -248,12 +255,12 @@ class RobotState:
         """Centre of mass of the whole robot in `base_link`, (3,) [m]."""
         import pinocchio
 
-        # Uses the placements computed above; changes nothing else in the data.
+        # Uses the placements computed in the constructor and leaves them unchanged.
         return read_only(pinocchio.centerOfMass(self.tree.pinocchio_model, self._data, False))
 
 
 def checked_positions(tree: KinematicTree, joint_positions: Mapping[str, float] | npt.ArrayLike) -> Float:
-    """Joint positions (n,) [rad] in the order of `tree.joint_names`.
+    """Check joint positions and return them as an array (n,) [rad] in the order of `tree.joint_names`.
 
     Args:
         tree: the kinematic tree that names the joints.
@@ -287,7 +294,7 @@ def in_order(values: Mapping[str, float], names: Sequence[str], kind: str) -> li
     Args:
         values: joint name -> value, every joint once.
         names: names of all joints.
-        kind: what the values are, "position" or "velocity".
+        kind: quantity named in messages, "position" or "velocity".
 
     Raises:
         UnknownName: a joint that the robot does not have.
@@ -314,7 +321,10 @@ def refuse_not_finite(values: Float, names: Sequence[str], kind: str) -> None:
 
 
 def _refuse_other_units(tree: KinematicTree, positions: Float) -> None:
-    """Reject positions beyond the limits by half a turn, for joints of less than one turn: they are not in radians."""
+    """Reject a position half a turn or more beyond the limits of a revolute joint: it is not in radians.
+
+    Joints whose limits span a full turn or more are not checked.
+    """
     lower, upper = tree.lower_limits, tree.upper_limits
     turning = {joint.name for joint in tree.urdf.joints if joint.kind == "revolute"}
     far = (positions < lower - np.pi) | (positions > upper + np.pi)
@@ -328,9 +338,9 @@ def _refuse_other_units(tree: KinematicTree, positions: Float) -> None:
 
 
 def beyond_limits(tree: KinematicTree, positions: Float) -> dict[str, float]:
-    """Excess over the limits of each joint beyond them [rad]; one `JointLimitWarning` reports all.
+    """Distance beyond its limits of each joint that exceeds them [rad]; issues one `JointLimitWarning` for all.
 
-    Such positions are accepted: encoders have offsets, and the limits in a URDF are nominal.
+    Such positions are accepted, because encoders have offsets and the limits in a URDF are nominal.
     """
     beyond: dict[str, float] = {}
     complaints = []

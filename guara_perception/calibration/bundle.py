@@ -15,7 +15,7 @@ from guara_perception.calibration.intrinsics import Intrinsics
 from guara_perception.calibration.mount import FloorPose
 from kinematics.arrays import FrozenArrays
 
-# Scale of the robust loss (soft L1), in standard deviations.
+# Scale of the robust loss (soft L1) [standard deviations].
 ROBUST_SIGMAS = 3.0
 # Lower bound of the estimated standard deviation of a corner's coordinate.
 LEAST_SIGMA_PX = 0.01
@@ -25,7 +25,7 @@ LENS_COLUMNS = {"fx": 6, "fy": 7, "cx": 8, "cy": 9, "k1": 10, "k2": 11, "p1": 12
 
 @dataclass(frozen=True, slots=True)
 class CameraFit(FrozenArrays):
-    """Camera and mount with their joint uncertainty.
+    """Result of the bundle adjustment: camera and mount with their joint covariance.
 
     Attributes:
         camera: intrinsic model.
@@ -33,8 +33,8 @@ class CameraFit(FrozenArrays):
         transform_camera_to_footprint: (4, 4) pose of the camera.
         covariance: (n + 6, n + 6) covariance of the lens parameters in the order of `free` ([px] and [-]), followed by
             `pose`.
-        pose: (6,) pose from footprint to camera: rotation vector [rad] and translation [m].
-        corner_sigma_px: standard deviation of one corner coordinate.
+        pose: (6,) transform from footprint to camera: rotation vector [rad] and translation [m].
+        corner_sigma_px: standard deviation of one corner coordinate [px].
         residuals_px: corner residuals (n, 2) of each view used, in the order of the views.
         mark_residuals_px: (m, 2) residuals of the fiducials.
     """
@@ -54,7 +54,7 @@ class CameraFit(FrozenArrays):
         return _lens_of(self.camera)[[LENS_COLUMNS[name] - 6 for name in self.free]]
 
     def moved(self) -> Iterator[tuple[float, CameraModel, Float]]:
-        """Yield, for each parameter changed by its sigma: sigma, camera and (4, 4) transform_camera_to_footprint."""
+        """Change each parameter in turn by its sigma; yield sigma, camera and (4, 4) transform_camera_to_footprint."""
         n, sigmas = len(self.free), np.sqrt(np.diag(self.covariance))
         for sigma, change in zip(sigmas.tolist(), np.diag(sigmas), strict=True):
             lens = _lens_of(self.camera)
@@ -68,12 +68,13 @@ def fit_camera(
     """Fit lens, board poses and mount jointly to all images of boards and crosses.
 
     The ground board lies in the plane z = 0 and thereby couples lens and mount; its position and heading on the floor
-    are free. A given lens is not changed, but its assumed errors are propagated to the mount.
+    are estimated. A given lens is not changed, but its assumed errors are propagated to the mount.
 
     Args:
         intrinsics: initial estimate, with the views.
         board: the board.
-        ground: name of the view that shows the board on the floor; may be missing among the views.
+        ground: name of the view that shows the board on the floor; None or a name that is not among the views = no
+            ground board.
         floor: initial estimate of the mount, and the marks.
         points: (m, 2) floor points of the marks.
     """
@@ -105,7 +106,7 @@ def fit_camera(
 def _covariance(normal: Float, intrinsics: Intrinsics) -> Float:
     """Covariance of all parameters from their normal matrix.
 
-    An error e of a given lens changes the other parameters, which are fitted to the images, by -G e.
+    An error e of a given lens changes the other parameters, which are fitted to the images, by -G e (G: `gain`).
     """
     if not intrinsics.is_given:
         return np.asarray(np.linalg.inv(normal), dtype=np.float64)
@@ -116,7 +117,10 @@ def _covariance(normal: Float, intrinsics: Intrinsics) -> Float:
 
 
 class _Problem:
-    """Least-squares problem over x: lens, pose footprint to camera, ground board (x, y, heading), other boards."""
+    """Least-squares problem with the unknowns x: lens, pose of footprint in camera, ground board, other boards.
+
+    The ground board has three unknowns (x, y, heading), any other board the six of a pose.
+    """
 
     def __init__(
         self, intrinsics: Intrinsics, board: BoardSpec, ground: str | None, floor: FloorPose, points: Float
@@ -179,7 +183,7 @@ class _Problem:
         return np.asarray(pixels, np.float64).reshape(-1, 2), np.asarray(jacobian, np.float64)
 
     def blocks(self, x: Float) -> list[tuple[Float, Float]]:
-        """Residual (n, 2) and Jacobian (2 n, size) of every view in order, then of the marks."""
+        """Residuals (n, 2) and Jacobian (2 n, size) of every view in order, then those of the marks."""
         result = []
         views = self.intrinsics.views
         for i, view in enumerate(views):
@@ -214,14 +218,14 @@ class _Problem:
     def jacobian(self, x: Float) -> Float:
         rows = np.vstack([jacobian for _, jacobian in self.blocks(x)])
         if self.ground is None:
-            # Without observations of the ground board, its three parameters are pinned to zero.
+            # Without a view of the ground board, its three unknowns are pinned to zero.
             pins = np.zeros((3, self.size))
             pins[:, self.ground_columns] = np.eye(3)
             rows = np.vstack((rows, pins))
         return rows
 
     def weights(self, x: Float, sigma: float) -> Float:
-        """Weights of the residuals: 1 / sigma times the square root of the soft-L1 weight."""
+        """Factors of the residuals: 1 / sigma times the square root of the soft-L1 weight."""
         corners = np.concatenate([np.empty(0), *(r.ravel() for r in self.view_residuals(x))]) / sigma
         marks = self.mark_residuals(x).ravel() / np.repeat(self.mark_sigma, 2)
         loss = [(1 + (r / ROBUST_SIGMAS) ** 2) ** -0.25 for r in (corners, marks)]
@@ -233,7 +237,7 @@ class _Problem:
         return np.concatenate([r.ravel() for r, _ in self.blocks(x)] + pins)
 
     def solve(self, x: Float, sigma: float) -> Float:
-        """Run a few Gauss-Newton iterations, which converge fast from a start within a fraction of a pixel."""
+        """Run at most six Gauss-Newton iterations, enough from a start whose errors are fractions of a pixel."""
         for _ in range(6):
             weight = self.weights(x, sigma)
             rows = self.jacobian(x)[:, self.moved] * weight[:, None]

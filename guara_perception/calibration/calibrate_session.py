@@ -82,29 +82,31 @@ def calibrate_session(
 ) -> CalibrationResult:
     """Calibrate the rangefinder of a session and judge the result.
 
-    A calibration with verdict `refused` is returned like any other; an error is raised only if none can be computed.
+    A calibration with the verdict `refused` is returned like any other; an error is raised only if no calibration can
+    be computed.
 
     Args:
         session: images and the geometry of their targets.
-        robot: model of the robot with nominal mounts.
+        robot: model of the robot, with nominal mounts.
         distortion: lens coefficients to estimate, one of `DISTORTIONS`.
-        camera: known camera, which images of the board only check; None = estimate it.
-        not_mirrored: the user states that the images are not mirrored; the colours of the board are not checked.
-        progress: called with the number of images done and their total.
+        camera: known camera, which the images of the board only check; None = estimate the camera from them.
+        not_mirrored: True if the user states that the images are not mirrored; the colours of the board's squares are
+            then not checked.
+        progress: called with the number of processed images and the total.
 
     Raises:
         CalibrationRefused: a fault prevents the calibration; the message names it.
-        CalibrationMismatch: the session belongs to another robot, or images have different sizes.
+        CalibrationMismatch: the session belongs to another robot, or the images differ in size.
         InvalidInput: unknown distortion model.
-        MissingFile, FileFormatError: a picture cannot be read.
+        MissingFile, FileFormatError: an image cannot be read.
         kinematics.KinematicsError: the stance does not fit the robot.
     """
     if distortion not in DISTORTIONS:
         raise InvalidInput(f"distortion is {distortion!r}, allowed: {', '.join(DISTORTIONS)}")
     if robot.name != session.robot:
         raise CalibrationMismatch(
-            f"{session.source} is a session of robot {session.robot!r}, given is robot {robot.name!r}: calibrate each "
-            "robot from its own pictures"
+            f"{session.source} is a session of robot {session.robot!r}, but robot {robot.name!r} was given: calibrate "
+            "each robot from its own pictures"
         )
     check_heights(session.plates)
     if not_mirrored:
@@ -122,8 +124,8 @@ def calibrate_session(
     given, height, width = camera and camera.size, *floor_picture.shape[:2]
     if given and given != (width, height):
         raise CalibrationMismatch(
-            f"{session.source}: the lens given is of {given[0]}x{given[1]} px, {session.fiducials.image} is "
-            f"{width}x{height}: give a lens calibrated at this picture size"
+            f"{session.source}: the lens was calibrated at {given[0]}x{given[1]} px, but {session.fiducials.image} has "
+            f"{width}x{height} px: give a lens calibrated at this picture size"
         )
     views, size = find_boards(session, advance, camera)
     intrinsics = calibrate_boards(session, views, size, distortion, camera)
@@ -212,16 +214,17 @@ def find_boards(
     """Find the board in all board images; return the views and the image size.
 
     Raises:
-        CalibrationMismatch: the images differ in size from each other or from the known camera.
-        CalibrationRefused: without a known camera, there are no board images, or none of the board on the floor.
+        CalibrationMismatch: an image differs in size from the others or from the known camera.
+        CalibrationRefused: no camera is known, and board images, or the one with the board on the floor, are missing.
+        MissingFile, FileFormatError: an image cannot be read.
     """
     views: list[BoardView] = []
     size = None if camera is None else camera.size
     if camera is None and not (session.board_images and session.ground_board_image):
         lacking = "ground_board_image" if session.board_images else "board_images"
         raise CalibrationRefused(
-            f"{session.source}: no {lacking}: {MIN_VIEWS} or more pictures of the board are needed, one of them on the "
-            "floor, or a known lens (--camera-info)"
+            f"{session.source} has no {lacking}: {MIN_VIEWS} or more pictures of the board are needed, one of them "
+            "with the board on the floor, or a known lens (--camera-info)"
         )
     for name in session.board_images:
         picture = session.read_picture(name)
@@ -244,8 +247,8 @@ def calibrate_boards(
     """Intrinsics estimated from the usable views, or those of the known camera.
 
     Raises:
-        CalibrationRefused: views are mirrored, too few are usable, all are parallel, or the board on the floor cannot
-            be used.
+        CalibrationRefused: views are mirrored, too few are usable, all are parallel, or the view of the board on the
+            floor is not usable.
     """
     mirrored = [view.name for view in views if view.reason == MIRRORED]
     if mirrored:
@@ -272,17 +275,18 @@ def calibrate_boards(
 def find_lines(
     session: CalibrationSession, fit: CameraFit, mirror: MirrorModel, advance: Callable[[], None]
 ) -> tuple[list[PlateLine], list[LostLine]]:
-    """Laser lines on all plates, checked for swapped heights and missed steps.
+    """Find the laser lines on all plates, and check them for swapped heights and missed steps.
 
     Raises:
-        CalibrationRefused: too few stripes on a plate, a missed step, swapped heights.
-        CalibrationMismatch: frames of another size.
+        CalibrationRefused: too few stripes were found on a plate or cross plates of two heights, the mirror missed a
+            step, or plate heights are swapped.
+        CalibrationMismatch: the size of a frame differs from that of the camera.
     """
     camera, transform = fit.camera, fit.transform_camera_to_footprint
     lines: list[PlateLine] = []
     lost: list[LostLine] = []
     on_floor: dict[int, PlateLine] = {}
-    # Bare floor first, because its lines show which stripes of the other scans miss their plate.
+    # The bare floor comes first, because its lines show which stripes of the other scans miss their plate.
     for number in sorted(range(len(session.plates)), key=lambda number: abs(session.plates[number].height)):
         plate = session.plates[number]
         found, gone = plate_lines(plate, number, camera, transform, mirror, on_floor, advance)
@@ -308,7 +312,7 @@ def find_lines(
 
 
 def _hint(session: CalibrationSession, views: Sequence[BoardView]) -> str:
-    """Hint at the board's true size in the first image in which no board of the session's size was found."""
+    """Hint at the board's true corner count, from the first image without a board of the stated size; may be empty."""
     view = next((view for view in views if "inner corners" in view.reason), None)
     if view is None or session.board.pattern != CHECKERBOARD:
         return ""
@@ -320,7 +324,7 @@ def _hint(session: CalibrationSession, views: Sequence[BoardView]) -> str:
 
 
 def _faults(views: Sequence[BoardView]) -> str:
-    """First few views that cannot be used, with their reasons, or the advice to take more."""
+    """First three unusable views with their reasons; if all are usable, the advice to take more pictures."""
     bad = [f"{view.name}: {view.reason}" for view in views if not view.is_usable]
     more = f"; and {len(bad) - 3} more" if len(bad) > 3 else ""
     return f"; {'; '.join(bad[:3])}{more}" if bad else ": take more pictures of the board"

@@ -41,14 +41,14 @@ class StripePlane:
     plane: Float
 
     def __post_init__(self) -> None:
-        """Check the plane and freeze it; normalise a normal of nearly unit length."""
+        """Check the plane, make it read-only, and normalise its normal, which must have nearly unit length."""
         plane = np.array(self.plane, dtype=np.float64)
         if plane.shape != (4,) or not np.isfinite(plane).all():
             raise InvalidInput(f"plane of stripe {self.index}: {plane.tolist()} must be 4 finite numbers")
         length = float(np.linalg.norm(plane[:3]))
         if abs(length - 1) > 1e-3:
             raise InvalidInput(f"plane of stripe {self.index}: the normal has length {length:.4f}, it must be 1")
-        # A normalised normal is kept: normalising it again could change the last bit, and with it the content hash.
+        # A unit normal is kept as it is: normalising it again could change the last bit and thereby the content hash.
         object.__setattr__(self, "plane", read_only(plane / length if abs(length - 1) > 1e-9 else plane))
 
 
@@ -64,15 +64,15 @@ class Calibration:
     """Calibration of a rangefinder: camera, mount and laser planes (docs/files.md).
 
     Attributes:
-        robot: name of its robot.
+        robot: name of the robot that carries the rangefinder.
         camera: intrinsic model.
         transform_camera_to_base: (4, 4) float64, camera_optical_frame to base_link.
         stripes: laser planes, ascending by index.
         mirror: parameters of the mirror model over all stripes, or None.
         paper: the paper's constants (homography, H, nadir, n, d, k per stripe), or None.
         covariance: covariances of the parameters, or None.
-        quality: verdict (`good`, `usable`, `refused`, `unknown`) and reasons.
-        created: time of creation, ISO 8601 text.
+        quality: verdict (`good`, `usable`, `refused`, `unknown`) and the reasons for it.
+        created: time of creation, as ISO 8601 text.
         hash: content hash, hexadecimal.
     """
 
@@ -110,10 +110,10 @@ class Calibration:
         return tuple(stripe.index for stripe in self.stripes)
 
     def stripe(self, index: int) -> StripePlane:
-        """Stripe with this index.
+        """Laser plane of the stripe with an index.
 
         Raises:
-            CalibrationMismatch: this index was not calibrated.
+            CalibrationMismatch: the calibration has no stripe with this index.
         """
         for stripe in self.stripes:
             if stripe.index == index:
@@ -129,7 +129,7 @@ def check_identity(found: str, expected: str, what: str) -> None:
     Args:
         found: identity of the camera; empty if unknown, which is accepted.
         expected: identity of the calibrated camera; empty if unknown, which is accepted.
-        what: name, for the message, of the item that comes from this camera.
+        what: what comes from the camera `found`, for the message.
 
     Raises:
         CalibrationMismatch: the identities differ.
@@ -142,7 +142,11 @@ def check_identity(found: str, expected: str, what: str) -> None:
 
 
 def check_transform(transform: Float, name: str) -> None:
-    """Reject a matrix that is not a rigid 4x4 transform."""
+    """Reject a matrix that is not a rigid 4x4 transform.
+
+    Raises:
+        InvalidInput: wrong shape, a value that is not finite, or not a rigid transform.
+    """
     if transform.shape != (4, 4) or not np.isfinite(transform).all():
         raise InvalidInput(f"{name} has shape {transform.shape}, it must be 4x4 and finite")
     rotation = transform[:3, :3]
@@ -152,7 +156,7 @@ def check_transform(transform: Float, name: str) -> None:
 
 
 def format_indices(indices: tuple[int, ...]) -> str:
-    """Indices as text, such as `0 ... 69`, `0, 2 ... 68` or a list."""
+    """Format indices as a range such as `0 ... 69` or `0, 2 ... 68` if they are evenly spaced, else as a list."""
     strides = set(np.diff(indices).tolist())
     if len(strides) == 1 and len(indices) > 2:
         first = str(indices[0]) if strides == {1} else f"{indices[0]}, {indices[1]}"
@@ -201,7 +205,7 @@ class CameraModel:
     def rays(self, points_px: npt.ArrayLike) -> Float:
         """Viewing rays of pixels, (n, 3) float64 in the camera frame with z = 1.
 
-        A point is its depth (rho in eq. 3) times its ray.
+        The point seen by a pixel is its depth (rho in eq. 3) times the ray of the pixel.
 
         Args:
             points_px: (n, 2) distorted pixel positions (u, v), as delivered by the camera.
@@ -215,8 +219,8 @@ class CameraModel:
     def project(self, points_in_camera: npt.ArrayLike) -> Float:
         """Distorted pixels (n, 2) of points (n, 3) in the camera frame; NaN behind the camera or beyond `fold_radius`.
 
-        Beyond the radius at which the distorted radius stops growing, the Brown model folds back, so that a point far
-        outside the image would appear inside it.
+        Beyond `fold_radius`, the Brown model folds back: the distorted radius decreases, and a point far outside the
+        image would appear inside it.
         """
         points = np.asarray(points_in_camera, dtype=np.float64).reshape(-1, 3)
         pixels = np.empty((len(points), 2))
@@ -226,7 +230,7 @@ class CameraModel:
         return pixels
 
     def _project(self, points: Float) -> Float:
-        """Pixels (2, n) of points (3, n), several times faster than cv2.projectPoints due to contiguous coordinates."""
+        """Pixels (2, n) of points (3, n); several times as fast as cv2.projectPoints, due to contiguous coordinates."""
         depth = np.where(points[2] > NEAREST_DEPTH_M, points[2], np.nan)
         x, y = points[:2] / depth
         radius = x * x + y * y
@@ -244,7 +248,7 @@ class CameraModel:
         return pixels
 
     def fold_radius(self) -> float:
-        """Undistorted radius (tangent of the field angle) beyond which the radial model is not monotonic."""
+        """Undistorted radius (tangent of the field angle) above which the radial model is not monotonic; may be inf."""
         k1, k2, _, _, k3 = self.distortion.tolist()
         return _fold_radius(k1, k2, k3)
 
@@ -258,14 +262,14 @@ def _fold_radius(k1: float, k2: float, k3: float) -> float:
 
 
 def floor_pixels(camera: CameraModel, transform_camera_to_footprint: Float, points: Float) -> Float:
-    """Pixels (n, 2) of floor points (n, 2) in base_footprint [m]."""
+    """Pixels (n, 2) of points (n, 2) on the floor in base_footprint [m]; NaN as in `CameraModel.project`."""
     rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
     in_footprint = np.column_stack((points, np.zeros(len(points))))
     return camera.project((in_footprint - translation) @ rotation)
 
 
 def to_floor(camera: CameraModel, transform_camera_to_footprint: Float, pixels: Float, height: float = 0.0) -> Float:
-    """Points (n, 2), x and y in base_footprint, in which the rays of pixels (n, 2) meet the plane z = `height` [m]."""
+    """Points (n, 2), x and y in base_footprint [m], at which rays of pixels (n, 2) meet the plane z = `height` [m]."""
     rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
     rays = camera.rays(pixels) @ rotation.T
     depth = (height - translation[2]) / rays[:, 2]

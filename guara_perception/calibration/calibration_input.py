@@ -78,9 +78,9 @@ class CalibrationSession:
         ground_board_image: name of the image of the board on the floor, or None.
         fiducials: crosses on the floor.
         plates: scans of flat plates of known heights.
-        stance: stance of all images.
+        stance: stance in which all images were taken.
         source: name of the session's file or folder, for messages.
-        read_picture: function that returns the image, (h, w) or (h, w, 3), of a name.
+        read_picture: function that returns the image, (h, w) or (h, w, 3), with a given name.
     """
 
     robot: str
@@ -104,8 +104,8 @@ class CalibrationSession:
         for plate in self.plates:
             if plate.scan.robot != self.robot:
                 raise InvalidInput(
-                    f"{self.source}: plate {plate.name} was scanned by robot {plate.scan.robot!r}, the session is of "
-                    f"{self.robot!r}: all must come from one robot"
+                    f"{self.source}: plate {plate.name} was scanned by robot {plate.scan.robot!r}, but the session is "
+                    f"from {self.robot!r}: all must come from one robot"
                 )
             _check_stance(plate, self.stance, self.source)
         named = [plate.name for plate in self.plates]
@@ -143,13 +143,13 @@ def _check_stance(plate: Plate, stance: Stance, source: str) -> None:
 
 
 def check_size(picture: Image, size: tuple[int, int], name: str, source: str) -> None:
-    """Reject an image whose size differs from the calibrated camera's.
+    """Reject an image whose size differs from that of the other images of the session or of the known camera.
 
     Raises:
         CalibrationMismatch: the sizes differ.
     """
     if (picture.shape[1], picture.shape[0]) != size:
         raise CalibrationMismatch(
-            f"{source}: {name} is {picture.shape[1]}x{picture.shape[0]} px, the boards are {size[0]}x{size[1]}: all "
-            "pictures of a session come from one camera at one setting"
+            f"{source}: {name} has {picture.shape[1]}x{picture.shape[0]} px, the others have {size[0]}x{size[1]} px: "
+            "all pictures of a session must come from one camera with the same settings"
         )

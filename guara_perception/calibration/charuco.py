@@ -18,11 +18,12 @@ from guara_perception.calibration.board import MIRRORED, BoardSpec, BoardView
 from guara_perception.calibration.checkerboard import MAX_GRID_MISFIT
 from guara_perception.exceptions import InvalidInput
 
-# A marker of 4 x 4 bits with its border is 6 cells wide and covers three quarters of a square of 8 cells. Markers are
-# as large as possible, because a small image must show their bits.
+# A marker of 4 x 4 bits with its border is 6 cells wide, three quarters of a square of 8 cells. Markers are as large as
+# possible, so that their bits are visible in a small image.
 CELLS_PER_SQUARE: Final = 8
 CELLS_PER_MARKER: Final = 6
-# Dictionaries by number of markers; each contains the smaller ones, whose markers differ more from each other.
+# Dictionaries by number of markers. Each contains all smaller ones; the markers of a smaller one differ more from each
+# other.
 DICTIONARIES: Final = {
     50: cv2.aruco.DICT_4X4_50,
     100: cv2.aruco.DICT_4X4_100,
@@ -32,17 +33,17 @@ DICTIONARIES: Final = {
 # Least number of visible corners, and of rows and columns that contain them.
 MIN_CORNERS: Final = 12
 MIN_LINES: Final = 3
-# Half width of the window of the sub-pixel refinement, relative to the smallest square. Markers, which begin an eighth
-# of a square from the corners, disturb it: 0.04 px rms with 0.1, 0.07 px with 0.2 (rendered boards, 20 to 80 px a
-# square).
+# Half width of the window of the sub-pixel refinement, relative to the smallest square. Markers begin an eighth of a
+# square from the corners and disturb the refinement: the rms error is 0.04 px with 0.1 and 0.07 px with 0.2 (rendered
+# boards with squares of 20 to 80 px).
 WINDOW_OF_SQUARE: Final = 0.1
 SMALLEST_WINDOW_PX: Final = 3
 # Least distance of a window from the border of the image.
 RIM_PX: Final = 3
-# Least share of the markers that must be at their positions on the board; with fewer the image shows another board.
+# Least share of the detected markers that must be at their positions on the board; with fewer, it is another board.
 BELONGING_SHARE: Final = 0.5
-# Positions along and across an edge between two corners at which grey levels are sampled, in units of its length: near
-# the middle of the edge, and not as far out as the markers.
+# Positions along and across an edge between two corners at which grey levels are sampled, in units of the edge length.
+# They are near the middle of the edge and do not reach the markers.
 ALONG: Final = np.linspace(0.3, 0.7, 9)
 ACROSS: Final = np.linspace(-0.12, 0.12, 25)
 # Width (10 to 90 %) of an edge with Gaussian blur, as a multiple of its contrast divided by its steepest slope.
@@ -53,14 +54,14 @@ def ink_of_charuco(board: BoardSpec) -> Mask:
     """Cells (rows, columns) of the printed pattern, True where there is ink, CELLS_PER_SQUARE to a square.
 
     Raises:
-        InvalidInput: the board needs more markers than there are.
+        InvalidInput: the board needs more markers than the largest dictionary has.
     """
     size = ((board.columns + 1) * CELLS_PER_SQUARE, (board.rows + 1) * CELLS_PER_SQUARE)
     return np.asarray(_layout(board).generateImage(size, marginSize=0) == 0)
 
 
 def find_charuco(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
-    """Find the inner corners of a ChArUco board that are visible in an image.
+    """Find the visible inner corners of a ChArUco board in an image.
 
     Args:
         grey: (h, w) image.
@@ -108,7 +109,7 @@ def marker_dictionary(board: BoardSpec) -> int:
     """OpenCV's code of the smallest dictionary with a marker for each white square.
 
     Raises:
-        InvalidInput: the board needs more markers than there are.
+        InvalidInput: the board needs more markers than the largest dictionary has.
     """
     needed = (board.columns + 1) * (board.rows + 1) // 2
     if needed > max(DICTIONARIES):
@@ -121,7 +122,7 @@ def marker_dictionary(board: BoardSpec) -> int:
 
 @lru_cache(maxsize=4)
 def _layout(board: BoardSpec) -> cv2.aruco.CharucoBoard:
-    """OpenCV's board; lengths are in cells."""
+    """Board as an object of OpenCV, with lengths in cells."""
     markers = cv2.aruco.getPredefinedDictionary(marker_dictionary(board))
     size = (board.columns + 1, board.rows + 1)
     return cv2.aruco.CharucoBoard(size, float(CELLS_PER_SQUARE), float(CELLS_PER_MARKER), markers)
@@ -138,7 +139,7 @@ def _markers(grey: Grey, layout: cv2.aruco.CharucoBoard) -> tuple[Float32, Index
 
 
 def _on_board(layout: cv2.aruco.CharucoBoard, marks: Float32, ids: Index32) -> Mask:
-    """Mask (n,) of the markers that are arranged as on the board; corners are sought only between these."""
+    """Mask (n,) of the markers that are arranged as on the board; corners are sought only between such markers."""
     if not len(ids):
         return np.zeros(0, np.bool_)
     by_id = dict(zip(np.ravel(layout.getIds()).tolist(), layout.getObjPoints(), strict=True))
@@ -183,7 +184,7 @@ def _neighbours(which: Index, board: BoardSpec) -> tuple[Index, Index]:
 def _edge_width(grey: Grey, corners: Float, which: Index, board: BoardSpec) -> float:
     """Mean width of the black-white edges [px], from their steepest slope; NaN without neighbouring corners.
 
-    OpenCV's own measure samples from centre to centre of the squares and is disturbed by the markers.
+    OpenCV's own measure samples lines from the centre of one square to that of the next, which markers disturb.
     """
     first, second = _neighbours(which, board)
     if not len(first):

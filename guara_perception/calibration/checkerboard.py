@@ -1,4 +1,4 @@
-"""Detection of a complete checkerboard in a grey image."""
+"""Detection of a complete checkerboard in a greyscale image."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from guara_perception.calibration.board import BLACK, MIRRORED, BoardSpec, Board
 BORDER_PX = 40
 # A slight blur before the sub-pixel refinement nearly halves the error at sharp, aliased edges (from 0.07 to 0.04 px).
 BLUR_SIGMA_PX = 0.8
-# Half width of the window of the sub-pixel refinement, relative to the smallest square: wide, but without a second
-# corner.
+# Half width of the window of the sub-pixel refinement, relative to the smallest square: as wide as possible without a
+# second corner in the window.
 WINDOW_OF_SQUARE = 0.35
-# Points beside the detected corners count as corners if they have at least this share of their contrast.
+# Points beside the detected corners count as corners if they have more than this share of the corners' contrast.
 CROSSING_SHARE = 0.5
-# Largest misfit of a homography, relative to a square: lens distortion bends a board by a few per cent, the markers of
-# another board are off by a whole square.
+# Largest misfit of a homography, relative to a square. Lens distortion bends a board by a few per cent of a square,
+# whereas the markers of another board are displaced by a whole square.
 MAX_GRID_MISFIT = 0.2
 # Smallest number of inner corners along each side that OpenCV accepts.
 SMALLEST_PATTERN = (3, 3)
@@ -27,8 +27,8 @@ SMALLEST_PATTERN = (3, 3)
 def find_checkerboard(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
     """Find the inner corners of a complete board to a few hundredths of a pixel.
 
-    The fast classic detector is tried first, then the sector-based one, which tolerates uneven light. Boards of another
-    size are rejected.
+    The fast classic detector is tried first, then the sector-based one, which tolerates uneven light. A board with
+    other numbers of inner corners is rejected.
 
     Args:
         grey: (h, w) image.
@@ -57,9 +57,10 @@ def find_checkerboard(grey: Grey, board: BoardSpec, name: str = "") -> BoardView
 
 
 def is_mirrored(grey: Grey, corners: Float, board: BoardSpec) -> bool:
-    """Test if a board that `tells_mirrored` is mirrored, by the colours of the squares between its corners (n, 2).
+    """Test if the image of a board is mirrored, by the colours of the squares between its corners (n, 2).
 
-    The detectors count the corners from any of the four outer ones, clockwise or counterclockwise.
+    The board must satisfy `BoardSpec.tells_mirrored`. The detectors number the corners from any of the four outer
+    ones, clockwise or counterclockwise.
     """
     grid = corners.reshape(board.rows, board.columns, 2)
     centres = ((grid[1:, 1:] + grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:]) / 4).astype(np.float32)
@@ -85,11 +86,11 @@ def refine_corners(grey: Image, corners: Float, size: tuple[int, int]) -> Float:
 
 
 def wrong_grid(grey: Image, corners: Float, size: tuple[int, int]) -> bool:
-    """Test if the corners are only a part of the board's corners, or not an even grid.
+    """Test if the corners are only a part of the board's corners, or do not form a regular grid.
 
-    If asked for too few corners, both detectors return a part of the board, or every second line of it. The grid is
-    therefore projected into the image by a homography; nothing between its lines, or one line outside, may look like a
-    corner.
+    If asked for too few corners, both detectors return a part of the board, or every other line of it. The grid is
+    therefore projected into the image by a homography; no point halfway between its lines or one line outside may look
+    like a corner.
     """
     grid = np.mgrid[0 : size[0], 0 : size[1]].T.reshape(-1, 2).astype(np.float64)
     homography = np.asarray(cv2.findHomography(grid, corners)[0], dtype=np.float64)
@@ -111,7 +112,7 @@ def wrong_grid(grey: Image, corners: Float, size: tuple[int, int]) -> bool:
 
 
 def _crossing(grey: Image, homography: Float, points_on_board: Float, radius: float) -> Float:
-    """Strength (n,) of the pattern black, white, black, white on a ring around points (n, 2); NaN outside the image."""
+    """Contrast (n,) of the pattern black, white, black, white on a ring around points (n, 2); NaN outside the image."""
     angle = np.deg2rad(np.arange(0, 360, 15) + 7.5)
     ring = radius * np.column_stack((np.cos(angle), np.sin(angle)))
     points = (points_on_board[:, None] + ring[None]).reshape(-1, 1, 2)
@@ -126,15 +127,15 @@ def _crossing(grey: Image, homography: Float, points_on_board: Float, radius: fl
 
 
 def edge_width(grey: Image, corners: Float, size: tuple[int, int]) -> float:
-    """Mean width of the black-white edges [px]."""
+    """Mean width of the edges between black and white squares [px]."""
     points = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
     return float(np.ravel(cv2.estimateChessboardSharpness(grey, size, points)[0])[0])
 
 
 def other_size(picture: Image, board: BoardSpec) -> tuple[int, int] | None:
-    """Numbers (columns, rows) of inner corners of another board in this image; None if there is none.
+    """Numbers (columns, rows) of inner corners of a board of another size in an image; None if there is none.
 
-    OpenCV extends the smallest pattern to all corners around it, so all sizes take the same time.
+    OpenCV extends the smallest pattern to all adjacent corners, so all sizes take the same time.
     """
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
     found, _, kinds = cv2.findChessboardCornersSBWithMeta(to_grey(picture), SMALLEST_PATTERN, flags)

@@ -77,7 +77,7 @@ TEXTS = {
         "expose less, focus the laser line",
     ),
     "height sigma far": (
-        "The same at the far edge, where laser plane and line of sight meet at a small angle.",
+        "Predicted error at the far edge, where the laser plane and the line of sight meet at a small angle.",
         "expose less, focus the laser line",
     ),
     "mount by joints and gravity": (
@@ -98,7 +98,7 @@ def camera_checks(
     halves_px: Float | None,
     floor_sigma: Float,
 ) -> list[Check]:
-    """Checks of camera and mount; a given lens itself is not checked.
+    """Checks of camera and mount. A given lens is not checked by itself, only against the images.
 
     Args:
         intrinsics: lens and views.
@@ -107,7 +107,7 @@ def camera_checks(
         square_ratio: size of the ground board's squares measured relative to the fiducials, divided by the given size;
             None without a ground board.
         corners_by_cell: number of corners in each cell of the image.
-        halves_px: (n, 2) differences of the cross-validation; None with too few views.
+        halves_px: (n, 2) differences between the lenses of the cross-validation [px]; None for too few views.
         floor_sigma: (n,) projection uncertainty on the floor [m].
     """
     residual = np.concatenate([np.empty(0), *(r.ravel() for r in fit.residuals_px)])
@@ -133,9 +133,9 @@ def camera_checks(
 
 
 def mount_checks(transform_camera_to_base: Float, nominal_camera_to_base: Float, mount: str) -> list[Check]:
-    """Checks of distance and angle between the fitted mount and the robot's URDF.
+    """Checks of distance and angle between the fitted mount and that of the robot's URDF.
 
-    An offset common to all crosses leaves no residual in the fit; only the comparison with the URDF reveals it.
+    An error common to the positions of all crosses leaves no residual in the fit; only this comparison reveals it.
 
     Args:
         transform_camera_to_base: (4, 4) fitted mount.
@@ -155,7 +155,7 @@ def mount_checks(transform_camera_to_base: Float, nominal_camera_to_base: Float,
 
 
 def laser_checks(laser: LaserFit, near: float, far: float, filled: int, stripes: int) -> list[Check]:
-    """Checks of the laser.
+    """Checks of the laser planes and of the heights measured with them.
 
     Args:
         laser: fit of the planes.
@@ -180,15 +180,16 @@ def stance_checks(robot: RobotModel, stance: Stance) -> list[Check]:
     """Check of the angle between the mount computed with the joint angles and the one computed with gravity.
 
     The mount follows from the pose of the camera over the floor, known from the images, and the pose of `base_link`,
-    known either from the plane of the soles or from gravity. On a level floor the two agree. Because the camera pose is
-    common to both mounts, the angle between them equals the angle between the two floor normals in `base_link`.
+    known either from the plane of the soles or from gravity. On a level floor, both give the same mount. Because the
+    camera pose is common to both, the angle between the two mounts equals that between the floor normals in
+    `base_link`.
 
     Args:
         robot: model of the robot.
         stance: stance of the session.
 
     Returns:
-        One check; none without gravity or with fewer than three support feet.
+        One check; an empty list without gravity or with fewer than three support feet.
     """
     if stance.gravity_in_base is None or len(stance.support_feet) < LEAST_FEET:
         return []
@@ -196,7 +197,7 @@ def stance_checks(robot: RobotModel, stance: Stance) -> list[Check]:
         np.asarray(robot.stance_pose(stance, attitude=source).transform_base_to_footprint)[:3, :3]
         for source in ("imu", "support_plane")
     )
-    # Floor normals in base_link. Arc tangent, because the arc cosine loses small angles to rounding.
+    # Floor normals in base_link. The arc cosine would lose small angles to rounding, the arc tangent does not.
     normal, other = from_gravity[2], from_joints[2]
     angle = float(np.arctan2(np.linalg.norm(np.cross(normal, other)), normal @ other))
     return [_check("mount by joints and gravity", float(np.rad2deg(angle)), "degrees", 0.5, 2.0)]

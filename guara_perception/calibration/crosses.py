@@ -17,19 +17,20 @@ Candidate = tuple[Float, float]
 # Half length of the bars of a cross (docs/calibration.md), and the initial half width of their fit.
 ARM_M = 0.012
 BAR_M = 0.0015
-# Search radius around the predicted position of a cross: covers a mount that is 3 degrees and 20 mm off, at 0.6 m.
+# Search radius around the predicted position of a cross. It covers an error of the mount of 3 degrees and 20 mm at a
+# distance of 0.6 m.
 SEARCH_M = 0.060
 RASTER_M = 0.0005
-# Normalised correlation: crosses reach 0.8 and more, floor texture 0.3.
+# Least normalised correlation: crosses reach 0.8 and more, floor texture 0.3.
 MIN_SCORE = 0.5
 ANGLES = np.deg2rad((0.0, 15.0, -15.0, 30.0, -30.0, 45.0))
 CANDIDATES = 3
-# Misfit that has the same weight as a decrease of the correlation by 1, in the choice between candidates.
+# Misfit that has the same weight in the choice between candidates as a decrease of the correlation by 1.
 SCORE_WEIGHT_M = 0.02
-# Factor of the fit's sigma, which is too small because the pixels of one mark share blur and floor texture.
+# Factor by which the fit's sigma is enlarged; it is too small because the pixels of a mark share blur and texture.
 SIGMA_FACTOR = 2.0
 SIGMA_FLOOR_PX = 0.02
-# Largest number of iterations of a fit: a cross needs 10 to 30, floor texture more.
+# Largest number of function evaluations of a fit: a cross needs 10 to 30, floor texture needs more.
 MOST_FITS = 100
 # Least blur of a bar in the fit, in units of ARM_M.
 LEAST_BLUR = 1e-3
@@ -40,9 +41,9 @@ class Mark(FrozenArrays):
     """Fiducial in an image.
 
     Attributes:
-        centre_px: (2,) centre (u, v).
-        sigma_px: standard deviation per axis.
-        score: correlation with an ideal cross, 0 ... 1; NaN if the user gave the pixel.
+        centre_px: (2,) centre (u, v) [px].
+        sigma_px: standard deviation of the centre per axis [px].
+        score: correlation with an ideal cross, 0 ... 1; NaN if the user gave the position.
     """
 
     centre_px: Float
@@ -53,7 +54,7 @@ class Mark(FrozenArrays):
 def find_crosses(
     grey: Grey, camera: CameraModel, transform_camera_to_footprint: Float, points_in_footprint: Float
 ) -> list[Mark | None]:
-    """Find the crosses at some floor points.
+    """Find the crosses near given points of the floor.
 
     Args:
         grey: (h, w) uint8 image.
@@ -114,7 +115,7 @@ def _template(angle: float) -> Float32:
 
 
 def _consistent(found: list[list[Candidate]], points: Float) -> tuple[Candidate, ...]:
-    """Combination of one candidate per mark that best fits a rigid motion of all marks on the floor."""
+    """Choose one candidate per mark, so that the marks together best fit a rigid motion on the floor."""
 
     def cost(choice: tuple[Candidate, ...]) -> float:
         moved = points + np.array([offset for offset, _ in choice])
@@ -124,14 +125,14 @@ def _consistent(found: list[list[Candidate]], points: Float) -> tuple[Candidate,
         misfit = np.linalg.norm(b - a @ rotation.T, axis=1).mean()
         return float(misfit) + SCORE_WEIGHT_M * sum(1 - score for _, score in choice) / len(choice)
 
-    # More than six marks with three candidates each have too many combinations, so the best score decides alone.
+    # With more than six marks of three candidates each, combinations are too many: the best score of each mark decides.
     if np.prod([len(candidates) for candidates in found]) > 3**6:
         return tuple(candidates[0] for candidates in found)
     return min(product(*found), key=cost)
 
 
 def _refine(grey: Grey, camera: CameraModel, transform: Float, start: Float) -> tuple[Float, float] | None:
-    """Fit a blurred cross to the pixels around `start`; return its centre and sigma [px], or None if none fits."""
+    """Fit a blurred cross to the pixels around `start`; return centre and sigma [px], or None without a good fit."""
     from scipy.optimize import least_squares
 
     around = start + 1.4 * ARM_M * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
@@ -188,7 +189,7 @@ def _cross_model(p: Float, position: Float) -> Float:
 
 
 def _ink_of_bar(p: Float, position: Float, angle: float) -> tuple[Float, Float]:
-    """Amount of ink of a bar at an angle, as factors along its length and across its width."""
+    """Amount of ink of a bar at an angle, as two factors: along its length and across its width."""
     from scipy.special import ndtr
 
     (along, across), blur = _along_and_across(p, position, angle), _blur(p)

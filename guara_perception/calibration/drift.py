@@ -14,7 +14,8 @@ import numpy.typing as npt
 from guara_perception.arrays import Float, Index, Mask
 from kinematics.arrays import FrozenArrays
 
-# Number of parts into which a stripe is divided along y; each part has the median height of its points.
+# Number of parts into which a stripe is divided along y. The height of a part is the median of its points; it is
+# unknown if the part has fewer than LEAST_POINTS.
 PARTS = 12
 PAIRS = np.array(list(combinations(range(PARTS), 2)))
 LEAST_POINTS = 4
@@ -27,20 +28,20 @@ HOLDS, DRIFTING, UNKNOWN = "holds", "drifting", "unknown"
 # A scan shows a floor if at least this many of its stripes, and this share of the stripes with returns, are straight.
 MIN_STRIPES = 8
 MIN_FLOOR_SHARE = 0.6
-# Least depth of the floor along x. Rough ground has straight stripes too, over at most 0.23 m in 36 scans.
+# Least depth of the floor along x. Rough ground also has straight stripes, but over at most 0.23 m in 36 scans.
 MIN_DEPTH_M = 0.30
-# Median roughness along the stripes above which ground is not a flat floor. Flat floors have 0.02 to 0.08 mm, ground
-# undulating by 2 mm at least 0.14 mm where it looks flat, and a floor with glare, which is not used, 0.16 mm.
+# Largest median roughness of a flat floor along the stripes. Flat floors have 0.02 to 0.08 mm. Ground that undulates by
+# 2 mm has at least 0.14 mm where it looks flat, and a floor with glare, which must be rejected, has 0.16 mm.
 MAX_ROUGHNESS_M = 0.00012
 # Straight stripes farther than this from the plane of the others are on something else, such as a box or a threshold.
 APART_M = 0.008
 # Largest rms distance from one plane over centres and ends of the stripes, and largest distance of a single stripe. A
-# good calibration has 0.01 to 0.06 mm rms. If the median roughness along the stripes is greater, it is the limit.
+# good calibration has 0.01 to 0.06 mm rms. A median roughness along the stripes above the first limit replaces it.
 MAX_STRIPE_RMS_M = 0.00012
 MAX_STRIPE_M = 0.0006
-# Largest rms of the smooth part of these distances, a bend along x and a twist. A moved mount causes it, and errors of
-# single stripes average out in it. A good calibration has 0.001 to 0.012 mm, a laser turned by 0.2 degrees about the
-# vertical 0.08 mm.
+# Largest rms of the smooth part of these distances: a bend along x and a twist. A moved mount causes such a part;
+# errors of single stripes average out. A good calibration has 0.001 to 0.012 mm; a laser turned by 0.2 degrees about
+# the vertical causes 0.08 mm.
 MAX_FORM_M = 0.00003
 FORM_SIGMAS = 3.0
 # Half width of the floor at which stripe ends are evaluated.
@@ -52,12 +53,12 @@ STANCE_SIGMAS = 3.0
 # Standard deviation of a sole's height relative to the plane of the others, due to joints and ground [m].
 SOLE_SIGMA_M = 0.0012
 # A jump between two stripes, at least JUMP_STRIPES from both ends, explains the deviations if it removes this share of
-# their squares. Stripes farther off than HIGHEST_JUMP_M are taken to be on an object, and are omitted.
+# their sum of squares. Stripes farther than HIGHEST_JUMP_M from the floor are assumed to be on an object and ignored.
 JUMP_SHARE = 0.8
 JUMP_STRIPES = 2
 HIGHEST_JUMP_M = 0.030
-# Number of latest scans with a floor that are considered, and number of them that must show drift. A threshold in the
-# floor, or a bump along one stripe, meets other stripes at the next pause.
+# Number of most recent scans with a floor that are considered, and number of these that must show drift. One scan is
+# not enough: a threshold in the floor or a bump along one stripe imitates drift, but not at the next pause.
 REMEMBERED = 3
 NEEDED = 2
 
@@ -72,7 +73,7 @@ class FloorLines(FrozenArrays):
     Attributes:
         seen: number of stripes with enough points.
         index: (s,) indices of the straight stripes.
-        x: (s,) mean x of the points on the line [m].
+        x: (s,) mean x of the parts on the line [m].
         offset: (s,) z at y = 0 [m].
         slope: (s,) dz/dy [-].
         roughness: (s,) rms distance of the parts from the line [m].
@@ -87,10 +88,10 @@ class FloorLines(FrozenArrays):
 
 
 def find_floor_lines(points: Mapping[int, Float]) -> FloorLines:
-    """Lines of the stripes that run straight over most of their length.
+    """Find the stripes that run straight over most of their length, and fit a line to each.
 
     Args:
-        points: (w, 3) points in base_footprint of each stripe, by index, NaN where there are none.
+        points: stripe index -> points (w, 3) of the stripe in base_footprint [m], NaN where there is none.
     """
     index, x, y, z = _parts(points)
     enough = np.flatnonzero(np.isfinite(z).sum(axis=1) >= LEAST_PARTS)
@@ -140,7 +141,7 @@ def _parts(points: Mapping[int, Float]) -> tuple[Index, Float, Float, Float]:
 
 
 def _largest_agreement(y: Float, z: Float) -> Mask:
-    """Mask (s, PARTS) of the parts on each stripe's best line: the line through two parts that is near most others."""
+    """Mask (s, PARTS) of the parts on each stripe's best line, the line through two parts that has most inliers."""
     if not len(z):
         return np.zeros((0, PARTS), np.bool_)
     first, second = PAIRS.T
@@ -157,15 +158,17 @@ def _largest_agreement(y: Float, z: Float) -> Mask:
 class Drift:
     """Outcome of a drift check.
 
+    All numbers are NaN for the verdict "unknown", except `floor_share`, which is NaN if too few stripes have points.
+
     Attributes:
         verdict: "holds", "drifting", or "unknown" if the scan shows no flat floor to compare with.
         reasons: reasons, with numbers, for a verdict other than "holds".
-        floor_share: share of the stripes that run straight over one floor.
+        floor_share: share of the stripes with points that run straight over one floor.
         floor_height: height of the floor at the mean x of its visible part [m].
         floor_tilt: angle of the floor relative to the horizontal [rad].
         stripe_rms: rms distance of the stripes' centres and ends from one plane [m].
         worst_stripe: index of the stripe whose centre deviates most, -1 if unknown.
-        worst_distance: distance of this centre from the plane [m].
+        worst_distance: signed distance of this centre from the plane [m].
     """
 
     verdict: str
@@ -178,7 +181,7 @@ class Drift:
     worst_distance: float
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON values, None if unknown."""
+        """Convert the outcome to JSON values, with None for unknown numbers."""
         numbers = ("floor_share", "floor_height", "floor_tilt", "stripe_rms", "worst_distance")
         return {
             "verdict": self.verdict,
@@ -195,19 +198,19 @@ def check_drift(
 ) -> Drift:
     """Compare the floor in a scan with its expected position.
 
-    Each stripe is measured with its own laser plane. On a flat floor each stripe is a straight line even if camera or
-    laser moved; if too few stripes are straight, the verdict is "unknown". The lines must lie in one plane: a moved
-    mount or mirror violates this, a tilted body or floor does not. This plane must also agree with z = 0 or with the
-    plane of the soles.
+    Each stripe is triangulated with its own laser plane. On a flat floor each stripe is a straight line even if the
+    camera or the laser moved; if too few stripes are straight, the verdict is "unknown". All lines must lie in one
+    plane: a moved mount or mirror violates this condition, a tilted body or floor does not. This plane must also agree
+    with z = 0 or with the plane of the soles.
 
     Args:
-        points: (w, 3) points in base_footprint of each stripe, by index, NaN where there are none
+        points: stripe index -> points (w, 3) of the stripe in base_footprint [m], NaN where there is none
             (`StripePoints.points` of a processed scan).
         pose_covariance: (6, 6) covariance of the stance (x y z [m], rotations [rad]), which widens the limits of height
             and tilt of the floor. None = the stance is exact.
-        soles_in_footprint: (n, 3) supporting soles. With three or more, the floor may agree with their plane
-            instead, so that ground with one slope under robot and stripes is not taken for drift. If the soles are not
-            in one plane, height and tilt are not judged. None = the floor is compared with z = 0 only.
+        soles_in_footprint: (n, 3) supporting soles [m]. With three or more, the floor may agree with the plane of the
+            soles instead of z = 0, so that a slope on which both robot and stripes stand is not taken for drift. If the
+            soles are not in one plane, height and tilt are not judged. None = compare the floor with z = 0 only.
     """
     lines = find_floor_lines(points)
     if lines.seen < MIN_STRIPES:
@@ -385,14 +388,14 @@ class DriftWatch:
         self._counts: Counter[str] = Counter()
 
     def add(self, drift: Drift) -> None:
-        """Add the check of the next pause; a check without a floor is only counted."""
+        """Add the outcome of the next pause; an outcome without a floor is counted but does not affect the verdict."""
         self._counts[drift.verdict] += 1
         if drift.verdict != UNKNOWN:
             self._with_floor.append(drift)
 
     @property
     def verdict(self) -> str:
-        """Verdict of the walk: drifting if two of the last three scans with a floor drift; unknown before the first."""
+        """Verdict on the walk: "drifting" if two of the last three scans with a floor drift, "unknown" without any."""
         if not self._with_floor:
             return UNKNOWN
         return DRIFTING if sum(drift.verdict == DRIFTING for drift in self._with_floor) >= NEEDED else HOLDS

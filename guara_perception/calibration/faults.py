@@ -17,18 +17,19 @@ from guara_perception.calibration.plates import LostLine, PlateLine
 from guara_perception.calibration.sweep import Sweep
 from guara_perception.exceptions import CalibrationRefused
 
-# Least height difference of two plates that determines a laser plane.
+# Least height difference between two plates that together determine a laser plane.
 MIN_HEIGHT_DIFFERENCE_M = 0.010
 # Largest deviation of the laser plane's rotation between neighbouring stripes from the commanded one [rad]. The
-# periodic error of a stepper causes 0.01 to 0.02 degrees, a full step of the Guara 0.7.
+# periodic error of a stepper causes 0.01 to 0.02 degrees; a full step of the Guara causes 0.7 degrees.
 MISSED_STEP = float(np.deg2rad(0.10))
 # Least share of the stripes on a plate that must be found, and of all stripes that must be on plates of two heights.
 MIN_LINES = 0.8
 # Height below which a plate is the floor itself.
 BARE_FLOOR_M = 0.001
-# Largest number of stripes on the front or across the edge of a plate, next to the stripes on the floor beside it.
+# Largest number of stripes that fall on the front or across the edge of a plate, next to stripes on the floor beside
+# it.
 BORDER_STRIPES = 6
-# A plate is wrong if the others agree this many times better without it than without any other plate.
+# A plate is named as wrong if the remaining plates agree this many times better than after leaving out any other plate.
 CLEARLY = 2.0
 # Largest deviation of the laser from its nominal mount, in standard deviations of PARAMETERS.
 MAX_DEVIATION = 2.5
@@ -40,7 +41,7 @@ class Jump:
 
     Attributes:
         plate: number of the plate.
-        after: stripe index before the jump.
+        after: index of the last stripe before the jump.
         angle: additional rotation of the laser plane at all later stripes [rad].
     """
 
@@ -50,10 +51,10 @@ class Jump:
 
 
 def check_heights(plates: Sequence[Plate]) -> None:
-    """Refuse a session with plates at fewer than two heights.
+    """Refuse a session that does not have plates at two or more heights.
 
     Raises:
-        CalibrationRefused: the heights of all plates are nearly the same.
+        CalibrationRefused: no two successive heights are MIN_HEIGHT_DIFFERENCE_M or more apart.
     """
     heights = sorted(plate.height for plate in plates)
     if not any(b - a >= MIN_HEIGHT_DIFFERENCE_M for a, b in pairwise(heights)):
@@ -65,15 +66,15 @@ def check_heights(plates: Sequence[Plate]) -> None:
 
 
 def find_jumps(lines: Sequence[PlateLine], points: Sequence[Float], axis: Float) -> list[Jump]:
-    """Jumps of the laser plane relative to the commanded mirror angle.
+    """Find jumps of the laser plane relative to the commanded mirror angle.
 
     The plane's angle about the mirror axis minus twice the mirror angle is a smooth function of the stripe index, even
-    if the axis is known only to centimetres; a missed step is a jump of this function.
+    if the axis is known only to within centimetres. A missed step is a jump of this function.
 
     Args:
         lines: lines of all plates.
         points: (n, 3) points of each line in base_footprint.
-        axis: (3,) point of the nominal mirror axis, which is parallel to y.
+        axis: (3,) point on the nominal mirror axis, which is parallel to y.
     """
     jumps = []
     for plate in sorted({line.plate for line in lines}):
@@ -99,7 +100,7 @@ def lines_at_borders(jumps: Sequence[Jump], lines: Sequence[PlateLine], lost: Se
     Args:
         jumps: jumps of all plates.
         lines: lines of all plates.
-        lost: stripes without a line.
+        lost: stripes of the plate scans for which no line was found.
     """
     found = []
     for jump in jumps:
@@ -112,7 +113,7 @@ def lines_at_borders(jumps: Sequence[Jump], lines: Sequence[PlateLine], lost: Se
 
 
 def check_covered(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
-    """Refuse plates that are too small, or too few, for their stripes.
+    """Refuse plates that are too small or too few to cover the stripes.
 
     Raises:
         CalibrationRefused: too few stripes are on plates of two heights.
@@ -123,14 +124,14 @@ def check_covered(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
     bare = [index for index, seen in sorted(heights.items()) if len(seen) < 2]
     if len(bare) > (1 - MIN_LINES) * len(heights):
         raise CalibrationRefused(
-            f"plates: {len(heights) - len(bare)} of {len(heights)} stripes lie on plates of two heights, "
-            f"{100 * MIN_LINES:.0f} % are needed; stripe index {format_indices(tuple(bare))} do not: scan a small "
-            "plate several times at different places of the scanned area"
+            f"plates: {len(heights) - len(bare)} of {len(heights)} stripes lie on plates of two heights "
+            f"({100 * MIN_LINES:.0f} % needed); stripe index {format_indices(tuple(bare))} do not: scan a small "
+            "plate several times, at different places in the scanned area"
         )
 
 
 def refuse_jumps(jumps: Sequence[Jump], plates: Sequence[Plate], has_floor: bool) -> None:
-    """Refuse a session with jumps: missed steps, or, without a scan of the bare floor, stripes that miss a plate.
+    """Refuse a session with jumps. Their cause is a missed step or, without a scan of the bare floor, a missed plate.
 
     Raises:
         CalibrationRefused: there are jumps; the message names plate, stripe and angle of the first ones.
@@ -149,7 +150,7 @@ def refuse_jumps(jumps: Sequence[Jump], plates: Sequence[Plate], has_floor: bool
 
 
 def check_order(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
-    """Refuse plates whose stripes move in the wrong direction with height: their heights are swapped.
+    """Refuse plates whose heights are swapped, which shows in stripes that move the wrong way with increasing height.
 
     The mirror is ahead of the camera, so each stripe appears farther ahead in the image on a higher plate.
 
@@ -182,17 +183,17 @@ def check_lines(plate: Plate, found: int, lost: Sequence[LostLine]) -> None:
     faults = [one for one in lost if not one.is_beside]
     wanted = len(plate.scan.stripes) - (len(lost) - len(faults))
     if not wanted:
-        raise CalibrationRefused(f"plate {plate.name}: all stripes fall beside it: lay it into the scanned area")
+        raise CalibrationRefused(f"plate {plate.name}: all stripes are beside it: place it in the scanned area")
     if found < MIN_LINES * wanted:
         example = f"; for example stripe index {faults[0].index}: {faults[0].reason}" if faults else ""
         raise CalibrationRefused(
-            f"plate {plate.name}: {found} of {wanted} stripes were found, {100 * MIN_LINES:.0f} % are needed"
+            f"plate {plate.name}: {found} of {wanted} stripes were found ({100 * MIN_LINES:.0f} % needed)"
             f"{example}: check laser, exposure and the position of the plate"
         )
 
 
 def check_mirror(sweep: Sweep) -> None:
-    """Refuse a laser that is far from its mount in the robot model.
+    """Refuse a laser that deviates too much from its nominal mount in the robot model.
 
     Raises:
         CalibrationRefused: a parameter of the mirror model deviates too much.
@@ -209,14 +210,15 @@ def check_mirror(sweep: Sweep) -> None:
 
 
 def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> str:
-    """Text that names the plate contradicted by the others, or two plates if it cannot be decided which one is wrong.
+    """Message that names the plate contradicted by the others, or two plates if it is uncertain which one is wrong.
 
-    Leaving out a plate changes all heights, so a correct plate often has the largest error. But the remaining plates
-    agree only without the wrong one. Of four or more plates, the remaining ones then fit their planes; of three, the
-    remaining two always fit, but the mirror turns evenly only without the wrong one.
+    Leaving out a plate changes all measured heights, so a correct plate often has the largest error. But the remaining
+    plates agree only if the wrong one is left out. With four or more plates, the remaining ones then fit their planes.
+    With three plates, the remaining two always fit, but the fitted mirror turns evenly only if the wrong one is left
+    out.
 
     Args:
-        entries: fits that each left one plate out, three or more.
+        entries: three or more fits, each of which left out one plate.
         plates: plates of the session.
     """
 
@@ -243,13 +245,13 @@ def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> st
 
 
 def _direction(lines: Sequence[PlateLine]) -> float:
-    """Sign of the change of image rows in the forward direction: +1 for the mount of eq. 5, -1 for an upright one."""
+    """Sign of the change of image rows in forward direction: +1 for the mount of eq. 5, -1 for an upright camera."""
     first = min(lines, key=lambda line: line.mirror_angle)
     last = max(lines, key=lambda line: line.mirror_angle)
     return float(np.sign(np.median(last.pixels[:, 1]) - np.median(first.pixels[:, 1])) or 1.0)
 
 
 def _plane_angle(points: Float, axis: Float) -> float:
-    """Angle of the line's centre about the mirror axis [rad], 0 straight down, positive forward."""
+    """Angle of the centre of a line's points about the mirror axis [rad], 0 straight down, positive forward."""
     centre = points.mean(axis=0)
     return float(np.arctan2(centre[0] - axis[0], axis[2] - centre[2]))

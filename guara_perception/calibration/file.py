@@ -22,20 +22,21 @@ logger = logging.getLogger(__name__)
 def load_calibration(path: str | Path) -> Calibration:
     """Read and validate a calibration file.
 
-    The result has the hash of the content. A different stored hash (a file edited by hand) is logged as a warning.
+    The `hash` of the result is that of the content. If the file states another hash, because it was edited by hand, a
+    warning is logged.
 
     Raises:
-        MissingFile: no such file.
+        MissingFile: there is no such file.
         FileFormatError: the content is not a calibration; the message names the field.
     """
     return _validated(read_json(path), str(path))
 
 
 def parse_calibration(content: bytes, source: str) -> Calibration:
-    """Calibration from the text of its file, as stored in a recording; see `load_calibration`.
+    """Parse the content of a calibration file, as stored in a recording; see `load_calibration`.
 
     Args:
-        content: text of `calibration.json`.
+        content: content of `calibration.json`.
         source: origin of the content, for messages.
 
     Raises:
@@ -61,7 +62,8 @@ def save_calibration(calibration: Calibration, path: str | Path) -> Calibration:
     """Write a calibration file atomically; return the calibration as written, with `created` and `hash` filled in.
 
     Raises:
-        MissingFile: the folder does not exist.
+        MissingFile: the folder of `path` does not exist.
+        InvalidInput: `path` is a folder.
         FileFormatError: a value is NaN or infinite.
     """
     created = calibration.created or datetime.now(UTC).isoformat(timespec="seconds")
@@ -73,10 +75,10 @@ def save_calibration(calibration: Calibration, path: str | Path) -> Calibration:
 
 
 def to_json(calibration: Calibration) -> str:
-    """Text of a calibration's file.
+    """Convert a calibration to the text of its file.
 
     Raises:
-        FileFormatError: a value is NaN or infinite; such a file could not be loaded again.
+        FileFormatError: a value is NaN or infinite, so that the file could not be loaded again.
     """
     content = to_dict(calibration)
     refuse_not_finite(content, "calibration")
@@ -84,7 +86,7 @@ def to_json(calibration: Calibration) -> str:
 
 
 def to_dict(calibration: Calibration) -> dict[str, Any]:
-    """JSON object of a calibration, with fields in the order of docs/files.md."""
+    """Convert a calibration to a JSON object, with fields in the order of docs/files.md."""
     camera = calibration.camera
     return {
         "format": FORMAT,
@@ -93,7 +95,7 @@ def to_dict(calibration: Calibration) -> dict[str, Any]:
             "size": list(camera.size),
             "matrix": camera.matrix.tolist(),
             "distortion": camera.distortion.tolist(),
-            # Absent if unknown, so that files older than this field keep their content hash.
+            # The field is absent if unknown, so that files older than the field keep their content hash.
             **({"identity": camera.identity} if camera.identity else {}),
         },
         "transform_camera_to_base": calibration.transform_camera_to_base.tolist(),
@@ -110,7 +112,7 @@ def to_dict(calibration: Calibration) -> dict[str, Any]:
 
 
 def content_hash(calibration: Calibration) -> str:
-    """Hash of the calibration without its hash field: first 16 hexadecimal digits of SHA-256."""
+    """Hash of a calibration without its field `hash`: first 16 hexadecimal digits of SHA-256."""
     content = to_dict(calibration)
     del content["hash"]
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))

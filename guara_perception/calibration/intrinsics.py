@@ -15,7 +15,7 @@ from guara_perception.exceptions import CalibrationRefused
 from kinematics.arrays import FrozenArrays
 
 MIN_VIEWS = 5
-# Least value of the largest angle between two boards; below it, focal length and distance cannot be separated.
+# Least value of the largest angle between two boards; below this, focal length and distance cannot be separated.
 MIN_TILT = float(np.deg2rad(12.0))
 # A view is an outlier, for instance of a bent board, if its error exceeds both this multiple of the median and this
 # many pixels.
@@ -23,7 +23,8 @@ OUTLIER_OF_MEDIAN = 3.0
 OUTLIER_PX = 0.15
 DISTORTIONS = ("k1k2", "k1k2p1p2", "k1k2p1p2k3")
 # Assumed standard deviations of a given lens, whose file states none: focal lengths (relative), principal point
-# (relative to the image width), k1 and k2. They are those of a calibration with fourteen images (the recorded session).
+# (relative to the image width), k1 and k2. The values are from a calibration with fourteen images (the recorded
+# session).
 GIVEN_FOCAL, GIVEN_CENTRE, GIVEN_DISTORTION = 4e-4, 3e-4, (5e-4, 1.1e-3)
 
 
@@ -36,8 +37,8 @@ class Intrinsics(FrozenArrays):
         free: names of the estimated parameters, in the order of `sigma`.
         sigma: standard deviations of fx, fy, cx, cy [px] and of the distortion coefficients.
         views: views that were used.
-        poses: (n, 6) poses from board to camera of these views: rotation vector and translation.
-        errors_px: rms corner error of each view used.
+        poses: (n, 6) transforms from board to camera in these views: rotation vector [rad] and translation [m].
+        errors_px: (n,) rms corner error of each of these views [px].
         outliers: names of the omitted views, with the reasons.
         is_given: True if the model was given and the views only check it.
     """
@@ -53,7 +54,7 @@ class Intrinsics(FrozenArrays):
 
     @property
     def rms_px(self) -> float:
-        """Root mean square of the corner errors."""
+        """Root mean square of `errors_px` [px]."""
         return float(np.sqrt(np.mean(self.errors_px**2)))
 
     @property
@@ -74,7 +75,7 @@ def calibrate_intrinsics(
     distortion: str = "k1k2",
     keep: Sequence[str] = (),
 ) -> Intrinsics:
-    """Estimate the lens, omitting and naming views that do not fit the others.
+    """Estimate the lens; omit views that do not fit the others, and list them as outliers.
 
     Args:
         views: usable views.
@@ -84,7 +85,7 @@ def calibrate_intrinsics(
         keep: names of views that are never omitted (the board on the floor).
 
     Raises:
-        CalibrationRefused: there are fewer than MIN_VIEWS views, or all boards are nearly parallel.
+        CalibrationRefused: fewer than MIN_VIEWS views remain, or all boards are nearly parallel.
     """
     used = list(views)
     outliers: list[tuple[str, str]] = []
@@ -111,7 +112,7 @@ def calibrate_intrinsics(
 
 
 def given_intrinsics(camera: CameraModel, views: Sequence[BoardView], board: BoardSpec) -> Intrinsics:
-    """Known lens, with the poses of the boards in the views, if any, that check it."""
+    """Intrinsics of a known lens, with the poses of the boards in the views, if any, that check the lens."""
     poses, errors = np.empty((len(views), 6)), np.empty(len(views))
     for i, view in enumerate(views):
         points = view.points(board)
@@ -147,7 +148,7 @@ def calibrate_views(
     distortion: str = "k1k2",
     outliers: Sequence[tuple[str, str]] = (),
 ) -> Intrinsics:
-    """Fit the lens to all of these views; `outliers` are only copied to the result."""
+    """Fit the lens to all given views; `outliers` are only copied to the result."""
     points = [np.asarray(view.points(board), dtype=np.float32) for view in views]
     corners = [np.asarray(view.corners_px, dtype=np.float32).reshape(-1, 1, 2) for view in views]
     free = free_parameters(distortion)

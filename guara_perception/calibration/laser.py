@@ -19,7 +19,7 @@ from guara_perception.calibration.sweep import Sweep, fit_sweep, line_points
 from kinematics.arrays import FrozenArrays
 from kinematics.transforms import transform_points
 
-# Samples of the height field: values of y, heights, number of stripes.
+# Samples of the field of height errors: values of y, heights, and number of stripes.
 FIELD_Y_M = np.linspace(-0.27, 0.27, 7)
 FIELD_HEIGHTS_M = (-0.02, 0.04, 0.10)
 FIELD_STRIPES = 18
@@ -27,15 +27,16 @@ FIELD_STRIPES = 18
 
 @dataclass(frozen=True, slots=True)
 class LeaveOneOut:
-    """Height error of a plate, measured with planes fitted to the other plates.
+    """Height error of a plate, measured with laser planes fitted to the other plates.
 
     Attributes:
         plate: number of the plate.
-        mean: measured minus given height, mean over its lines [m].
-        scatter: standard deviation of this difference over its lines [m].
-        near, far: mean over the nearest and the farthest third of the lines [m].
-        irregularity: standard deviation of the mirror's step errors in the fit [rad], small if the other plates agree.
-        disagreement: rms height error of the other plates in the fit [m]; zero for two plates, which always agree.
+        mean: measured minus given height, mean over the plate's lines [m].
+        scatter: standard deviation of this difference over the plate's lines [m].
+        near, far: mean difference over the nearest and the farthest third of the lines [m].
+        irregularity: standard deviation of the mirror's step errors in the fit [rad]; small if the other plates agree.
+        disagreement: rms height error of the other plates in the fit [m]; nearly zero for two other plates, which
+            always agree.
     """
 
     plate: int
@@ -48,7 +49,7 @@ class LeaveOneOut:
 
     @property
     def rms(self) -> float:
-        """Root mean square error of height [m]."""
+        """Root mean square height error [m]."""
         return float(np.hypot(self.mean, self.scatter))
 
 
@@ -60,9 +61,9 @@ class LaserFit(FrozenArrays):
         sweep: mirror model in base_footprint.
         stripes: plane of each stripe in base_footprint.
         planes_in_camera: (s, 4) the same planes in the camera frame.
-        line_errors: (lines,) mean height error of each line through its own plane [m].
-        leave_one_out: one entry per plate; empty with fewer than three plates.
-        uncertainty: uncertainty of heights.
+        line_errors: (lines,) mean height error of each line, measured with the plane of its stripe [m].
+        leave_one_out: one entry per plate; empty for fewer than three plates.
+        uncertainty: uncertainty of heights measured with these planes.
     """
 
     sweep: Sweep
@@ -119,7 +120,7 @@ def height_sigmas(
     Args:
         fit: camera and mount.
         laser: mirror model and laser planes.
-        lines: lines on plates, whose median stripe sigma is assumed for a scan.
+        lines: lines on plates; the median of their stripe sigmas is assumed for a scan.
         transform_base_to_footprint: (4, 4) pose of the body.
         x: range of the area in base_footprint [m].
     """
@@ -148,7 +149,7 @@ def _in_camera(planes: Float, transform_camera_to_footprint: Float) -> Float:
 
 
 def _line_heights(lines: Sequence[PlateLine], points: Sequence[Float], stripes: StripeFit, transform: Float) -> Float:
-    """Mean height error of each line, measured with the plane of its stripe [m]."""
+    """Mean height error (lines,) of each line, measured with the plane of its stripe [m]."""
     row = {index: k for k, index in enumerate(stripes.indices)}
     errors = np.empty(len(lines))
     for i, (line, point) in enumerate(zip(lines, points, strict=True)):

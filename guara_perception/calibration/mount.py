@@ -16,7 +16,7 @@ from guara_perception.calibration.crosses import SEARCH_M, Mark, find_crosses
 from guara_perception.exceptions import CalibrationRefused
 from kinematics.arrays import FrozenArrays
 
-# Half a turn about the optical axis: from the mount of eq. 5 to an upright camera, and back.
+# Half a turn about the optical axis, which converts the mount of eq. 5 to that of an upright camera, and back.
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
 ROLLED = "upright"
 MOUNTS = {"eq5": np.eye(4), ROLLED: HALF_TURN}
@@ -34,19 +34,20 @@ TELL_HANDEDNESS = (
 # Largest rms misfit of correct points: detected crosses fit within 0.1 px, pixels given by hand within 1 or 2 px.
 MAX_RESIDUAL_PX = {"found": 1.0, "given": 3.0}
 GIVEN_SIGMA_PX = 0.5
-# Any three crosses fit some pose, so a wrong cross can be identified only among five or more: leaving it out must give
-# a misfit CLEARER times smaller than leaving out any other.
+# Any three crosses fit some pose, so a wrong cross can be identified only among five or more: without it, the misfit
+# must be CLEARER times smaller than without any other cross.
 LEAST_OTHERS = 4
 CLEARER = 2.0
-# Crosses reach a correlation of 0.8, the texture of a floor hardly 0.6.
+# Crosses reach a correlation of 0.8; the texture of a floor hardly reaches 0.6.
 SURE_SCORE = 0.7
 # Largest deviation from the nominal mount. A larger one means another robot, points measured from another origin, or
 # exchanged marks.
 MAX_SHIFT_M = 0.050
 MAX_TURN = float(np.deg2rad(8.0))
-# Least ratio of the extents of the marks across and along their longest direction; below it they are on one line.
+# Marks are collinear if the ratio of their extents across and along their longest direction is below this.
 MIN_EXTENT_RATIO = 0.15
-# Largest relative difference of the ground board's square size between fiducials and session.
+# Largest relative difference between the ground board's square size measured with the fiducials and that of the
+# session.
 MAX_SQUARE_ERROR = 0.01
 # Largest rms distance of the ground board's corners from a flat grid on the floor.
 MAX_BOARD_LIFT_M = 0.004
@@ -77,16 +78,17 @@ class FloorPose(FrozenArrays):
 def locate_camera(
     grey: Grey, camera: CameraModel, fiducials: Fiducials, nominal_camera_to_footprint: Float
 ) -> FloorPose:
-    """Find the marks and the pose of the camera, trying the mount of eq. 5 and the upright one.
+    """Find the marks and the pose of the camera, trying the mount of eq. 5 and an upright camera.
 
     Args:
-        grey: image of the fiducials.
+        grey: greyscale image of the fiducials.
         camera: intrinsic model.
         fiducials: positions of the marks on the floor, and their pixels if given.
         nominal_camera_to_footprint: (4, 4) pose from the robot model and the session's stance.
 
     Raises:
-        CalibrationRefused: the marks are collinear, not found, permuted, mirrored, or not where the session says.
+        CalibrationRefused: the marks are collinear, not found, permuted, mirrored, or not at the positions that the
+            session states; or the camera is too far from its nominal mount.
     """
     check_extent(fiducials.points_in_footprint)
     if fiducials.points_px is not None:
@@ -111,12 +113,15 @@ def locate_camera(
 
 
 def _named(points: Float, numbers: list[int]) -> str:
-    """Crosses by number and position, for a message."""
+    """List of crosses by number and position, for a message."""
     return ", ".join(f"cross {i + 1} at ({points[i, 0]:.3f}, {points[i, 1]:.3f})" for i in numbers)
 
 
 def _misplaced(camera: CameraModel, points: Float, pose: FloorPose, nominal: Float) -> str:
-    """Advice on missing crosses, or on a single cross that the others contradict, found by leaving each one out."""
+    """Advice for a message: lay down missing crosses, or measure one cross or all crosses again.
+
+    One cross is named if the others contradict it, which is tested by leaving out each cross.
+    """
     missing = [i for i, mark in enumerate(pose.marks) if mark.score < SURE_SCORE]
     if missing:
         return f"only a spot of the floor resembles {_named(points, missing)}: lay down a dark, flat and whole cross"
@@ -138,7 +143,7 @@ def _misplaced(camera: CameraModel, points: Float, pose: FloorPose, nominal: Flo
 
 
 def _find(grey: Grey, camera: CameraModel, points: Float, nominal: Float) -> tuple[FloorPose | None, list[int]]:
-    """Pose that fits the crosses best, None if some are not found, and the numbers of those not found."""
+    """Pose that fits the crosses best, and the numbers of the crosses that were not found; the pose is then None."""
     poses: list[FloorPose] = []
     fewest = list(range(len(points)))
     for mount, turn in MOUNTS.items():
@@ -191,7 +196,7 @@ def told_by(session: CalibrationSession, not_mirrored: bool) -> str:
 
     Args:
         session: session whose board and marks were found.
-        not_mirrored: True if the user states that they are not mirrored.
+        not_mirrored: True if the user states that the images are not mirrored.
     """
     evidence = {
         "the user": not_mirrored,
@@ -222,7 +227,7 @@ def check_ground_board(
     """Refuse a ground board that contradicts the fiducials.
 
     Raises:
-        CalibrationRefused: the squares have another size, or the board does not lie on the floor.
+        CalibrationRefused: the size of the squares differs from that of the session, or the board does not lie flat.
     """
     square, misfit = _similarity(camera, transform_camera_to_footprint, ground, board)
     if abs(square / board.square - 1) > MAX_SQUARE_ERROR:
@@ -238,7 +243,7 @@ def check_ground_board(
 
 
 def _similarity(camera: CameraModel, transform: Float, ground: BoardView, board: BoardSpec) -> tuple[float, float]:
-    """Square size and rms misfit [m] of a scaled grid to the board's corners on the floor."""
+    """Square size [m] of the board, and rms misfit [m] of a scaled grid to the corners' projection onto the floor."""
     floor = to_floor(camera, transform, ground.corners_px)
     a, b = ground.points(board)[:, :2], floor
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
@@ -276,7 +281,7 @@ def _fit(camera: CameraModel, points: Float, marks: list[Mark], start: Float, mo
 
 
 def _from_given(camera: CameraModel, fiducials: Fiducials, nominal: Float) -> FloorPose:
-    """Pose from pixels given by the user, in their order; other orders are tried only to name the fault."""
+    """Pose from the pixels that the user gave, in that order; other orders are tried only to explain a misfit."""
     points = fiducials.points_in_footprint
     given = [Mark(pixel, GIVEN_SIGMA_PX, np.nan) for pixel in np.asarray(fiducials.points_px, dtype=np.float64)]
     best = _best_mount(camera, points, given, nominal)

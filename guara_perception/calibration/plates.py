@@ -17,24 +17,25 @@ from guara_perception.stripes.band import StripeProfile
 from guara_perception.stripes.extract import extract_stripe
 from kinematics.arrays import FrozenArrays
 
-# Half width of the band searched for a stripe, as a fraction of the image height: a laser mount 3 degrees and 20 mm off
-# its nominal position moves a stripe by this much.
+# Half width of the band searched for a stripe, as a fraction of the image height: errors of the laser mount of 3
+# degrees and 20 mm move a stripe by this much.
 BAND_SHARE = 0.12
 # Number of groups of columns, each averaged into one point of a line.
 BINS = 40
 # Points farther than this many standard deviations from the straight line are dust, an edge or another surface.
 OUTLIER_SIGMAS = 3.5
 MIN_COLUMNS = 30
-# Least share of its length on the plate, and of the columns in view, in which a line must be found.
+# MIN_SPAN: a line must be found in this share of its visible length on the plate. MIN_WIDTH: a line whose stripe is
+# partly on the floor and that covers less than this share of its visible columns counts as beside the plate.
 MIN_SPAN = 0.6
 MIN_WIDTH = 0.25
-# Distance from the stripe's position on the bare floor, as a fraction of the image height, up to which a column shows
-# the floor beside the plate; a plate of 10 mm moves stripes by three times as much. BORDER_COLUMNS next to such columns
-# may show both surfaces.
+# A column in which the stripe is closer than this to its position on the bare floor shows the floor, not the plate
+# (fraction of the image height). A plate of 10 mm moves stripes three times as far. The BORDER_COLUMNS next to such
+# columns may show both surfaces.
 BESIDE_SHARE = 0.0015
 BORDER_COLUMNS = 3
 BESIDE = "it falls beside the plate"
-IN_PART = "it is seen on"
+IN_PART = "visible on"
 SIGMA_FLOOR_M = 2e-5
 
 
@@ -62,7 +63,7 @@ class PlateLine(FrozenArrays):
 
 @dataclass(frozen=True, slots=True)
 class LostLine:
-    """Stripe of a plate scan without a line, with the reason."""
+    """Stripe of a plate scan for which no line was found, and the reason."""
 
     index: int
     plate: int
@@ -91,12 +92,12 @@ def plate_lines(
         camera: intrinsic model.
         transform_camera_to_footprint: (4, 4) pose of the camera.
         nominal: nominal mirror in base_footprint, which roughly predicts the stripes.
-        on_floor: lines on the bare floor by stripe index; a stripe at the same position is beside the plate. Empty for
-            the scan of the bare floor itself, or if there is none.
+        on_floor: stripe index -> line on the bare floor; where the stripe has the same position, it is beside the
+            plate. Empty for the scan of the bare floor itself, or if there is no such scan.
         on_stripe: called after each stripe, for a progress bar.
 
     Raises:
-        CalibrationMismatch: a frame has another size.
+        CalibrationMismatch: the size of a frame differs from that of the camera.
         MissingFile, FileFormatError: a frame cannot be read.
     """
     to_camera: Float = np.asarray(np.linalg.inv(transform_camera_to_footprint), dtype=np.float64)
@@ -125,7 +126,7 @@ def plate_lines(
 
 
 def _with_borders(lost: list[LostLine], order: list[int]) -> list[LostLine]:
-    """Lost lines; a line seen in part and next to a stripe beside the plate is on the border, and counts as beside."""
+    """Mark partly visible lines as beside the plate if a neighbouring stripe is beside it."""
     beside = {line.index for line in lost if line.is_beside}
     at_border = {neighbour for pair in pairwise(order) for neighbour in pair if beside & {*pair}}
     is_border = [line.reason.startswith(IN_PART) and line.index in at_border for line in lost]
@@ -153,13 +154,13 @@ def _beside(profile: StripeProfile, floor: PlateLine | None, tolerance: float) -
 def _line(
     profile: StripeProfile, beside: Mask, camera: CameraModel, transform: Float, height: float
 ) -> tuple[Float, Float, float] | str:
-    """Averaged points, weights and sigma of a straight line on a level plane, or the reason why there is none."""
+    """Averaged points [px], weights and sigma [px] of a straight line on a level plane, or the reason for no line."""
     border = np.convolve(beside, np.ones(2 * BORDER_COLUMNS + 1), mode="same") > 0
     columns = np.flatnonzero(np.isfinite(profile.position_px) & ~border)
     if columns.size < MIN_COLUMNS and beside.sum() > columns.size:
         return BESIDE
     if columns.size < MIN_COLUMNS:
-        return f"{columns.size} columns show it, {MIN_COLUMNS} or more are needed"
+        return f"found in {columns.size} columns; {MIN_COLUMNS} or more are needed"
     pixels = np.column_stack((columns, profile.position_px[columns])).astype(np.float64)
     points = to_floor(camera, transform, pixels, height)
     kept = np.ones(columns.size, dtype=bool)
@@ -176,7 +177,7 @@ def _line(
         return BESIDE
     span = kept.sum() / max(visible - int(beside.sum()), 1)
     if span < MIN_SPAN:
-        return f"{IN_PART} {100 * span:.0f} % of its length, {100 * MIN_SPAN:.0f} % are needed"
+        return f"{IN_PART} {100 * span:.0f} % of its length; {100 * MIN_SPAN:.0f} % or more is needed"
     group = np.minimum(columns[kept] * BINS // camera.size[0], BINS - 1)
     count = np.bincount(group, minlength=BINS).astype(np.float64)
     used = count > 0
@@ -188,7 +189,7 @@ def _line(
 
 
 def level_pixels(camera: CameraModel, transform_camera_to_footprint: Float, points: Float, height: float) -> Float:
-    """Pixels (n, 2) of points (n, 2) on the plane z = `height`."""
+    """Pixels (n, 2) of points (n, 2), x and y in base_footprint, on the plane z = `height` [m]."""
     lowered = transform_camera_to_footprint.copy()
     lowered[2, 3] -= height
     return floor_pixels(camera, lowered, points)

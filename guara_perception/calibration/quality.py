@@ -1,4 +1,4 @@
-"""Quality of a calibration: checks with limits, the verdict, coverage, projection uncertainty, cross-validation."""
+"""Quality of a calibration: checks with limits, verdict, coverage, projection uncertainty, cross-validation."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ GRID = (9, 7)
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One figure of merit.
+    """Figure of merit of a calibration, with its limits.
 
     Attributes:
-        name: short text, key of the figure in the file.
+        name: short name, which is also the name of the figure in the calibration file.
         value: measured value, in `unit`; NaN if it could not be computed.
         unit: unit of `value`, as text.
         usable_from: limit between good and usable.
         refused_from: limit between usable and refused.
-        meaning: description in one sentence.
-        advice: remedy if the verdict is not good.
-        higher_is_better: True if values below the limits are worse, False if values above them are.
+        meaning: description of the value.
+        advice: what to do if the verdict is not good.
+        higher_is_better: True if values below the limits are worse; False if values above the limits are worse.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Check:
 
     @property
     def reason(self) -> str:
-        """Sentence that explains a verdict other than good."""
+        """Explanation of a verdict other than good."""
         if np.isnan(self.value):
             return f"{self.name} could not be computed: {self.advice}"
         limit = self.refused_from if self.verdict == REFUSED else self.usable_from
@@ -68,12 +68,12 @@ class Check:
 
 
 def verdict_of(checks: Sequence[Check], warnings: Sequence[str]) -> tuple[str, tuple[str, ...]]:
-    """Verdict and reasons of all checks; the worst check decides.
+    """Verdict on a calibration, which is that of the worst check, and the reasons for it.
 
     Args:
         checks: all figures.
-        warnings: faults that were corrected, such as an omitted outlier view or a stripe filled in; with any of them
-            the verdict is `usable` at best.
+        warnings: faults that were compensated, such as an omitted view or a stripe filled in by the mirror model; with
+            any warning, the verdict is `usable` at best.
     """
     verdicts = [check.verdict for check in checks]
     reasons = [check.reason for check in checks if check.verdict == REFUSED]
@@ -85,7 +85,7 @@ def verdict_of(checks: Sequence[Check], warnings: Sequence[str]) -> tuple[str, t
 
 
 def quality_record(checks: Sequence[Check], verdict: str, reasons: Sequence[str]) -> dict[str, Any]:
-    """Object `quality` of calibration.json."""
+    """Convert checks and verdict to the object `quality` of calibration.json."""
     return {
         "verdict": verdict,
         "reasons": list(reasons),
@@ -122,8 +122,8 @@ def projection_uncertainty(fit: CameraFit) -> tuple[Float, Float]:
     The joint covariance of lens and mount is propagated to the floor.
 
     Returns:
-        Pixels (63, 2), and the standard deviation (63,) of the floor point seen by each [m], meaningless above the
-        horizon.
+        Pixels (63, 2), and the standard deviation (63,) of the floor point seen by each pixel [m], which is meaningless
+        for pixels above the horizon.
     """
     pixels = picture_grid(fit.camera.size)
     floor = to_floor(fit.camera, fit.transform_camera_to_footprint, pixels)
@@ -136,20 +136,21 @@ def projection_uncertainty(fit: CameraFit) -> tuple[Float, Float]:
 def cross_validation(
     views: Sequence[BoardView], board: BoardSpec, size: tuple[int, int], distortion: str, distance: float
 ) -> tuple[Float, Float] | None:
-    """Difference in projection between lenses calibrated from the even and from the odd views.
+    """Difference in projection between two lens models, calibrated from the even and from the odd views.
 
-    A rotation and a translation between the two cameras, which the mount would compensate, are removed by aligning
-    points at floor distance, as in mrcal.
+    The mount would compensate a rotation and a translation between the two cameras. Both are removed by aligning points
+    at floor distance, as in mrcal.
 
     Args:
         views: usable views.
         board: the board.
         size: image width and height [px].
-        distortion: as for `calibrate_intrinsics`.
+        distortion: as in `calibrate_intrinsics`.
         distance: height of the camera above the floor [m].
 
     Returns:
-        Pixels (n, 2) and differences (n, 2) [px]; None if a half has fewer than three views or cannot be calibrated.
+        Pixels (n, 2), and differences (n, 2) at these pixels [px]; None if a half has fewer than three views or cannot
+        be calibrated.
     """
     halves = views[0::2], views[1::2]
     if min(len(half) for half in halves) < 3:

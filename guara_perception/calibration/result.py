@@ -23,10 +23,10 @@ from guara_perception.calibration.surface_map import SurfaceMap, stripe_constant
 
 @dataclass(frozen=True, slots=True)
 class CalibrationResult:
-    """A calibration with its evidence.
+    """Calibration with the evidence for its verdict.
 
     Attributes:
-        calibration: calibration ready to be saved; its `quality` holds verdict and reasons.
+        calibration: calibration ready to be saved; its `quality` contains verdict and reasons.
         session: the calibrated session.
         transform_base_to_footprint: (4, 4) pose at the session's stance.
         intrinsics: lens from the boards alone.
@@ -34,13 +34,13 @@ class CalibrationResult:
         fit: lens and mount from boards and fiducials.
         surface: the paper's homography.
         lines: laser lines on the plates.
-        lost: stripes in plate scans on which no laser line was found.
-        laser: planes and mirror model.
-        checks: figures behind the verdict.
+        lost: stripes in plate scans for which no laser line was found.
+        laser: laser planes and mirror model.
+        checks: figures of merit that determine the verdict.
         coverage: (6, 8) number of board corners in each cell of the image.
-        cross_validation: pixels (n, 2), and differences there (n, 2) between the lenses calibrated from either half of
-            the views [px]; None if not computed.
-        floor_sigma: pixels (n, 2), and the standard deviations (n,) of their floor points [m].
+        cross_validation: pixels (n, 2), and differences (n, 2) at these pixels between the lenses calibrated from the
+            two halves of the views [px]; None if not computed.
+        floor_sigma: pixels (n, 2), and standard deviations (n,) of the floor points that they see [m].
     """
 
     calibration: Calibration
@@ -84,7 +84,7 @@ def stripe_records(
 
 
 def mirror_record(laser: LaserFit, fit: CameraFit, mount: FloorPose, missing: Sequence[int]) -> dict[str, Any]:
-    """Object `mirror` of calibration.json: the model in the camera frame, and the deviations of the stripes from it."""
+    """Object `mirror` of calibration.json: mirror model in the camera frame, and deviations of the stripes from it."""
     to_camera = np.asarray(np.linalg.inv(fit.transform_camera_to_footprint))
     return {
         "frame": "camera_optical_frame",
@@ -113,7 +113,8 @@ def covariance_record(fit: CameraFit, laser: LaserFit) -> dict[str, Any]:
 def paper_record(surface: SurfaceMap, fit: CameraFit, lines: Sequence[PlateLine]) -> dict[str, Any]:
     """Object `paper` of calibration.json, in rectified floor coordinates.
 
-    Contains homography, camera height, nadir, and the constants n, d, k of each stripe (eqs. 17 to 19).
+    It contains homography, camera height, nadir, and the constants n, d, k of each stripe seen at two or more heights
+    (eqs. 17 to 19).
     """
     camera_position = fit.transform_camera_to_footprint[:3, 3]
     seen: dict[int, list[tuple[float, float]]] = {}
@@ -138,7 +139,7 @@ def paper_record(surface: SurfaceMap, fit: CameraFit, lines: Sequence[PlateLine]
 
 
 def undistorted(camera: CameraModel, pixels: Float) -> Float:
-    """Pixels (n, 2) without lens distortion, by the exact inverse of the lens model."""
+    """Remove the lens distortion from pixels (n, 2)."""
     return np.asarray((camera.rays(pixels) @ camera.matrix.T)[:, :2])
 
 
@@ -149,7 +150,7 @@ def warnings(
     lost: Sequence[LostLine],
     missing: Sequence[int],
 ) -> list[str]:
-    """Warnings: omitted views, laser lines not found, and planes taken from the mirror model."""
+    """Warnings about omitted views, laser lines that were not found, and planes taken from the mirror model."""
     said = [f"view {view.name} was left out: {view.reason}" for view in views if not view.is_usable]
     said += [f"view {name} was left out: {reason}" for name, reason in intrinsics.outliers]
     faults = [one for one in lost if not one.is_beside]

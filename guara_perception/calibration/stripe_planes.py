@@ -13,13 +13,13 @@ from guara_perception.calibration.plates import PlateLine
 from guara_perception.calibration.sweep import STEP_ERROR_SIGMA, Sweep
 from kinematics.arrays import FrozenArrays
 
-# Lower bounds of the deviation of laser planes from the model, because bearings and mirrors are imperfect.
+# Lower bounds of the estimated deviation of laser planes from the mirror model; bearings and mirrors are imperfect.
 WOBBLE_FLOOR = np.array([2e-5, 1e-5])  # tilt along the stripe [rad], shift [m]
 FREE_WOBBLE = np.array([0.01, 0.005])
 NOISE_ITERATIONS = 15
 # Ratio of mean square to median square of a normal distribution.
 MEDIAN_TO_MEAN_SQUARE = 2.198
-# Lower bound of the mirror's repeatability from scan to scan, which is estimated from the lines [rad].
+# Lower bound of the estimated repeatability error of the mirror from scan to scan [rad].
 JITTER_FLOOR = float(np.deg2rad(0.0003))
 # Lower bound of the estimated scatter of one averaged point of a line [m].
 SCATTER_FLOOR_M = 1e-5
@@ -33,12 +33,13 @@ class StripeFit(FrozenArrays):
         indices: stripe indices, ascending.
         mirror_angles: (s,) commanded mirror angles [rad].
         planes: (s, 4) planes n . X + d = 0.
-        covariance: (s, 3, 3) covariance in a new scan of turn about the mirror axis [rad], tilt along the stripe [rad]
-            and shift [m]: errors of the fit and repeatability of the mirror, without errors of the camera.
+        covariance: (s, 3, 3) covariance, in a new scan, of the plane's turn about the mirror axis [rad], tilt along the
+            stripe [rad] and shift [m]. It includes errors of the fit and repeatability of the mirror, but not errors of
+            the camera.
         bases: (s, 3, 4) derivatives of the plane with respect to turn, tilt and shift.
         jitter: standard deviation of the laser plane's angle from scan to scan [rad].
         scatter: scatter of one averaged point of a line [m].
-        wobble: (2,) standard deviations of tilt and shift about the mirror model.
+        wobble: (2,) standard deviations of tilt [rad] and shift [m] about the mirror model.
     """
 
     indices: tuple[int, ...]
@@ -63,13 +64,13 @@ def fit_stripes(
     Each plane deviates from the model's plane in three degrees of freedom: turn about the mirror axis, tilt along the
     stripe, and shift. The turn has a wide prior, because it contains the error of the stepper. The priors of tilt and
     shift are estimated from the agreement of the stripes with the model. Each line is also rotated by the jitter of the
-    mirror, which is common to all its columns; without it the sigmas would be too small.
+    mirror, an error common to all columns of the line; if it were neglected, the sigmas would be too small.
 
     Args:
         lines: lines of all stripes on all plates.
-        points: (n, 3) points of each line in base_footprint.
+        points: (n, 3) points of each line in base_footprint [m].
         sweep: fitted mirror model.
-        nominal: nominal mirror at which the fit of `sweep` started.
+        nominal: nominal mirror from which the fit of `sweep` started.
         noise_of: earlier fit whose jitter, scatter and wobble are used; None = estimate them.
     """
     model = sweep.planes
@@ -103,7 +104,7 @@ def plane_basis(plane: Float, mirror: MirrorModel) -> Float:
 
 
 def moved_plane(plane: Float, basis: Float, change: Float) -> Float:
-    """Plane changed by (turn, tilt, shift), with a normalised normal."""
+    """Change a plane (4,) by (turn, tilt, shift), and normalise its normal."""
     moved = plane + change @ basis
     return np.asarray(moved / np.linalg.norm(moved[:3]))
 
@@ -118,7 +119,7 @@ class _Lines:
         normal: (s, m, 3, 3) normal matrices.
         right: (s, m, 3) right-hand sides.
         square: (s, m) sums of squared distances.
-        count: (s, m) points.
+        count: (s, m) numbers of points.
     """
 
     normal: Float
@@ -145,8 +146,8 @@ class _Solution:
     """Least-squares solution for all stripes.
 
     Attributes:
-        change: (s, 3) changes (turn, tilt, shift).
-        covariance: (s, 3, 3) covariance of the changes.
+        change: (s, 3) deviations from the model's planes (turn, tilt, shift).
+        covariance: (s, 3, 3) covariance of the deviations.
         turn_square: (s,) expected mean square of the lines' individual turns [rad^2].
         scatter_square: (s,) expected mean square distance of the points [m^2].
     """
@@ -159,7 +160,12 @@ class _Solution:
 
 @dataclass(frozen=True, slots=True)
 class _Solver:
-    """Solver with the lines of all stripes and the covariance (s, 2, 2) of tilt and shift of the model itself."""
+    """Least-squares solver for the planes of all stripes, and estimator of their noise.
+
+    Attributes:
+        lines: sums over the lines of all stripes.
+        from_model: (s, 2, 2) covariance of tilt and shift due to the errors of the mirror model.
+    """
 
     lines: _Lines
     from_model: Float
@@ -180,7 +186,7 @@ class _Solver:
         covariance: Float = np.asarray(np.linalg.inv(normal), dtype=np.float64)
         x: Float = np.asarray(np.linalg.solve(normal, right[..., None])[..., 0], dtype=np.float64)
 
-        # Each line shows the change of its stripe's plane plus its own turn.
+        # The deviation of a line is that of its stripe's plane plus the line's own turn.
         change = np.repeat(x[:, None, :3], most, axis=1)
         change[..., 0] += x[:, 3:]
         of_line = np.repeat(covariance[:, None, :3, :3], most, axis=1)
@@ -217,7 +223,7 @@ class _Solver:
         return jitter, scatter
 
     def wobble(self, jitter: float, scatter: float) -> Float:
-        """Standard deviations (2,) of tilt and shift of unconstrained planes about the model, beyond their noise."""
+        """Standard deviations (2,) of tilt and shift of unconstrained planes about the model, after removing noise."""
         solved = self.solve(FREE_WOBBLE, jitter, scatter)
         square = np.median(solved.change[:, 1:] ** 2, axis=0) * MEDIAN_TO_MEAN_SQUARE
         explained = np.median(np.diagonal(solved.covariance, axis1=1, axis2=2)[:, 1:], axis=0)
@@ -225,7 +231,7 @@ class _Solver:
 
 
 def _model_covariance(sweep: Sweep, nominal: MirrorModel, bases: Float) -> Float:
-    """Covariance (s, 3, 3) of the model itself, propagated to turn, tilt and shift of each stripe."""
+    """Covariance (s, 3, 3) of turn, tilt and shift of each stripe's model plane, from that of the model parameters."""
     angles = sweep.mirror_angles + sweep.step_errors
     prior = np.array(list(PARAMETERS.values()))
     derivative = np.empty((len(angles), 4, len(prior)))

@@ -1,6 +1,6 @@
 """Features of the simulated ground (boxes, rocks, ramps, steps, stairs, pits, patches) and their materials.
 
-A feature maps the heights of the ground before it is placed to the heights after that, exactly and at any point.
+A feature maps the height of the ground before its placement to the height after it, exactly and at any point.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Feature:
 
         Args:
             x, y: points of any shape [m].
-            ground: heights without the feature [m].
+            ground: heights of the points without the feature [m].
             base: height of the ground at the centre of the feature [m].
         """
         return ground, self.covers(x, y)
@@ -69,12 +69,12 @@ class Feature:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Patch(Feature):
-    """Patch of another material on the ground, without height."""
+    """Area of the ground with a material of its own and unchanged height."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Raised(Feature):
-    """Base class of features that raise the ground by `height` above the ground at their centre [m]."""
+    """Base class of features with a top at `height` above the ground at their centre [m]."""
 
     height: float
 
@@ -111,7 +111,7 @@ class Ramp(Raised):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rock(Raised):
-    """Half an ellipsoid of roughly the given size and height, with bumps drawn from its own seed."""
+    """Half an ellipsoid of roughly the given size and height, with bumps determined by `seed`."""
 
     seed: int = 0
     material: str = "concrete"
@@ -131,7 +131,7 @@ class Rock(Raised):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pit(Feature):
-    """Hole with a level bottom at `depth` below the ground at its centre [m]."""
+    """Hole with a level bottom at `depth` below the ground at the hole's centre [m]."""
 
     depth: float
     material: str = "soil"
@@ -168,7 +168,7 @@ class Step:
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """Smallest and largest x, smallest and largest y [m]; steps cross the whole world."""
+        """Smallest and largest x [m]: first and last edge; then zeros for y, as steps cross the whole world."""
         return self.x, self.x + (self.count - 1) * self.run, 0.0, 0.0
 
     def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
@@ -180,7 +180,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stairs(Step):
-    """Flight of `count` steps, each `height` high, at intervals of `run` [m], the first at `x`."""
+    """Flight of `count` steps, each of height `height`, at intervals of `run` [m]; the first is at `x`."""
 
     count: int
     run: float

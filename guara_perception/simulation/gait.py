@@ -1,4 +1,4 @@
-"""Wave gait (order of the legs, landings, first stance), and body pose on given footholds."""
+"""Wave gait (order of the legs, landings, first stance), and pose of the body on given footholds."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from kinematics import RobotModel
 
-# Step by which a body that cannot reach all footholds is lowered, and largest total.
+# Step by which the body is lowered if it cannot reach all footholds, and largest total.
 CROUCH_STEP_M = 0.005
 DEEPEST_CROUCH_M = 0.060
-# Largest slope of the body.
+# Largest slope of the body relative to the horizontal [-].
 LARGEST_TILT = 0.12
 
 
@@ -25,9 +25,9 @@ class WaveGait:
 
     Attributes:
         lift_order: legs in the order in which they swing.
-        hips: (x, y) of each sole in base_link halfway between landing and lift-off, by leg [m].
+        hips: leg -> (x, y) of its sole in base_link halfway between landing and lift-off [m].
         cycle_length: advance of the body in one cycle, in which each leg swings once [m].
-        hip_height: height of the body's origin over the plane of the soles [m].
+        hip_height: height of the body's origin above the plane of the soles [m].
     """
 
     lift_order: tuple[str, ...]
@@ -37,8 +37,8 @@ class WaveGait:
 
     @staticmethod
     def of(robot: RobotModel) -> WaveGait:
-        """Gait of a robot in its scan posture; RH, RF, LH, LF for a robot with four legs."""
-        # From the soles of the scan posture, because on most robots a sole is beside the first joint of its leg.
+        """Create the gait of a robot around its scan posture; the order of four legs is RH, RF, LH, LF."""
+        # `hips` are soles of the scan posture, because on most robots the sole is beside the first joint of its leg.
         state = robot.state(robot.posture(robot.config.scan_posture))
         soles = state.soles_in_base()
         hips = {leg: np.round(sole, 6) for leg, sole in zip(robot.legs, soles, strict=True)}
@@ -59,12 +59,12 @@ class WaveGait:
         return self.lift_order[number % len(self.lift_order)]
 
     def landing(self, leg: str) -> tuple[float, float]:
-        """Landing (x, y) of a foot in base_link after the body has advanced: half a cycle ahead of `hips` [m]."""
+        """Landing (x, y) of a foot in base_link after the body's advance: half a cycle ahead of `hips` [m]."""
         x, y = self.hips[leg]
         return x + self.cycle_length / 2, y
 
     def first_stance(self) -> dict[str, tuple[float, float]]:
-        """Positions (x, y) of the feet at pause 0 in base_link [m], as in the middle of a walk."""
+        """Leg -> position (x, y) of its foot in base_link at pause 0 [m], as in the middle of a walk."""
         stance = {}
         for order, leg in enumerate(self.lift_order):
             x, y = self.hips[leg]
@@ -72,7 +72,7 @@ class WaveGait:
         return stance
 
     def support_polygon(self, margin: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-        """Corners (4, 2) of the rectangle around all feet of the first stance, with a margin [m]."""
+        """Corners (4, 2) of the rectangle around all feet of the first stance, enlarged by a margin [m]."""
         feet = np.array(list(self.first_stance().values()))
         (x0, y0), (x1, y1) = feet.min(axis=0) - margin, feet.max(axis=0) + margin
         return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
@@ -85,21 +85,22 @@ class OutOfReach(InvalidInput):
 def stand_on(
     robot: RobotModel, soles_in_world: Mapping[str, npt.ArrayLike], position: tuple[float, float], height: float
 ) -> tuple[Float, dict[str, float]]:
-    """Solve for pose and joint positions of a robot that stands on all feet, heading along x of the world.
+    """Compute pose and joint positions of a robot that stands on all feet, heading along x of the world.
 
-    The body is parallel to the plane through the feet, up to LARGEST_TILT; the soles are level.
+    The body is parallel to the plane through the feet, up to the slope LARGEST_TILT; the soles are level. If a foothold
+    is out of reach, the body is lowered by up to DEEPEST_CROUCH_M.
 
     Args:
         robot: the robot.
-        soles_in_world: (3,) sole centre of every leg [m].
+        soles_in_world: leg -> sole centre (3,), for every leg [m].
         position: x and y of the body's origin [m].
-        height: height of the body's origin over the plane of the feet [m].
+        height: height of the body's origin above the plane of the feet [m].
 
     Returns:
-        transform_base_to_world (4, 4) and joint name -> position [rad].
+        transform_base_to_world (4, 4), and joint name -> position [rad].
 
     Raises:
-        OutOfReach: a leg cannot reach its foothold even from the lowest body.
+        OutOfReach: a leg cannot reach its foothold even from the lowest pose of the body.
     """
     soles = {leg: np.asarray(sole, np.float64) for leg, sole in soles_in_world.items()}
     failed = ""
@@ -139,7 +140,7 @@ def body_pose(soles: Float, position: tuple[float, float], height: float) -> Flo
 
 
 def level_pitch(robot: RobotModel, leg: str, sole_in_base: Float, up_in_base: Float) -> float:
-    """Pitch p in the leg's plane that makes the sole's x axis level [rad].
+    """Pitch p of a sole in the leg's plane that makes the sole's x axis level [rad].
 
     tan p = u_x / (u_z cos q - u_y sin q), with the vertical u in base_link and the roll q of the leg's plane.
     """

@@ -1,4 +1,4 @@
-"""Simple foot planner: best safe foothold of a leg near the gait's nominal one, and a swing to it."""
+"""Simple foot planner: best safe foothold of a leg near the gait's nominal foothold, and a swing to it."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from guara_perception.terrain.questions.reason import Reason
 from guara_perception.terrain.questions.swing import Swing
 from kinematics import RobotModel
 
-# Search radii around the nominal foothold: first close to it, then as far as the wave gait allows.
+# Search radii around the nominal foothold, in the order of search: close to it, then as far as the wave gait allows.
 SEARCH_RADII_M = (0.03, 0.06)
-# Then sideways offsets of the search, because legs reach farther to the side than the gait leaves room ahead.
+# Sideways offsets searched after that, because a leg reaches farther to the side than the gait allows ahead.
 SIDEWAYS_M = (0.05, -0.05)
-# If no swing reaches the best footholds, others are sought in circles at these offsets, with this radius.
+# If no swing reaches the best footholds, others are sought in circles of this radius at these offsets.
 OTHER_OFFSETS_M = tuple((dx, dy) for dx in (0.0, -0.04, 0.04) for dy in (0.0, 0.04, -0.04, 0.08, -0.08))
 OTHER_RADIUS_M = 0.02
 # Clearances of a swing over the ground, in the order of trial.
@@ -27,7 +27,7 @@ SWING_CLEARANCES_M = (0.030, 0.020)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedSwing:
-    """Foothold and the swing to it.
+    """Foothold and an accepted swing to it.
 
     Attributes:
         foothold: chosen foothold.
@@ -47,20 +47,20 @@ def plan_foothold(
     previous: tuple[float, float] | None = None,
     robot: RobotModel | None = None,
 ) -> Foothold | None:
-    """Choose a foothold.
+    """Choose the best safe foothold of a leg near the nominal one.
 
     Args:
-        terrain: newest grid, of extent "map" because a single scan does not show the ground of the hind feet.
+        terrain: newest grid, of extent "map" because a single scan does not show the ground under the hind feet.
         leg: name of the leg, whose reach is checked; None = do not check the reach.
         wish: x and y of the gait's nominal foothold, in base_footprint of the grid [m].
-        previous: foothold chosen before for this swing, kept unless another is clearly better.
+        previous: foothold that was chosen before for this swing; it is kept unless another one is clearly better.
         robot: model of the robot; None = the robot that the grid names.
 
     Returns:
-        Foothold, or None if no safe one is within reach.
+        The foothold; None if no safe one is within reach.
 
     Raises:
-        InvalidInput: the wish is not finite, or the robot does not have the leg.
+        InvalidInput: `wish` is not finite, or the robot does not have the leg.
     """
     return next(_best_first(terrain, leg, wish, previous, robot), None)
 
@@ -72,17 +72,17 @@ def plan_swing(
     previous: tuple[float, float] | None = None,
     robot: RobotModel | None = None,
 ) -> PlannedSwing | None:
-    """Choose the best foothold with an accepted swing, and this swing.
+    """Choose the best foothold to which there is an accepted swing, and this swing.
 
     Args:
-        terrain: newest grid, whose record contains the stance of its pause: the swing begins at the standing sole.
+        terrain: newest grid, whose record must contain the stance of its pause; the swing begins at the standing sole.
         leg, wish, previous, robot: as in `plan_foothold`.
 
     Returns:
-        Foothold and swing, or None if no safe foothold within reach has an accepted swing.
+        Foothold and swing; None if no safe foothold within reach has an accepted swing.
 
     Raises:
-        InvalidInput: as `plan_foothold` and `TerrainGrid.swing`.
+        InvalidInput: as in `plan_foothold` and `TerrainGrid.swing`.
     """
     start = standing_sole(terrain, leg, robot)
     tried: set[tuple[float, float]] = set()
@@ -101,7 +101,10 @@ def plan_swing(
 def refusals(
     terrain: TerrainGrid, leg: str, wish: tuple[float, float], robot: RobotModel | None = None
 ) -> tuple[Reason, ...]:
-    """Reasons why `plan_swing` found nothing: from the swing to the best foothold or, without one, from the nominal."""
+    """Reasons why `plan_swing` found nothing, from the swing to the best foothold or from the nominal foothold.
+
+    Those of the nominal foothold are given if there is no safe foothold within reach.
+    """
     foothold = plan_foothold(terrain, leg, wish, robot=robot)
     if foothold is None:
         return terrain.check_foothold(wish[0], wish[1], leg=leg, robot=robot).reasons
@@ -117,9 +120,9 @@ def _best_first(
     previous: tuple[float, float] | None,
     robot: RobotModel | None,
 ) -> Iterator[Foothold]:
-    """Yield the best footholds close to the nominal one, then farther away, then beside it."""
+    """Yield the best foothold close to the nominal one, then of a wider circle, then of circles to the sides."""
     x, y = wish
-    # Towards the centre line first, because ground outside may not have been scanned.
+    # Search towards the centre line first, because ground farther outside may not have been scanned.
     sideways = sorted(SIDEWAYS_M, key=lambda aside: abs(y + aside))
     circles = [(0.0, radius) for radius in SEARCH_RADII_M] + [(aside, SEARCH_RADII_M[-1]) for aside in sideways]
     for aside, radius in circles:

@@ -21,14 +21,15 @@ from guara_perception.simulation.world import World
 from kinematics import RobotModel
 from kinematics.transforms import inverse, transform_points
 
-# Distance from the laser plane, in sigmas, beyond which the light is below a hundredth of a level.
+# Distance from the laser plane [sigmas] beyond which the light is below a hundredth of a grey level.
 REACH_SIGMAS = 4.5
-# Largest extent of a pixel across the laser plane; a larger one is at a depth edge, and the rest is ignored.
+# Largest extent of a pixel across the laser plane. A larger extent occurs at depth edges and is limited to this.
 MAX_FOOTPRINT_M = 0.002
-# The rows near a laser plane are found from every THINNING_PX-th pixel: from points within NEAR_PLANE_M of the plane.
+# The image rows near a laser plane are those in which a point is within NEAR_PLANE_M of the plane; only every
+# THINNING_PX-th row and column is tested.
 THINNING_PX = 4
 NEAR_PLANE_M = 0.020
-# Height of camera or laser above the ground below which they count as in collision.
+# Least height of camera and laser above the ground; a lower one counts as a collision.
 LEAST_CLEARANCE_M = 0.05
 
 
@@ -45,14 +46,14 @@ class SimulatedRangefinder:
     def __init__(
         self, world: World, calibration: Calibration, robot: RobotModel, seed: int = 0, *, light: Light | None = None
     ) -> None:
-        """Set up camera, laser planes and noise over a world.
+        """Set up camera, laser planes and noise; call `set_pose` before rendering.
 
         Args:
             world: the terrain.
             calibration: true calibration of the rangefinder, for instance from `specimen`.
             robot: robot that carries the rangefinder.
-            seed: seed of all noise; the same calls give the same frames.
-            light: light and sensor; None = use those of the world.
+            seed: seed of all noise; the same sequence of calls gives the same frames.
+            light: light and sensor; None = those of the world.
 
         Raises:
             CalibrationMismatch: the calibration belongs to another robot.
@@ -79,7 +80,7 @@ class SimulatedRangefinder:
         """View of the scene from the current pose.
 
         Raises:
-            InvalidInput: `set_pose` was never called.
+            InvalidInput: `set_pose` has not been called.
         """
         if self._view is None:
             raise InvalidInput("the simulated rangefinder has no pose: call set_pose(transform_base_to_world) first")
@@ -92,10 +93,11 @@ class SimulatedRangefinder:
 
         Args:
             transform_base_to_world: (4, 4) pose of the body.
-            joint_positions: joint positions of the robot, which is drawn and casts shadows; None = draw no robot.
+            joint_positions: joint name -> position [rad]; the robot is drawn and casts shadows. None = no robot.
 
         Raises:
             InvalidInput: camera or laser is in the ground or too close to it.
+            kinematics.KinematicsError: the joint positions do not fit the robot.
         """
         transform = np.asarray(transform_base_to_world, dtype=np.float64)
         camera = transform @ self.calibration.transform_camera_to_base
@@ -120,7 +122,7 @@ class SimulatedRangefinder:
 
         Raises:
             CalibrationMismatch: the calibration has no stripe of this index.
-            InvalidInput: `set_pose` was never called.
+            InvalidInput: `set_pose` has not been called.
         """
         for index in indices:
             angle = self.calibration.stripe(index).mirror_angle
@@ -138,7 +140,7 @@ class SimulatedRangefinder:
             exposure: exposure time relative to the nominal one.
 
         Raises:
-            InvalidInput: `set_pose` was never called, or the exposure is not above 0.
+            InvalidInput: `set_pose` has not been called, or the exposure is not above 0.
         """
         view = self.view
         if not (np.isfinite(exposure) and exposure > 0):
@@ -151,15 +153,15 @@ class SimulatedRangefinder:
     def _laser_light(
         self, view: SceneView, mirror_angle: float, mirror_travel: float
     ) -> tuple[Float32, tuple[int, int]]:
-        """Levels (rows, w) of the laser light, and the rows (first, end) that contain it."""
+        """Grey levels (rows, w) of the laser light, and the range (first, end) of image rows that contains it."""
         plane = self.laser_planes.plane_at(mirror_angle)
         normal = self._transform_world_to_base[:3, :3].T @ plane[:3]
-        # The plane in the world, relative to the origin of the view to keep float32 accurate.
+        # The plane is in world axes, relative to the origin of the view, so that float32 is accurate enough.
         offset = plane[3] + plane[:3] @ self._transform_world_to_base[:3, 3] + normal @ view.origin
         height, width = view.laser_gain.shape
         top, bottom = self._rows_near(normal, offset, height)
         distance = view.points[top:bottom].reshape(-1, 3) @ normal.astype(np.float32) + np.float32(offset)
-        # The laser plane turns by twice the travel; the width that it sweeps 0.5 m away widens the Gaussian profile.
+        # The laser plane turns by twice the travel. The width that it sweeps at 0.5 m widens the Gaussian profile.
         swept = 2 * mirror_travel * 0.5
         sigma = np.hypot(self.light.stripe_sigma, swept / np.sqrt(12))
         reach = np.float32(REACH_SIGMAS * np.hypot(sigma, MAX_FOOTPRINT_M * self.light.blur))
@@ -188,7 +190,7 @@ class SimulatedRangefinder:
         return light, (first, end)
 
     def _rows_near(self, normal: Float, offset: float, height: int) -> tuple[int, int]:
-        """First and end row of all pixels that may be near a laser plane."""
+        """First and end row of the pixels that may be near a laser plane."""
         thin = self._thin_points
         distance = thin.reshape(-1, 3) @ normal.astype(np.float32) + np.float32(offset)
         rows = np.flatnonzero((np.abs(distance) < NEAR_PLANE_M).reshape(thin.shape[:2]).any(axis=1))
@@ -199,11 +201,11 @@ class SimulatedRangefinder:
 
 @dataclass(frozen=True, slots=True)
 class LaserPlanes:
-    """Laser plane as a continuous function of the mirror angle that interpolates the planes of all stripes.
+    """Laser plane as a continuous function of the mirror angle, interpolated between the planes of all stripes.
 
     Attributes:
         angles: (s,) mirror angles, ascending [rad].
-        planes_in_base: (s, 4) n . X + d = 0 in base_link, n a unit vector pointing ahead.
+        planes_in_base: (s, 4) planes n . X + d = 0 in base_link, n a unit vector pointing ahead.
     """
 
     angles: Float
@@ -211,7 +213,7 @@ class LaserPlanes:
 
     @staticmethod
     def of(calibration: Calibration) -> LaserPlanes:
-        """Laser planes of a calibration."""
+        """Create the function from the laser planes of a calibration."""
         stripes = sorted(calibration.stripes, key=lambda stripe: stripe.mirror_angle)
         planes = np.array([stripe.plane for stripe in stripes]) @ inverse(calibration.transform_camera_to_base)
         planes *= np.where(planes[:, :1] < 0, -1.0, 1.0)
@@ -220,15 +222,15 @@ class LaserPlanes:
     def plane_at(self, mirror_angle: float) -> Float:
         """Laser plane (4,) in base_link at a mirror angle [rad].
 
-        Between two stripes the plane turns about the line of intersection of their planes, as with the mirror; beyond
-        the first and the last stripe it is extrapolated from the nearest two.
+        Between two stripes, the plane turns about the line of intersection of their planes, as a mirror would turn it.
+        Beyond the first or last stripe, the plane is extrapolated from the nearest two stripes.
         """
         after = int(np.clip(np.searchsorted(self.angles, mirror_angle), 1, len(self.angles) - 1))
         a, b = self.planes_in_base[after - 1], self.planes_in_base[after]
         share = (mirror_angle - self.angles[after - 1]) / (self.angles[after] - self.angles[after - 1])
         turn = np.arccos(np.clip(a[:3] @ b[:3], -1.0, 1.0))
-        # Spherical interpolation gives a constant rate; every linear combination of two planes contains their common
-        # line.
+        # Spherical interpolation turns the normal at a constant rate. Every linear combination of two planes contains
+        # their line of intersection.
         weights = np.array([np.sin((1 - share) * turn), np.sin(share * turn)]) / np.sin(turn)
         plane = weights @ np.array([a, b])
         return np.asarray(plane / np.linalg.norm(plane[:3]))

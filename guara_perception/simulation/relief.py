@@ -1,4 +1,4 @@
-"""The world on a fine raster (`Relief`), and its visibility from a viewpoint above it (`PolarView`).
+"""Fine raster of a world (`Relief`), and visibility of the ground from a viewpoint above it (`PolarView`).
 
 In a polar view, a point at distance r and height z along a bearing has the tangent r / (viewpoint height - z), with the
 angle measured from straight down. A point is hidden if a nearer point on its bearing has a larger tangent. The running
@@ -18,9 +18,9 @@ import numpy as np
 from guara_perception.arrays import Array, Codes, Float, Float32, Mask
 from guara_perception.simulation.world import World
 
-# Edge of a cell: finer than the width of a stripe; walls become slopes of this width.
+# Edge of a cell, smaller than the width of a stripe. Vertical walls become slopes of this width.
 CELL_M = 0.001
-# Number of cells of the texture, which repeats after 1 m.
+# Number of cells along each side of the texture, which repeats after 1 m.
 TEXTURE_CELLS = 512
 TEXTURE_CELL_M = 1.0 / TEXTURE_CELLS
 # Tolerances of the visibility test, for the error of the raster.
@@ -32,7 +32,7 @@ EDGE_M = 0.001
 
 @dataclass(frozen=True, slots=True)
 class Relief:
-    """Raster a[iy, ix] of a world; its outermost cells are repeated outside.
+    """Raster a[iy, ix] of a world; outside it, the values of the outermost cells continue.
 
     Attributes:
         origin: x and y of the corner of cell (0, 0) [m].
@@ -53,20 +53,20 @@ class Relief:
     @staticmethod
     @lru_cache(maxsize=1)
     def of(world: World, cell: float = CELL_M) -> Relief:
-        """Rasterise a world; the last raster is cached for other rangefinders in the same world."""
+        """Rasterise a world. The last raster is cached, so that several rangefinders can share it."""
         heights, material = world.raster(world.x, world.y, cell)
         height = heights.astype(np.float32)
         slope = np.dstack([_slope(height, cell, axis) for axis in (0, 1)]).astype(np.float32)
         return Relief((world.x[0], world.y[0]), cell, height, slope, material, _texture(world.seed))
 
     def sample(self, layer: Array, x: Float32, y: Float32, interpolation: int = cv2.INTER_LINEAR) -> Any:
-        """Values of a layer at points (h, w) [m]."""
+        """Values of a layer at points with coordinates x (h, w) and y (h, w) [m]."""
         column = (x - np.float32(self.origin[0])) * np.float32(1 / self.cell) - np.float32(0.5)
         row = (y - np.float32(self.origin[1])) * np.float32(1 / self.cell) - np.float32(0.5)
         return cv2.remap(layer, column, row, interpolation, borderMode=cv2.BORDER_REPLICATE)
 
     def sample_texture(self, x: Float32, y: Float32) -> Float32:
-        """Texture at points (h, w) [m]."""
+        """Texture at points with coordinates x (h, w) and y (h, w) [m]."""
         scale = np.float32(1 / TEXTURE_CELL_M)
         picture = cv2.remap(self.texture, x * scale, y * scale, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
         return np.asarray(picture, dtype=np.float32)
@@ -83,7 +83,7 @@ def _texture(seed: int) -> Float32:
     noise = np.random.default_rng(seed).standard_normal((TEXTURE_CELLS, TEXTURE_CELLS)).astype(np.float32)
     total = np.zeros_like(noise)
     for sigma, share in ((0.7, 1.0), (2.5, 0.8), (8.0, 0.3)):
-        # Filtered with wrap-around, so that repeated tiles have no seam.
+        # The filter wraps around, so that repeated tiles have no seam.
         wide = cv2.copyMakeBorder(noise, 32, 32, 32, 32, cv2.BORDER_WRAP)
         soft = cv2.GaussianBlur(wide, (0, 0), sigma)[32:-32, 32:-32]
         total += share * soft / soft.std()
@@ -119,7 +119,7 @@ class PolarView:
 
         Args:
             relief: the ground.
-            viewpoint: (3,) position [m], above all ground within the radius.
+            viewpoint: (3,) position in the world [m], above all ground within the radius.
             bearing_range: first and last bearing [rad].
             bearing_count: number of bearings.
             radius: largest distance [m].
@@ -156,7 +156,7 @@ class PolarView:
             np.asarray(cv2.remap(table, column, row, kind, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
             for kind in (cv2.INTER_LINEAR, cv2.INTER_NEAREST)
         )
-        # At a depth edge, the mean of near and far would be a point in the air.
+        # At a depth edge, interpolation between near and far would give a point in the air.
         return np.where(np.abs(smooth - nearest) < np.float32(EDGE_M), smooth, nearest)
 
     def sees(self, points: Float32) -> Mask:

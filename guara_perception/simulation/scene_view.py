@@ -1,4 +1,4 @@
-"""View of the simulated camera from one pose, computed once per pixel for all stripes."""
+"""Scene as seen by the simulated camera from one pose, computed once for all stripes."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from guara_perception.simulation.relief import PolarView, Relief
 from kinematics import RobotState
 from kinematics.self_filter import place_shape
 
-# Range and resolution of the views of camera and laser: at most half the width of a pixel on the ground.
+# Range and resolution of the polar views from camera and laser: cells at most half as wide as a pixel on the ground.
 RADIUS_M = 1.3
 RADIUS_SPACING_M = 0.001
 TANGENTS = 2400
 LASER_BEARINGS = 3000
 LASER_RADIUS_M = 0.75
 SUN_DIRECTION = np.array([0.35, 0.45, 0.82])
-# Limits of the texture, because no natural surface varies from black to white.
+# Limits of the texture's factor, because no natural surface varies from black to white.
 TEXTURE_RANGE = (0.5, 1.6)
 LEG_ALBEDO = (0.30, 0.30, 0.32)
-# Edge of a chessboard's square, and albedo of black and white squares; printed black is brighter than coal.
+# Edge length of a square of the chessboard, and albedo of black and white squares; printed black is brighter than coal.
 SQUARE_M = 0.020
 BOARD_ALBEDO = (0.06, 0.75)
 # Largest albedo of absorbing material.
@@ -43,8 +43,8 @@ class SceneView:
         origin: (3,) position in the world at which the laser leaves the mirror [m].
         normals: (h, w, 3) float32, unit normals of the surface.
         reflectance: (h, w) float32, share of red light scattered towards the camera.
-        laser_gain: (h, w) float32, level at the point if it is in the laser plane; 0 in shadow.
-        ambient: (h, w, 3) float32, levels without laser at nominal exposure.
+        laser_gain: (h, w) float32, grey level that the point has in the centre of the stripe; 0 in shadow.
+        ambient: (h, w, 3) float32, grey levels without laser light at nominal exposure.
         is_body: (h, w) bool, pixels that show the robot itself.
     """
 
@@ -65,7 +65,7 @@ def view_scene(
     body: Body | None,
     light: Light,
 ) -> SceneView:
-    """Compute the view from one pose.
+    """Compute the view of the scene from one pose of the camera.
 
     Args:
         relief: the ground.
@@ -112,7 +112,7 @@ def view_scene(
 
 
 def _ground_points(relief: Relief, camera: Float, directions: Float32) -> Float32:
-    """Points (h, w, 3) in which lines of sight meet the ground."""
+    """Points (h, w, 3) in the world at which the lines of sight meet the ground."""
     horizontal = np.sqrt(directions[..., 0] ** 2 + directions[..., 1] ** 2) + np.float32(1e-9)
     down = np.maximum(-directions[..., 2], np.float32(1e-3))
     tangent = horizontal / down
@@ -134,7 +134,7 @@ def _ground_points(relief: Relief, camera: Float, directions: Float32) -> Float3
 
 
 def _surface(relief: Relief, points: Float32, normals: Float32, contrast: float) -> tuple[Float32, Float32]:
-    """Albedo (h, w, 3) in red, green, blue, and shine (h, w); at a wall, sampled just behind its face."""
+    """Albedo (h, w, 3) in red, green, blue, and shine (h, w); for a point on a wall, sampled just behind its face."""
     behind = np.float32(0.0015) * (1 - normals[..., 2])
     x = points[..., 0] - behind * normals[..., 0]
     y = points[..., 1] - behind * normals[..., 1]
@@ -147,7 +147,7 @@ def _surface(relief: Relief, points: Float32, normals: Float32, contrast: float)
 
 
 def _chessboard(points: Float32) -> Float32:
-    """Albedo (h, w) of a three-dimensional chessboard, whose colours also alternate with the height on walls."""
+    """Albedo (h, w) of a three-dimensional chessboard, whose squares also alternate with height on walls."""
     square = np.floor(points / np.float32(SQUARE_M) + np.float32(1e-3)).astype(np.int64)
     return np.where(square.sum(axis=2) % 2 == 0, BOARD_ALBEDO[0], BOARD_ALBEDO[1]).astype(np.float32)
 
@@ -155,7 +155,10 @@ def _chessboard(points: Float32) -> Float32:
 def _laser_gain(
     points: Float32, normals: Float32, directions: Float32, albedo: Float32, shine: Float32, across: Float, light: Light
 ) -> Float32:
-    """Level of the stripe's centre at points relative to the laser, from diffuse and specular reflection."""
+    """Grey level of the stripe's centre at each point, from diffuse and specular reflection.
+
+    The points are relative to the laser.
+    """
     distance = np.sqrt((points**2).sum(axis=2)) + np.float32(1e-6)
     cosine = np.maximum(-(points * normals).sum(axis=2) / distance, 0)
     scattered = albedo * cosine
@@ -223,7 +226,7 @@ def _shade(body: Body, laser: Float, points: Float32, lit: Mask) -> None:
         if not inside.size:
             continue
         enter, _ = body.meets(number, laser, flat[inside] - laser.astype(np.float32))
-        # A ray whose end point is on the shape itself meets the shape there, and that point is lit.
+        # A ray to a point on the shape itself meets the shape at that point, which is lit.
         is_lit[inside[enter < np.float32(0.995)]] = False
 
 
@@ -257,8 +260,8 @@ class Body:
             directions: (n, 3) directions of the lines, of any length.
 
         Returns:
-            Distance (n,) at which each line enters the box, in units of its direction's length, inf if it misses the
-            box; and axis (n,) of the face that it meets, 0, 1 or 2.
+            Distance (n,) at which each line enters the box, in units of the length of its direction, inf for a line
+            that misses the box; and axis (n,), 0, 1 or 2, of the face through which it enters.
         """
         box = self._boxes[number]
         start, along = (viewpoint - box.centre) @ box.rotation, directions @ box.rotation.astype(np.float32)
@@ -270,7 +273,7 @@ class Body:
         return np.where(hit, enter, np.float32(np.inf)), near.argmax(axis=1).astype(np.int8)
 
     def normal(self, number: int, axis: npt.NDArray[np.int8], directions: Float32) -> Float32:
-        """Unit normals (n, 3) in the world of the faces met, facing the viewpoint."""
+        """Unit normals (n, 3) in the world of the faces that lines along `directions` enter, facing the viewpoint."""
         normals = self._boxes[number].rotation.astype(np.float32).T[axis]
         facing = np.sign(np.einsum("ni,ni->n", normals, directions))
         return np.asarray(-facing[:, None] * normals)

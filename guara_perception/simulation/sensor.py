@@ -1,4 +1,4 @@
-"""Sensor of the simulated camera: exposure, noise, saturation, 8 bits; effects of lens and compression."""
+"""Sensor of the simulated camera: exposure, noise, saturation, quantisation, and effects of lens and compression."""
 
 from __future__ import annotations
 
@@ -9,19 +9,20 @@ from drivers.cameras.bayer import mosaic
 from guara_perception.arrays import Float32, Image
 from guara_perception.simulation.light import Light
 
-# Number of noisy laser-off images that are cached for a scene and an exposure, and used in turn.
+# Number of noisy laser-off images that are cached for each scene and exposure, and returned in turn.
 DARK_PICTURES = 4
 # Least number of precomputed noise values.
 POOL_SIZE = 1 << 22
-# Distances beyond which the skirt decreases as 1 / distance, and at which it ends [px].
+# Distances from the stripe beyond which the skirt of scattered light decreases as 1 / distance, and at which it ends
+# [px].
 SKIRT_FROM_PX, SKIRT_TO_PX = 8, 40
 # Number of columns over which the lens also spreads scattered light along the stripe.
 SKIRT_COLUMNS = 9
-# Standard deviation of the Gaussian fall-off of a halo from the edge of the clipped core [px]; 8 % is left at 20 px.
+# Standard deviation of the Gaussian decrease of a halo from the edge of the clipped core [px]; 8 % remain at 20 px.
 HALO_SIGMA_PX = 9.0
 FULL_SCALE = 255.0
-# Distance of the ghost from the stripe and amplitude of its waves, relative to the image height; length of its waves,
-# relative to the image width; and its blur [px].
+# Ghost (reflection) of the stripe: distance from the stripe and amplitude of its waves, relative to the image height;
+# length of its waves, relative to the image width; and blur [px].
 GHOST_OF_HEIGHT, GHOST_AMPLITUDE_OF_HEIGHT, GHOST_WAVE_OF_WIDTH = 0.05, 0.012, 0.4
 GHOST_SIGMA_PX = 1.2
 # First and last column between which the ghost is visible, relative to the image width.
@@ -31,10 +32,10 @@ BLOTCH_SIGMA_PX = 3.0
 
 
 class Sensor:
-    """Sensor that converts light to images; all noise comes from one seeded generator."""
+    """Camera sensor that converts light levels to images; all noise comes from one seeded generator."""
 
     def __init__(self, light: Light, shape: tuple[int, int], seed: int) -> None:
-        """Generate the noise.
+        """Generate the noise, from which images draw random parts.
 
         Args:
             light: light and sensor.
@@ -54,19 +55,19 @@ class Sensor:
         self._turn = 0
 
     def set_scene(self, ambient: Float32) -> None:
-        """Set the levels (h, w, 3) without laser at nominal exposure."""
+        """Set the grey levels (h, w, 3) without laser light at nominal exposure."""
         self._ambient = ambient
         self._dark.clear()
 
     def dark_picture(self, exposure: float) -> Image:
-        """Image without laser light, (h, w, 3) uint8."""
+        """Render an image without laser light, (h, w, 3) uint8; `exposure` is relative to the nominal one."""
         return self._next_dark(exposure).copy()
 
     def picture(self, light: Float32, rows: tuple[int, int], laser: float, exposure: float) -> Image:
-        """Image with laser light, (h, w, 3) uint8.
+        """Render an image with laser light, (h, w, 3) uint8.
 
         Args:
-            light: (rows, w) levels of the red laser at nominal exposure.
+            light: (rows, w) grey levels of the laser light in the red channel, at nominal exposure.
             rows: first and end row covered by `light`.
             laser: share of the exposure during which the laser was on.
             exposure: exposure time relative to the nominal one.
@@ -88,7 +89,7 @@ class Sensor:
         return picture
 
     def speckle(self, count: int) -> Float32:
-        """Factors (count,) of mean 1 by which laser light varies from pixel to pixel."""
+        """Factors (count,) with mean 1 by which laser light varies from pixel to pixel."""
         factors = 1 + np.float32(self._light.speckle) * self._noise(count)
         return np.asarray(np.maximum(factors, 0))
 
@@ -101,7 +102,7 @@ class Sensor:
         return kept[self._turn % DARK_PICTURES]
 
     def _uneven_picture(self, light: Float32, rows: tuple[int, int], laser: float, exposure: float) -> Image:
-        """Image with laser light, computed as a whole: effects change pixels beside the line (see `Light.is_even`)."""
+        """Render the whole of a laser-on image, since effects change pixels beside the line (see `Light.is_even`)."""
         gains = np.array(self._light.drift, np.float32)
         level = self._ambient_now()
         if light.size:
@@ -109,7 +110,7 @@ class Sensor:
             if self._light.is_scattered:
                 first, end = rows_reached(rows, height)
                 light = np.pad(light, ((rows[0] - first, end - rows[1]), (0, 0)))
-                # Overflow depends on the level at the sensor, which includes exposure and drift.
+                # The overflow of clipped pixels depends on the level at the sensor, which includes exposure and drift.
                 gain = np.float32(laser * exposure) * gains[2]
                 light = scattered(light * gain, self._light, height) / gain
             level[first : first + len(light)] += light[:, :, None] * (
@@ -120,13 +121,13 @@ class Sensor:
         return self._delivered(level, exposure)
 
     def _ambient_now(self) -> Float32:
-        """Ambient light (h, w, 3) of the next image, with its flicker."""
+        """Ambient light (h, w, 3) of the next image, with random flicker."""
         if not self._light.flicker:
             return self._ambient.copy()
         return self._ambient * np.float32(max(1 + self._light.flicker * self._rng.standard_normal(), 0.0))
 
     def _delivered(self, level: Float32, exposure: float) -> Image:
-        """Image delivered by the camera for levels (h, w, 3); overwrites `level`."""
+        """Convert levels (h, w, 3) to the image that the camera delivers; overwrites `level`."""
         if self._blotches is not None:
             level *= np.float32(exposure)
             level += self._blotches.draw(self._rng)
@@ -135,7 +136,7 @@ class Sensor:
         return delivered(self._expose(level, exposure), self._light)
 
     def _expose(self, level: Float32, exposure: float) -> Image:
-        """Image of levels (..., 3) with noise, clipped to 8 bits; overwrites `level`."""
+        """Convert levels (..., 3) to an image with noise, clipped to 8 bits; overwrites `level`."""
         if exposure != 1.0:
             level *= np.float32(exposure)
         noise = level * np.float32(self._light.shot_noise)
@@ -159,7 +160,7 @@ def rows_reached(rows: tuple[int, int], height: int) -> tuple[int, int]:
 
 
 def scattered(level: Float32, light: Light, height: int) -> Float32:
-    """Laser light (rows, w) with reflections, scatter in the lens and overflow of clipped pixels.
+    """Add reflections, scatter in the lens and overflow of clipped pixels to laser light.
 
     Args:
         level: (rows, w) grey levels of the laser light at the sensor, not clipped.
@@ -177,7 +178,7 @@ def scattered(level: Float32, light: Light, height: int) -> Float32:
 
 
 def _ghost(level: Float32, height: int) -> Float32:
-    """Reflection of the light, lower in the image."""
+    """Reflection (rows, w) of the laser light, displaced downwards in the image."""
     width = level.shape[1]
     columns, rows = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(len(level), dtype=np.float32))
     wave = GHOST_AMPLITUDE_OF_HEIGHT * np.sin(2 * np.pi * columns / (GHOST_WAVE_OF_WIDTH * width))
@@ -189,7 +190,7 @@ def _ghost(level: Float32, height: int) -> Float32:
 
 
 def _skirt(level: Float32, share: float) -> Float32:
-    """Light scattered by the lens: `share` of each column's peak up to 8 px beside it, decreasing beyond."""
+    """Light scattered by the lens: `share` of each column's peak up to SKIRT_FROM_PX beside it, less farther away."""
     distance = np.abs(np.arange(-SKIRT_TO_PX, SKIRT_TO_PX + 1))
     taps = (SKIRT_FROM_PX / np.maximum(distance, SKIRT_FROM_PX)).astype(np.float32)
     total = level.sum(axis=0)
@@ -209,10 +210,10 @@ def _halo(level: Float32, strength: float) -> Float32:
 
 
 class Blotches:
-    """Noise in patches; each frame uses a random part of one large image."""
+    """Blotchy noise; each image uses a random part of one large pattern."""
 
     def __init__(self, noise: Float32, deviation: float) -> None:
-        """Filter the noise.
+        """Filter white noise to blotches.
 
         Args:
             noise: (2 h, 2 w, channels) independent noise of each pixel, with standard deviation 1.
@@ -223,14 +224,14 @@ class Blotches:
         self._patches = np.asarray(soft * np.float32(deviation * 2 * np.sqrt(np.pi) * BLOTCH_SIGMA_PX), np.float32)
 
     def draw(self, rng: np.random.Generator) -> Float32:
-        """Blotches of one image, (h, w, channels)."""
+        """Draw the blotches of one image, (h, w, channels) [grey levels]."""
         height, width = self._patches.shape[0] // 2, self._patches.shape[1] // 2
         row, column = int(rng.integers(height + 1)), int(rng.integers(width + 1))
         return self._patches[row : row + height, column : column + width]
 
 
 def delivered(picture: Image, light: Light) -> Image:
-    """Image (h, w, 3) uint8 as delivered by the camera, demosaiced and compressed if `light` says so."""
+    """Apply demosaicing and JPEG compression, if enabled in `light`, to an image (h, w, 3) uint8."""
     if light.demosaiced:
         picture = np.asarray(cv2.cvtColor(mosaic(picture, "BayerRG8"), cv2.COLOR_BayerRGGB2BGR), np.uint8)
     if light.jpeg_quality:

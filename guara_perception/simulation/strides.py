@@ -1,6 +1,6 @@
-"""Foot planner that searches over the next few steps, so that feet can land on stones.
+"""Foot planner that searches over the next few steps, so that feet can land on stepping stones.
 
-It knows the ground only from queries of the grid that any planner can use.
+The planner knows the ground only from queries of the grid, which any planner can use.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from kinematics import RobotModel
 
 # Order of the swings: one leg at a time, hind before front on each side.
 LIFT_ORDER = ("rh", "rf", "lh", "lf")
-# Nominal landing ahead of the hip, largest lateral distance of a landing from the track of the foot, width of the
-# strips across the track, in each of which only the best place is a candidate, and height of the hips in the test of
-# reach [m].
+# All in metres: nominal landing ahead of the hip; largest lateral distance of a landing from the track of the foot;
+# width of the strips across the track, in each of which only the best place is a candidate; and height of the hips
+# above the soles in the test of reach.
 AHEAD_OF_HIP, ASIDE, STRIP, HIP_HEIGHT = 0.075, 0.08, 0.015, 0.33
-# Allowed length of a step [m]. Odometry cannot tell a shorter one from a slip, and a longer one is too fast.
+# Allowed length of a step [m]. Odometry cannot distinguish a shorter step from a slip; a longer one is too fast.
 SHORTEST_STEP, LONGEST_STEP = 0.060, 0.300
-# Clearance above which a place costs nothing [m], distance from the track or from the nominal landing that costs as
-# much as a foot that stays [m], and reward of a step per metre.
+# Clearance above which a place costs nothing [m]; distance from the track or from the nominal landing that costs as
+# much as leaving the foot in place [m]; and reward of a step per metre.
 WANTED_CLEARANCE, FAR, WORTH = 0.080, 0.100, 20.0
 STEPS_AHEAD, BEAM, SWINGS_TRIED = (6, 4, 2, 1), 12, 8
 SWING_CLEARANCES = (0.030, 0.020)
 
 
 class Place(NamedTuple):
-    """Place for a foot in base_footprint, its cost, and the range of the body's x from which the leg reaches it [m]."""
+    """Place for a foot in base_footprint [m], its cost, and range of the body's x from which the leg reaches it [m]."""
 
     x: float
     y: float
@@ -50,7 +50,7 @@ class Stride:
     Attributes:
         advance: advance of the body before the swing [m].
         start: (3,) current position of the sole in base_footprint [m].
-        swing: path of the sole, None if the foot stays.
+        swing: path of the sole; None if the foot stays in place.
     """
 
     advance: float
@@ -59,7 +59,7 @@ class Stride:
 
 
 class Way(NamedTuple):
-    """Sequence of steps: cost, places of the feet after it, its first step, and the body's advance in that step."""
+    """Sequence of steps: cost, places of the feet after the last step, first step, and body's advance in that step."""
 
     cost: float
     feet: dict[str, Place]
@@ -75,13 +75,13 @@ class StridePlanner:
     """
 
     def __init__(self, robot: RobotModel) -> None:
-        """Compute the positions of the hips."""
+        """Compute the horizontal positions of the hips from the soles in the scan posture."""
         self._robot = robot
         soles = robot.state(robot.posture(robot.config.scan_posture)).soles_in_base()
         self._hips = dict(zip(robot.legs, soles, strict=True))
 
     def next_stride(self, terrain: TerrainGrid, leg: str) -> Stride:
-        """Choose the next step of a leg on the newest map.
+        """Choose the next step of a leg on the newest map; without a good step, the foot and the body stay in place.
 
         Raises:
             InvalidInput: the grid's record has no stance.
@@ -95,7 +95,7 @@ class StridePlanner:
         for name, sole in soles.items():
             x, y, z = sole.tolist()
             place = next(iter(self._reached(name, sole[None], np.zeros(1))), Place(x, y, z, 0.0, 0.0, 0.0))
-            # The body is within reach of all feet where it stands now, even if the test at a single height denies it.
+            # All feet are within reach at the current position, even if the test at a single height disagrees.
             feet[name] = place._replace(rearmost=min(place.rearmost, 0.0), foremost=max(place.foremost, 0.0))
         places = {name: self._places(terrain, name) for name in soles}
         for _ in range(SWINGS_TRIED):
@@ -111,7 +111,7 @@ class StridePlanner:
         return Stride(0.0, soles[leg], None)
 
     def _places(self, terrain: TerrainGrid, leg: str) -> list[Place]:
-        """Best place of each strip across the track of a leg, if within reach."""
+        """Best place in each strip across the track of a leg, if it is within reach."""
         track = self._hips[leg][1]
         x, y = np.meshgrid(*terrain.geometry.centres())
         near = np.abs(y - track) <= ASIDE
@@ -137,7 +137,7 @@ class StridePlanner:
         ]
 
     def _best_way(self, feet: dict[str, Place], leg: str, places: dict[str, list[Place]]) -> Way | None:
-        """Best sequence of steps, as long as can be found; None if there is none."""
+        """Best sequence of the largest number of steps for which one is found; None if there is none."""
         for steps in STEPS_AHEAD:
             ways = [Way(0.0, feet, None, 0.0)]
             for number in range(steps):
@@ -149,7 +149,7 @@ class StridePlanner:
         return None
 
     def _steps(self, way: Way, leg: str, places: list[Place]) -> Iterator[Way]:
-        """Yield the sequence with one more step, to each place that the leg reaches while all feet stay in reach."""
+        """Extend a sequence by one step to each place that the leg reaches while all other feet stay within reach."""
         here = way.feet[leg]
         centre = np.mean([place.x - self._hips[name][0] for name, place in way.feet.items()])
         rear = max(place.rearmost for place in way.feet.values())

@@ -16,10 +16,11 @@ from guara_perception.terrain.map.known_ground import KnownGround
 from kinematics import RobotModel, Stance
 from kinematics.stance_pose import ENCODER_NOISE
 
-# Foothold x and y [m], and advance of the body before the swing [m] (None or omitted: as the gait); None: no foothold.
+# Foothold x and y [m], and advance of the body before the swing [m] (None or omitted = advance of the gait); None = no
+# foothold.
 Choice = tuple[float, float] | tuple[float, float, float | None] | None
 
-# Margins of the declared ground around the first stance: backwards for slip, ahead to the scanned area.
+# Margin of the declared ground around the first stance: behind for slip, ahead as far as the scanned area.
 KNOWN_GROUND_MARGIN_M = 0.17
 
 
@@ -28,14 +29,15 @@ class WalkNoise:
     """Errors of footsteps and of reported stances.
 
     Attributes:
-        joint: standard deviation of the bias of a joint, the same in every reading of a pause [rad]; `fresh_reading`
-            adds the noise of single readings.
+        joint: standard deviation of the bias of a joint, which is constant during a pause [rad]; `fresh_reading` adds
+            the noise of single readings.
         contact: standard deviation of the height of a sole in contact [m].
         slip: standard deviation of a sole's position at touch-down, per axis [m].
-        imu: standard deviation of the reported direction of gravity, per axis [rad]; None = no IMU, gravity is not
-            reported.
+        imu: standard deviation of the reported direction of gravity, per axis [rad]; None = without an IMU, so that
+            gravity is not reported.
         creep: standard deviation of the motion of a standing sole between two pauses, per horizontal axis [m].
-        slide: share of the way by which all standing soles slide back together; negative: ahead.
+        slide: distance by which all standing soles slide back together between two pauses, as a share of the gait's
+            advance; negative = slide ahead.
     """
 
     joint: float = 0.0035
@@ -56,7 +58,7 @@ class WalkNoise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footstep:
-    """Foot placed on the ground.
+    """Step of one foot: chosen foothold and true landing.
 
     Attributes:
         leg: name of the leg.
@@ -71,19 +73,19 @@ class Footstep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WalkPause:
-    """Stance pause: the report of the gait controller, and the truth.
+    """Stance pause: the stance as reported by the gait controller, and the truth.
 
     Attributes:
         step: number of the pause.
-        stance: reported stance: joint positions with their bias, support feet, gravity with noise or None.
-        known_ground: ground declared safe by the gait, in base_footprint; at the first pause only.
+        stance: reported stance: joint positions with bias, support feet, and noisy direction of gravity or None.
+        known_ground: ground declared safe by the gait, in base_footprint; empty except at the first pause.
         next_leg: leg that swings after this pause.
-        nominal: nominal landing of its foot, x and y in base_footprint of this pause [m].
-        last_footstep: last footstep before this pause, None at the first.
+        nominal: nominal foothold of `next_leg`, x and y in base_footprint of this pause [m].
+        last_footstep: last footstep before this pause; None at the first pause.
         joint_positions: true joint positions, by joint [rad].
-        transform_base_to_world: true pose (4, 4).
-        transform_footprint_to_world: true pose (4, 4).
-        soles_in_world: true positions (3,) by leg [m].
+        transform_base_to_world: true pose (4, 4) of the body.
+        transform_footprint_to_world: true pose (4, 4) of base_footprint.
+        soles_in_world: leg -> true position (3,) of its sole [m].
     """
 
     step: int
@@ -116,16 +118,18 @@ def simulate_walk(
     seed: int = 0,
     noise: WalkNoise | None = None,
 ) -> Iterator[WalkPause]:
-    """Walk along the world's x axis from the origin, kinematically.
+    """Simulate the kinematics of a walk along the world's x axis from the origin.
 
-    Between two pauses the body moves forward on all feet, then one foot swings. The caller can scan at each pause.
-    When it asks for the next one, `choose` is called with the current pause, to choose the foothold of `next_leg`.
+    Between two pauses, the body moves forward on all feet, then one foot swings. The caller can scan at each pause.
+    When the caller asks for the next pause, `choose` is called with the current one to choose the foothold of
+    `next_leg`.
 
     Args:
-        world: the terrain; must be level around the origin, because the gait declares it level.
+        world: the terrain; it must be level around the origin, because the gait declares that ground as level.
         robot: the robot.
-        choose: returns x and y of the foothold in base_footprint of the pause, optionally followed by the advance of
-            the body, or None if there is no safe foothold; None = every foot lands at its nominal foothold.
+        choose: function of a pause that returns x and y of the foothold in base_footprint of the pause, optionally
+            followed by the advance of the body, or None if there is no safe foothold. Without the function, every foot
+            lands at its nominal foothold.
         cycles: length of the walk in cycles of all legs.
         seed: seed of the noise.
         noise: errors of footsteps and reports; None = the defaults of `WalkNoise`.
@@ -135,7 +139,7 @@ def simulate_walk(
 
     Raises:
         WalkEnded: the planner found no foothold.
-        OutOfReach: the legs cannot reach a foothold.
+        OutOfReach: a leg cannot reach its foothold.
     """
     gait = WaveGait.of(robot)
     noise = noise or WalkNoise()
@@ -186,7 +190,7 @@ def simulate_walk(
 def chosen_foothold(
     pause: WalkPause, choose: Callable[[WalkPause], Choice] | None
 ) -> tuple[float, float, float | None]:
-    """Foothold that the planner chose at a pause, x and y in base_footprint, and the advance of the body.
+    """Foothold chosen by the planner at a pause, x and y in base_footprint, and the advance of the body or None [m].
 
     Raises:
         WalkEnded: the planner found no foothold.
@@ -201,7 +205,7 @@ def chosen_foothold(
 def true_footprint(
     robot: RobotModel, joints: Mapping[str, float], feet: tuple[str, ...], transform_base_to_world: Float
 ) -> Float:
-    """True transform_footprint_to_world (4, 4)."""
+    """True transform_footprint_to_world (4, 4), from the true joint positions and pose of the body."""
     down = -transform_base_to_world[2, :3]
     pose = robot.stance_pose(Stance(joints, feet, (down[0], down[1], down[2])), find_unloaded=False)
     return np.asarray(transform_base_to_world @ pose.transform_footprint_to_base)
@@ -225,6 +229,6 @@ def reported_stance(
 
 
 def fresh_reading(stance: Stance, rng: np.random.Generator, noise: float = ENCODER_NOISE) -> Stance:
-    """Stance with a new reading of the joints: white noise [rad] is added to the biased positions."""
+    """Stance with a new reading of the joints, which adds white noise [rad] to the biased positions."""
     joints = {name: value + noise * rng.standard_normal() for name, value in stance.joint_positions.items()}
     return dataclasses.replace(stance, joint_positions=joints)

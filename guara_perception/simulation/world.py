@@ -19,7 +19,7 @@ from guara_perception.simulation.light import Light
 from guara_perception.simulation.real_light import real_light
 from kinematics.untrusted import LARGEST_FILE, key_lines, parse_toml, table_name
 
-# Number of the waves of the undulation, and range of their lengths.
+# Number of waves that make up the undulation, and range of their lengths.
 UNDULATION_WAVES = 6
 SHORTEST_WAVE_M = 0.25
 LONGEST_WAVE_M = 1.0
@@ -29,18 +29,18 @@ WORLDS = Path(__file__).resolve().parent / "worlds"
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """Ground with features on it; z = 0 is the ground without undulation.
+    """Ground with features on it; z = 0 is the bare ground without undulation.
 
-    Outside the area, the heights of its border continue.
+    Outside the area, each point has the height and material of the nearest point of the border.
 
     Attributes:
         x: smallest and largest x of the area [m].
         y: smallest and largest y of the area [m].
-        features: features in order; each stands on the ground and on the features before it.
+        features: features in the order of placement; each stands on the ground as shaped by the features before it.
         material: material of the bare ground.
         undulation: standard deviation of the bare ground about z = 0 [m].
         seed: seed of undulation and texture.
-        flat_until: x up to which there is no undulation [m]; it grows smoothly over the next 0.2 m.
+        flat_until: x up to which there is no undulation [m]; the undulation grows smoothly over the next 0.2 m.
         light: illumination of the world.
     """
 
@@ -101,7 +101,10 @@ class World:
         return self._evaluate(px, py, self.features)[1]
 
     def raster(self, x: tuple[float, float], y: tuple[float, float], cell: float) -> tuple[Float, Codes]:
-        """Heights and materials at the centres of a fine grid a[iy, ix] over an area; fast for many features."""
+        """Heights and materials at the cell centres of a grid a[iy, ix] with cells of size `cell` [m] over an area.
+
+        Faster than `height` and `material_at` for many features, because each feature is evaluated only where it lies.
+        """
         cx = np.arange(x[0] + cell / 2, x[1], cell)
         cy = np.arange(y[0] + cell / 2, y[1], cell)
         heights = self._undulated(cx, cy)
@@ -126,7 +129,7 @@ class World:
         return float(self.height(x + u, y + v).max())
 
     def _undulated(self, cx: Float, cy: Float) -> Float:
-        """Heights (ny, nx) of the bare ground; the angle-sum identity reduces millions of sines to thousands."""
+        """Heights (ny, nx) of the bare ground [m]; the angle-sum identity reduces millions of sines to thousands."""
         if self.undulation <= 0:
             return np.zeros((cy.size, cx.size))
         cx, cy = np.clip(cx, *self.x), np.clip(cy, *self.y)
@@ -171,18 +174,18 @@ TYPES = {"float": "a number", "int": "an integer", "str": "a string", "tuple[flo
 def load_world(name_or_path: str | Path) -> World:
     """Read a world file.
 
-    Top level: `x`, `y` (area, two numbers each), `material`, `undulation`, `flat_until`, `seed`; then a table
-    `[[box]]`, `[[rock]]`, `[[ramp]]`, `[[pit]]`, `[[patch]]`, `[[step]]` or `[[stairs]]` for each feature, in the
-    order in which they are placed. Units are metres and radians. A table `[light]` contains the strengths of effects of
-    real light, relative to photographs (`real_light`).
+    The keys at the top level are `x`, `y` (area, two numbers each), `material`, `undulation`, `flat_until` and `seed`.
+    Each feature has a table `[[box]]`, `[[rock]]`, `[[ramp]]`, `[[pit]]`, `[[patch]]`, `[[step]]` or `[[stairs]]`; the
+    tables are in the order of placement. Units are metres and radians. The table `[light]` contains the strengths of
+    effects of real light, where 1 is the strength in photographs (`real_light`).
 
     Args:
         name_or_path: a .toml file, or the name of a world that comes with the package.
 
     Raises:
-        MissingFile: neither a file nor a world has this name; the message lists the worlds.
-        FileFormatError: the file is invalid; the message names the file and the fault, mostly with the line, the value
-            and what is allowed.
+        MissingFile: there is neither a file nor a world of this name; the message lists the worlds.
+        FileFormatError: the file is invalid; the message names the file and the fault, in most cases with the line, the
+            value and what is allowed.
     """
     path = Path(name_or_path)
     named = WORLDS / f"{name_or_path}.toml"
@@ -203,7 +206,7 @@ def parse_world(text: str, source: str) -> World:
     """Parse the text of a world file; `source` is its name for messages.
 
     Raises:
-        FileFormatError: see `load_world`.
+        FileFormatError: as in `load_world`.
     """
     try:
         data: dict[str, Any] = parse_toml(text)
@@ -250,7 +253,7 @@ class _WorldFile:
 
     @contextmanager
     def named(self, table: str, title: str = "", key: str = "") -> Iterator[None]:
-        """Convert InvalidInput to FileFormatError with the line of `key`, by default the first word of the message."""
+        """Convert InvalidInput to FileFormatError with the line of `key`, or of the key that begins the message."""
         try:
             yield
         except InvalidInput as error:
@@ -258,7 +261,11 @@ class _WorldFile:
             raise FileFormatError(f"{where}: {title}{error}") from None
 
     def options(self, cls: type[Any], table: str, entry: Mapping[str, Any]) -> dict[str, Any]:
-        """Keyword arguments of a dataclass from a table, with types checked."""
+        """Convert a table to keyword arguments of a dataclass, and check names and types.
+
+        Raises:
+            FileFormatError: a key is unknown or missing, or a value has the wrong type.
+        """
         fields = {f.name: f for f in dataclasses.fields(cls) if f.init and f.name not in ("features", LIGHT)}
         what = f"a {cls.__name__.lower()}"
         result: dict[str, Any] = {}

@@ -17,32 +17,33 @@ from kinematics.arrays import FrozenArrays
 CHECKED_ROWS, CHECKED_COLUMNS = 8, 40
 # Fraction of full scale from which a pixel counts as clipped; JPEG and demosaicing prevent it from reaching 1.
 CLIPPED = 0.98
-# Least contrast between even and odd columns behind a colour filter. It is about 0.1 % in grey images; behind a colour
-# filter it is at least 2 % in white light and 30 to 95 % in red laser light.
+# Least contrast between even and odd columns that proves a colour filter. The contrast is about 0.1 % in grey images;
+# behind a colour filter it is at least 2 % in white light and 30 to 95 % in red laser light.
 LEAST_AMBIENT_CONTRAST = 0.012
 LEAST_LASER_CONTRAST = 0.25
-# Least mean difference of the laser light between even and odd columns that exceeds the noise [grey levels].
+# Mean difference of the laser light between even and odd columns above which it is not noise [grey levels].
 LEAST_LASER_LEVEL = 0.15
-# Number of parts of the width that are tested separately.
+# Number of parts into which the width is divided; each is tested separately.
 QUARTERS = 4
-# Half height of the opening that replaces a missing laser-off image: wider than any stripe, narrower than texture.
+# Half height of the morphological opening that replaces a missing laser-off image: wider than any stripe, narrower than
+# texture.
 BACKGROUND_HALF_HEIGHT_PX = 12
-# Largest change of brightness beside the stripe between laser off and on, as a fraction of full scale. Above it,
-# `paper` rejects the frame, and `precise` uses the laser-off image only if it is found to show the same view.
+# Largest change of brightness beside the stripe between laser off and on, as a fraction of full scale. After a larger
+# change, `paper` rejects the frame, and `precise` uses the laser-off image only if it shows the same view.
 MAX_AMBIENT_CHANGE = 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class FramePair:
-    """Images of one stripe. They are not copied, so they must not be changed before they have been processed.
+    """Images of one stripe. The arrays are not copied: do not modify them before they have been processed.
 
     Attributes:
         index: index of the stripe in the standard pattern.
         on: laser-on image, (h, w) or (h, w, 3) BGR as OpenCV reads it, uint8 or uint16.
         off: laser-off image; None = use earlier frames of the sweep instead.
-        dark: image of the dark flash after the stripe, None if there was none.
-        instant: time of the flash on the clock of the body's track [s]; NaN if unknown.
-        instant_sigma: standard deviation of that time [s].
+        dark: image of the dark flash (a frame with the laser off) after the stripe; None without one.
+        instant: time of the laser-on image on the clock of the body's track [s]; NaN if unknown.
+        instant_sigma: standard deviation of `instant` [s].
     """
 
     index: int
@@ -78,7 +79,7 @@ def channel_of(frame: Image, number: int) -> Image:
 
 
 def has_colour(frame: Image) -> bool:
-    """Test that an image has three channels."""
+    """Return True if an image has three channels."""
     return frame.ndim == 3 and frame.shape[2] == 3
 
 
@@ -88,7 +89,7 @@ def is_clipped(values: Image) -> Mask:
 
 
 def picture_fault(on: Image) -> str:
-    """Description of an array that is not a valid camera image; empty if it is one."""
+    """Reason why an object is not a valid camera image; empty for a valid image."""
     if not isinstance(on, np.ndarray):
         return f"{type(on).__name__}, it must be a numpy array"
     if on.dtype not in (np.uint8, np.uint16) or on.ndim not in (2, 3) or (on.ndim == 3 and on.shape[2] not in (1, 3)):
@@ -119,8 +120,8 @@ def unusable_frame(band: Image, off: Image | None, shape: tuple[int, ...]) -> st
 def is_raw_bayer(on: Image, off: Image | None) -> bool:
     """Detect the 2 x 2 pattern of a colour filter in a single-channel image or a band of its rows.
 
-    Even and odd columns of a grey image have the same mean. Behind a colour filter their means differ, and the
-    difference is not the same in even and odd rows.
+    Even and odd columns of a grey image have the same mean. Behind a colour filter their means differ. Even and odd
+    rows are tested separately, because the difference is not the same in both.
     """
     if on.ndim == 3 and on.shape[2] != 1:
         return False
@@ -128,15 +129,14 @@ def is_raw_bayer(on: Image, off: Image | None) -> bool:
         return _agree(_of_sums(_sums(on)), LEAST_AMBIENT_CONTRAST)
     dark = _sums(off)
     light = _sums(on) - dark
-    # Rows without red pixels hardly respond to the laser, so even and odd rows are tested separately, and only where
-    # the signal exceeds the noise.
+    # Rows without red pixels hardly respond to the laser, so the laser light is tested only where it exceeds the noise.
     apart = np.abs(light[..., 0] - light[..., 1]) / (on.shape[0] / 2 * on.shape[1] / QUARTERS)
     laser = np.where(apart > LEAST_LASER_LEVEL, _of_sums(light), 0.0)
     return _agree(laser, LEAST_LASER_CONTRAST) or _agree(_of_sums(dark), LEAST_AMBIENT_CONTRAST)
 
 
 def _sums(picture: Image) -> Float:
-    """Sums of grey levels (2, QUARTERS, 2) by even and odd rows, part of the width, and even and odd columns."""
+    """Sums of grey levels (2, QUARTERS, 2): even and odd rows, parts of the width, even and odd columns."""
     height, width = picture.shape[0] // 2 * 2, picture.shape[1] // (2 * QUARTERS) * 2 * QUARTERS
     plane = picture.reshape(picture.shape[:2])[:height, :width]
     by_column = np.array([plane[row::2].sum(axis=0, dtype=np.float64) for row in (0, 1)])
@@ -149,13 +149,13 @@ def _of_sums(sums: Float) -> Float:
 
 
 def _agree(contrast: Float, least: float) -> bool:
-    """Test that even or odd rows have a contrast above `least`, with one sign, in all quarters except at most one."""
+    """Test if even rows or odd rows have a contrast above `least`, of one sign, in all quarters but at most one."""
     more, less = (contrast > least).sum(axis=1), (contrast < -least).sum(axis=1)
     return bool((np.maximum(more, less) >= QUARTERS - 1).any())
 
 
 class StripeStatus(IntEnum):
-    """Result in one column; the values never change."""
+    """Result in one image column; the numbers are part of file and message formats and never change."""
 
     OK = 0
     DROPOUT = 1
@@ -168,7 +168,7 @@ class StripeStatus(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class StripeProfile(FrozenArrays):
-    """One stripe, column by column (row by row if it was extracted along rows).
+    """Position of one stripe in each image column (in each image row if it was extracted along rows).
 
     Attributes:
         position_px: (n,) float32, row of the stripe centre in the whole image, NaN where there is none.
@@ -177,7 +177,7 @@ class StripeProfile(FrozenArrays):
         peak: (n,) float32, height of the smoothed peak above background [grey levels], NaN in a bad frame.
         doubtful_px: (n,) float32, row of a return that must not be used (ambiguous or mixed), NaN where there is none.
         reason: reason why the whole frame is bad; empty for a usable frame.
-        remark: defect of the laser-off image, even if it was not used; empty if it has none or is missing.
+        remark: defect of the laser-off image, even if that image was not used; empty without a defect or an image.
     """
 
     position_px: Float32
@@ -194,7 +194,7 @@ class StripeProfile(FrozenArrays):
         return bool(self.reason)
 
     def mirrored(self) -> StripeProfile:
-        """Profile of the same image mirrored left to right."""
+        """Profile that the same image mirrored left to right would have, without `remark`."""
         return replace(self, remark="", **{name: getattr(self, name)[::-1] for name in PROFILE_ARRAYS})
 
 
@@ -202,7 +202,7 @@ PROFILE_ARRAYS = StripeProfile.__slots__[:5]
 
 
 def profile_of(profile: Float32, status: Codes, doubtful: Float32 | None = None, remark: str = "") -> StripeProfile:
-    """Profile of a measured stripe; the arrays are made read-only, so that they need not be copied.
+    """Profile of a measured stripe; the given arrays are made read-only, so that they need not be copied.
 
     Args:
         profile: (3, columns) position, its sigma, and the peak [grey levels].
@@ -224,7 +224,7 @@ def bad_frame(n: int, reason: str) -> StripeProfile:
 
 
 def nothing(n: int) -> Float32:
-    """Read-only array of n NaNs that takes the memory of one, because a scan keeps the profiles of all its stripes."""
+    """Read-only array of n NaNs in the memory of one NaN; a scan keeps the profiles of all its stripes in memory."""
     one = np.full((), np.nan, dtype=np.float32)
     one.setflags(write=False)
     return np.broadcast_to(one, n)
@@ -236,7 +236,7 @@ class Judgement:
 
     Attributes:
         channel: number of the channel in which the stripe stands out most from the noise; 0 for mono.
-        is_swapped: True if the stripe is a dip of `on - off` instead of a peak.
+        is_swapped: True if the stripe is a dip of `on - off` instead of a peak, as if the images were swapped.
         change: median of `on - off` in that channel [grey levels]; near 0 for a valid pair.
         is_uneven: True if the brightness beside the stripe differs between `on` and `off` in any channel.
         is_core_clipped: True if the core is clipped in that channel in more than a fifth of the columns in which the
@@ -277,6 +277,6 @@ def pictures_of(on: Image, off: Image | None) -> tuple[Picture, Picture | None]:
 
 
 def opening(picture: Image) -> Image:
-    """Vertical grey opening, which removes everything as narrow as a stripe from an image."""
+    """Vertical greyscale opening of an image, which removes everything that is as narrow as a stripe."""
     column = np.ones((2 * BACKGROUND_HALF_HEIGHT_PX + 1, 1), np.uint8)
     return np.asarray(cv2.morphologyEx(picture, cv2.MORPH_OPEN, column))

@@ -1,4 +1,4 @@
-"""Method `paper`: red-enhanced grey, background removal, binarisation, skeleton, mean row of each column."""
+"""Method `paper` of stripe extraction: red-enhanced grey, background removal, binarisation, thinning, mean rows."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from guara_perception.stripes.band import (
 )
 from guara_perception.stripes.peaks import upper_median
 
-# Weights of the channels in the red-enhanced grey. The paper gives no numbers; red contains the laser, the other
-# channels stabilise the grey.
+# Weights of the channels in the red-enhanced grey; the paper gives no numbers. Red contains the laser light, the other
+# channels stabilise the grey level.
 BLUE_SHARE, GREEN_SHARE, RED_SHARE = 0.05, 0.15, 0.80
-# Threshold relative to Otsu's, which is midway between the background and the bright part of the stripe and would lose
-# 2 to 38 % of the columns of a recorded scan. The paper only says that the image is binarised.
+# Threshold as a share of Otsu's. Otsu's own threshold is midway between the background and the bright part of the
+# stripe, and loses 2 to 38 % of the columns of a recorded scan. The paper only states that the image is binarised.
 OTSU_SHARE = 0.4
-# Least threshold in sigmas of the noise, which Otsu's method would split where there is no stripe.
+# Least threshold [sigmas of the noise]: without a stripe, Otsu's method would split the noise.
 THRESHOLD_SIGMAS = 5.0
 # Upper quartile of a normal distribution [sigmas].
 UPPER_QUARTILE = 0.674
 NAN = np.float32(np.nan)
-# Error of a skeleton, about half a pixel.
+# Standard deviation of a skeleton's position.
 SIGMA_PX = 0.5
-# Largest extent of the skeleton of one line in a column; a larger one belongs to two lines.
+# Largest extent of the skeleton of one line in a column; a larger extent belongs to two lines.
 MOST_EXTENT_PX = 4
 # Largest difference, in the middle of a line, between the skeletons of an image and of the same image upside down.
 MOST_DIFFERENCE_PX = 1
@@ -50,10 +50,15 @@ def extract_paper(bands: Sequence[Band], threshold: float | None = None) -> list
 
 
 def check_threshold(threshold: float | None, method: str, *, has_threshold: bool) -> None:
-    """Reject an invalid binarisation threshold, or one for a method that has none.
+    """Reject an invalid binarisation threshold, or any threshold for a method without binarisation.
+
+    Args:
+        threshold: the threshold [grey levels of 8 bits]; None is always accepted.
+        method: name of the method, for the message.
+        has_threshold: True for a method with binarisation.
 
     Raises:
-        InvalidInput: the message says what is allowed.
+        InvalidInput: the threshold is rejected; the message says what is allowed.
     """
     if threshold is None:
         return
@@ -68,7 +73,7 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
 
     Args:
         band: rows that can contain the stripe.
-        threshold: fixed threshold of the binarisation [grey levels of 8 bits]; None = derived from Otsu's.
+        threshold: fixed threshold of the binarisation [grey levels of 8 bits]; None = derive it by Otsu's method.
 
     Returns:
         Profile with one position per column, in rows of the whole image.
@@ -83,8 +88,8 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
         )
     light = remove_background(grey, background)
     mask = binarise(light, threshold)
-    # If a line is an even number of pixels thick, thinning always leaves the same one of the two middle rows, half a
-    # pixel off. Its skeleton is therefore averaged with the skeleton of the image turned upside down.
+    # Of a line that is an even number of pixels thick, thinning always leaves the same one of the two middle rows, an
+    # error of half a pixel. The skeleton is therefore averaged with that of the image flipped upside down.
     (above, extent_above), (below, extent_below) = mean_rows(skeleton(mask)), mean_rows(skeleton(mask[::-1])[::-1])
     row = (above + below) / 2
     peak = light.max(axis=0).astype(np.float32)
@@ -106,7 +111,7 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
 
 
 def red_enhanced_grey(frame: Image) -> Grey:
-    """Grey image of 8 bits in which red has the largest weight; a mono image is only converted to 8 bits."""
+    """Convert an image to 8-bit grey in which red has the largest weight; a mono image is only converted to 8 bits."""
     frame = eight_bits(frame)
     if not has_colour(frame):
         return channel_of(frame, 0)
@@ -115,7 +120,7 @@ def red_enhanced_grey(frame: Image) -> Grey:
 
 
 def remove_background(grey: Grey, background: Grey) -> Grey:
-    """Laser light without the background; negative differences become zero."""
+    """Subtract the background from an image, which leaves the laser light; negative differences become zero."""
     return np.asarray(cv2.subtract(grey, background), dtype=np.uint8)
 
 
@@ -128,14 +133,14 @@ def binarise(light: Grey, threshold: float | None = None) -> Mask:
     """
     if threshold is None:
         otsu, _ = cv2.threshold(light, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
-        # Half of the noise was clipped at zero, but its upper quartile is still at 0.674 sigma.
+        # The lower half of the noise was clipped at zero, but its upper quartile is still at 0.674 sigma.
         noise = float(np.percentile(light[::3, ::16], 75)) / UPPER_QUARTILE
         threshold = max(OTSU_SHARE * otsu, THRESHOLD_SIGMAS * max(noise, 0.5))
     return np.asarray(light > threshold)
 
 
 def mean_rows(thin: Mask) -> tuple[Float, Index]:
-    """Mean row (columns,) of the pixels of each column, NaN without pixels, and their extent (columns,) in rows."""
+    """Mean row (columns,) of each column's pixels, NaN without pixels, and distance (columns,) from first to last."""
     count = thin.sum(axis=0)
     rows = np.arange(len(thin))[:, None]
     mean = np.where(count > 0, (thin * rows).sum(axis=0) / np.maximum(count, 1), np.nan)
@@ -147,8 +152,8 @@ def mean_rows(thin: Mask) -> tuple[Float, Index]:
 def skeleton(mask: Mask) -> Mask:
     """Thin a mask (rows, columns) to lines one pixel wide that stay connected.
 
-    Zhang, Suen: A fast parallel algorithm for thinning digital patterns, CACM 27 (1984): south-east and north-west
-    border pixels that do not end or connect lines are removed in turn. Only pixels of the mask are visited.
+    South-east and north-west border pixels that do not end or connect lines are removed in turn (Zhang, Suen: A fast
+    parallel algorithm for thinning digital patterns, CACM 27, 1984). Only pixels of the mask are visited.
     """
     rows, columns = mask.shape
     padded = np.zeros((rows + 2, columns + 2), dtype=np.uint8)
@@ -174,7 +179,7 @@ def skeleton(mask: Mask) -> Mask:
 
 @lru_cache(maxsize=1)
 def deletable() -> tuple[Mask, Mask]:
-    """Tables (256,) of the neighbourhoods in which a pixel may be removed, for both halves of a pass."""
+    """Tables (256,) of the neighbourhoods in which a pixel may be removed, one for each half of a pass."""
     codes = np.arange(256)
     p = [(codes >> bit) & 1 for bit in range(8)]
     neighbours = sum(p)

@@ -1,4 +1,4 @@
-"""Method `precise`: the highest peak of each column, or in difficult light the best path through all columns."""
+"""Method `precise` of stripe extraction: highest peak of each column or, in difficult light, best path through all."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from guara_perception.stripes.band import (
 )
 from guara_perception.stripes.kernel.library import addresses, kernel, memory
 
-# Negative return codes. extract.c: IN_DOUBT = -1 (search for a path in any light), SWAPPED, CHANGED. any_light.c:
-# EVERY_COLUMN = -1 (repeat without averaging columns). Other results are numbers of doubtful columns.
+# Negative return codes of the kernel. extract.c: IN_DOUBT = -1 (search for a path in any light), SWAPPED and CHANGED.
+# any_light.c: EVERY_COLUMN = -1 (repeat without averaging columns). Other results are numbers of doubtful columns.
 SWAPPED, CHANGED = -2, -3
 EVERY_COLUMN = -1
-# Averaging of columns before the path search in a colour pair: (least image width, number of columns per mean). Bands
-# of fewer than SHRUNK_ROWS rows are not averaged.
+# Averaging of columns before the path search in a pair of colour images: (least image width, number of columns per
+# mean). Columns of bands with fewer than SHRUNK_ROWS rows are not averaged.
 SHRUNK_FROM, SHRUNK_ROWS = ((1000, 4), (480, 2)), 32
-# Remarks on a defective laser-off image, indexed by the code that the kernel returns, and formatted with the two
-# numbers that follow the code.
+# Remarks on a defective laser-off image. The kernel returns the index of the remark, and two numbers that are inserted
+# into it.
 REMARKS = (
     "",
     "the laser-off picture is {:.2f} times as bright as the laser-on one: expose both alike",
@@ -36,9 +36,7 @@ REMARKS = (
 
 
 def extract_precise(bands: Sequence[Band]) -> list[StripeProfile]:
-    """Find the stripe in each band.
-
-    Bands are independent of each other.
+    """Find the stripe in each band, independently of the other bands.
 
     Args:
         bands: one band per stripe, all of the same width.
@@ -81,9 +79,9 @@ def extract_in_any_light(
 
     Args:
         band: rows that can contain the stripe.
-        weak_row, is_weak: (columns,) row of a weak peak, and mask of the columns that have one; where no stripe is
-            found, this peak is a doubtful return.
-        is_changed: True if the light changed so much that `off` is used only if it is found to show the same view.
+        weak_row, is_weak: (columns,) row of a weak peak, and mask of the columns that have one. In a column without a
+            stripe, this peak is reported as a doubtful return.
+        is_changed: True if the light changed so much that `off` is used only if it shows the same view.
     """
     first, second = pictures_of(band.on, band.off)
     rows, n, channels = first.shape
@@ -108,33 +106,33 @@ def extract_in_any_light(
 
 
 class ClearStripe:
-    """Findings on the highest peaks of a band, as views of memory that the thread's next band overwrites."""
+    """Highest peaks of a band, as views of work memory that the next band in this thread overwrites."""
 
     def __init__(self, work: Array, n: int) -> None:
-        """Wrap the beginning of the kernel's memory, laid out as in extract.c, for a band of n columns."""
+        """Wrap the beginning of the kernel's work memory, whose layout is in extract.c, for a band of n columns."""
         self._work, self._n = work, n
 
     @property
     def told(self) -> Float:
-        """Numbers (8,): judgement of the pair, then width of the stripe [px] and noise of a response."""
+        """Numbers (8,): judgement of the frame pair, then width of the stripe [px] and noise of a filter response."""
         return self._work[:64].view(float)
 
     @property
     def top(self) -> Index:
-        """Row (columns,) of the peak within the band."""
+        """Row (columns,) of the highest peak within the band."""
         return self._work[64 : 64 + 8 * self._n].view(np.intp)
 
     @property
     def height(self) -> Float32:
-        """Light (columns,) float32 at the peak, the sum of 9 pixels."""
+        """Light (columns,) float32 at the peak, summed over 9 pixels."""
         return self._work[64 + 8 * self._n : 64 + 12 * self._n].view(np.float32)
 
     @property
     def doubtful(self) -> Float32:
-        """Row (columns,) float32 of a return that must not be used, NaN where there is none."""
+        """Row (columns,) float32 of a doubtful return, which must not be used; NaN where there is none."""
         return self._work[64 + 12 * self._n : 64 + 16 * self._n].view(np.float32)
 
     @property
     def masks(self) -> Mask:
-        """Masks (3, columns) of the columns with a peak, with a clipped core, and with an uncertain peak."""
+        """Masks (3, columns) of the columns with a peak, of those with a clipped core, and of uncertain peaks."""
         return self._work[64 + 16 * self._n : 64 + 19 * self._n].view(np.bool_).reshape(3, self._n)

@@ -212,13 +212,13 @@ def packed(files: object) -> str:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("not base64!", "is damaged"),
-        (base64.b64encode(b"no zlib").decode(), "is damaged"),
-        (packed({"name": "x"}), "is damaged"),
-        (packed([1, 2]), "is damaged"),
+        ("not base64!", "corrupt"),
+        (base64.b64encode(b"no zlib").decode(), "corrupt"),
+        (packed({"name": "x"}), "corrupt"),
+        (packed([1, 2]), "corrupt"),
         (
             packed({"name": "x", "toml": "", "urdf": "<mesh filename='/etc/passwd'/>", "srdf": ""}),
-            "mesh files; they are not read",
+            "mesh files, which are not read",
         ),
         (packed({"name": "x", "toml": "", "urdf": "", "srdf": ""}), "the table [frames] is missing"),
         (packed({"name": "x", "toml": "#" * 1_100_000, "urdf": "", "srdf": ""}), "it has more than 1048576 characters"),

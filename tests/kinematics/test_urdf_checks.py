@@ -113,7 +113,7 @@ FAULTS = {
         "is in a loop of joints",
     ),
     "no XML": ("</robot>", "", "is not valid XML"),
-    "other name": ('<robot name="guara">', '<robot name="lobo">', "the robot is named 'lobo', in robot.toml 'guara'"),
+    "other name": ('<robot name="guara">', '<robot name="lobo">', "is named 'lobo', but 'guara' in robot.toml"),
     "legs no mirror images: origin": (
         'xyz="0.300 -0.180 0"',
         'xyz="0.300 -0.181 0"',

@@ -170,7 +170,7 @@ def test_stripe_with_too_few_points(
     found = calibrate_session(broken, robot)
     assert found.verdict == "usable"
     text = "; ".join(found.reasons)
-    assert "stripe index 20 on plate plate_00: it is seen on" in text
+    assert "stripe index 20 on plate plate_00: visible on" in text
     assert "stripe index 20: filled in by the mirror model" in text
     assert found.calibration.mirror is not None and found.calibration.mirror["filled_in"] == [20]
     errors = height_errors(calibration, found.calibration, found.transform_base_to_footprint, IN_RANGE_MM)

@@ -108,7 +108,7 @@ REFUSED_LATE = [
     (board_of(10, 8), r"wrong corner count: board_00.jpg shows 9x7 inner corners, the session says 10x8"),
     (swapped, r"plate heights look swapped: plate_00 \(80 mm\) and plate_40 \(40 mm\)"),
     (lambda s: missed_step(s, 1, 18), r"missed a step.*plate plate_40: after stripe index 34 .* -1\.50 degrees"),
-    (dark_laser, r"plate plate_40: 0 of 35 stripes were found, 80 % are needed; for example stripe index 0"),
+    (dark_laser, r"plate plate_40: 0 of 35 stripes were found \(80 % needed\); for example stripe index 0"),
 ]
 
 
@@ -130,11 +130,11 @@ def resized(name: str) -> Break:
 
 
 MISMATCHES = [
-    (resized("board_05.jpg"), r"board_05.jpg is 320x256 px, the boards are 640x512"),
-    (resized("fiducials.jpg"), r"fiducials.jpg is 320x256 px, the boards are 640x512"),
+    (resized("board_05.jpg"), r"board_05.jpg has 320x256 px, the others have 640x512"),
+    (resized("fiducials.jpg"), r"fiducials.jpg has 320x256 px, the others have 640x512"),
     (
         lambda s: with_frames(s, 0, lambda picture: cv2.resize(picture, (320, 256))),
-        r"frame on_000.jpg is 320x256 px, the boards are 640x512",
+        r"frame on_000.jpg has 320x256 px, the others have 640x512",
     ),
 ]
 
@@ -175,9 +175,9 @@ def test_session_of_another_robot(session: CalibrationSession, robot: RobotModel
         dataclasses.replace(plate, scan=dataclasses.replace(plate.scan, robot="baru")) for plate in session.plates
     )
     other = dataclasses.replace(session, robot="baru", plates=plates)
-    with pytest.raises(CalibrationMismatch, match="session of robot 'baru', given is robot 'guara'"):
+    with pytest.raises(CalibrationMismatch, match="session of robot 'baru', but robot 'guara' was given"):
         calibrate_session(other, robot)
-    with pytest.raises(InvalidInput, match="plate plate_00 was scanned by robot 'baru', the session is of 'guara'"):
+    with pytest.raises(InvalidInput, match="plate_00 was scanned by robot 'baru', but the session is from 'guara'"):
         dataclasses.replace(session, plates=plates)
 
 

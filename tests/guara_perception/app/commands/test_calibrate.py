@@ -122,7 +122,7 @@ BROKEN: list[tuple[Edit, str]] = [
     (drop("robot"), "session.json: robot is missing"),
     (drop("stance"), "session.json: stance is missing"),
     (lambda c: c.update(format="guara-scan/1"), "session.json: format is 'guara-scan/1', allowed"),
-    (lambda c: c.update(robot="nobody"), "plate plate_00 was scanned by robot 'guara', the session is of 'nobody'"),
+    (lambda c: c.update(robot="nobody"), "plate_00 was scanned by robot 'guara', but the session is from 'nobody'"),
     (lambda c: c["board"].update(inner_corners=[9]), "session.json: board.inner_corners has shape 1, it must be 2"),
     (lambda c: c["board"].update(inner_corners=[9.5, 7]), "board.inner_corners is [9.5, 7.0], allowed: two whole"),
     (lambda c: c["board"].update(pattern="dots"), "board.pattern is 'dots', "),
@@ -309,7 +309,7 @@ def one_board(content: dict[str, Any]) -> None:
     ("edit", "refusal"),
     [
         (one_board, "1 of 1 board views are usable, 5 or more are needed"),
-        (without_board, "no board_images: 5 or more pictures of the board are needed, one of them on the floor, or a"),
+        (without_board, "has no board_images: 5 or more pictures of the board are needed, one of them with"),
     ],
 )
 def test_known_lens(
@@ -344,7 +344,7 @@ def test_known_lens_of_other_pictures(session_copy: Callable[..., Path], tmp_pat
     """A lens of another picture size is refused with both sizes; without a floor board one is asked for."""
     (tmp_path / "lens.yaml").write_text(KALIBR.replace("[640, 512]", "[1280, 1024]"))
     folder = session_copy()
-    with pytest.raises(gp.CalibrationMismatch, match=r"the lens given is of 1280x1024 px, fiducials.jpg is 640x512"):
+    with pytest.raises(gp.CalibrationMismatch, match=r"was calibrated at 1280x1024 px, but fiducials.jpg has 640x512"):
         gp.calibrate(folder, camera_info=tmp_path / "lens.yaml")
     content = json.loads((folder / "session.json").read_text())
     del content["ground_board_image"]

@@ -146,8 +146,8 @@ REFUSED = {
         "area_40",
         "area_80",
     ): "or the stripe fell off the plate (scan the bare floor too, as a plate of 0 m): plate area_40",
-    ("floor", "a3_near_40", "a3_near_80"): "stripes lie on plates of two heights, 80 % are needed; stripe index 5",
-    ("floor", "area_40", "away_80"): "plate away_80: all stripes fall beside it: lay it into the scanned area",
+    ("floor", "a3_near_40", "a3_near_80"): "stripes lie on plates of two heights (80 % needed); stripe index 5",
+    ("floor", "area_40", "away_80"): "plate away_80: all stripes are beside it: place it in the scanned area",
 }
 
 
