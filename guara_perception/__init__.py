@@ -3,15 +3,15 @@
 Starting points, each of which `help` describes, as in `help(gp.TerrainGrid)`:
 
     load_terrain, TerrainGrid     a grid from a file; its queries: check_foothold, best_foothold, swing, explain
-    TerrainClient                 the grids of a running node; `guara run --simulated` is one without hardware
-    open_scan, process_scan       a recorded scan, and the grid made from it
+    TerrainClient                 the grids of a running node; `guara run --simulated` starts one without hardware
+    open_scan, process_scan       a recorded scan, and the grid computed from it
     open_recording                a recorded walk: its scans and grids
-    TerrainMap                    the scans of a walk in one map
+    TerrainMap                    a map fused from the scans of a walk
     calibrate, load_calibration   the calibration of a rangefinder
     terrain_from_points           a grid from another sensor
     Hazard                        flags of a cell: causes of unknown ground, and hazards of known ground
 
-Public names, listed in `__init__.pyi`, are loaded when first used, so that importing the package costs little.
+Public names are listed in `__init__.pyi` and loaded on first use, so that importing the package is fast.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _MODULES = {
     for alias in statement.names
 }
 _HOME = Path(__file__).resolve().parent.parent
-# Modules that are not installed, since the distribution guara-client lacks them.
+# Modules that are not installed, because the distribution guara-client does not include them.
 _MISSING = {
     module
     for module in {*_MODULES.values()}
@@ -63,7 +63,7 @@ def __dir__() -> list[str]:
 
 @functools.cache
 def _refuse_hidden_packages() -> None:
-    """Raise an ImportError that names the user's file if it hides a package that this one needs."""
+    """Raise an ImportError if a file of the user hides a package that this one needs; the message names the file."""
     home = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     for package in ("kinematics", "transport"):
         loaded = sys.modules.get(package)

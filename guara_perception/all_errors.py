@@ -1,4 +1,4 @@
-"""`Errors`: roots of all errors that public functions and clients raise on purpose, to catch them in one `except`."""
+"""`Errors`: base classes of all errors that public functions and clients raise deliberately, for one `except`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of guara_perception, and the two refusals that many modules share: missing extras and stale grids."""
+"""Errors of guara_perception, and checks that many modules share: missing libraries and stale grids."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ class MissingFile(PerceptionError, FileNotFoundError):
 
 
 class FileFormatError(PerceptionError, ValueError):
-    """A file whose content is not what the format allows; the message names file and field.
+    """A file whose content the format does not allow; the message names file and field.
 
     Attributes:
-        findings: one or more faults.
+        findings: one or more faults of the file.
     """
 
     findings: tuple[str, ...]
 
     def __init__(self, *findings: str) -> None:
-        """Join all findings to one message."""
+        """Join all findings in one message."""
         numbered = "; ".join(f"({number}) {text}" for number, text in enumerate(findings, 1))
         super().__init__(findings[0] if len(findings) == 1 else f"{len(findings)} findings: {numbered}")
         self.findings = findings
 
 
 class CalibrationMismatch(PerceptionError, ValueError):
-    """Scan, robot and calibration do not belong together."""
+    """Scan, robot, camera or calibration that do not belong together."""
 
 
 class CalibrationRefused(PerceptionError, RuntimeError):
-    """A calibration whose quality verdict is `refused`."""
+    """A calibration that cannot be computed, or whose quality verdict is `refused`."""
 
 
 class UnsafeGrid(PerceptionError, RuntimeError):
@@ -49,27 +49,27 @@ class UnsafeGrid(PerceptionError, RuntimeError):
 
 
 class PlannerFailed(PerceptionError, RuntimeError):
-    """The planner process of the demo died or does not answer."""
+    """The planner process of the demo has ended or does not answer."""
 
 
 class MirrorSlipped(PerceptionError, RuntimeError):
-    """The mirror was not where it was commanded to be; the scan is not used."""
+    """The mirror did not reach its commanded position; the scan is not used."""
 
 
 class DamagedInstallation(PerceptionError, ImportError):
-    """A file of the installed package is missing or damaged; the message says how to reinstall it."""
+    """A file of the installed package is missing or damaged; the message says how to reinstall the package."""
 
 
 class MissingExtra(PerceptionError, ImportError):
-    """A library or a part of the package is not installed; the message says what to install."""
+    """A library, or a part of the package, that is not installed; the message says what to install."""
 
 
 def optional_library(name: str, extra: str | None, purpose: str) -> Any:
-    """Import a library that belongs to an extra, or that the distribution guara-client does not include.
+    """Import a library that belongs to an extra of this package, or that guara-client does not depend on.
 
     Args:
         name: name of the module.
-        extra: extra of this package that includes it; None = the package itself.
+        extra: extra of this package that includes the library; None = the package itself includes it.
         purpose: what needs the library, for the message.
 
     Raises:
@@ -86,14 +86,14 @@ def refuse_stale(stale_because: tuple[str, ...], allow_stale: bool) -> None:
     """Reject a query of a stale grid, unless the caller allows it.
 
     Args:
-        stale_because: reasons why the grid is stale; empty for a current one.
-        allow_stale: answer from a stale grid too.
+        stale_because: reasons why the grid is stale; empty for a grid that is not.
+        allow_stale: True to allow queries of a stale grid.
 
     Raises:
-        transport.StaleTerrain: the grid is stale, which is not allowed.
+        transport.StaleTerrain: the grid is stale, and `allow_stale` is False.
     """
     if stale_because and not allow_stale:
-        # Imported here: programs that only compute grids do not load transport.
+        # Imported here, so that programs that only compute grids do not load transport.
         from transport.exceptions import StaleTerrain
 
         raise StaleTerrain(f"{'; '.join(stale_because)}. Query a newer grid; allow_stale=True answers from this one")
@@ -101,7 +101,7 @@ def refuse_stale(stale_because: tuple[str, ...], allow_stale: bool) -> None:
 
 @contextmanager
 def errors_as(kind: type[PerceptionError], source: object, *causes: type[Exception]) -> Iterator[None]:
-    """Convert errors of the types `causes` to an error of type `kind`, with `source` before the text."""
+    """Convert errors of the types `causes` to an error of type `kind`, with `source` before the message."""
     try:
         yield
     except causes as error:

@@ -1,4 +1,4 @@
-"""Laser-off picture of a scan, which shows the texture of the ground."""
+"""Laser-off image of a scan, which shows the texture of the ground."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from kinematics.arrays import FrozenArrays
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundPicture(FrozenArrays):
-    """Laser-off picture of a scan.
+    """Laser-off image of a scan, with lens and pose of the camera.
 
     Attributes:
         grey: (h, w) grey levels.
-        camera: lens of the camera.
-        transform_camera_to_footprint: (4, 4) pose of the camera when it was taken.
+        camera: intrinsic model of the camera.
+        transform_camera_to_footprint: (4, 4) pose of the camera when the image was taken.
     """
 
     grey: Grey
@@ -28,7 +28,7 @@ class GroundPicture(FrozenArrays):
 
 
 def grey_picture(picture: Image) -> Grey:
-    """8-bit grey levels (h, w) of a camera picture; always a copy."""
+    """Convert a camera image to 8-bit grey levels (h, w); always a copy."""
     grey: Image = picture
     if picture.ndim == 3:
         grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)) if picture.shape[2] == 3 else picture[:, :, 0]

@@ -9,13 +9,13 @@ from guara_perception.arrays import Float, Image
 
 
 def follow(before: Image, after: Image, points: Float, window: int, levels: int) -> Float:
-    """Track points from one grey image to another; return their positions (n, 2) [px], NaN where they were lost.
+    """Track points from one greyscale image to another; return their positions (n, 2) [px], NaN for a lost point.
 
     Args:
-        before, after: (h, w) uint8.
+        before, after: (h, w) uint8 images.
         points: (n, 2) x and y in `before` [px].
-        window: side of the square about a point that is compared [px].
-        levels: number of times that the images are halved, for motions larger than the window.
+        window: side of the square around a point that is compared [px].
+        levels: number of times that the image size is halved, to track motions larger than the window.
     """
     if not len(points):
         return np.empty((0, 2))

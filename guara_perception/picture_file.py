@@ -1,4 +1,4 @@
-"""Size-limited decoding of picture files from untrusted sources."""
+"""Decoding of image files from untrusted sources, with limits on their size."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import numpy as np
 from guara_perception.arrays import Image
 from guara_perception.exceptions import FileFormatError
 
-# Largest picture file [byte], and largest number of pixels in it: the largest cameras of this kind have 12 Mpx.
+# Largest image file [byte], and largest number of pixels of an image: the largest cameras of this kind have 12 Mpx.
 LARGEST_PICTURE = 128 * 1024 * 1024
 MOST_PIXELS = 16_000_000
-# Formats of pictures, as Pillow names them; PPM includes PGM.
+# Allowed image formats, by their names in Pillow; PPM includes PGM.
 PICTURE_FORMATS = "PNG", "JPEG", "BMP", "TIFF", "PPM"
 TIFF_BEGINNINGS = b"II*\0", b"MM\0*"
-# Decoding without conversion and without the rotation that EXIF asks for.
+# Decode without conversion, and without the rotation that an EXIF tag requests.
 AS_STORED = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
 
 
 def decode_picture(content: bytes, source: str) -> Image:
-    """Decode a picture as it is stored: BGR or grey, 8 or 16 bit.
+    """Decode an image file without conversion: BGR or grey, 8 or 16 bit.
 
     Raises:
-        FileFormatError: another format, too many pixels, other than 8 or 16 bit unsigned, an EXIF tag that rotates or
-            mirrors it, or damaged data.
+        FileFormatError: the format is not allowed, the data are damaged, the image has too many pixels or is not 8 or
+            16 bit unsigned, or an EXIF tag rotates or mirrors it.
     """
     picture = _decode(content, AS_STORED) if _is_bounded(content, source) else None
     if picture is None:
@@ -45,7 +45,11 @@ def decode_picture(content: bytes, source: str) -> Image:
 
 
 def _is_bounded(content: bytes, source: str) -> bool:
-    """Check the size in the header of a picture before anything is decoded; False if there is no such header."""
+    """Check the size in the header of an image before anything is decoded; False without a header of a known format.
+
+    Raises:
+        FileFormatError: the image has too many pixels.
+    """
     # Imported here: few programs read pictures.
     from PIL import Image
 

@@ -1,8 +1,8 @@
-"""Type of the callbacks that report the progress of long work."""
+"""Type of callbacks that report the progress of a long computation."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-# Called with the work done and the total, in the same unit: stripes, pictures, pauses.
+# Called with the amount of work done and the total, in the same unit, such as stripes, images or pauses.
 Progress = Callable[[int, int], None]

@@ -1,4 +1,4 @@
-"""A recorded scan: stripes, stance and frames, which are read one by one."""
+"""Recorded scan: stripes, stance, and frames that are read one by one."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from kinematics import BodyTrack, RobotModel, Stance
 
 @dataclass(frozen=True, slots=True)
 class ScanStripe:
-    """One stripe of a recorded scan.
+    """Stripe of a recorded scan.
 
     Attributes:
-        index: index in the standard pattern; the calibration holds a laser plane for each.
+        index: index in the standard pattern, to which the calibration assigns a laser plane.
         mirror_angle: commanded mirror angle [rad].
         on: name of the frame with the laser on.
-        off: name of the frame with the laser off (may be shared), or None.
-        stamp: time of the frame [ns since the Unix epoch], or None.
-        dark: name of the frame of the dark flash that came after the stripe, or None.
-        instant: time of the flash on the clock of the scan's track [s]; NaN if unknown.
-        instant_sigma: standard deviation of that time [s].
+        off: name of the frame with the laser off, which several stripes may share; None without one.
+        stamp: time of the laser-on frame [ns since the Unix epoch]; None if unknown.
+        dark: name of the frame of the dark flash (with the laser off) after the stripe; None without one.
+        instant: time of the laser-on frame on the clock of the scan's track [s]; NaN if unknown.
+        instant_sigma: standard deviation of `instant` [s].
     """
 
     index: int
@@ -41,24 +41,24 @@ class ScanStripe:
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """A recorded scan (docs/files.md).
+    """Recorded scan (docs/files.md).
 
     Attributes:
         robot: name of the robot.
         mode: "coarse" or "standard".
         stamp: beginning of the scan [ns since the Unix epoch].
         step: number of the stance pause.
-        stripes: the stripes, in recorded order.
-        stance: stance at the beginning.
-        stance_end: stance at the end, or None if it was not recorded.
-        calibration_hash: hash of the calibration that was in use, or None.
-        source: file or folder that the scan came from, for messages.
-        read_frame: function that returns the picture, (h, w) or (h, w, 3), of a frame by its name.
-        withdrawn: recorded reason why the node withdrew the grid of this scan; empty if it did not.
-        dark_after: indices of the stripes after which the sweep had a dark flash; empty if it had none.
+        stripes: stripes in the order of recording.
+        stance: stance at the beginning of the scan.
+        stance_end: stance at the end of the scan; None if it was not recorded.
+        calibration_hash: hash of the calibration that was in use; None if unknown.
+        source: file or folder from which the scan was read, for messages.
+        read_frame: function that returns the image, (h, w) or (h, w, 3), of the frame with a given name.
+        withdrawn: recorded reason why the node withdrew the grid of this scan; empty if the grid was not withdrawn.
+        dark_after: indices of the stripes after which the sweep had a dark flash; empty without dark flashes.
         camera_identity: maker, model and serial number reported by the camera; empty if unknown.
-        read_track: function that returns the body's motion during the scan from its joint stream, given the robot model
-            and the calibrated transform_camera_to_base; None without a stream.
+        read_track: function that computes the body's motion during the scan from the joint stream, given the robot
+            model and the calibrated transform_camera_to_base; None without a joint stream.
     """
 
     robot: str
@@ -86,10 +86,10 @@ class Scan:
             raise InvalidInput(f"{self.source}: stripe index {index} is listed {count} times, each may be listed once")
 
     def refuse_withdrawn(self) -> None:
-        """Refuse a scan whose grid the node withdrew.
+        """Refuse a scan whose grid was withdrawn by the node.
 
         Raises:
-            InvalidInput: the grid was withdrawn; the message has the reason.
+            InvalidInput: the grid was withdrawn; the message gives the reason.
         """
         if self.withdrawn:
             raise InvalidInput(
@@ -102,7 +102,9 @@ class Scan:
         return max(self.stamp, *(stripe.stamp or 0 for stripe in self.stripes))
 
     def frames(self) -> Iterator[tuple[ScanStripe, Image, Image | None]]:
-        """Iterate over (stripe, laser-on picture, laser-off picture); an off frame that neighbours share is read once.
+        """Iterate over (stripe, laser-on image, laser-off image or None).
+
+        A laser-off frame that successive stripes share is read only once.
 
         Raises:
             MissingFile, FileFormatError: a frame cannot be read; the message names it.
@@ -121,7 +123,7 @@ class FrameReader:
         self._last: tuple[str, Image] | None = None
 
     def read(self, stripe: ScanStripe) -> FramePair:
-        """Read the pictures of a stripe; an off frame shared with the stripe before is not read again.
+        """Read the images of a stripe; a laser-off frame shared with the stripe read before is not read again.
 
         Raises:
             MissingFile, FileFormatError: a frame cannot be read; the message names it.

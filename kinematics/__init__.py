@@ -1,7 +1,7 @@
 """Kinematics of walking robots: poses of body, legs and camera from joint positions.
 
-`load_robot` loads and checks a robot folder; a `RobotModel` gives a `RobotState` for joint positions and a
-`StancePose` for a `Stance`. Pinocchio is imported when the first robot is loaded, not with this package.
+`load_robot` loads and checks a robot folder. The resulting `RobotModel` computes a `RobotState` from joint positions
+and a `StancePose` from a `Stance`. Pinocchio is imported when the first robot is loaded, not with this package.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Array types of this package, and read-only arrays."""
+"""Array types of this package, and conversion to read-only arrays."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ Mask = npt.NDArray[np.bool_]
 
 
 def read_only(array: npt.ArrayLike) -> Array:
-    """Read-only array of the same values, whose memory cannot be written through another array either.
+    """Convert to a read-only array whose memory cannot be written through another array either.
 
-    An array whose memory is already read-only is returned unchanged. Any other is copied, so the caller's array stays
-    writable.
+    An array whose memory is already read-only is returned unchanged. Any other array is copied, so that the caller's
+    array stays writable.
     """
     given = np.asarray(array)
     if _is_frozen(given):
@@ -27,7 +27,7 @@ def read_only(array: npt.ArrayLike) -> Array:
 
 
 class FrozenArrays:
-    """Base class of frozen dataclasses; makes their array fields read-only."""
+    """Base class of frozen dataclasses that makes their array fields read-only."""
 
     __slots__ = ()
 
@@ -38,7 +38,7 @@ class FrozenArrays:
 
 
 def _is_frozen(array: Array) -> bool:
-    """Test that an array and every array it is a view of are read-only."""
+    """Test that an array is read-only, and so is every array of which it is a view."""
     memory: Any = array
     while isinstance(memory, np.ndarray):
         if memory.flags.writeable:

@@ -1,10 +1,10 @@
 """Propagation of the gravity direction from pause to pause without an IMU.
 
-Three or more soles that stayed in place give the rotation of the body since the last pause, which carries the vertical
-of that pause over to this one. Its error grows from pause to pause and is bounded by the support plane: where the
-plane's normal agrees with the carried vertical within noise, the plane is taken as level. Otherwise the plane is
-ignored: on a long slope all planes tilt the same way, and each would pull the vertical a little further towards its
-normal.
+Three or more soles that stayed in place give the rotation of the body since the last pause. This rotation transforms
+the vertical of that pause to the new one. The error of the carried vertical grows from pause to pause and is bounded by
+the support plane: if the plane's normal agrees with the carried vertical within noise, the plane is assumed to be
+level. Otherwise the plane is ignored. On a long slope, all planes tilt in the same direction, and each would pull the
+vertical a little further towards its normal.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from kinematics.footprint import fit_support_plane
 from kinematics.stance_pose import GravityEstimate, StanceNoise
 from kinematics.transforms import unit_vector
 
-# A support plane is taken as level if its rms deviation from the carried vertical, over both axes, is within this many
-# sigmas: noise exceeds it for 0.2 % of level planes.
+# A support plane is assumed to be level if its rms deviation from the carried vertical, over both axes, is within this
+# many sigmas, a limit that noise exceeds for 0.2 % of level planes.
 FLAT_SIGMAS = 2.5
 
 # The carried vertical distinguishes level ground from a slope only if its sigma is below this fraction of
@@ -33,10 +33,10 @@ def carry_gravity(
     covariances_now: Float,
     noise: StanceNoise,
 ) -> GravityEstimate:
-    """Gravity at this pause, in `base_link`; (0, 0, -1) on a level body.
+    """Compute the direction of gravity in `base_link` at this pause from that at the previous pause.
 
     Args:
-        before: gravity at the previous pause, in its `base_link`.
+        before: direction of gravity at the previous pause, in `base_link` of that pause.
         soles_now: (n, 3) soles that stayed, in `base_link` of this pause [m], n >= 3.
         soles_before: (n, 3) the same soles in `base_link` of the previous pause [m].
         support_now: (m, 3) all supporting soles in `base_link` of this pause [m], m >= 3.
@@ -60,7 +60,7 @@ def carry_gravity(
 
 
 def turn_between(points_now: Float, points_before: Float) -> Float:
-    """Rotation (3, 3) from the present frame to the previous one: least squares over points (n, 3), n >= 3 (Kabsch)."""
+    """Rotation (3, 3) from the present frame to the previous one that best aligns points (n, 3), n >= 3 (Kabsch)."""
     covariance = (points_now - points_now.mean(axis=0)).T @ (points_before - points_before.mean(axis=0))
     left, _, right = np.linalg.svd(covariance)
     sign = np.sign(np.linalg.det(right.T @ left.T))

@@ -17,7 +17,7 @@ class KinematicsError(Exception):
 
 
 class RobotNotFound(KinematicsError, FileNotFoundError):
-    """No robot folder of that name or path."""
+    """A name or path of a robot folder that does not exist."""
 
 
 class LibraryMissing(KinematicsError, ImportError):
@@ -25,10 +25,10 @@ class LibraryMissing(KinematicsError, ImportError):
 
 
 class RobotFileError(KinematicsError, ValueError):
-    """A file of a robot folder is broken or contradicts another; the message names the file and the line or entry.
+    """A file of a robot folder that is invalid or contradicts another; the message names the file and line or entry.
 
     Attributes:
-        findings: one text for each error found, one or more.
+        findings: one or more errors, each described in one text.
     """
 
     findings: tuple[str, ...]
@@ -44,7 +44,7 @@ class RobotFileError(KinematicsError, ValueError):
 
 
 class UnknownName(KinematicsError, KeyError):
-    """A frame, joint, leg or posture that the robot does not have; the message lists those it has."""
+    """A frame, joint, leg or posture that the robot does not have; the message lists those that exist."""
 
 
 class JointPositionError(KinematicsError, ValueError):
@@ -56,7 +56,7 @@ class StanceError(KinematicsError, ValueError):
 
 
 class ArgumentError(KinematicsError, ValueError):
-    """An argument of wrong shape or value; the message gives it and what is allowed."""
+    """An argument of wrong shape or value; the message states what was given and what is allowed."""
 
 
 class CameraMoved(KinematicsError, RuntimeError):
@@ -68,20 +68,24 @@ class OdometryLost(KinematicsError, RuntimeError):
 
 
 class JointLimitWarning(UserWarning):
-    """Joints beyond their limits; the message gives the excess of the first three and counts the others."""
+    """Joints beyond their limits; the message states the excess of the first three and counts the others."""
 
 
 class RobotFileWarning(UserWarning):
-    """Contents of a robot folder that are ignored, or accepted although they should be corrected."""
+    """Content of a robot folder that is ignored, or accepted although it should be corrected."""
 
 
 def unknown_name(kind: str, given: object, valid: Iterable[str]) -> UnknownName:
-    """`UnknownName` with a message that quotes the given name and lists the valid ones."""
+    """Create an `UnknownName` whose message quotes the given name and lists the valid ones."""
     return UnknownName(f"unknown {kind} {given!r}; this robot has: {', '.join(valid)}")
 
 
 def named(kind: str, name: str, valid: Mapping[str, T]) -> T:
-    """Value of a name; `UnknownName` if there is no such name."""
+    """Look up the value of a name.
+
+    Raises:
+        UnknownName: there is no such name; the message lists the valid ones.
+    """
     if name not in valid:
         raise unknown_name(kind, name, valid)
     return valid[name]

@@ -1,4 +1,4 @@
-"""Errors of a file of a robot folder, collected so that all are reported at once."""
+"""Errors in a file of a robot folder, collected so that all can be reported at once."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from kinematics.exceptions import RobotFileError
 
 
 class Findings:
-    """Errors of one file, and notes on entries that are not used.
+    """Collector of errors in one file, and of notes on entries that are not used.
 
     Args:
-        path: the file's path, for messages.
+        path: path of the file, for messages.
     """
 
     def __init__(self, path: Path) -> None:
@@ -24,13 +24,13 @@ class Findings:
         """Add an error.
 
         Args:
-            text: what is wrong.
-            line: line of the file, from 1; 0 = no particular line.
+            text: description of the error.
+            line: line of the file, counted from 1; 0 = no particular line.
         """
         self._wrong.append((line, text))
 
     def unused(self, text: str) -> None:
-        """Add a note on an entry that is not used; equal texts become one note, with their count."""
+        """Add a note on an entry that is not used; equal texts are merged to one note with their count."""
         self._unused[text] += 1
 
     @property
@@ -52,7 +52,7 @@ class Findings:
         )
 
     def refuse(self) -> None:
-        """Raise if there are errors; notes on unused entries alone do not raise.
+        """Raise an error if there are errors in the file; notes alone do not raise.
 
         Raises:
             RobotFileError: there are errors; its `findings` are `texts`.

@@ -7,11 +7,11 @@ footprint are
     y = u x x
     z = u
 
-and its translation is (0, 0, h) with h = -u . mean(p_i): the footprint is vertically below the body's origin, with
+and the translation is (0, 0, h) with h = -u . mean(p_i). The footprint is vertically below the body's origin, with
 z = 0 at the mean of the soles.
 
 A small change du of the vertical rotates the footprint about its own fixed axes by B du, where B has the rows y, -x and
-(u_x / s) y; the last row keeps the heading on the body's x axis while the body tilts.
+(u_x / s) y. The last row keeps the heading aligned with the body's x axis when the body tilts.
 """
 
 from __future__ import annotations
@@ -28,12 +28,13 @@ from kinematics.exceptions import StanceError
 BASE_FOOTPRINT = "base_footprint"
 # Equal to `base_footprint` of the first pause; tracked by leg odometry.
 ODOM = "odom"
-# Soles closer than this to a line [m, rms] span no plane: an error of 1 mm would tilt it by 6 degrees.
+# Soles with a smaller rms distance from a line than this span no plane [m]: an error of 1 mm would tilt it by 6
+# degrees.
 LEAST_WIDTH = 0.010
 
 
 def transform_base_to_footprint(soles_in_base: Float, up: Float) -> Float:
-    """Transform (4, 4) from supporting soles (n, 3) [m] and the unit vertical (3,), both in `base_link`."""
+    """Transform (4, 4) to the footprint, from supporting soles (n, 3) [m] and unit vertical (3,) in `base_link`."""
     x = np.array([1.0, 0.0, 0.0]) - up[0] * up
     x /= np.linalg.norm(x)
     transform = np.eye(4)
@@ -43,19 +44,19 @@ def transform_base_to_footprint(soles_in_base: Float, up: Float) -> Float:
 
 
 def turn_by_vertical(transform: Float) -> Float:
-    """B (3, 3): d(rotation of the footprint about its fixed axes [rad]) / d(vertical in `base_link`)."""
+    """Matrix B (3, 3): d(rotation of the footprint about its fixed axes [rad]) / d(vertical in `base_link`)."""
     x, y, up = transform[:3, :3]
     return np.array([y, -x, up[0] / np.sqrt(1.0 - up[0] ** 2) * y])
 
 
 def footprint_jacobians(soles_in_base: Float, transform: Float, up_by_soles: Float) -> tuple[Float, Float]:
-    """Derivatives of the transform with respect to soles and vertical.
+    """Derivatives of the transform from base to footprint with respect to soles and vertical.
 
     Rows are in REP-103 order (x y z, rotations about fixed axes).
 
     Args:
         soles_in_base: (n, 3) supporting soles [m].
-        transform: (4, 4) base to footprint.
+        transform: (4, 4) transform from base to footprint.
         up_by_soles: (3, 3 n) d(vertical) / d(soles); zero if the vertical does not depend on the soles.
 
     Returns:
@@ -72,7 +73,7 @@ def footprint_jacobians(soles_in_base: Float, transform: Float, up_by_soles: Flo
 
 
 def skew(vector: Float) -> Float:
-    """Cross-product matrix (3, 3) of a vector a: its product with a vector b is a x b."""
+    """Cross-product matrix (3, 3) of a vector a, whose product with a vector b is a x b."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
@@ -95,13 +96,13 @@ class SupportPlane:
 
 
 def fit_support_plane(soles_in_base: Float) -> SupportPlane:
-    """Fit the support plane.
+    """Fit the support plane to sole centres by least squares.
 
     Args:
         soles_in_base: (n, 3) sole centres [m], n >= 3.
 
     Raises:
-        StanceError: fewer than three soles, or soles on one line.
+        StanceError: there are fewer than three soles, or they are on one line.
     """
     count = len(soles_in_base)
     if count < 3:

@@ -1,4 +1,4 @@
-"""Detection of stance pauses from joint speeds and foot contacts."""
+"""Detection of stance pauses from joint velocities and foot contacts."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class PauseReport:
 
     Attributes:
         is_pause: True if all conditions of a pause hold.
-        reason: "" in a pause, else the unmet condition, with value and limit.
-        still_for: time for which all joints have been slow with the same feet down [s].
+        reason: condition that does not hold, with value and limit; "" in a pause.
+        still_for: time for which all joints have been slow and the supporting feet unchanged [s].
     """
 
     is_pause: bool
@@ -28,7 +28,10 @@ class PauseReport:
 
 
 class PauseDetector:
-    """Detector of stance pauses: enough feet on the ground, unchanged, and all joints slow for a minimum time."""
+    """Detector of stance pauses, in which enough feet carry the body and all joints are slow for a minimum time.
+
+    The supporting feet must not change during this time.
+    """
 
     def __init__(self, robot: RobotModel) -> None:
         self._robot = robot
@@ -41,7 +44,7 @@ class PauseDetector:
         """Process one reading.
 
         Args:
-            time: time of the reading [s] from any epoch; later than that of the last reading.
+            time: time of the reading on a clock with any epoch [s]; later than that of the last reading.
             joint_velocities: joint name -> velocity [rad/s], every joint.
             support_feet: legs whose soles carry the body.
 

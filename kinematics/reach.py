@@ -1,4 +1,4 @@
-"""Inverse kinematics of a leg: joint positions for sole positions, and which of them are reachable."""
+"""Inverse kinematics of a leg: joint positions for sole positions, and reachability of the latter."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Reach:
 
     Attributes:
         joint_positions: (..., joints of the leg) [rad]; NaN where there is no solution.
-        is_reachable: (...) bool, true where a solution within the joint limits exists.
+        is_reachable: (...) bool, True if there is a solution within the joint limits.
     """
 
     joint_positions: Float
@@ -31,10 +31,10 @@ class Reach:
 
 @lru_cache(maxsize=64)
 def leg_kinematics(tree: KinematicTree, leg: str) -> LegGeometry | NumericLeg:
-    """Closed form if it fits the leg's geometry, else the numeric solver; cached.
+    """Inverse kinematics in closed form if it fits the leg's geometry, else the numeric solver; cached.
 
     Raises:
-        UnknownName: no such leg.
+        UnknownName: the robot has no such leg.
     """
     geometry = find_leg_geometry(tree, leg)
     if geometry is not None:
@@ -46,17 +46,18 @@ def leg_kinematics(tree: KinematicTree, leg: str) -> LegGeometry | NumericLeg:
 def reach_in_base(
     tree: KinematicTree, leg: str, soles_in_base: npt.ArrayLike, sole_pitch: npt.ArrayLike = 0.0
 ) -> Reach:
-    """Inverse kinematics of one leg.
+    """Compute the joint positions of a leg that place its sole at given points of `base_link`.
 
     Args:
         tree: the robot's kinematic tree.
         leg: name of the leg.
-        soles_in_base: (..., 3) sole centres in `base_link` [m]; NaN is not reachable.
-        sole_pitch: pitch of the sole in the leg's plane [rad], one number or (...); a leg of three joints ignores it.
+        soles_in_base: (..., 3) sole centres in `base_link` [m]; a point with NaN is not reachable.
+        sole_pitch: pitch of the sole in the leg's plane [rad], one number or an array (...); legs of three joints or
+            fewer ignore the pitch.
 
     Raises:
-        UnknownName: no such leg.
-        ArgumentError: wrong shape.
+        UnknownName: the robot has no such leg.
+        ArgumentError: an array has the wrong shape.
     """
     soles = checked_points(soles_in_base, "soles_in_base")
     try:
@@ -67,7 +68,7 @@ def reach_in_base(
         ) from None
     solver = leg_kinematics(tree, leg)
     positions = solver.solve(soles.reshape(-1, 3), pitch.reshape(-1))
-    # NaN compares false: a sole without a solution is not reachable.
+    # Comparisons with NaN are false, so a sole without a solution is not reachable.
     within = np.all(
         (positions >= solver.lower - LIMIT_TOLERANCE) & (positions <= solver.upper + LIMIT_TOLERANCE), axis=1
     ).reshape(soles.shape[:-1])
@@ -76,7 +77,7 @@ def reach_in_base(
 
 
 def reach_from_pose(pose: StancePose, leg: str, soles_in_footprint: npt.ArrayLike) -> Reach:
-    """Inverse kinematics of one leg for level soles on the ground, for the body at a stance pose.
+    """Compute the joint positions of a leg that place its level sole on the ground, with the body at a stance pose.
 
     Args:
         pose: the stance pose.
@@ -84,8 +85,8 @@ def reach_from_pose(pose: StancePose, leg: str, soles_in_footprint: npt.ArrayLik
         soles_in_footprint: (..., 3) sole centres in `base_footprint` [m]: x, y and the height of the ground there.
 
     Raises:
-        UnknownName: no such leg.
-        ArgumentError: wrong shape.
+        UnknownName: the robot has no such leg.
+        ArgumentError: the array has the wrong shape.
     """
     soles = checked_points(soles_in_footprint, "soles_in_footprint")
     in_base = transform_points(pose.transform_footprint_to_base, soles)
@@ -95,8 +96,8 @@ def reach_from_pose(pose: StancePose, leg: str, soles_in_footprint: npt.ArrayLik
 def level_sole_pitch(pose: StancePose, leg: str, soles_in_base: Float) -> Float:
     """Pitch (...) [rad] in the leg's plane that makes the soles' x axis horizontal, for soles (..., 3) in `base_link`.
 
-    At hip roll q and pitch p, the sole's x axis is (cos p, sin q sin p, -cos q sin p). It is horizontal if
-    perpendicular to the vertical u: tan p = u_x / (u_z cos q - u_y sin q).
+    At hip roll q and pitch p, the sole's x axis is (cos p, sin q sin p, -cos q sin p). It is perpendicular to the
+    vertical u if tan p = u_x / (u_z cos q - u_y sin q).
     """
     up = pose.up_in_base
     hip = pose.state.position_in_base(pose.state.tree.leg(leg).hip)

@@ -11,7 +11,7 @@ from kinematics.toml_table import Table
 
 @dataclass(frozen=True, slots=True)
 class RobotSettings:
-    """Tables [stance], [odometry], [pause] and [self_filter]."""
+    """Settings from the tables [stance], [odometry], [pause] and [self_filter] of robot.toml."""
 
     noise: StanceNoise
     odometry_limits: OdometryLimits
@@ -20,7 +20,7 @@ class RobotSettings:
 
     @classmethod
     def from_table(cls, root: Table, links: Collection[str] | None) -> RobotSettings:
-        """Read the tables of robot.toml; `links` are the link names allowed in them, None = any."""
+        """Read the tables of robot.toml; `links` are the link names that they may contain, None = any."""
         return cls(
             StanceNoise.from_table(root.table("stance")),
             root.table("odometry").record(OdometryLimits),
@@ -34,9 +34,9 @@ class OdometryLimits:
     """Limits of leg odometry (robot.toml, table [odometry]).
 
     Attributes:
-        slip_sigmas: a foot moved if its distance from another one changed by more than this many standard deviations.
+        slip_sigmas: change of the distance between two feet, in standard deviations, above which a foot has moved.
         turn_limit: largest rotation of the body between two pauses [rad].
-        swing_least: least motion of a foot that counts as a swing [m]; a foot that moved by less slipped.
+        swing_least: least motion of a foot that counts as a swing [m]; a smaller motion counts as a slip.
         slip_share: sigma of the drift caused by a slide common to all feet, which leg odometry cannot observe, as a
             fraction of the distance walked; default 0.04.
     """
@@ -57,15 +57,15 @@ class PauseLimits:
 
     Attributes:
         joint_speed_limit: every joint must be slower than this [rad/s].
-        hold_time: time for which every joint must stay that slow [s].
+        hold_time: time for which every joint must stay slower than this limit [s].
         minimum_feet: least number of feet that carry the body.
         camera_translation_limit: largest translation of the camera during a scan [m].
         camera_rotation_limit: largest rotation of the camera during a scan [rad].
-        time_limit: a pause without an announced end is over this long after the last message about it [s].
+        time_limit: time after the last message about a pause without an announced end at which the pause is over [s].
         grace_share, grace_least, grace_most: allowed delay of the message that ends a pause: a fraction of the
-            announced length [-], and its lower and upper bound [s]. No frame is taken in this time.
+            announced length [-], and lower and upper bound of the delay [s]. No frame is taken during the delay.
         stance_sway: largest amplitude of a sway of the body about its feet during a scan, around any horizontal axis,
-            that joints and images do not detect [rad]; 0, the default, states that the body does not sway.
+            that joints and images do not detect [rad]; 0, the default, means that the body does not sway.
     """
 
     joint_speed_limit: float
@@ -80,13 +80,13 @@ class PauseLimits:
     stance_sway: float = field(default=0.0, metadata={"least": 0.0, "most": MOST_SWAY})
 
     def grace(self, announced: float) -> float:
-        """Allowed delay of the end of a pause with this announced length, both [s]."""
+        """Allowed delay [s] of the message that ends a pause of an announced length [s]."""
         return min(max(self.grace_share * announced, self.grace_least), self.grace_most)
 
 
 @dataclass(frozen=True, slots=True)
 class SelfFilterSettings:
-    """Shapes used by the self-filter (robot.toml, table [self_filter]).
+    """Settings of the self-filter (robot.toml, table [self_filter]).
 
     Attributes:
         margin: margin added to every collision shape on all sides [m].
@@ -98,7 +98,10 @@ class SelfFilterSettings:
 
     @classmethod
     def from_table(cls, table: Table, links: Collection[str] | None) -> SelfFilterSettings:
-        """Read the table; the margin must not be negative, ignored links must be among `links` unless it is None."""
+        """Read the table [self_filter].
+
+        The margin must not be negative, and ignored links must be among `links`, unless `links` is None.
+        """
         settings = cls(table.number("margin", least=0.0), table.texts("ignore"))
         for link in settings.ignore:
             if links is not None and link not in links:

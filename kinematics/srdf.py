@@ -1,4 +1,4 @@
-"""Reader of the named postures of an SRDF file; rejects names that the URDF does not have."""
+"""Reader of the named postures in an SRDF file; names that the URDF does not have are rejected."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ def read_srdf(path: Path, urdf: Urdf, text: str | None = None) -> tuple[Posture,
 
     Args:
         path: the file.
-        urdf: the URDF whose joints and links the file may name.
+        urdf: the URDF, which must contain all joints and links named in the file.
         text: text of the file; None = read it.
 
     Raises:
-        RobotFileError: not XML; unknown joints or links; joints that are missing, given twice or without a finite
-            value; postures of the same name.
+        RobotFileError: the file cannot be read or is not XML, names unknown joints or links, omits or repeats a joint,
+            has a value that is not finite, or has two postures of the same name.
     """
     root = read_xml(path)[0] if text is None else parse_xml(text, path)
     findings = Findings(path)

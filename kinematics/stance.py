@@ -1,4 +1,4 @@
-"""Stance: joint positions, supporting feet and, where known, the direction of gravity."""
+"""Stance: joint positions, supporting feet and, if known, the direction of gravity."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ class Stance:
     """State of the robot at a pause, as reported by the gait controller.
 
     Attributes:
-        joint_positions: joint name -> position, an angle [rad], read-only.
-        support_feet: names of the legs whose soles carry the body, each once.
+        joint_positions: joint name -> position [rad], read-only.
+        support_feet: names of the legs whose soles carry the body, without repetition.
         gravity_in_base: direction of gravity in `base_link`, pointing down ((0, 0, -1) when level), any length; None if
             unknown.
 
     Raises:
-        StanceError: a value is of the wrong type, not finite or too large, a foot is named twice, or gravity does not
-            point down (z is 0 or more); the message names the field.
+        StanceError: a value has the wrong type or is not finite, a foot is named twice, or gravity does not point down
+            (its z is 0 or more); the message names the field.
     """
 
     joint_positions: Mapping[str, float]
@@ -38,20 +38,20 @@ class Stance:
             object.__setattr__(self, "gravity_in_base", _checked_gravity(self.gravity_in_base))
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Support pickling: a mapping proxy cannot be pickled, a dict can."""
+        """Support pickling: a mapping proxy cannot be pickled, so it is replaced by a dict."""
         return type(self), (dict(self.joint_positions), self.support_feet, self.gravity_in_base)
 
     @classmethod
     def from_dict(cls, mapping: Mapping[str, object], field: str = "stance") -> Stance:
-        """Read a stance from the JSON form in scan.json and session.json.
+        """Create a stance from its JSON form in scan.json and session.json.
 
         Args:
             mapping: `{joint_positions: {name: rad}, support_feet: [leg names], gravity_in_base: [x, y, z] or
                 null}`.
-            field: name of the mapping in messages.
+            field: name of the mapping, for messages.
 
         Raises:
-            StanceError: a field is missing, unknown or has a value that is not allowed; the message names it.
+            StanceError: a field is missing or unknown, or its value is not allowed; the message names the field.
         """
         if not isinstance(mapping, Mapping):
             raise StanceError(f"{field}: {mapping!r} is not an object with the fields {', '.join(FIELDS)}")
@@ -71,7 +71,7 @@ class Stance:
             raise StanceError(f"{field}.{error}") from None
 
     def to_dict(self) -> dict[str, object]:
-        """JSON form, the inverse of `from_dict`."""
+        """Convert the stance to its JSON form; inverse of `from_dict`."""
         return {
             "joint_positions": dict(self.joint_positions),
             "support_feet": list(self.support_feet),

@@ -1,12 +1,12 @@
 """Readings of standing soles, and the feet that stayed in place between two pauses.
 
-Feet that stay keep their distances to each other however the body moves, so the feet that stayed are the largest set
-whose mutual distances did not change. A swing can preserve a distance by chance (a foot that passes another), so the
-line between two feet must also not have rotated by more than the body can turn.
+Feet that stay keep their distances from each other however the body moves, so the feet that stayed are the largest set
+whose mutual distances did not change. A swing can preserve a distance by chance, if a foot passes another. The line
+between two feet must therefore not have rotated by more than the body can turn.
 
-A flat sole that carries the body keeps its pitch to within a degree or two: a larger change is noise of the leg's
+A flat sole that carries the body keeps its pitch to within a degree or two; a larger change is noise of the leg's
 joints. The same noise displaces the sole, and the covariance of pitch and position relates the two. A round foot has no
-meaningful pitch; legs of fewer than four joints are assumed to have round feet, since they cannot keep a flat sole
+meaningful pitch. Legs of fewer than four joints are assumed to have round feet, since they cannot keep a flat sole
 level.
 """
 
@@ -24,7 +24,8 @@ from kinematics.transforms import transform_points
 # Variance of the unknown pitch of a round foot [rad^2].
 NOTHING_KNOWN = 1.0
 # Least sigma of a flat sole's pitch from pause to pause [rad]. Soles on stiff ankles rock on their edges by 1 to 2
-# degrees, all in the same direction; treated as joint noise, this biased odometry by 5 % of the distance in MuJoCo.
+# degrees, all in the same direction. Treated as joint noise, this rocking biased odometry by 5 % of the distance in
+# MuJoCo.
 ROCK_SIGMA = 0.02
 
 
@@ -37,14 +38,14 @@ def find_stayed_feet(
     slip_sigmas: float,
     turn_limit: float,
 ) -> list[int]:
-    """Rows of the feet that stayed, in order; empty if no two feet kept their distance.
+    """Find the rows of the feet that stayed, in ascending order; empty if no two feet kept their distance.
 
     Args:
         soles_now: (n, 3) sole centres at this pause, in a frame of the body [m].
         covariances_now: (n, 3, 3) covariances of `soles_now` [m^2].
         soles_before: (n, 3) the same soles at the previous pause, in the same frame of the body [m].
         covariances_before: (n, 3, 3) covariances of `soles_before` [m^2].
-        slip_sigmas: a distance has changed if it differs by more than this many standard deviations.
+        slip_sigmas: change of a distance, in standard deviations, above which a foot has moved.
         turn_limit: largest rotation of the body between two pauses [rad].
     """
     count = len(soles_now)
@@ -87,9 +88,9 @@ def sole_readings(pose: StancePose, legs: Sequence[str], noise: StanceNoise) -> 
         noise: standard deviations.
 
     Returns:
-        Readings (n, 4): x, y, z of the centre [m] and pitch of the sole from the horizontal [rad]; and their
-        covariances (n, 4, 4) from encoders and contact, excluding the common shift caused by an error of the
-        vertical.
+        Readings (n, 4): x, y, z of the centre [m] and pitch of the sole relative to the horizontal [rad]; and their
+        covariances (n, 4, 4). These include errors of encoders and contact, but not the shift common to all soles that
+        an error of the vertical causes.
     """
     rotation = pose.transform_base_to_footprint[:3, :3]
     tree, state = pose.state.tree, pose.state

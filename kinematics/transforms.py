@@ -1,4 +1,4 @@
-"""Rigid transforms as (4, 4) matrices: inverse, application to points, validation of arguments."""
+"""Rigid transforms as (4, 4) matrices: inverse, application to points, and validation of arguments."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def transform_points(transform: Float, points: npt.ArrayLike) -> Float:
 
 
 def checked_points(value: npt.ArrayLike, name: str, shape: str = "(..., 3)") -> Float:
-    """Argument as points of a shape, "(n, 3)" or "(..., 3)" [m].
+    """Convert an argument to an array of points and check its shape, "(n, 3)" or "(..., 3)".
 
     Raises:
-        ArgumentError: another shape; the message contains `name`.
+        ArgumentError: the argument has another shape; the message contains `name`.
     """
     points = np.asarray(value, dtype=np.float64)
     if points.ndim < 1 or points.shape[-1] != 3 or (shape == "(n, 3)" and points.ndim != 2):
@@ -40,11 +40,11 @@ def checked_points(value: npt.ArrayLike, name: str, shape: str = "(..., 3)") -> 
 
 
 def checked_transform(value: npt.ArrayLike, name: str) -> Float:
-    """Copy of an argument, checked to be a rigid transform (4, 4).
+    """Copy an argument to an array and check that it is a rigid transform (4, 4).
 
     Raises:
-        ArgumentError: wrong shape, not finite, not a rotation, or a last row other than 0 0 0 1; the message contains
-            `name`.
+        ArgumentError: the matrix has the wrong shape, is not finite, contains no rotation, or has a last row other than
+            0 0 0 1; the message contains `name`.
     """
     transform = np.array(value, dtype=np.float64)
     if transform.shape != (4, 4) or not np.all(np.isfinite(transform)):
@@ -59,11 +59,11 @@ def checked_transform(value: npt.ArrayLike, name: str) -> Float:
 
 
 def checked_covariance(value: npt.ArrayLike, name: str) -> Float:
-    """Copy of an argument, checked to be a covariance (6, 6).
+    """Copy an argument to an array and check that it is a covariance (6, 6).
 
     Raises:
-        ArgumentError: wrong shape, not finite, not symmetric or with a negative eigenvalue; the message contains
-            `name`.
+        ArgumentError: the matrix has the wrong shape, is not finite or not symmetric, or has a negative eigenvalue; the
+            message contains `name`.
     """
     covariance = np.array(value, dtype=np.float64)
     if covariance.shape != (6, 6) or not np.all(np.isfinite(covariance)):
@@ -77,7 +77,7 @@ def checked_covariance(value: npt.ArrayLike, name: str) -> Float:
 
 
 def unit_vector(vector: npt.ArrayLike) -> Float:
-    """Vector scaled to length 1; any length but zero is allowed."""
+    """Scale a vector to length 1; it must be finite and not zero."""
     scaled = np.asarray(vector, dtype=np.float64)
     # Squares of components above 1e154 would overflow.
     scaled = scaled / np.abs(scaled).max()

@@ -1,14 +1,15 @@
 """Detection of one unloaded foot among four: a foot that hangs above the plane of the others.
 
 The deviation of four soles from a common plane is a single number. It shows that a foot hangs, but not which of the two
-at the ends of the raised diagonal. These criteria decide, in this order:
+feet at the ends of the raised diagonal. These criteria decide, in this order:
 
-1. If the vertical is known: the three remaining feet must be level with each other. If that holds for neither
-   candidate, the ground is uneven, there is no evidence of a hanging foot, and all four are kept.
+1. Level: if the vertical is known, the three remaining feet must be level with each other. If they are not for either
+   candidate, the ground is uneven, there is no evidence of a hanging foot, and all four feet are kept.
 2. Balance: the centre of mass must be above the triangle of the loaded feet, which is beyond the other diagonal as seen
-   from the hanging foot. A foot carries load if the centre of mass is on its own side of that diagonal by more than the
-   uncertainty of the centre of mass.
-3. The body is commanded level: the triangle relative to which the body is tilted less is the loaded one.
+   from the hanging foot. A foot carries load if the centre of mass is on the foot's side of that diagonal by more than
+   the uncertainty of the centre of mass.
+3. Tilt: the body is commanded to be level, so of the two triangles, the one relative to which the body is tilted less
+   carries the load.
 """
 
 from __future__ import annotations
@@ -27,10 +28,10 @@ class FourFeet:
     Attributes:
         soles: (4, 3) sole centres in `base_link` [m].
         covariances: (4, 3, 3) covariances of `soles` [m^2].
-        centre_of_mass: (3,) in `base_link` [m].
-        centre_of_mass_sigma: standard deviation of its horizontal position [m].
-        up: (3,) unit vertical in `base_link` where known, else None.
-        up_sigma: its standard deviation [rad].
+        centre_of_mass: (3,) position in `base_link` [m].
+        centre_of_mass_sigma: standard deviation of the horizontal position of the centre of mass [m].
+        up: (3,) unit vertical in `base_link`; None if unknown.
+        up_sigma: standard deviation of the vertical per axis [rad].
     """
 
     soles: Float
@@ -42,7 +43,7 @@ class FourFeet:
 
 
 def find_unloaded_foot(feet: FourFeet, sigmas: float) -> int | None:
-    """Row of the foot that hangs; None if there is no such foot.
+    """Find the row of the foot that hangs; None if there is no such foot.
 
     Args:
         feet: the four feet.
@@ -59,7 +60,7 @@ def find_unloaded_foot(feet: FourFeet, sigmas: float) -> int | None:
     return max(candidates, key=lambda row: float(_normal(feet.soles[OTHERS[row]])[2]))
 
 
-# Rows of the other three feet.
+# Rows of the other three feet, for each foot.
 OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
@@ -72,11 +73,11 @@ def _normal(threes: Float) -> Float:
 
 
 def _gaps_in_sigmas(feet: FourFeet) -> Float:
-    """Height of each sole above the plane of the other three, in standard deviations, (4,)."""
+    """Height (4,) of each sole above the plane of the other three, in standard deviations."""
     others = feet.soles[OTHERS]
     normals = _normal(others)
     gaps = np.vecdot(normals, feet.soles - others[:, 0])
-    # The point of the plane below a sole is the sum of the three soles, weighted by its barycentric coordinates.
+    # The point of the plane below a sole is the sum of the three other soles, weighted by barycentric coordinates.
     under, corners = (feet.soles - gaps[:, None] * normals), np.swapaxes(others, 1, 2).copy()
     under[:, 2], corners[:, 2] = 1.0, 1.0
     weights = np.linalg.solve(corners, under[..., None])[..., 0]
@@ -101,12 +102,12 @@ def _others_level(feet: FourFeet, row: int, sigmas: float) -> bool:
 def _balance_away_from(feet: FourFeet, row: int) -> float:
     """Distance [m] of the centre of mass beyond the diagonal next to a foot, as seen from that foot.
 
-    The vertical is the known one, or else the normal of the plane of the others, as if that foot hung.
+    If the vertical is unknown, the normal of the plane of the other feet is used, as if this foot hung.
     """
     others, up = feet.soles[OTHERS[row]], feet.up
     if up is None:
         up = _normal(others)
-    # A foot is opposite if the line to it separates the other two.
+    # The opposite foot is the one for which the line to it separates the other two.
     for opposite in range(3):
         i, j = (other for other in range(3) if other != opposite)
         across = np.cross(up, others[opposite] - feet.soles[row])

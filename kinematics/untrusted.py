@@ -1,7 +1,7 @@
 """Parsers of TOML and XML from untrusted sources, with limits on size and nesting.
 
-Robot files may come from anywhere, even from the network inside a grid. XML entities are rejected, and so are files
-far larger than those of any robot.
+Robot files may come from anywhere, even over the network as part of a grid. XML entities and files far larger than
+those of any robot are rejected.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from kinematics.exceptions import RobotFileError
 LARGEST_XML = 16 * 1024 * 1024
 # Largest TOML file that is read [bytes]. The robot.toml of the stock robot guara has 6.5 kB.
 LARGEST_FILE = 1024 * 1024
-# Largest number of parts of a dotted key, and of nesting levels of tables or lists.
+# Largest number of parts of a dotted key, and largest number of nested tables or lists.
 DEEPEST = 16
 BETWEEN_KEYS = re.compile(r"[,=\[\]{}#]")
 BRACKET = re.compile(r"[\[\]{}]")
-# Lines that open a table or set a key, with bare names only; robot files use no others.
+# Lines that open a table or set a key. Only bare names are recognised, because robot files use no others.
 HEADER = re.compile(r"\s*\[+\s*([\w.\-]+)\s*\]")
 KEY = re.compile(r"\s*([\w.\-]+)\s*=")
 
@@ -36,7 +36,7 @@ class Element(ElementTree.Element):
 
 
 def read_xml(path: Path) -> tuple[Element, str]:
-    """Root element of a file, and its text.
+    """Parse an XML file; return the root element and the text of the file.
 
     Raises:
         RobotFileError: the file is missing, too large, not UTF-8, not XML, or defines entities.
@@ -53,8 +53,12 @@ def read_xml(path: Path) -> tuple[Element, str]:
 
 
 def parse_xml(text: str, path: Path) -> Element:
-    """Root element of an XML text; `path` is used in messages. Raises the same errors as `read_xml`."""
-    # The text was read as UTF-8; the encoding it declares is ignored, since Python may not know it.
+    """Parse an XML text; return the root element. `path` is used in messages.
+
+    Raises:
+        RobotFileError: the text is not XML, or defines entities.
+    """
+    # The text was read as UTF-8. The encoding that it declares is ignored, since Python may not know it.
     parser = expat.ParserCreate("utf-8")
     builder = ElementTree.TreeBuilder(element_factory=Element)
 
@@ -80,7 +84,7 @@ def parse_xml(text: str, path: Path) -> Element:
 
 
 def finite_numbers(text: str) -> tuple[float, ...]:
-    """Finite numbers of a text, separated by spaces; empty if it contains anything else."""
+    """Parse finite numbers separated by spaces; empty if the text contains anything else."""
     try:
         values = tuple(float(word) for word in text.split())
     except ValueError:
@@ -89,13 +93,13 @@ def finite_numbers(text: str) -> tuple[float, ...]:
 
 
 def parse_toml(text: str) -> dict[str, object]:
-    """Content of a TOML text.
+    """Parse a TOML text.
 
     Raises:
-        ValueError: the text is not TOML, or nested deeper than DEEPEST. Dots and brackets in strings and comments count
-            too.
+        ValueError: the text is not TOML, or is nested deeper than DEEPEST. Dots and brackets in strings and comments
+            also count as nesting.
     """
-    # Depth is counted in one pass: a regular expression for it could be made to backtrack for hours.
+    # The depth is counted in one pass, because a malicious text could make a regular expression backtrack for hours.
     for line in text.splitlines():
         for part in BETWEEN_KEYS.split(line):
             if part.count(".") >= DEEPEST:
@@ -112,7 +116,7 @@ def parse_toml(text: str) -> dict[str, object]:
 
 
 def key_lines(text: str) -> dict[str, int]:
-    """Dotted name of each table and key -> line of its first occurrence, for messages; see `table_name`."""
+    """Map the dotted name of each table (`table_name`) and key to the line of its first occurrence, for messages."""
     lines: dict[str, int] = {}
     counts: Counter[str] = Counter()
     table = ""
@@ -127,5 +131,5 @@ def key_lines(text: str) -> dict[str, int]:
 
 
 def table_name(name: str, number: int) -> str:
-    """Name in `key_lines` of table `number`, counted from 1, of an array of tables [[name]]."""
+    """Name used by `key_lines` for a table of an array of tables [[name]]; `number` counts from 1."""
     return name if number == 1 else f"{name}#{number}"

@@ -1,4 +1,4 @@
-"""Content of a URDF file as plain values."""
+"""Content of a URDF file as dataclasses."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ SIZES = {
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """Collision shape of a link; a mesh or capsule is represented by an enclosing shape of one of these kinds.
+    """Collision shape of a link. A mesh or capsule is replaced by an enclosing box, cylinder or sphere.
 
     Attributes:
         kind: "box", "cylinder" (axis z) or "sphere".
         size: box (x, y, z), cylinder (radius, length), sphere (radius,) [m].
-        transform_shape_to_link: (4, 4).
+        transform_shape_to_link: (4, 4) pose of the shape in the frame of the link.
     """
 
     kind: str
@@ -35,9 +35,9 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """Link: mass [kg], centre of mass (3,) [m], inertia about it (3, 3) [kg m^2], collision shapes.
+    """Link with mass [kg], centre of mass (3,) [m], inertia (3, 3) about the latter [kg m^2], and collision shapes.
 
-    `mass` is None if the link has no <inertial>; `line` is its line in the file.
+    `mass` is None if the link has no <inertial>. `line` is the line of the <link> element in the file.
     """
 
     name: str
@@ -50,9 +50,10 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """Joint: `axis` (3,) in the joint's frame, limits [rad] or [m], zero for fixed joints.
+    """Joint with `axis` (3,) in the joint's frame and limits [rad] or [m], which are zero for a fixed joint.
 
-    `kind` is "fixed", "revolute" or "prismatic"; a continuous joint is revolute with limits -pi and pi.
+    `kind` is "fixed", "revolute" or "prismatic"; a continuous joint is revolute with the limits -pi and pi. `line` is
+    the line of the <joint> element in the file.
     """
 
     name: str
@@ -73,9 +74,9 @@ class Urdf:
     Attributes:
         path: the file.
         name: name of the robot.
-        links, joints: all of them, in the order of the file.
+        links, joints: all links and joints, in the order of the file.
         text: text of the file.
-        notes: one text for each kind of content that is not used.
+        notes: one note for each kind of content that is not used.
     """
 
     path: Path
@@ -95,7 +96,7 @@ class Urdf:
         return tuple(chain)
 
     def transform_at_zero(self, link: str) -> Float:
-        """Transform (4, 4) of a link to the root with all joints at zero."""
+        """Transform (4, 4) from a link to the root link with all joints at zero."""
         transform = np.eye(4)
         for joint in self.path_to(link):
             transform = transform @ joint.transform_child_to_parent
@@ -103,7 +104,7 @@ class Urdf:
 
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> Float:
-    """Rotation (3, 3) by roll, pitch, yaw [rad] about the fixed axes x, y, z, as URDF defines rpy."""
+    """Rotation (3, 3) by roll, pitch, yaw [rad] about the fixed axes x, y, z, as in the attribute `rpy` of URDF."""
     import pinocchio
 
     return np.array(pinocchio.rpy.rpyToMatrix(roll, pitch, yaw))

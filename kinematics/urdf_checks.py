@@ -1,6 +1,7 @@
-"""Consistency checks of a URDF: a single tree, valid limits and axes, a mass.
+"""Consistency checks of a URDF: a single tree, valid limits and axes, and a mass.
 
-At least one of urdfdom's check_urdf, Pinocchio, MuJoCo and yourdfpy accepts each of these faults silently.
+Each of the faults found here is accepted silently by at least one of urdfdom's check_urdf, Pinocchio, MuJoCo and
+yourdfpy.
 """
 
 from __future__ import annotations
@@ -14,20 +15,21 @@ from kinematics.urdf import Joint, Urdf
 
 # Tolerance of the length of an axis, for components written with three decimals.
 AXIS_TOLERANCE = 1e-3
-# Limit of the messages that announce a stance. A chain of 3,000 joints would take minutes and 700 MB to load.
+# Largest number of moving joints, which is the limit of the messages that announce a stance. A chain of 3,000 joints
+# would take minutes and 700 MB to load.
 MOST_JOINTS = 256
 
 
 def check_urdf(urdf: Urdf, root: str | None = None) -> None:
-    """Check the tree and every joint.
+    """Check names, the tree of links, every moving joint and the masses of a URDF.
 
     Args:
-        urdf: the content of the file.
-        root: the link that must be the root of the tree; None = any one.
+        urdf: content of the file.
+        root: link that must be the root of the tree; None = any link.
 
     Raises:
-        RobotFileError: there are findings; the message names file, line and link or joint of each, the given and the
-            allowed value.
+        RobotFileError: there are faults; the message lists each with the file, its line if known, link or joint, and
+            what is allowed.
     """
     findings = Findings(urdf.path)
     moving = sum(joint.kind != "fixed" for joint in urdf.joints)
@@ -46,7 +48,7 @@ def check_urdf(urdf: Urdf, root: str | None = None) -> None:
 
 
 def root_link(urdf: Urdf) -> str:
-    """Name of the link that is not the child of any joint; the first if there are several."""
+    """Name of the link that is not the child of any joint: the first if there are several, empty if there is none."""
     children = {joint.child for joint in urdf.joints}
     return next((link.name for link in urdf.links if link.name not in children), "")
 

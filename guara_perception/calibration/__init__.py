@@ -1,7 +1,7 @@
-"""Calibration: the model, its file, and its computation from images.
+"""Calibration of a rangefinder: model, file, and computation from images.
 
-Imports `stripes`; `ranging`, `simulation`, `app` and the scan processor use it. The only file that it reads and writes
-is the calibration.
+This package imports `stripes`; `ranging`, `simulation`, `app` and the scan processor use it. The only file that it
+reads and writes is the calibration.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Board of a calibration, and its corners in one image."""
+"""Calibration board, and its corners in one image."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CHARUCO: Final = "charuco"
 PATTERNS: Final = (CHECKERBOARD, CHARUCO)
 BLACK: Final = "black"
 COLOURS: Final = (BLACK, "white")
-# Reason why a view of a mirrored board cannot be used.
+# Reason for which a view of a mirrored board is unusable.
 MIRRORED: Final = "the board is mirrored: the camera or its driver flips its pictures"
 
 
@@ -26,12 +26,12 @@ class BoardSpec:
     """Calibration board.
 
     Attributes:
-        columns, rows: numbers of inner corners along its two sides.
-        square: edge of a square [m].
+        columns, rows: numbers of inner corners along the two sides.
+        square: edge length of a square [m].
         pattern: "checkerboard", which must be completely visible, or "charuco", which may be partly visible, because
             markers in the white squares identify the corners.
-        first_square: colour of a checkerboard's upper left square when `columns` run across, "black" or "white"
-            (`guara targets` prints "black"); None = unknown.
+        first_square: colour of a checkerboard's upper left square when `columns` run across, "black" or "white";
+            `guara targets` prints boards with "black". None = unknown.
     """
 
     columns: int
@@ -63,10 +63,10 @@ class BoardView:
 
     Attributes:
         name: name of the image.
-        corners_px: (n, 2) float64 positions of corners; empty if the view cannot be used.
+        corners_px: (n, 2) float64 positions of corners; empty for an unusable view.
         corners: (n,) indices of these corners in `BoardSpec.points`, ascending.
-        edge_width_px: width of the black-white edges, NaN if no board was found.
-        reason: reason why the view cannot be used, empty if it can.
+        edge_width_px: mean width of the edges between black and white; NaN if it was not measured.
+        reason: reason why the view is unusable; empty for a usable view.
     """
 
     name: str
@@ -81,12 +81,12 @@ class BoardView:
 
     @classmethod
     def unusable(cls, name: str, reason: str, edge_width_px: float = np.nan) -> Self:
-        """View without corners that cannot be used for a reason."""
+        """Create an unusable view, without corners, for a given reason."""
         return cls(name, np.empty((0, 2)), np.empty(0, np.intp), edge_width_px, reason)
 
     @property
     def is_usable(self) -> bool:
-        """True if the corners may be used."""
+        """True if the view is usable."""
         return not self.reason
 
     def points(self, board: BoardSpec) -> Float:

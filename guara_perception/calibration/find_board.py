@@ -9,19 +9,22 @@ from guara_perception.calibration.board import CHARUCO, BoardSpec, BoardView, to
 from guara_perception.calibration.charuco import find_charuco, ink_of_charuco
 from guara_perception.calibration.checkerboard import find_checkerboard
 
-# Contrast below which an image is blank [grey levels].
+# Contrast below which an image counts as blank [grey levels].
 BLANK_CONTRAST = 12
-# Largest width of a black-white edge, 10 to 90 %: a sharp lens gives 2 to 3 px; above 5 px, corners are displaced.
+# Largest width of an edge between black and white (10 to 90 %). A sharp lens gives 2 to 3 px; wider edges than this
+# displace corners.
 MAX_EDGE_WIDTH_PX = 5.0
 
 
 def find_board(picture: Image, board: BoardSpec, name: str = "") -> BoardView:
-    """Find the inner corners of the board to a few hundredths of a pixel.
+    """Find the inner corners of a board in an image, to a few hundredths of a pixel.
+
+    The view is unusable, with a reason, if the image is blank or blurred or the board was not found.
 
     Args:
-        picture: (h, w) or (h, w, 3), uint8 or uint16.
+        picture: (h, w) or (h, w, 3) image, uint8 or uint16.
         board: inner corners, squares and pattern of the board.
-        name: name of the picture, for messages.
+        name: name of the image, for messages.
     """
     grey = to_grey(picture)
     contrast = float(np.percentile(grey[::4, ::4], 99.5)) - float(np.percentile(grey[::4, ::4], 0.5))
@@ -31,7 +34,7 @@ def find_board(picture: Image, board: BoardSpec, name: str = "") -> BoardView:
     view = (find_charuco if board.pattern == CHARUCO else find_checkerboard)(grey, board, name)
     if view.edge_width_px > MAX_EDGE_WIDTH_PX:
         width = view.edge_width_px
-        reason = f"blurred: black-white edges are {width:.1f} px wide, {MAX_EDGE_WIDTH_PX:.0f} px are allowed"
+        reason = f"blurred: black-white edges are {width:.1f} px wide; allowed: up to {MAX_EDGE_WIDTH_PX:.0f} px"
         return BoardView.unusable(name, reason, width)
     return view
 
@@ -43,7 +46,7 @@ def board_ink(board: BoardSpec) -> Mask:
     checkerboard is one cell; a square of a ChArUco board consists of several cells, the bits of a marker.
 
     Raises:
-        InvalidInput: a ChArUco board needs more markers than there are.
+        InvalidInput: a ChArUco board needs more markers than the largest dictionary has.
     """
     if board.pattern == CHARUCO:
         return ink_of_charuco(board)

@@ -15,21 +15,21 @@ from guara_perception.fields import Fields
 from guara_perception.stripes.kernel.library import address, addresses, kernel
 from kinematics.arrays import read_only
 
-# Monomials of the height field, in the offset from its origin.
+# Monomials of the height field, in terms of the offset from the field's origin.
 FIELD_TERMS = ("1", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
-# Least distance of the camera from a laser plane; a closer camera sees the plane edge-on, and its heights are unusable.
+# Least distance of the camera from a laser plane; a closer camera sees the plane edge-on and gives unusable heights.
 MIN_BASELINE_M = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class HeightUncertainty:
-    """Height uncertainty due to the calibration; errors of the stripe's position in the image are not included.
+    """Height uncertainty due to the calibration, without errors of the stripe's position in the image.
 
     The variance of a height is the sum of two terms: the error of the stripe's laser plane, including the repeatability
     of the mirror, and a smooth field of height errors caused by the lens and the mount of the camera.
 
     Attributes:
-        planes: (4, 4) covariances of the planes (nx, ny, nz, d) in the camera frame, by stripe index.
+        planes: stripe index -> (4, 4) covariance of its plane (nx, ny, nz, d) in the camera frame.
         field_origin: (3,) origin of the field in base_link [m].
         field: (10, 10) covariance of the coefficients of FIELD_TERMS, which have the units m, 1 and 1/m.
     """
@@ -45,7 +45,9 @@ class HeightUncertainty:
 
     @staticmethod
     def of(calibration: Calibration) -> HeightUncertainty | None:
-        """Read the uncertainty from a calibration; None if it has none, for instance if it was made from a drawing.
+        """Read the uncertainty from a calibration.
+
+        Returns None if the calibration stores no covariance, for example if it contains nominal dimensions only.
 
         Raises:
             FileFormatError: the stored covariance does not follow docs/calibration.md.
@@ -68,7 +70,9 @@ class HeightUncertainty:
         transform_camera_to_base: Float,
         rows: Index | None = None,
     ) -> Float:
-        """Variances of the heights of points on stripes [m^2], of the shape of `rows`; NaN where a point is NaN.
+        """Variances of the heights of points on stripes [m^2], with the shape of `rows`.
+
+        NaN where a point is NaN or the camera is closer than MIN_BASELINE_M to the laser plane.
 
         Args:
             indices: indices of s stripes; a stripe without a covariance uses that of the nearest stripe.
@@ -94,12 +98,12 @@ class HeightUncertainty:
         return variance
 
     def plane_covariance(self, index: int) -> Float:
-        """Covariance (4, 4) of a stripe's plane, or of the plane of the nearest stripe that has one."""
+        """Covariance (4, 4) of a stripe's plane; without one, that of the nearest stripe by index that has one."""
         nearest = index if index in self.planes else min(self.planes, key=lambda other: abs(other - index))
         return self.planes[nearest]
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON values, as read by `of`."""
+        """Convert the uncertainty to JSON values, which `of` reads."""
         return {
             "stripes": [{"index": index, "plane": plane.tolist()} for index, plane in sorted(self.planes.items())],
             "height_field": {

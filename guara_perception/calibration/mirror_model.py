@@ -1,4 +1,4 @@
-"""Mirror model: the planes of all stripes as reflections of a fixed laser plane in a rotating mirror."""
+"""Mirror model, in which the planes of all stripes are reflections of a fixed laser plane in a rotating mirror."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from kinematics.arrays import FrozenArrays
 
 @dataclass(frozen=True, slots=True)
 class MirrorModel(FrozenArrays):
-    """Laser plane and a mirror that rotates about an axis in its own face, in one frame.
+    """Fixed laser plane, and a mirror that rotates about an axis in its own face, in one frame.
 
-    The laser plane at mirror angle theta is the plane of the fixed laser reflected in the mirror with the normal
-    m = Rot(axis, gain theta) m0: n = (I - 2 m m') n0, d = d0 + 2 (n0 . m)(m . q). It rotates by twice the mirror angle.
+    At mirror angle theta, the fixed laser plane is reflected in a mirror with the normal m = Rot(axis, gain theta) m0.
+    The reflected plane is n = (I - 2 m m') n0, d = d0 + 2 (n0 . m)(m . q). It rotates by twice the mirror angle.
 
     Attributes:
         laser_plane: (4,) plane n0 . X + d0 = 0 of the light before the mirror, n0 a unit vector.
         axis: (3,) unit vector of the axis; positive angles follow the right-hand rule.
-        point: (3,) point q of the axis [m].
+        point: (3,) point q on the axis [m].
         normal_at_zero: (3,) unit normal m0 of the mirror at theta = 0.
         gain: ratio of the true to the commanded mirror angle.
     """
@@ -35,7 +35,7 @@ class MirrorModel(FrozenArrays):
     gain: float
 
     def planes(self, mirror_angles: npt.ArrayLike) -> Float:
-        """Planes (n, 4) at mirror angles (n,) [rad], with unit normals."""
+        """Reflected laser planes (n, 4), with unit normals, at mirror angles (n,) [rad]."""
         turn = self.gain * np.asarray(mirror_angles, dtype=np.float64)
         c, s = np.cos(turn)[:, None], np.sin(turn)[:, None]
         m0, axis = self.normal_at_zero, self.axis
@@ -46,7 +46,7 @@ class MirrorModel(FrozenArrays):
         return np.column_stack((reflected, d0 + 2 * along * (normal @ self.point)))
 
     def in_frame(self, transform: Float) -> MirrorModel:
-        """Same model in another frame, given the (4, 4) transform into that frame."""
+        """Transform the model to another frame, given the (4, 4) transform to that frame."""
         rotation, translation = transform[:3, :3], transform[:3, 3]
         return MirrorModel(
             laser_plane=plane_in_frame(self.laser_plane, transform),
@@ -57,16 +57,16 @@ class MirrorModel(FrozenArrays):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON values."""
+        """Convert the model to JSON values."""
         return {each.name: np.asarray(getattr(self, each.name)).tolist() for each in fields(self)}
 
 
 def nominal_mirror(point: Float) -> MirrorModel:
     """Nominal mirror in base_link or another level frame with x forward.
 
-    The axis passes through `point` parallel to y. The laser plane points straight down at angle zero, forward at
-    positive angles; the incoming light is horizontal and meets a mirror inclined by 45 degrees. Only the reflected
-    plane is observed, so the direction of the incoming light is a convention.
+    The axis passes through `point` and is parallel to y. The laser plane points straight down at angle zero and forward
+    at positive angles. The incoming light is horizontal and meets a mirror inclined by 45 degrees; this is a
+    convention, because only the reflected plane is observed.
     """
     half = np.sqrt(0.5)
     return MirrorModel(
@@ -78,7 +78,7 @@ def nominal_mirror(point: Float) -> MirrorModel:
     )
 
 
-# Deviations from the nominal mirror, each with a generous prior standard deviation; see `perturbed_mirror`.
+# Deviations from the nominal mirror (see `perturbed_mirror`), each with a generous prior standard deviation.
 PARAMETERS = {
     "laser_pitch": 0.15,
     "laser_roll": 0.05,
@@ -93,11 +93,11 @@ PARAMETERS = {
 
 
 def perturbed_mirror(nominal: MirrorModel, parameters: Float) -> MirrorModel:
-    """Apply the values of PARAMETERS, in that order, to a nominal mirror.
+    """Apply deviations, in the order of PARAMETERS, to a nominal mirror.
 
-    laser_pitch rotates the incoming plane about the axis and laser_roll tilts it relative to the axis [rad],
-    laser_offset shifts it off the axis [m]; axis_yaw and axis_roll rotate the axis about z and x [rad], axis_x and
-    axis_z shift it [m]; mirror_tilt tilts the mirror's face relative to the axis [rad]; gain is a relative change.
+    laser_pitch rotates the incoming plane about the axis [rad], laser_roll tilts this plane relative to the axis [rad],
+    and laser_offset shifts it off the axis [m]. axis_yaw and axis_roll rotate the axis about z and x [rad]; axis_x and
+    axis_z shift it [m]. mirror_tilt tilts the mirror's face relative to the axis [rad]. gain is a relative change.
     """
     pitch, roll, offset, yaw, tip, x, z, tilt, gain = parameters
     axis = nominal.axis + _cross(np.array([tip, 0.0, yaw]), nominal.axis)

@@ -15,26 +15,27 @@ from guara_perception.calibration.stripe_planes import plane_basis
 from guara_perception.exceptions import CalibrationMismatch
 from guara_perception.fields import Fields
 
-# Periods of the stepper's error that are tried [stripes of the standard pattern]. If every second stripe is calibrated,
-# periods shorter than four cannot be distinguished.
+# Periods of the stepper's error that are tried [stripes of the standard pattern]. If every other stripe is calibrated,
+# periods shorter than four stripes cannot be distinguished.
 PERIODS = np.arange(4.0, 40.0, 0.25)
-# Least share of the errors' variance that a wave must explain; otherwise the errors are interpolated.
+# Least share of the errors' variance that a wave must explain to be used; otherwise the errors are interpolated.
 MIN_EXPLAINED = 0.8
 
 
 def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Calibration:
-    """Calibration with exactly the given stripes.
+    """Derive a calibration with exactly the given stripes.
 
     Calibrated stripes keep their planes. Other stripes get the plane of the mirror model at their angle, corrected by
-    the estimated step error, and a larger covariance.
+    the estimated step error, with a larger covariance.
 
     Args:
-        calibration: calibration with a mirror model (made by `calibrate`).
-        indices: indices in the standard pattern, at most one spacing outside the calibrated range.
+        calibration: calibration with a mirror model, as computed by `calibrate`; the model is needed only if a stripe
+            is missing.
+        indices: one or more indices in the standard pattern, at most one spacing outside the calibrated range.
 
     Raises:
-        CalibrationMismatch: an index is too far outside, or the calibration has no mirror model.
-        FileFormatError: the mirror model has another form than documented.
+        CalibrationMismatch: there is no index, an index is too far outside, or the mirror model is missing.
+        FileFormatError: the stored mirror model or covariance does not follow the documentation.
     """
     wanted = sorted(set(indices))
     known = np.array(calibration.indices)
@@ -72,14 +73,14 @@ def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Cal
 
 
 def stored_mirror(calibration: Calibration) -> tuple[MirrorModel, Float, Float]:
-    """Mirror model in the camera frame, and indices and step errors [rad] of its stripes, as stored in a calibration.
+    """Read the mirror model of a calibration, in the camera frame, with indices and step errors [rad] of its stripes.
 
     Raises:
         CalibrationMismatch: the calibration has no mirror model.
-        FileFormatError: the mirror model has another form than documented.
+        FileFormatError: the stored mirror model does not follow the documentation.
     """
     if not calibration.mirror:
-        raise CalibrationMismatch("the calibration holds no mirror model: make it with `guara calibrate`")
+        raise CalibrationMismatch("the calibration has no mirror model: create it with `guara calibrate`")
     stored = Fields(calibration.mirror, "calibration", "mirror")
     sizes = {"laser_plane": 4, "axis": 3, "point": 3, "normal_at_zero": 3}
     vectors = {name: stored.array(name, (size,)) for name, size in sizes.items()}
@@ -88,10 +89,15 @@ def stored_mirror(calibration: Calibration) -> tuple[MirrorModel, Float, Float]:
 
 
 def step_errors(wanted: Float, indices: Float, errors: Float) -> tuple[Float, float]:
-    """Errors of the mirror's position at other stripes [rad], and their standard deviation.
+    """Estimate the errors of the mirror's position at other stripes [rad], and their standard deviation.
 
-    The error of a stepper is periodic in its steps. If one wave explains the errors, it is evaluated; otherwise the
-    errors of neighbouring stripes are interpolated.
+    The error of a stepper is periodic in its steps. If one wave explains the known errors, the wave is evaluated;
+    otherwise the errors of neighbouring stripes are interpolated.
+
+    Args:
+        wanted: (n,) indices of the stripes.
+        indices: (s,) indices of stripes with known errors, ascending.
+        errors: (s,) known errors [rad].
     """
     variance = float(np.var(errors))
     if len(indices) > 8 and variance > 0:
@@ -114,7 +120,7 @@ def _wave_terms(indices: Float, period: float) -> Float:
 
 
 def _extended(wanted: Float, indices: Index, angles: Float) -> Float:
-    """Commanded angles interpolated between the known ones, or extrapolated with the spacing at the ends."""
+    """Commanded angles at other indices, interpolated or, beyond the ends, extrapolated with the spacing there."""
     inside = np.interp(wanted, indices, angles)
     slopes = np.diff(angles) / np.diff(indices)
     below = np.minimum(wanted - indices[0], 0) * slopes[0]

@@ -9,8 +9,8 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import CameraModel, plane_in_frame
 
-# Half length of the line in which a laser plane intersects a horizontal plane; at a distance of half a metre it extends
-# beyond the image.
+# Half length of the line at which a laser plane intersects a horizontal plane; from a distance of half a metre, such a
+# line extends beyond the image.
 HALF_LENGTH_M = 1.2
 SAMPLES = 49
 
@@ -18,11 +18,11 @@ SAMPLES = 49
 def row_bands(
     camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float, margin: int
 ) -> list[tuple[int, int]]:
-    """Image rows in which a surface at one of several heights can appear, for each laser plane.
+    """Range of image rows, for each laser plane, in which a surface at one of several heights can appear.
 
     Args:
         camera: intrinsic model.
-        transform_camera_to_footprint: (4, 4); heights are measured along z of the footprint.
+        transform_camera_to_footprint: (4, 4) pose of the camera; heights are measured along z of the footprint.
         planes_in_camera: (s, 4) one plane per stripe.
         heights: (h,) heights above z = 0 of the footprint [m].
         margin: rows added on each side; a band narrower than both margins together is empty.
@@ -35,7 +35,7 @@ def row_bands(
     u, v = np.moveaxis(np.take_along_axis(lines, order, axis=-2), -1, 0)
     width, height = camera.size
     with np.errstate(divide="ignore", invalid="ignore"):
-        # The line is straight between two samples, so its extreme rows are in the first or the last column.
+        # The line is straight between two samples, so its extreme rows there are in the first or the last column.
         steepness = np.diff(v) / np.diff(u)
         columns = np.stack((np.maximum(np.ceil(u[..., :-1]), 0), np.minimum(np.floor(u[..., 1:]), width - 1)))
         rows = steepness * (columns - u[..., :-1]) + v[..., :-1]
@@ -53,7 +53,7 @@ def _band(lowest: float, highest: float, margin: int, height: int) -> tuple[int,
 
 
 def _lines(camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float) -> Float:
-    """Pixels (s, h, SAMPLES, 2) along the intersections of laser planes with heights; NaN where not visible."""
+    """Pixels (s, h, SAMPLES, 2) along the intersections of laser planes with horizontal planes; NaN if not visible."""
     translation = transform_camera_to_footprint[:3, 3]
     planes = plane_in_frame(planes_in_camera, transform_camera_to_footprint)
     steepness = np.maximum(np.hypot(planes[:, 0], planes[:, 1]), 1e-12)[:, None]

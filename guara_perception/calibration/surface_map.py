@@ -1,4 +1,4 @@
-"""The paper's own calibration: floor homography of fiducials (eqs. 9 to 13) and n, d, k per stripe (eqs. 14 to 19)."""
+"""Calibration as in the paper: floor homography from fiducials (eqs. 9 to 13), n, d, k per stripe (eqs. 14 to 19)."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from kinematics.arrays import FrozenArrays
 
 @dataclass(frozen=True, slots=True)
 class SurfaceMap(FrozenArrays):
-    """Homography from undistorted pixels to the floor (eqs. 9 to 13, four or more marks).
+    """Homography from undistorted pixels to the floor (eqs. 9 to 13), fitted to four or more marks.
 
     Attributes:
-        homography: (3, 3), (u, v, 1) -> (x, y, 1) of base_footprint [m], last entry 1.
+        homography: (3, 3) matrix that maps (u, v, 1) to (x, y, 1) in base_footprint [m]; its last entry is 1.
         condition: condition number of the normalised linear system.
         residual: (n, 2) floor points found minus given [m]; zero for four marks.
     """
@@ -36,8 +36,8 @@ class SurfaceMap(FrozenArrays):
 def surface_map(pixels: npt.ArrayLike, points: npt.ArrayLike) -> SurfaceMap:
     """Compute the homography by the normalised direct linear transform.
 
-    The paper fixes i = 1 and solves eight equations. Here pixels and points are centred and scaled, and the solution is
-    the singular vector of the smallest singular value, which allows any number of marks.
+    The paper sets the element i to 1 and solves eight equations for four marks. Here pixels and points are centred and
+    scaled, and the solution is the singular vector with the smallest singular value, which allows any number of marks.
 
     Args:
         pixels: (n, 2) undistorted pixels, n >= 4.
@@ -67,7 +67,7 @@ def surface_map(pixels: npt.ArrayLike, points: npt.ArrayLike) -> SurfaceMap:
 
 
 def apply_homography(homography: Float, points: npt.ArrayLike) -> Float:
-    """Apply a homography (3, 3) to points (n, 2) (eqs. 9 and 10)."""
+    """Map points (n, 2) by a homography (3, 3) (eqs. 9 and 10)."""
     homogeneous = np.column_stack((np.asarray(points, dtype=np.float64), np.ones(len(np.asarray(points)))))
     mapped = homogeneous @ homography.T
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
@@ -78,18 +78,20 @@ def stripe_constants(
 ) -> dict[str, float]:
     """Fit the paper's constants n, d, k of one stripe to its positions on plates of known height.
 
-    Let H be the height of the optical centre and v the rectified x [m] in the column through the nadir. Then
-    z = H - h = n / (v d - k) is exact (eqs. 17 to 19): two heights determine n and k, more leave a residual. d, which
-    sets the scale, is the largest difference of the depths, as in eq. 17; then z v d - z k = n is linear in k and n.
+    Let H be the height of the optical centre, h that of a plate, and v the rectified x [m] in the column through the
+    nadir. Then z = H - h = n / (v d - k) is exact (eqs. 17 to 19). Two heights determine n and k; more heights leave a
+    residual. The scale d is the difference between the smallest and the largest z, as in eq. 17. The equation
+    z v d - z k = n is then linear in k and n.
 
     Args:
         index: index of the stripe.
         height_of_camera: H [m].
-        x: rectified x of the stripe on each plate: floor point of the ray through it [m].
+        x: rectified x of the stripe on each plate, which is the x of the floor point on the same ray [m].
         heights: heights of the plates [m].
 
     Returns:
-        index, n, d, k, and residual: rms error at the calibrated heights [m], zero for two heights.
+        Values of index, n, d and k, and of `residual`, the rms error at the calibrated heights [m], which is zero for
+        two heights.
 
     Raises:
         InvalidInput: there are fewer than two heights, or the stripe has the same position at all of them
@@ -107,7 +109,7 @@ def stripe_constants(
 
 
 def _normaliser(points: Float) -> Float:
-    """Transform (3, 3) that gives points mean zero and mean distance sqrt(2)."""
+    """Homogeneous matrix (3, 3) that maps points to mean zero and mean distance sqrt(2) from the mean."""
     centre = points.mean(axis=0)
     scale = np.sqrt(2) / max(float(np.linalg.norm(points - centre, axis=1).mean()), 1e-12)
     return np.array([[scale, 0, -scale * centre[0]], [0, scale, -scale * centre[1]], [0, 0, 1.0]])

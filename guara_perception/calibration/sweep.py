@@ -15,7 +15,7 @@ from kinematics.arrays import FrozenArrays
 
 # Prior standard deviation of one position of the mirror's stepper [rad].
 STEP_ERROR_SIGMA = float(np.deg2rad(0.02))
-# Scatter of one point of a line, which is an average over neighbouring columns.
+# Assumed scatter of one point of a line, which is an average over neighbouring columns.
 POINT_SIGMA_M = 5e-5
 ROBUST_SIGMAS = 3.0
 ITERATIONS = 25
@@ -29,7 +29,7 @@ class Sweep(FrozenArrays):
 
     Attributes:
         mirror: fitted model.
-        parameters: values of PARAMETERS.
+        parameters: (9,) fitted deviations from the nominal mirror, in the order of PARAMETERS.
         covariance: (9, 9) covariance of `parameters`.
         indices: stripe indices, ascending.
         mirror_angles: (s,) commanded mirror angles [rad].
@@ -50,7 +50,7 @@ class Sweep(FrozenArrays):
 
 
 def line_points(camera: CameraModel, transform_camera_to_footprint: Float, line: PlateLine) -> Float:
-    """Points (n, 3) of a line on its plate, in base_footprint."""
+    """Points (n, 3) of a line on its plate, in base_footprint [m]."""
     floor = to_floor(camera, transform_camera_to_footprint, line.pixels, line.height)
     return np.column_stack((floor, np.full(len(floor), line.height)))
 
@@ -58,13 +58,13 @@ def line_points(camera: CameraModel, transform_camera_to_footprint: Float, line:
 def fit_sweep(
     lines: Sequence[PlateLine], points: Sequence[Float], nominal: MirrorModel, start: Sweep | None = None
 ) -> Sweep:
-    """Fit mirror parameters and one angle error per stripe, robustly, with the nominal mirror as a loose prior.
+    """Fit mirror parameters and one angle error per stripe, robustly, with the nominal mirror as a weak prior.
 
     Args:
         lines: lines of all stripes on all plates.
-        points: (n, 3) points of each line in base_footprint.
+        points: (n, 3) points of each line in base_footprint [m].
         nominal: the nominal mirror in base_footprint.
-        start: similar fit of the same stripes, used as initial value; None = the nominal mirror.
+        start: similar fit of the same stripes, used as initial value; None = start from the nominal mirror.
     """
     angle_of = {line.index: line.mirror_angle for line in lines}
     indices = tuple(sorted(angle_of))
@@ -90,8 +90,8 @@ def fit_sweep(
             moved = x.copy()
             moved[i] += nudge[i]
             shared[:, i] = (distance(moved) - residual) * weight / nudge[i]
-        # Each angle error affects its own stripe only, so one evaluation gives all columns of the Jacobian, and the
-        # normal equations are sums by stripe.
+        # Each angle error affects only its own stripe. One evaluation therefore gives all these columns of the
+        # Jacobian, and their part of the normal equations consists of sums by stripe.
         moved = x.copy()
         moved[n:] += STEP_NUDGE
         own = (distance(moved) - residual) * weight / STEP_NUDGE

@@ -1,6 +1,6 @@
 """Simulation of a robot on terrain: world, rangefinder, walk.
 
-Imports `calibration`, `ranging`, `terrain` and, for the emulated camera, `drivers`; `app` and the test bench use it.
+It imports `calibration`, `ranging`, `terrain` and, for the emulated camera, `drivers`; `app` and `testbed` use it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Single-bounce indirect light from a stripe on one surface to the surfaces that face it."""
+"""Indirect light with a single bounce, from a stripe on one surface to other surfaces that face it."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ import numpy as np
 from guara_perception.arrays import Float32, Index, Mask
 from guara_perception.simulation.scene_view import SceneView
 
-# Spacing of the receivers, relative to the image width; few suffice, because bounced light is smooth.
+# Spacing of the receivers (pixels at which bounced light is computed), relative to the image width. Few suffice,
+# because bounced light varies smoothly.
 RECEIVER_SPACING = 1 / 64
 # Number of sources, sampled from the lit pixels of a stripe.
 SOURCES = 32
-# z of the normal below which a surface is sloped; horizontal ground cannot light horizontal ground.
+# z of the normal below which a surface counts as sloped. Horizontal ground cannot illuminate horizontal ground.
 SLOPED_COSINE = 0.97
-# Lower bound of the distance to a source, because the light of a point source is unbounded.
+# Lower bound of the distance to a source, without which the light of a point source would be unbounded.
 NEAREST_M = 0.004
-# Bounced light below this level is omitted, because it is smaller than the rounding error of a pixel [levels of 255].
+# Bounced light below this level is omitted, because it is smaller than the rounding error of a pixel [grey levels].
 FAINTEST = 0.2
 
 
 class Bounce:
-    """Bounced light in one view, computed on a coarse grid of its pixels (receivers)."""
+    """Bounced light in one view of the scene, computed on a coarse grid of pixels (receivers)."""
 
     def __init__(self, view: SceneView) -> None:
         """Select the receivers; `view` is not copied."""
@@ -51,7 +52,7 @@ class Bounce:
                 continue
             chosen, values = pixels[is_source], brightness[is_source]
             pick = np.linspace(0, chosen.size - 1, min(SOURCES, chosen.size)).astype(np.intp)
-            # Scaled so that the sampled sources emit as much light as all lit pixels.
+            # The sampled sources are scaled to emit as much light as all lit pixels.
             factor = float(values.sum() / max(values[pick].sum(), 1e-6))
             self._add(total, receivers, chosen[pick], values[pick] * np.float32(factor))
         total *= np.float32(strength)
@@ -61,11 +62,11 @@ class Bounce:
         return np.asarray(cv2.resize(total, (width, height), interpolation=cv2.INTER_LINEAR))
 
     def _add(self, total: Float32, receivers: Mask, sources: Index, sent: Float32) -> None:
-        """Add the light of sources to receivers: the cosines at both ends divided by the squared distance.
+        """Add the light of sources to receivers, in proportion to the cosines at both ends over the squared distance.
 
         Args:
-            total: light received so far, one value per receiver; changed in place.
-            receivers: mask of the receivers that are lit.
+            total: light received so far by each receiver [grey levels of 255]; changed in place.
+            receivers: mask of the receivers to which light is added.
             sources: indices of the sources into the flat image.
             sent: brightness of the sources [grey levels of 255].
         """
@@ -86,7 +87,8 @@ class Bounce:
     def _pixel_areas(self, sources: Index) -> Float32:
         """Area (n,) of the surface shown by each source pixel [m^2].
 
-        It is limited to four times the median, because the corners of a pixel at a depth edge are on two surfaces.
+        The area is limited to four times the median, because the corners of a pixel at a depth edge are on two
+        surfaces.
         """
         height, width = self._shape
         points = self._view.points.reshape(-1, 3)

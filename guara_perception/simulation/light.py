@@ -1,4 +1,4 @@
-"""Light and sensor of the simulated rangefinder: brightness, noise, stripe width, effects of real light."""
+"""Parameters of light and sensor of the simulated rangefinder: brightness, noise, stripe width, real-light effects."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ BEST_JPEG = 100
 class Light:
     """Light, laser and sensor; levels are grey levels of the image, 0 ... 255, at nominal exposure.
 
-    The effects from `skirt` on occur outside a laboratory and are off by default. `real_light` scales them to their
-    strength in photographs.
+    The effects from `skirt` to `jpeg_quality` occur outside a laboratory and are off by default. `real_light` scales
+    them relative to their strength in photographs.
 
     Attributes:
         ambient: levels of a white, horizontal surface under the ambient light in blue, green and red.
@@ -28,20 +28,21 @@ class Light:
         speckle: relative standard deviation of the laser light from pixel to pixel.
         bounce: strength of indirect light from one surface on another, 1 = physical, 0 = none.
         blur: standard deviation of the blur of the lens [px].
-        shot_noise: variance of the noise per level.
+        shot_noise: variance of the noise per grey level.
         read_noise: standard deviation of the noise at level 0.
         vignetting: exponent v of the brightness cos(field angle)^v.
         texture: factor of the mottled texture of all surfaces, 0 = none.
-        skirt: light scattered to 8 px beside the stripe, relative to its peak; it decreases with the distance.
-        halo: level beside a clipped core; it fades within 20 px.
+        skirt: light scattered by the lens up to 8 px beside the stripe, relative to the stripe's peak; farther away, it
+            decreases with the distance.
+        halo: level beside a clipped core of the stripe; the halo fades within 20 px.
         ghost: relative strength of a second image of the stripe, caused by reflection.
         blotches: standard deviation of noise in patches of some pixels, independent in each channel.
         flicker: relative standard deviation of the ambient light from image to image.
         drift: gains of blue, green and red in laser-on images relative to laser-off images, due to automatic exposure
             and white balance.
         chessboard: share of a 20 mm chessboard in the albedo of each surface, 0 = none, 1 = all of it.
-        demosaiced: True if the pixels are interpolated from a colour filter array.
-        jpeg_quality: quality of a JPEG compression with halved colour resolution (4:2:0), 1 ... 100; 0 = none.
+        demosaiced: True to interpolate the pixels from a colour filter array.
+        jpeg_quality: quality of JPEG compression with halved colour resolution (4:2:0), 1 ... 100; 0 = none.
     """
 
     ambient: tuple[float, float, float] = (235.0, 255.0, 270.0)
@@ -93,7 +94,7 @@ class Light:
 
     @property
     def is_even(self) -> bool:
-        """True if images with and without laser are equal, except for noise, outside the laser light."""
+        """True if images with and without laser differ only by noise outside the laser light."""
         return not (self.is_scattered or self.blotches or self.flicker or self.demosaiced or self.jpeg_quality) and (
             self.drift == (1.0, 1.0, 1.0)
         )

@@ -1,4 +1,4 @@
-"""Light outside a laboratory, with effects scaled to their strength in photographs."""
+"""Light outside a laboratory, with effects scaled relative to their strength in photographs."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.light import Light
 
 PLAIN = Light()
-# Values of the effects at strength 1: the strongest in photographs of laser lines from 21 cameras and scenes, converted
-# to images of the simulated camera (0.88 mm of ground per pixel at 640 x 512).
+# Values at strength 1, unless noted: the strongest in photographs of laser lines (21 combinations of camera and scene),
+# converted to images of the simulated camera (0.88 mm of ground per pixel at 640 x 512).
 WIDEST_SIGMA_M = 0.0045  # 12 px wide at half its height
 STRONGEST_SKIRT = 0.12
 STRONGEST_HALO = 150.0
 LEAST_CLIPPED, MOST_CLIPPED = 3.0, 8.0  # clipped cores of 2 to 4 px on soil
 MOST_LEAKAGE = (0.25, 0.52, 1.0)
-# Factor of the ambient light: soil is then at 250 to 300 of 255 in red, and everything brighter is clipped.
+# Factor of the ambient light. Soil then reaches red levels of 250 to 300 before clipping at 255, and brighter surfaces
+# are clipped.
 MOST_AMBIENT = 4.0
-# Factor of the laser: a line of 85 grey levels on soil then has 33.
+# Factor of the laser light: a line of 85 grey levels on soil then has 33.
 WEAKEST_LASER = 0.4
 MOST_NOISE, MOST_BLOTCHES = 7.0, 5.0
-WORST_JPEG, BEST_JPEG = 75, 95
+WORST_JPEG, BEST_JPEG = 75, 95  # BEST_JPEG: quality just above strength 0
 MOST_DRIFT = (0.67, 1.4, 2.6)
 MOST_FLICKER = 0.1
 STRONGEST_GHOST = 0.6
@@ -61,19 +62,19 @@ EFFECTS: Mapping[str, Callable[[float], dict[str, Any]]] = MappingProxyType(
         "ghosts": lambda s: {"ghost": s * STRONGEST_GHOST},
     }
 )
-"""Functions from a strength to fields of `Light`, by the name of the effect."""
+"""Name of each effect -> function that maps its strength to fields of `Light`."""
 
 
 def real_light(strengths: Mapping[str, float]) -> Light:
-    """Light with one or several effects, scaled relative to their strength in photographs of laser lines.
+    """Create a light with one or several effects, scaled relative to their strength in photographs of laser lines.
 
-    If several effects change one field, such as those of a clipped and a weak line, their factors are multiplied.
+    If several effects change the same field, such as "clipping" and "weak_line", their factors are multiplied.
 
     Example:
         rangefinder = SimulatedRangefinder(world, calibration, robot, light=real_light({"ambient": 0.5, "jpeg": 1}))
 
     Args:
-        strengths: strength of each effect by its name in EFFECTS, from 0 = none to 1 = as in the worst photograph.
+        strengths: name of an effect in EFFECTS -> its strength, from 0 = none to 1 = as in the worst photograph.
 
     Raises:
         InvalidInput: there is no such effect, or a strength is not 0 ... 1.

@@ -1,4 +1,4 @@
-"""Camera of `drivers` that renders the simulated rangefinder, with laser and mirror of the emulated board."""
+"""Camera for `drivers` whose frames the simulated rangefinder renders, with laser and mirror of the emulated board."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ NOMINAL_EXPOSURE_S = 0.008
 def simulated_camera(
     rangefinder: SimulatedRangefinder, board: Exposes, *, fps: float = 30.0, latency: float = 0.008
 ) -> EmulatedCamera:
-    """Create a free-running camera on the simulated rangefinder.
+    """Create a free-running camera whose frames a simulated rangefinder renders.
 
     Args:
-        rangefinder: simulated rangefinder with a pose. The pose may be changed between scans, on the thread that grabs
+        rangefinder: simulated rangefinder with a pose. The pose may be changed between scans, in the thread that grabs
             frames.
-        board: emulated board, of this process or another, whose laser and mirror light the scene.
+        board: emulated board, in this process or another, whose laser and mirror illuminate the scene.
         fps: frames per second.
         latency: time from the end of an exposure to the arrival of its frame [s].
     """
@@ -41,7 +41,7 @@ def simulated_camera(
 
 
 def renderer(rangefinder: SimulatedRangefinder) -> Callable[[ExposureView, CameraSettings], Image]:
-    """Function that renders an exposure, for `EmulatedCamera`.
+    """Create the function with which an `EmulatedCamera` renders an exposure.
 
     Exposure time and gain scale the brightness; white balance and gamma settings have no effect.
     """

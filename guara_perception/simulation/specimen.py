@@ -11,18 +11,18 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import Settings
 from kinematics import RobotModel
 
-# Focal length relative to the sensor width: with a 3.2 mm lens on a 3.5 mm wide sensor, the area is in view with a
-# margin of 5 % on each side.
+# Focal length relative to the sensor width, for a 3.2 mm lens on a 3.5 mm wide sensor: the scanned area is in view with
+# a margin of 5 % on each side.
 FOCAL_LENGTH_OF_WIDTH = 0.921
 DISTORTION = (-0.23, 0.06, 0.0, 0.0, 0.0)
-# Errors that remain after careful assembly (one sigma); two sigma are about a degree, 3 mm, 1 % of the focal length,
-# and 1 % of the width for the principal point.
+# Errors that remain after careful assembly (one sigma). Two sigma are about a degree, 3 mm, 1 % of the focal length,
+# and 1 % of the image width for the principal point.
 ANGLE_SIGMA = 0.008
 POSITION_SIGMA_M = 0.0015
 FOCAL_SIGMA = 0.005
 CENTRE_SIGMA_OF_WIDTH = 0.006
 DISTORTION_SIGMA = 0.01
-# Angle between two positions at which the mirror can stop: a stepper of 1.8 degrees with 256 microsteps [rad].
+# Angle between two positions at which the mirror can stop [rad], for a stepper of 1.8 degrees with 256 microsteps.
 MIRROR_STEP = 122718e-9
 
 
@@ -35,7 +35,7 @@ def specimen(
         robot: robot with the nominal mounts and the scan pattern.
         size: image width and height [px].
         seed: seed of the assembly errors; None = exactly nominal.
-        mirror_step: step of the mirror angles [rad]; 0 = any angle.
+        mirror_step: step to which mirror angles are rounded [rad]; 0 = do not round.
 
     Raises:
         InvalidInput: the image is smaller than 64 x 64 px.
@@ -44,7 +44,7 @@ def specimen(
     if min(size) < 64:
         raise InvalidInput(f"picture size is {width}x{height}, allowed: 64x64 px or more")
     errors = np.zeros(16) if seed is None else np.random.default_rng(seed).standard_normal(16)
-    # Pixels are nearly square, so one focal length must suit both the width and the height, at 5:4 or any other ratio.
+    # Pixels are nearly square, so one focal length must suit both width and height, whatever their ratio.
     focal = FOCAL_LENGTH_OF_WIDTH * max(width, 1.25 * height) * (1 + FOCAL_SIGMA * errors[0])
     centre = np.array([width - 1, height - 1]) / 2 + CENTRE_SIGMA_OF_WIDTH * width * errors[1:3]
     camera = CameraModel(

@@ -11,7 +11,7 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from kinematics import RobotModel, Stance
 
-# Sigmas of the white noise of a joint reading, and of a joint's bias, which is constant during a pause [rad].
+# Sigma of the white noise of a joint reading, and sigma of a joint's bias, which is constant during a pause [rad].
 WHITE_RAD, BIAS_RAD = np.radians(0.05), np.radians(0.2)
 
 
@@ -20,9 +20,10 @@ class Sway:
     """Motion of the body over its feet, which begins at the stance at time 0.
 
     Attributes:
-        turn: amplitude of the rotation [rad]; the roll amplitude is half the pitch amplitude.
+        turn: amplitude of pitch and roll together [rad]; the amplitude of the roll is half that of the pitch.
         shift: amplitude of the shift along x, y and z together [m].
-        frequency: frequency of the pitch [1/s]; roll and shift are slower, so that the motion does not soon repeat.
+        frequency: frequency of the pitch [1/s]; roll and shift are slower, so that the motion repeats only after
+            several periods.
         speed: constant additional speed along x [m/s].
     """
 
@@ -43,7 +44,7 @@ class Sway:
 
 
 def joints_of(robot: RobotModel, transform_base_to_begin: Float) -> Float:
-    """True joint positions (j,) [rad] after a motion of the body from scan posture over fixed soles.
+    """True joint positions (j,) [rad] after a motion of the body from the scan posture over fixed soles.
 
     Raises:
         InvalidInput: a sole is out of reach of its leg.
@@ -76,16 +77,16 @@ def stream_of(
 ) -> tuple[Float, Stance]:
     """Joint readings (n, j) at times (n,) [s], and the stance read at time `begin` [s].
 
-    The white noise is independent in each reading; the biases of the joints are the same in all.
+    The white noise is independent in each reading; the bias of each joint is the same in all readings.
 
     Args:
-        robot: the robot, in scan posture at time 0.
+        robot: the robot, in the scan posture at time 0.
         sway: motion of the body.
         times: (n,) times of the readings [s].
         rng: source of the noise.
         begin: time of the stance [s].
         white: sigma of the white noise of one reading [rad].
-        bias: sigma of the bias of a joint, the same in all readings [rad].
+        bias: sigma of the bias of a joint [rad].
     """
     true = np.array([joints_of(robot, sway.at(time)) for time in times.tolist()])
     off = rng.normal(0.0, bias, true.shape[1])

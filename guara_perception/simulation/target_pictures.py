@@ -17,7 +17,7 @@ from kinematics.transforms import inverse
 
 # Grey levels at nominal exposure under the ambient light of a room.
 INK, PAPER, GROUND = 22.0, 190.0, 95.0
-# Standard deviation of the ground's texture, and the length over which it changes.
+# Standard deviation of the ground's texture [grey levels], and the length over which the texture changes [m].
 TEXTURE, TEXTURE_M = 5.0, 0.02
 # Width of the white border around the squares, relative to a square.
 BORDER = 0.6
@@ -30,7 +30,7 @@ class TargetCamera:
     Attributes:
         camera: true intrinsic model.
         rays: (h, w, 3) directions in camera_optical_frame, z = 1.
-        light: light and sensor effects: blur, vignetting, noise.
+        light: light and sensor, of which blur, vignetting and noise are used.
         seed: seed of noise and texture.
     """
 
@@ -48,7 +48,7 @@ class TargetCamera:
         return cls(camera, rays / rays[..., 2:], light or Light(), seed)
 
     def board(self, board: BoardSpec, transform_board_to_camera: Float) -> Image:
-        """Render a board, (h, w, 3) BGR; its origin is its first inner corner, as in `BoardSpec.points`."""
+        """Render a board, (h, w, 3) BGR; the origin of its frame is the first inner corner (`BoardSpec.points`)."""
         x, y, size = self._on_plane(transform_board_to_camera)
         s = board.square
         b = 1 + BORDER
@@ -71,7 +71,7 @@ class TargetCamera:
         return self._picture(level)
 
     def _on_plane(self, transform_plane_to_camera: Float) -> tuple[Float, Float, Float]:
-        """Positions x and y at which the rays of the pixels meet the plane z = 0, and the pixels' widths there [m]."""
+        """Coordinates x and y at which the pixels' rays meet the plane z = 0, and widths of the pixels there [m]."""
         rotation, origin = transform_plane_to_camera[:3, :3], transform_plane_to_camera[:3, 3]
         into = self.rays @ rotation
         start = -origin @ rotation
@@ -120,7 +120,7 @@ def _ink(cells: Mask, column: Float, row: Float, width: Float, columns: int) -> 
 
 
 def _inside(position: Float, low: float, high: float, width: Float) -> Float:
-    """Fraction of a window of `width` around each position that is within low ... high."""
+    """Fraction, for each position, of a window of `width` around it that lies between `low` and `high`."""
     covered = np.minimum(position + width / 2, high) - np.maximum(position - width / 2, low)
     return np.asarray(np.clip(covered / width, 0.0, 1.0))
 

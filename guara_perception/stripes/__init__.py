@@ -1,6 +1,7 @@
 """Stripe extraction: from a pair of frames to the position of the laser line in every column.
 
-Imports no other subpackage; `calibration`, `ranging` and the scan processor use it. It does no input or output.
+This package imports no other subpackage; `calibration`, `ranging` and the scan processor use it. It does no input or
+output.
 """
 
 from __future__ import annotations

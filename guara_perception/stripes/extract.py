@@ -30,15 +30,15 @@ def extract_stripe(
     Args:
         on: laser-on image, (h, w) or (h, w, 3) BGR as OpenCV reads it, uint8 or uint16.
         off: laser-off image of the same view; None = estimate the background from `on`.
-        along: "columns": the stripe crosses the columns and has one position (a row) per column; "rows": it has one
-            position (a column) per row.
+        along: "columns": the stripe crosses the columns and has one position (a row) per column; "rows": the stripe
+            crosses the rows and has one position (a column) per row.
         band: (first, end) rows to search, or columns for along="rows"; None = the whole image.
         method: one of METHODS.
-        threshold: binarisation threshold of "paper" [grey levels of 8 bits]; None = chosen for the image.
+        threshold: binarisation threshold of the method "paper" [grey levels of 8 bits]; None = choose it for the image.
 
     Returns:
-        StripeProfile with w entries (h for along="rows"). An image that cannot be used (blank, white, or of another
-        size or type than `off`) has FRAME_BAD in every entry and states the reason.
+        StripeProfile with w entries (h entries for along="rows"). If the image cannot be used (blank, white, or with a
+        size or type that differs from `off`), every entry is FRAME_BAD and `reason` states why.
 
     Raises:
         InvalidInput: `on` is not an image of 8 x 8 pixels or more, or an argument has a value that is not allowed.
@@ -66,7 +66,7 @@ def extract_stripe(
 
 
 def _turned(picture: Image) -> Image:
-    """Transpose an image; a valid one is copied to contiguous memory, which is read faster."""
+    """Transpose an image; a valid image is copied to contiguous memory, which is faster to read."""
     turned = picture.swapaxes(0, 1)
     if picture.dtype not in (np.uint8, np.uint16) or picture.ndim > 3:
         return turned

@@ -1,4 +1,4 @@
-"""Order statistics of numbers without NaN."""
+"""Order statistics (upper median, value of a rank) of arrays without NaN."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ def upper_median(values: Array) -> float:
 
 
 def select(values: Array, rank: int) -> float:
-    """Value of a given rank among values without NaN, as float32; the lowest has rank 0."""
+    """Value of a given rank among values without NaN, as float32; the lowest value has rank 0.
+
+    Raises:
+        IndexError: there is no value of this rank.
+    """
     copy = np.array(values, np.float32, order="C")
     if not 0 <= rank < copy.size:
         raise IndexError(f"rank {rank} of {copy.size} values")

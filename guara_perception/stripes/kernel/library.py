@@ -1,4 +1,4 @@
-"""Library of the kernel for this processor, loaded once."""
+"""Compiled kernel as a shared library for this processor, loaded once, and memory passed to it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Picture(ctypes.Structure):
 
 
 P, D, F, PICTURE = ctypes.c_void_p, ctypes.c_double, ctypes.c_float, ctypes.POINTER(Picture)
-# Types of the arguments and the result of each function. The global interpreter lock is released while one runs.
+# Types of the arguments and the result of each function. The global interpreter lock is released during each call.
 FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "any_light_size": ([N] * 5, N),
     "cells_of_samples": ([P, N, D, P, N, N, P, P], None),
@@ -62,10 +62,10 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
 
 @cache
 def kernel() -> ctypes.CDLL:
-    """Load the library.
+    """Load the kernel's library.
 
     Raises:
-        DamagedInstallation: the library is missing, or not one of this version for this machine.
+        DamagedInstallation: the library is missing, or was not built for this version and machine.
     """
     path = FOLDER / f"{processor()}.so"
     try:
@@ -81,7 +81,7 @@ def kernel() -> ctypes.CDLL:
 
 
 def processor() -> str:
-    """Processor type of this machine, which is the name of its library."""
+    """Processor type of this machine, which is also the name of the library's file."""
     machine = platform.machine()
     if machine != "x86_64":
         return {"aarch64": "armv8-a"}.get(machine, machine)
@@ -90,7 +90,7 @@ def processor() -> str:
 
 
 class _Memory(threading.local):
-    """Work memory of a thread, reused for one band after the other."""
+    """Work memory of a thread, reused for successive bands."""
 
     bytes: Array = np.empty(0, np.uint8)
 
@@ -98,12 +98,16 @@ class _Memory(threading.local):
 _MEMORY = _Memory()
 
 
-# Largest number of bytes that a thread keeps: enough for a band of a scan; larger memory for whole images is freed.
+# Largest number of bytes that a thread keeps. They suffice for a band of a scan; larger memory, for whole images, is
+# freed after use.
 MOST_KEPT = 8 << 20
 
 
 def memory(size: int) -> Array:
-    """Work memory of at least `size` bytes (uint8), aligned to 64 bytes; up to MOST_KEPT, a thread reuses the same."""
+    """Work memory of at least `size` bytes (uint8), aligned to 64 bytes.
+
+    Up to a size of MOST_KEPT, all calls in one thread share the same memory.
+    """
     if size > MOST_KEPT:
         return _aligned(size)
     if _MEMORY.bytes.size < size:
@@ -117,12 +121,16 @@ def _aligned(size: int) -> Array:
 
 
 def address(array: Array) -> int:
-    """Address of the memory of a C-contiguous array."""
+    """Address of the memory of an array.
+
+    Raises:
+        ValueError: the array is not C-contiguous.
+    """
     if not array.flags.c_contiguous:
         raise ValueError(f"an array with strides {array.strides} was given to the kernel")
     return array.ctypes.data
 
 
 def addresses(*arrays: Array) -> list[int]:
-    """Address of each array."""
+    """Addresses of the memory of several arrays; see `address`."""
     return [address(array) for array in arrays]

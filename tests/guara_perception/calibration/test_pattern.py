@@ -67,7 +67,7 @@ def test_stripes_out_of_reach(calibration: gp.Calibration, result: CalibrationRe
         CalibrationMismatch, match=r"index 71, 75, 76 cannot .* 0, 2 ... 68; allowed: indices at most 2 outside"
     ):
         interpolate_pattern(result.calibration, [0, 71, 75, 76])
-    with pytest.raises(CalibrationMismatch, match="holds no mirror model: make it with `guara calibrate`"):
+    with pytest.raises(CalibrationMismatch, match="has no mirror model: create it with `guara calibrate`"):
         interpolate_pattern(calibration, range(69))
     spoilt = dataclasses.replace(result.calibration, mirror={"axis": [0, 1]})
     with pytest.raises(FileFormatError, match="calibration: mirror.laser_plane is missing"):

@@ -91,7 +91,7 @@ def dark_laser(session: CalibrationSession) -> CalibrationSession:
 
 REFUSED = [
     (blank, r"0 of 14 board views are usable, 5 or more.*board_00.jpg: the picture is blank"),
-    (blurred, r"0 of 14 board views are usable.*blurred: black-white edges are \d+\.\d px wide, 5 px are allowed"),
+    (blurred, r"0 of 14 board views are usable.*blurred: black-white edges are \d+\.\d px wide; allowed: up to 5 px"),
     (few, r"4 of 4 board views are usable, 5 or more are needed: take more pictures"),
     (parallel, r"all 14 board views are nearly parallel .* tilt the board"),
     (square, r"wrong square size: .* measure 30\.\d\d mm, the session says 25\.00 mm"),
