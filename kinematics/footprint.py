@@ -28,7 +28,7 @@ from kinematics.exceptions import StanceError
 BASE_FOOTPRINT = "base_footprint"
 # Equal to `base_footprint` of the first pause; tracked by leg odometry.
 ODOM = "odom"
-# Soles with a smaller rms distance from a line than this span no plane [m]: an error of 1 mm would tilt it by 6
+# Soles with a smaller rms distance from a line than this span no plane [m]: an error of 1 mm would tilt the plane by 6
 # degrees.
 LEAST_WIDTH = 0.010
 

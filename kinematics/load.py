@@ -70,7 +70,7 @@ def _check_pinocchio() -> None:
     """Check that Pinocchio is installed.
 
     Raises:
-        LibraryMissing: it is not; the message says how to install it.
+        LibraryMissing: Pinocchio is not installed; the message says how to install it.
     """
     if find_spec("pinocchio") is None:
         raise LibraryMissing("a robot needs Pinocchio: pip install guara-perception (guara-client does not include it)")

@@ -27,7 +27,7 @@ SOLE_TOLERANCE = 0.005
 def check_names(config: RobotToml, urdf: Urdf, findings: Findings) -> None:
     """Check that the URDF has every link and joint named in robot.toml.
 
-    An empty link name stands for an invalid entry, which has been reported before, and is skipped.
+    An empty link name, which stands for an optional or invalid entry, is skipped.
     """
     links = [link.name for link in urdf.links]
     moving = [joint.name for joint in urdf.joints if joint.kind != "fixed"]

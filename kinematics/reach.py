@@ -1,4 +1,4 @@
-"""Inverse kinematics of a leg: joint positions for sole positions, and reachability of the latter."""
+"""Inverse kinematics of a leg: joint positions for sole positions, and reachability of these positions."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """Link with mass [kg], centre of mass (3,) [m], inertia (3, 3) about the latter [kg m^2], and collision shapes.
+    """Link with mass [kg], centre of mass (3,) [m], inertia (3, 3) about that point [kg m^2], and collision shapes.
 
     `mass` is None if the link has no <inertial>. `line` is the line of the <link> element in the file.
     """

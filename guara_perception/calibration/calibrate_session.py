@@ -170,7 +170,7 @@ def calibrate_session(
     if not handedness:
         faults.append(f"the targets look the same in mirrored pictures: {TELL_HANDEDNESS}")
     elif floor.mount == ROLLED and not not_mirrored:
-        faults.append(f"{ROLLED_CAMERA}: turn the camera's mount in the URDF, or switch off the rotation in the driver")
+        faults.append(f"{ROLLED_CAMERA}: rotate the mount in the URDF, or switch off the rotation in the driver")
     verdict, reasons = verdict_of(checks, faults)
     if laser.leave_one_out and any(check.name == LEFT_OUT and check.verdict != GOOD for check in checks):
         reasons = (suspect_plate(laser.leave_one_out, session.plates), *reasons)
@@ -255,12 +255,12 @@ def calibrate_boards(
         raise CalibrationRefused(
             f"{session.source}: {len(mirrored)} of {len(views)} board pictures are mirrored ({mirrored[0]}): switch "
             "off the flip in the camera's driver and record the session again, or pass --not-mirrored if black and "
-            "white of the board are exchanged compared with `guara targets`"
+            "white are swapped on the board compared with `guara targets`"
         )
     usable = [view for view in views if view.is_usable]
     if camera is None and len(usable) < MIN_VIEWS:
         raise CalibrationRefused(
-            f"{len(usable)} of {len(views)} board views are usable, {MIN_VIEWS} or more are needed"
+            f"{len(usable)} of {len(views)} board views are usable; {MIN_VIEWS} or more are needed"
             f"{_hint(session, views)}{_faults(views)}"
         )
     ground = next((view for view in views if view.name == session.ground_board_image), None)
@@ -320,7 +320,7 @@ def _hint(session: CalibrationSession, views: Sequence[BoardView]) -> str:
     if size is None:
         return ""
     given = f"{session.board.columns}x{session.board.rows}"
-    return f"; wrong corner count: {view.name} shows {size[0]}x{size[1]} inner corners, the session says {given}"
+    return f"; wrong corner count: {view.name} shows {size[0]}x{size[1]} inner corners, but the session states {given}"
 
 
 def _faults(views: Sequence[BoardView]) -> str:

@@ -197,7 +197,7 @@ def stance_checks(robot: RobotModel, stance: Stance) -> list[Check]:
         np.asarray(robot.stance_pose(stance, attitude=source).transform_base_to_footprint)[:3, :3]
         for source in ("imu", "support_plane")
     )
-    # Floor normals in base_link. The arc cosine would lose small angles to rounding, the arc tangent does not.
+    # Floor normals in base_link. The arc cosine would lose small angles to rounding; the arc tangent does not.
     normal, other = from_gravity[2], from_joints[2]
     angle = float(np.arctan2(np.linalg.norm(np.cross(normal, other)), normal @ other))
     return [_check("mount by joints and gravity", float(np.rad2deg(angle)), "degrees", 0.5, 2.0)]

@@ -214,7 +214,7 @@ def check_drift(
     """
     lines = find_floor_lines(points)
     if lines.seen < MIN_STRIPES:
-        return _unknown(f"{lines.seen} stripes have points, {MIN_STRIPES} are needed")
+        return _unknown(f"{lines.seen} stripes have points; {MIN_STRIPES} or more are needed")
     share = len(lines.index) / lines.seen
     rough = float(np.median(lines.roughness)) if len(lines.index) else np.inf
     if len(lines.index) < MIN_STRIPES or share < MIN_FLOOR_SHARE or rough > MAX_ROUGHNESS_M:
@@ -283,12 +283,12 @@ def _floor_reasons(
     reasons = []
     if is_high:
         reasons.append(
-            f"the floor lies {1e3 * height:+.1f} mm off the soles, {1e3 * high:.1f} mm are allowed: camera or laser "
-            "mount moved, or the feet stand on something"
+            f"the floor is at {1e3 * height:+.1f} mm relative to the soles (limit {1e3 * high:.1f} mm): the camera or "
+            "laser mount moved, or the feet stand on something"
         )
     if is_tilted:
         reasons.append(
-            f"the floor is tilted by {np.rad2deg(tilt):.2f} degrees, {np.rad2deg(tilted):.2f} are allowed: the "
+            f"the floor is tilted by {np.rad2deg(tilt):.2f} degrees (limit {np.rad2deg(tilted):.2f} degrees): the "
             "camera mount rotated, or the ground slopes"
         )
     return reasons
@@ -319,18 +319,18 @@ def _stripe_reasons(lines: FloorLines, stray: Float, on_floor: Mask, rms: float,
     alone = abs(stray[worst]) > MAX_STRIPE_M and rms**2 - stray[worst] ** 2 / on_floor.sum() < allowed**2
     if rms > allowed and not alone:
         return [
-            f"the stripes disagree by {1e3 * rms:.2f} mm rms with a plane floor, {1e3 * allowed:.2f} mm are allowed: "
+            f"the stripes deviate by {1e3 * rms:.2f} mm rms from a plane floor (limit {1e3 * allowed:.2f} mm): "
             "camera, laser or mirror moved"
         ]
     if form > MAX_FORM_M + FORM_SIGMAS * doubt:
         return [
-            f"the floor measured by the stripes is bent or twisted by {1e3 * form:.2f} mm rms, "
-            f"{1e3 * (MAX_FORM_M + FORM_SIGMAS * doubt):.2f} mm are allowed: camera, laser or mirror moved"
+            f"the floor measured by the stripes is bent or twisted by {1e3 * form:.2f} mm rms "
+            f"(limit {1e3 * (MAX_FORM_M + FORM_SIGMAS * doubt):.2f} mm): camera, laser or mirror moved"
         ]
     if alone:
         return [
-            f"stripe index {lines.index[worst]} is {1e3 * stray[worst]:+.2f} mm off the floor of the other stripes, "
-            f"{1e3 * MAX_STRIPE_M:.2f} mm are allowed: the mirror did not reach its position"
+            f"stripe index {lines.index[worst]} is {1e3 * stray[worst]:+.2f} mm off the floor of the other stripes "
+            f"(limit {1e3 * MAX_STRIPE_M:.2f} mm): the mirror did not reach its position"
         ]
     return []
 

@@ -170,7 +170,7 @@ def check_order(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
             swapped.append(" and ".join(named))
     if swapped:
         raise CalibrationRefused(
-            f"plate heights look swapped: {'; '.join(swapped)}: the stripes are in the opposite order of these heights"
+            f"plate heights look swapped: {'; '.join(swapped)}: the stripes are in the opposite order"
         )
 
 
@@ -203,9 +203,9 @@ def check_mirror(sweep: Sweep) -> None:
     worst = int(np.argmax(np.abs(sweep.parameters) / limits))
     if abs(sweep.parameters[worst]) > limits[worst]:
         raise CalibrationRefused(
-            f"the stripes do not fit the nominal mirror: {names[worst]} is {sweep.parameters[worst]:+.4f}, "
-            f"{limits[worst]:.4f} is allowed (metres, radians, ratio): wrong plate heights, another robot, wrong steps "
-            "per turn of the mirror, or a mount that came loose"
+            f"the stripes do not fit the nominal mirror: {names[worst]} is {sweep.parameters[worst]:+.4f} (limit "
+            f"{limits[worst]:.4f} m, rad or ratio): check the plate heights, the robot, the steps per turn of the "
+            "mirror, and whether a mount came loose"
         )
 
 

@@ -92,7 +92,7 @@ def calibrate_intrinsics(
     while True:
         if len(used) < MIN_VIEWS:
             raise CalibrationRefused(
-                f"{len(used)} usable board views, {MIN_VIEWS} or more are needed: take pictures of the board at "
+                f"{len(used)} usable board views; {MIN_VIEWS} or more are needed: take pictures of the board at "
                 f"different positions, distances and tilts{_named(outliers)}"
             )
         result = calibrate_views(used, board, size, distortion, outliers)

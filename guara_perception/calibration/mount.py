@@ -21,14 +21,14 @@ HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
 ROLLED = "upright"
 MOUNTS = {"eq5": np.eye(4), ROLLED: HALF_TURN}
 ROLLED_CAMERA = (
-    "the camera is rolled by 180 degrees against its mount in the URDF: its driver delivers bottom-up pictures, or it "
-    "is mounted upside down"
+    "the camera is rolled by 180 degrees relative to its mount in the URDF: the driver delivers bottom-up pictures, "
+    "or the camera is mounted upside down"
 )
 # Quarter turn of an image, as a transform of the camera axes; reflections along x and y, of the camera or the scene.
 _QUARTER = np.eye(4)[[1, 0, 2, 3]] * [1.0, -1.0, 1.0, 1.0]
 _MIRROR_X, _MIRROR_Y = np.diag([-1.0, 1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 1.0, 1.0])
 TELL_HANDEDNESS = (
-    "lay the five crosses of `guara targets` and take their picture again, give the board's first_square in "
+    "lay down the five crosses of `guara targets` and take their picture again, give the board's first_square in "
     "session.json, or pass --not-mirrored if the driver does not flip pictures"
 )
 # Largest rms misfit of correct points: detected crosses fit within 0.1 px, pixels given by hand within 1 or 2 px.
@@ -137,7 +137,7 @@ def _misplaced(camera: CameraModel, points: Float, pose: FloorPose, nominal: Flo
     found = to_floor(camera, fits[wrong].transform_camera_to_footprint, pose.marks[wrong].centre_px[None])[0]
     apart = 1e3 * float(np.linalg.norm(found - points[wrong]))
     return (
-        f"according to the others {_named(points, [wrong])} is {apart:.0f} mm away, at ({found[0]:.3f}, "
+        f"according to the others, {_named(points, [wrong])} is {apart:.0f} mm away, at ({found[0]:.3f}, "
         f"{found[1]:.3f}): measure it again"
     )
 
@@ -233,12 +233,12 @@ def check_ground_board(
     if abs(square / board.square - 1) > MAX_SQUARE_ERROR:
         raise CalibrationRefused(
             f"wrong square size: relative to the fiducials, the squares of the ground board measure "
-            f"{square * 1e3:.2f} mm, the session says {board.square * 1e3:.2f} mm: measure both again"
+            f"{square * 1e3:.2f} mm, but the session states {board.square * 1e3:.2f} mm: measure both again"
         )
     if misfit > MAX_BOARD_LIFT_M:
         raise CalibrationRefused(
             f"the ground board does not lie flat on the floor of the fiducials: its corners are off by "
-            f"{misfit * 1e3:.1f} mm, {MAX_BOARD_LIFT_M * 1e3:.0f} mm are allowed"
+            f"{misfit * 1e3:.1f} mm (limit {MAX_BOARD_LIFT_M * 1e3:.0f} mm)"
         )
 
 
@@ -326,6 +326,6 @@ def _check_nominal(pose: FloorPose, nominal: Float) -> None:
     if shift > MAX_SHIFT_M or turn > MAX_TURN:
         raise CalibrationRefused(
             f"the camera would be {shift * 1e3:.0f} mm and {np.rad2deg(turn):.1f} degrees away from its nominal mount "
-            f"({MAX_SHIFT_M * 1e3:.0f} mm and {np.rad2deg(MAX_TURN):.0f} degrees are allowed): another robot, another "
-            "stance, or fiducials measured from another origin"
+            f"({MAX_SHIFT_M * 1e3:.0f} mm and {np.rad2deg(MAX_TURN):.0f} degrees are allowed): check the robot, the "
+            "stance, and the origin from which the fiducials were measured"
         )

@@ -34,7 +34,7 @@ MIN_WIDTH = 0.25
 # columns may show both surfaces.
 BESIDE_SHARE = 0.0015
 BORDER_COLUMNS = 3
-BESIDE = "it falls beside the plate"
+BESIDE = "beside the plate"
 IN_PART = "visible on"
 SIGMA_FLOOR_M = 2e-5
 

@@ -40,9 +40,9 @@ def test_good_floor_holds() -> None:
 @pytest.mark.parametrize(
     ("height", "slope", "reason"),
     [
-        (0.006, 0.0, r"the floor lies \+6\.0 mm off the soles, 3\.0 mm are allowed"),
-        (-0.006, 0.0, r"the floor lies -6\.0 mm off the soles"),
-        (0.0, 0.02, r"the floor is tilted by 1\.1\d degrees, 0\.60 are allowed"),
+        (0.006, 0.0, r"the floor is at \+6\.0 mm relative to the soles \(limit 3\.0 mm\)"),
+        (-0.006, 0.0, r"the floor is at -6\.0 mm relative to the soles"),
+        (0.0, 0.02, r"the floor is tilted by 1\.1\d degrees \(limit 0\.60 degrees\)"),
     ],
 )
 def test_floor_elsewhere(height: float, slope: float, reason: str) -> None:
@@ -59,7 +59,7 @@ def test_stripes_that_disagree() -> None:
     waves = floor()
     for index, stripe in waves.items():
         stripe[:, 2] += 5e-4 * np.sin(index)
-    assert "the stripes disagree by 0.3" in check_drift(waves).reasons[0]
+    assert "the stripes deviate by 0.3" in check_drift(waves).reasons[0]
     single = floor()
     single[17][:, 2] += 0.0014
     drift = check_drift(single)
@@ -83,7 +83,7 @@ def test_nothing_to_compare_with() -> None:
     rubble = {index: stripe + random.uniform(-0.05, 0.1, 300)[:, None] for index, stripe in floor().items()}
     assert check_drift(rubble).verdict == UNKNOWN
     few = check_drift({index: stripe for index, stripe in floor().items() if index < 4})
-    assert (few.verdict, few.reasons) == (UNKNOWN, ("4 stripes have points, 8 are needed",))
+    assert (few.verdict, few.reasons) == (UNKNOWN, ("4 stripes have points; 8 or more are needed",))
     assert few.to_dict()["floor_height"] is None and few.to_dict()["worst_stripe"] is None
 
 

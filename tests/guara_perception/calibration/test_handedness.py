@@ -109,7 +109,7 @@ def test_a_session_that_cannot_tell_is_usable(few_stripes: CalibrationSession, r
         found = calibrate_session(told, robot)
         assert found.verdict == "usable" and found.calibration.quality["handedness"] is None
         (reason,) = found.reasons
-        assert reason.startswith("the targets look the same in mirrored pictures: lay the five crosses")
+        assert reason.startswith("the targets look the same in mirrored pictures: lay down the five crosses")
     vouched = calibrate_session(few_stripes, robot, not_mirrored=True)
     assert (vouched.verdict, vouched.calibration.quality["handedness"]) == ("good", "the user")
 
@@ -117,7 +117,9 @@ def test_a_session_that_cannot_tell_is_usable(few_stripes: CalibrationSession, r
 @pytest.mark.slow
 def test_a_rolled_camera_is_told(few_stripes: CalibrationSession, robot: RobotModel) -> None:
     """Bottom-up pictures of targets that cannot tell are refused; a turn by 180 degrees is usable, or vouched for."""
-    rolled = "the camera is rolled by 180 degrees against its mount in the URDF: its driver delivers bottom-up pictures"
+    rolled = (
+        "the camera is rolled by 180 degrees relative to its mount in the URDF: the driver delivers bottom-up pictures"
+    )
     for flip in (UP_DOWN, HALF_TURN):
         with pytest.raises(CalibrationRefused, match=rolled):
             calibrate_session(flipped(undeclared(few_stripes), flip), robot)

@@ -90,12 +90,12 @@ def dark_laser(session: CalibrationSession) -> CalibrationSession:
 
 
 REFUSED = [
-    (blank, r"0 of 14 board views are usable, 5 or more.*board_00.jpg: the picture is blank"),
+    (blank, r"0 of 14 board views are usable; 5 or more.*board_00.jpg: the picture is blank"),
     (blurred, r"0 of 14 board views are usable.*blurred: black-white edges are \d+\.\d px wide; allowed: up to 5 px"),
-    (few, r"4 of 4 board views are usable, 5 or more are needed: take more pictures"),
+    (few, r"4 of 4 board views are usable; 5 or more are needed: take more pictures"),
     (parallel, r"all 14 board views are nearly parallel .* tilt the board"),
-    (square, r"wrong square size: .* measure 30\.\d\d mm, the session says 25\.00 mm"),
-    (board_of(8, 6), r"wrong corner count: board_00.jpg shows 9x7 inner corners, the session says 8x6"),
+    (square, r"wrong square size: .* measure 30\.\d\d mm, but the session states 25\.00 mm"),
+    (board_of(8, 6), r"wrong corner count: board_00.jpg shows 9x7 inner corners, but the session states 8x6"),
     (fiducial_points(lambda p: np.column_stack((p[:, 0], np.zeros(4)))), r"the points are collinear"),
     (fiducial_points(lambda p: p + [[0.02, 0], [0, 0], [0, 0], [0, 0]]), r"do not lie at points_in_footprint \(misfit"),
     (fiducial_points(lambda p: p + [0.2, 0.0]), r"of 4 crosses were found near where the nominal mount predicts them"),
@@ -104,8 +104,8 @@ REFUSED = [
 ]
 # Found only once the camera is calibrated, or after many tries; and cases that resemble one above.
 REFUSED_LATE = [
-    (board_of(7, 5), r"wrong corner count: board_00.jpg shows 9x7 inner corners, the session says 7x5"),
-    (board_of(10, 8), r"wrong corner count: board_00.jpg shows 9x7 inner corners, the session says 10x8"),
+    (board_of(7, 5), r"wrong corner count: board_00.jpg shows 9x7 inner corners, but the session states 7x5"),
+    (board_of(10, 8), r"wrong corner count: board_00.jpg shows 9x7 inner corners, but the session states 10x8"),
     (swapped, r"plate heights look swapped: plate_00 \(80 mm\) and plate_40 \(40 mm\)"),
     (lambda s: missed_step(s, 1, 18), r"missed a step.*plate plate_40: after stripe index 34 .* -1\.50 degrees"),
     (dark_laser, r"plate plate_40: 0 of 35 stripes were found \(80 % needed\); for example stripe index 0"),
@@ -130,11 +130,11 @@ def resized(name: str) -> Break:
 
 
 MISMATCHES = [
-    (resized("board_05.jpg"), r"board_05.jpg has 320x256 px, the others have 640x512"),
-    (resized("fiducials.jpg"), r"fiducials.jpg has 320x256 px, the others have 640x512"),
+    (resized("board_05.jpg"), r"board_05.jpg has 320x256 px; the others have 640x512"),
+    (resized("fiducials.jpg"), r"fiducials.jpg has 320x256 px; the others have 640x512"),
     (
         lambda s: with_frames(s, 0, lambda picture: cv2.resize(picture, (320, 256))),
-        r"frame on_000.jpg has 320x256 px, the others have 640x512",
+        r"frame on_000.jpg has 320x256 px; the others have 640x512",
     ),
 ]
 

@@ -308,7 +308,7 @@ def one_board(content: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("edit", "refusal"),
     [
-        (one_board, "1 of 1 board views are usable, 5 or more are needed"),
+        (one_board, "1 of 1 board views are usable; 5 or more are needed"),
         (without_board, "has no board_images: 5 or more pictures of the board are needed, one of them with"),
     ],
 )

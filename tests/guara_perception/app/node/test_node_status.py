@@ -15,7 +15,7 @@ from transport.server import PerceptionServer
 
 def checked(verdict: str) -> Drift:
     """A drift check with this verdict."""
-    reasons = ("the floor lies +9.0 mm off the soles",) if verdict == DRIFTING else ()
+    reasons = ("the floor is at +9.0 mm relative to the soles",) if verdict == DRIFTING else ()
     return Drift(verdict, reasons, 0.8, 0.009, 0.001, 1e-5, 12, 1e-5)
 
 
@@ -29,7 +29,7 @@ def test_drift_warns_when_pauses_agree_and_counts_those_without_a_floor() -> Non
         said.append((item.level, item.values["verdict"]))
     assert [level for level, _ in said] == [Health.OK] * 4 + [Health.WARN]
     assert [verdict for _, verdict in said] == [UNKNOWN, HOLDS, HOLDS, HOLDS, DRIFTING]
-    assert item.message.startswith("calibration: drifting, floor found in 3 of 5 scans; last scan: the floor lies +9")
+    assert item.message.startswith("calibration: drifting, floor found in 3 of 5 scans; last scan: the floor is at +9")
     assert (item.values["scans_unknown"], item.values["scans_drifting"], item.values["scans_holds"]) == ("2", "2", "1")
 
 
