@@ -50,7 +50,7 @@ def __getattr__(name: str) -> Any:
     if _MODULES[name] in _MISSING:
         from guara_perception.exceptions import MissingExtra
 
-        raise MissingExtra(f"{name} is not in guara-client, which is installed alone: pip install guara-perception")
+        raise MissingExtra(f"guara-client does not include {name}: pip install guara-perception")
     value = getattr(importlib.import_module(_MODULES[name]), name)
     globals()[name] = value
     return value
@@ -70,4 +70,4 @@ def _refuse_hidden_packages() -> None:
         spec = importlib.util.find_spec(package) if loaded is None else loaded.__spec__
         file = getattr(loaded, "__file__", None) or (None if spec is None else spec.origin)
         if file is not None and not os.path.abspath(file).startswith(os.path.join(home, package) + os.sep):
-            raise ImportError(f"{file} is in the way of guara_perception's own package `{package}`: rename that file")
+            raise ImportError(f"{file} hides the package `{package}` that guara_perception needs: rename that file")

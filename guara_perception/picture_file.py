@@ -38,8 +38,8 @@ def decode_picture(content: bytes, source: str) -> Image:
         shown = _decode(content, AS_STORED & ~cv2.IMREAD_IGNORE_ORIENTATION)
         if shown is not None and (shown.shape != picture.shape or not np.array_equal(shown, picture)):
             raise FileFormatError(
-                f"{source}: its EXIF orientation tag turns the picture, allowed: pictures as the sensor delivers them; "
-                "remove the tag, and turn the picture like those of the calibration"
+                f"{source}: its EXIF orientation tag rotates or mirrors the picture; allowed: pictures as the sensor "
+                "delivers them: remove the tag, and rotate the picture like those of the calibration"
             )
     return picture
 

@@ -83,7 +83,7 @@ class Scan:
             raise InvalidInput(f"{self.source}: the scan has no stripe")
         index, count = Counter(stripe.index for stripe in self.stripes).most_common(1)[0]
         if count > 1:
-            raise InvalidInput(f"{self.source}: stripe index {index} is listed {count} times, each may be listed once")
+            raise InvalidInput(f"{self.source}: stripe index {index} is listed {count} times; each may be listed once")
 
     def refuse_withdrawn(self) -> None:
         """Refuse a scan whose grid was withdrawn by the node.

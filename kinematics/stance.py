@@ -117,10 +117,10 @@ def _checked_gravity(gravity: object) -> tuple[float, float, float]:
         raise StanceError(f"gravity_in_base: {gravity!r} is not a list of three numbers")
     values = [_number(value, "gravity_in_base") for value in gravity]
     if len(values) != 3:
-        raise StanceError(f"gravity_in_base: {len(values)} numbers given, three are needed")
+        raise StanceError(f"gravity_in_base: {len(values)} numbers given; three are needed")
     if values[2] >= 0.0:
         raise StanceError(
-            f"gravity_in_base: z = {values[2]:g}, but gravity points down, z < 0, (0, 0, -1) when level; "
+            f"gravity_in_base: z is {values[2]:g}, but gravity points down (z < 0, (0, 0, -1) when level); "
             "an accelerometer at rest reads the negative: change all three signs"
         )
     return (values[0], values[1], values[2])

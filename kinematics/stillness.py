@@ -101,7 +101,7 @@ class StandingFeet:
         """
         if len(feet) < 3:
             raise StanceError(
-                f"support_feet: {len(feet)} feet carried the body before and after ({', '.join(feet) or 'none'}); "
+                f"support_feet: {len(feet)} feet carried the body in all readings ({', '.join(feet) or 'none'}); "
                 "three are needed to test whether the camera moved"
             )
         state = robot.state(begin.joint_positions)

@@ -93,12 +93,12 @@ class Calibration:
         stripes = tuple(sorted(self.stripes, key=lambda stripe: stripe.index))
         indices = [stripe.index for stripe in stripes]
         if len(indices) < 2:
-            raise InvalidInput(f"calibration holds {len(indices)} stripes, it needs 2 or more")
+            raise InvalidInput(f"calibration has {len(indices)} stripes; 2 or more are needed")
         if len(set(indices)) != len(indices):
             twice = sorted({i for i in indices if indices.count(i) > 1})
-            raise InvalidInput(f"calibration holds stripe index {twice} more than once, each index must be unique")
+            raise InvalidInput(f"calibration has stripe index {twice} more than once; each index must be unique")
         if indices[0] < 0:
-            raise InvalidInput(f"calibration holds stripe index {indices[0]}, indices start at 0")
+            raise InvalidInput(f"calibration has stripe index {indices[0]}; indices start at 0")
         if self.quality.get("verdict") not in VERDICTS:
             raise InvalidInput(f"quality verdict is {self.quality.get('verdict')!r}, allowed: {', '.join(VERDICTS)}")
         object.__setattr__(self, "transform_camera_to_base", transform)
@@ -136,8 +136,8 @@ def check_identity(found: str, expected: str, what: str) -> None:
     """
     if found and expected and found != expected:
         raise CalibrationMismatch(
-            f"{what} is of camera {found!r}, the calibration is of camera {expected!r}: connect the calibrated camera, "
-            "or give the calibration of this one (`guara record` makes it)"
+            f"{what}: camera {found!r}, but the calibrated camera is {expected!r}: connect the calibrated camera, or "
+            "give a calibration of this one (`guara record` and `guara calibrate` make it)"
         )
 
 
@@ -193,10 +193,10 @@ class CameraModel:
         if matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or not np.allclose(matrix[2], (0, 0, 1)):
             raise InvalidInput("camera matrix must have positive focal lengths and a last row of 0 0 1")
         if matrix[0, 1] != 0 or matrix[1, 0] != 0:
-            raise InvalidInput("camera matrix has a skew, the camera model has none: elements 01 and 10 must be 0")
+            raise InvalidInput("camera matrix has a skew; the camera model has none, so elements 01 and 10 must be 0")
         if distortion.shape != (5,) or not np.isfinite(distortion).all():
             raise InvalidInput(
-                f"camera distortion has {distortion.size} values, it must be 5 finite ones (k1, k2, p1, p2, k3)"
+                f"camera distortion has {distortion.size} values; 5 finite ones are needed (k1, k2, p1, p2, k3)"
             )
         object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
         object.__setattr__(self, "matrix", matrix)

@@ -39,7 +39,7 @@ class Fiducials:
         points = np.asarray(self.points_in_footprint, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 4:
             raise InvalidInput(
-                f"fiducials.points_in_footprint: {len(points)} points given, 4 or more [x, y] are needed"
+                f"fiducials.points_in_footprint: {len(points)} points given; 4 or more [x, y] are needed"
             )
         object.__setattr__(self, "points_in_footprint", read_only(points))
         if self.points_px is not None:
@@ -138,7 +138,7 @@ def _check_stance(plate: Plate, stance: Stance, source: str) -> None:
         if angle > MAX_JOINT_DIFFERENCE:
             raise InvalidInput(
                 f"{source}: plate {plate.name} was scanned with {joint} {np.rad2deg(angle):.2f} degrees away from the "
-                f"session's stance, {np.rad2deg(MAX_JOINT_DIFFERENCE):.1f} are allowed: scan it again without moving"
+                f"session's stance (limit {np.rad2deg(MAX_JOINT_DIFFERENCE):.1f} degrees): scan it again without moving"
             )
 
 

@@ -89,7 +89,7 @@ def find_charuco(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
         grey, markerCorners=list(marks[belong]), markerIds=ids[belong]
     )
     if numbers is None:
-        return BoardView.unusable(name, f"{seen}, no corner between them: show more of the board")
+        return BoardView.unusable(name, f"{seen}, but no corner between them: show more of the board")
     order = np.argsort(np.ravel(numbers))
     corners, which = np.asarray(found, np.float64).reshape(-1, 2)[order], np.ravel(numbers)[order].astype(np.intp)
     corners, which = _refined(grey, corners, which, board)
@@ -98,8 +98,8 @@ def find_charuco(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
     if len(which) < MIN_CORNERS or min(len(set(rows.tolist())), len(set(columns.tolist()))) < MIN_LINES:
         return BoardView.unusable(
             name,
-            f"{len(which)} of {board.columns * board.rows} corners are seen; {MIN_CORNERS} or more in {MIN_LINES} rows "
-            f"and {MIN_LINES} columns are needed: show more of the board",
+            f"{len(which)} of {board.columns * board.rows} corners are visible; {MIN_CORNERS} or more in {MIN_LINES} "
+            f"rows and {MIN_LINES} columns are needed: show more of the board",
             width,
         )
     return BoardView(name, corners, which, width)
@@ -114,8 +114,8 @@ def marker_dictionary(board: BoardSpec) -> int:
     needed = (board.columns + 1) * (board.rows + 1) // 2
     if needed > max(DICTIONARIES):
         raise InvalidInput(
-            f"a ChArUco board of {board.columns}x{board.rows} inner corners needs {needed} markers, there are "
-            f"{max(DICTIONARIES)}: take fewer and larger squares"
+            f"a ChArUco board of {board.columns}x{board.rows} inner corners needs {needed} markers; allowed: up to "
+            f"{max(DICTIONARIES)}: use fewer and larger squares"
         )
     return min((count, code) for count, code in DICTIONARIES.items() if count >= needed)[1]
 

@@ -107,7 +107,7 @@ def calibrate_intrinsics(
         worst = int(np.argmax(errors))
         if errors[worst] <= limit:
             return result
-        outliers.append((used[worst].name, f"corner error {errors[worst]:.2f} px, {limit:.2f} px allowed"))
+        outliers.append((used[worst].name, f"corner error {errors[worst]:.2f} px (limit {limit:.2f} px)"))
         del used[worst]
 
 

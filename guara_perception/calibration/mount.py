@@ -105,8 +105,8 @@ def locate_camera(
         )
     if best.rms_px > MAX_RESIDUAL_PX["found"]:
         raise CalibrationRefused(
-            f"fiducials: the crosses found do not lie at points_in_footprint (misfit {best.rms_px:.1f} px, "
-            f"{MAX_RESIDUAL_PX['found']:.1f} allowed): {_misplaced(camera, points, best, nominal_camera_to_footprint)}"
+            f"fiducials: the crosses found are not at points_in_footprint (misfit {best.rms_px:.1f} px, limit "
+            f"{MAX_RESIDUAL_PX['found']:.1f} px): {_misplaced(camera, points, best, nominal_camera_to_footprint)}"
         )
     _check_nominal(best, nominal_camera_to_footprint)
     return best

@@ -48,7 +48,7 @@ def surface_map(pixels: npt.ArrayLike, points: npt.ArrayLike) -> SurfaceMap:
     """
     u, x = np.asarray(pixels, dtype=np.float64), np.asarray(points, dtype=np.float64)
     if u.shape != x.shape or u.ndim != 2 or len(u) < 4:
-        raise InvalidInput(f"a surface map needs four or more marks, pixels {u.shape} and points {x.shape} were given")
+        raise InvalidInput(f"a surface map needs four or more marks; pixels {u.shape} and points {x.shape} were given")
     from_pixels, from_points = _normaliser(u), _normaliser(x)
     a = apply_homography(from_pixels, u)
     b = apply_homography(from_points, x)

@@ -94,7 +94,7 @@ def test_a_file_of_the_users_own_in_the_way_is_named(tmp_path: Path, name: str, 
     (tmp_path / f"{name}.py").write_text("gravity = 9.81\n")
     (tmp_path / "user.py").write_text(f"{first.format(name=name)}import guara_perception as gp\ngp.open_scan\n")
     done = subprocess.run([sys.executable, "user.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert f"ImportError: {tmp_path / name}.py is in the way of guara_perception's own package `{name}`" in done.stderr
+    assert f"ImportError: {tmp_path / name}.py hides the package `{name}` that guara_perception needs" in done.stderr
 
 
 @pytest.mark.slow

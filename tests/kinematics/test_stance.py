@@ -48,11 +48,11 @@ def test_values_are_read_only() -> None:
         ({"support_feet": "lf"}, "stance.support_feet: 'lf' is not a list"),
         ({"support_feet": ["lf", 3]}, "stance.support_feet: 3 is not a leg name"),
         ({"support_feet": ["lf", "lf"]}, "stance.support_feet: 'lf' is named 2 times"),
-        ({"gravity_in_base": [0, 0]}, "stance.gravity_in_base: 2 numbers given, three are needed"),
+        ({"gravity_in_base": [0, 0]}, "stance.gravity_in_base: 2 numbers given; three are needed"),
         ({"gravity_in_base": [0, 0, float("inf")]}, "stance.gravity_in_base: inf is not finite"),
         ({"gravity_in_base": 9.81}, "stance.gravity_in_base: 9.81 is not a list"),
         ({"gravity_in_base": [0, 0, 9.81]}, "accelerometer at rest reads the negative"),
-        ({"gravity_in_base": [1, 0, 0]}, "gravity points down, z < 0"),
+        ({"gravity_in_base": [1, 0, 0]}, "gravity points down (z < 0"),
         ({"gravity": [0, 0, -1]}, "stance.gravity: unknown field; a stance has the fields joint_positions"),
     ],
 )

@@ -76,7 +76,7 @@ def kernel() -> ctypes.CDLL:
     except (OSError, AttributeError) as error:
         reason = "it is missing" if not path.exists() else str(error)
         advice = "reinstall guara-perception; in a checkout: make install, or python hatch_build.py"
-        raise DamagedInstallation(f"the compiled kernel {path} cannot be loaded: {reason}. {advice}") from None
+        raise DamagedInstallation(f"the compiled kernel {path} cannot be loaded ({reason}): {advice}") from None
     return library
 
 

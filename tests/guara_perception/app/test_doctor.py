@@ -82,7 +82,7 @@ def test_calibration_of_another_camera_than_that_of_the_devices_is_reported(
     gp.save_calibration(dataclasses.replace(calibration, camera=camera), tmp_path / "calibration.json")
     finding = attempt(doctor.check_calibration, tmp_path / "calibration.json", Devices(identity="A, serial 2"))
     assert finding.level == FAIL
-    assert "is of camera 'A, serial 2', the calibration is of camera 'A, serial 1'" in finding.message
+    assert "camera 'A, serial 2', but the calibrated camera is 'A, serial 1'" in finding.message
 
 
 @pytest.mark.slow

@@ -77,9 +77,7 @@ def test_a_scan_by_devices_of_ones_own(tmp_path: Path, robot: RobotModel, capsys
     assert len(scan.stripes) == 35 and np.isfinite(terrain.elevation).mean() > 0.7
     # The calibration of another camera of the same kind.
     save("emulated camera, serial EMU0002")
-    refusal = (
-        "is of camera 'emulated camera, serial EMU0001', the calibration is of camera 'emulated camera, serial EMU"
-    )
+    refusal = "camera 'emulated camera, serial EMU0001', but the calibrated camera is 'emulated camera"
     assert run(["convert", str(tmp_path / "scan"), str(tmp_path / "scan.mcap")]) == 0
     for words, code in (
         (["scan", str(tmp_path / "refused"), *arguments], EXIT_BAD_INPUT),

@@ -122,10 +122,11 @@ def test_reasons(pictures):
     assert find_board(whole[::-1], BOARD).reason == MIRRORED
     assert find_board(whole[:120, :160], BOARD).reason.startswith("no marker of a ChArUco board of 9x7 inner corners")
     assert (
-        find_board(whole[:150, :250], BOARD).reason == "1 marker found, no corner between them: show more of the board"
+        find_board(whole[:150, :250], BOARD).reason
+        == "1 marker found, but no corner between them: show more of the board"
     )
     assert find_board(whole[:200, :270], BOARD).reason == (
-        "2 of 63 corners are seen; 12 or more in 3 rows and 3 columns are needed: show more of the board"
+        "2 of 63 corners are visible; 12 or more in 3 rows and 3 columns are needed: show more of the board"
     )
     for other in (BoardSpec(8, 7, 0.03, CHARUCO), BoardSpec(7, 9, 0.03, CHARUCO), BoardSpec(12, 7, 0.03, CHARUCO)):
         assert "not where a board of" in find_board(whole, other).reason
@@ -155,7 +156,7 @@ def test_ink_is_opencvs_own_pattern():
     drawn = layout.generateImage((10 * 40, 8 * 40), marginSize=0)
     fine = np.kron(board_ink(BOARD), np.ones((40 // CELLS_PER_SQUARE,) * 2))
     assert np.array_equal(drawn == 0, fine == 1)
-    with pytest.raises(gp.InvalidInput, match="44x44 inner corners needs 1012 markers, there are 1000: take fewer"):
+    with pytest.raises(gp.InvalidInput, match="44x44 inner corners needs 1012 markers; allowed: up to 1000: use fewer"):
         board_ink(BoardSpec(44, 44, 0.01, CHARUCO))
 
 

@@ -135,7 +135,7 @@ BAD = {
         lambda c: c.update(transform_camera_to_base=np.diag([1.0, 1, -1, 1]).tolist()),
         "transform_camera_to_base is not a rigid transform",
     ),
-    "no stripes": (lambda c: c.update(stripes=[]), "calibration holds 0 stripes, it needs 2 or more"),
+    "no stripes": (lambda c: c.update(stripes=[]), "calibration has 0 stripes; 2 or more are needed"),
     "stripe twice": (lambda c: c["stripes"][1].update(index=0), "stripe index [0] more than once"),
     "index negative": (lambda c: c["stripes"][1].update(index=-1), "stripes[1].index is -1, allowed: 0 ... inf"),
     "angle in degrees": (lambda c: c["stripes"][1].update(mirror_angle=45), "stripes[1].mirror_angle is 45"),

@@ -97,7 +97,7 @@ REFUSED = [
     (square, r"wrong square size: .* measure 30\.\d\d mm, but the session states 25\.00 mm"),
     (board_of(8, 6), r"wrong corner count: board_00.jpg shows 9x7 inner corners, but the session states 8x6"),
     (fiducial_points(lambda p: np.column_stack((p[:, 0], np.zeros(4)))), r"the points are collinear"),
-    (fiducial_points(lambda p: p + [[0.02, 0], [0, 0], [0, 0], [0, 0]]), r"do not lie at points_in_footprint \(misfit"),
+    (fiducial_points(lambda p: p + [[0.02, 0], [0, 0], [0, 0], [0, 0]]), r"are not at points_in_footprint \(misfit"),
     (fiducial_points(lambda p: p + [0.2, 0.0]), r"of 4 crosses were found near where the nominal mount predicts them"),
     (lambda s: dataclasses.replace(s, plates=s.plates[:1]), r"two or more heights, .* the session has 0 mm"),
     (lambda s: dataclasses.replace(s, plates=()), r"the session has no plate"),

@@ -38,7 +38,7 @@ def test_residual_shows_a_wrong_mark() -> None:
 @pytest.mark.parametrize(
     ("pixels", "points", "reason"),
     [
-        (PIXELS[:3], POINTS[:3], r"four or more marks, pixels \(3, 2\)"),
+        (PIXELS[:3], POINTS[:3], r"four or more marks; pixels \(3, 2\)"),
         (PIXELS[:4], POINTS[:3], r"pixels \(4, 2\) and points \(3, 2\)"),
         (PIXELS[:4] * [1, 0], POINTS * [1, 0], "collinear"),
     ],

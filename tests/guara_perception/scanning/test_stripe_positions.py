@@ -147,7 +147,7 @@ def test_exif_orientation_is_refused_in_one_way(paper_scan, calibration, robot, 
     (tmp_path / "turned.jpg").write_bytes(with_orientation(picture, 3))
     (tmp_path / "normal.jpg").write_bytes(with_orientation(picture, 1))
     assert read_picture(tmp_path / "normal.jpg").shape == picture.shape
-    with pytest.raises(gp.FileFormatError, match="EXIF orientation tag turns the picture"):
+    with pytest.raises(gp.FileFormatError, match="EXIF orientation tag rotates or mirrors the picture"):
         read_picture(tmp_path / "turned.jpg")
     names = [stripe.on for stripe in paper_scan.stripes]
 

@@ -128,7 +128,7 @@ BROKEN: list[tuple[Edit, str]] = [
     (lambda c: c["board"].update(pattern="dots"), "board.pattern is 'dots', "),
     (
         lambda c: c["board"].update(pattern="charuco", inner_corners=[44, 44]),
-        "a ChArUco board of 44x44 inner corners needs 1012 markers, there are 1000: take fewer and larger squares",
+        "a ChArUco board of 44x44 inner corners needs 1012 markers; allowed: up to 1000: use fewer and larger",
     ),
     (lambda c: c["board"].update(inner_corners=[2, 7]), "board has 2x7 inner corners"),
     (lambda c: c["board"].update(square="30 mm"), "session.json: board.square is text, it must be a number"),
@@ -136,7 +136,7 @@ BROKEN: list[tuple[Edit, str]] = [
     (lambda c: c["board_images"].append("board_99.jpg"), "board_99.jpg does not exist"),
     (lambda c: c["board_images"].append(3), "session.json: board_images: 3 is not a file name"),
     (lambda c: c["fiducials"].update(image="none.jpg"), "none.jpg does not exist"),
-    (lambda c: c["fiducials"]["points_in_footprint"].pop(), "points_in_footprint: 3 points given, 4 or more"),
+    (lambda c: c["fiducials"]["points_in_footprint"].pop(), "points_in_footprint: 3 points given; 4 or more"),
     (
         lambda c: c["fiducials"].update(points_px=[[1, 2]]),
         "points_px has shape (1, 2), it must have one [u, v]",

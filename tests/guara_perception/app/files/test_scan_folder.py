@@ -87,7 +87,7 @@ BAD_FIELDS = {
     "index negative": (lambda c: c["stripes"][2].update(index=-2), "stripes[2].index is -2, allowed: 0 ... 9999"),
     "index twice": (
         lambda c: c["stripes"][2].update(index=2),
-        "stripe index 2 is listed 2 times, each may be listed once",
+        "stripe index 2 is listed 2 times; each may be listed once",
     ),
     "angle NaN": (lambda c: c["stripes"][4].update(mirror_angle=float("nan")), "stripes[4].mirror_angle is nan"),
     "angle in degrees": (
@@ -122,9 +122,9 @@ BAD_FIELDS = {
         lambda c: c["stance"].update(support_feet=["lf", "lf", "rh"]),
         "stance.support_feet: 'lf' is named 2 times",
     ),
-    "gravity up": (lambda c: c["stance"].update(gravity_in_base=[0, 0, 9.81]), "stance.gravity_in_base: z = 9.81"),
+    "gravity up": (lambda c: c["stance"].update(gravity_in_base=[0, 0, 9.81]), "stance.gravity_in_base: z is 9.81"),
     "gravity short": (lambda c: c["stance"].update(gravity_in_base=[0, -1]), "stance.gravity_in_base: 2 numbers given"),
-    "gravity zero": (lambda c: c["stance"].update(gravity_in_base=[0, 0, 0]), "stance.gravity_in_base: z = 0"),
+    "gravity zero": (lambda c: c["stance"].update(gravity_in_base=[0, 0, 0]), "stance.gravity_in_base: z is 0"),
     "unknown stance field": (lambda c: c["stance"].update(gravity=[0, 0, -1]), "stance.gravity: unknown field"),
     "bad second stance": (lambda c: c.update(stance_end={"joint_positions": {}}), "stance_end.support_feet is missing"),
     "hash a number": (lambda c: c.update(calibration_hash=1), "calibration_hash is a whole number, it must be text"),

@@ -330,7 +330,7 @@ def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: P
             ["--simulated", "--crosses", "mm.json"],
             "mm.json: a cross is 930 m away, allowed: 5 m; give metres, not",
         ),
-        (["--simulated", "--crosses", "three.json"], "three.json: fiducials.points_in_footprint: 3 points given, 4 or"),
+        (["--simulated", "--crosses", "three.json"], "three.json: fiducials.points_in_footprint: 3 points given; 4 or"),
         (["--simulated", "--crosses", "line.json"], "line.json: fiducials: the points are collinear"),
         (["--simulated", "--redo", "plates"], "no recording.json, so `guara record` did not make it: nothing to"),
         (["--simulated", "--redo", "laser"], "'laser' is not one of 'plates', 'board', 'crosses'"),
