@@ -165,7 +165,8 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     """
     path = check_target(path)
     temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
-    # Created here, so that no other process has it, with the permissions of any new file of this user.
+    # The file is created here, so that its name is not taken by another process and its permissions are the user's
+    # default.
     temporary.touch(exist_ok=False)
     try:
         yield temporary

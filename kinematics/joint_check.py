@@ -13,8 +13,8 @@ whitened, and P the projection onto the orthogonal complement of the range of A,
 
     b = -(P B) . r / |P B|^2,   sigma_b = 1 / |P B|.
 
-A joint that jumped has such an error in the newest pause only; a joint with a wrong zero has it in all pauses. How well
-a wrong zero is observable depends on how far the legs move between pauses and on flat soles: see `JointCheck.sigmas`.
+A joint that jumped has such an error in the newest pause only; a joint with a wrong zero has one in all pauses. A wrong
+zero is observable only if the legs move between pauses; flat soles make it better observable (`JointCheck.sigmas`).
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from kinematics import RobotModel, Stance
 LEFT_OUT = "plate left out"
 MEASURE_MOUNT = (
     "measure the mount and correct the URDF, or correct the positions of the crosses (an offset common to all of them "
-    "has the same effect); check also that the robot stood still"
+    "has the same effect); also check that the robot stood still"
 )
 # Description of each check for the report, and advice when its result is not good.
 TEXTS = {
@@ -33,7 +33,7 @@ TEXTS = {
     ),
     "focal length sigma": (
         "Standard deviation of the focal length estimated from the board pictures.",
-        "tilt the board more, bring it nearer, take more pictures",
+        "tilt the board more, bring it nearer, or take more pictures",
     ),
     "halves disagree by": (
         "RMS difference of lens models fitted to two halves of the pictures, at floor distance.",
@@ -52,13 +52,13 @@ TEXTS = {
         "take more pictures of the board; place the crosses further apart",
     ),
     "mount off its place": (
-        "Distance between the fitted optical centre and the one in the robot's URDF.",
+        "Distance between the fitted optical centre and that in the robot's URDF.",
         MEASURE_MOUNT,
     ),
-    "mount turned": ("Angle between the fitted mount and the one in the robot's URDF.", MEASURE_MOUNT),
+    "mount turned": ("Angle between the fitted mount and that in the robot's URDF.", MEASURE_MOUNT),
     "plane residual": (
         "RMS height error of the plates, measured with the laser planes that were fitted to them.",
-        "check that plates are flat and level and nothing moved between the scans",
+        "check that the plates are flat and level and that nothing moved between the scans",
     ),
     LEFT_OUT: (
         "RMS height error of the worst plate, measured with laser planes that were fitted to the other plates only.",
@@ -81,8 +81,8 @@ TEXTS = {
         "expose less, focus the laser line",
     ),
     "mount by joints and gravity": (
-        "Angle between the mount computed with the joint angles and the one computed with gravity.",
-        "level the floor; check that all soles lie flat on it, the zeros of the joints, and how the IMU is mounted",
+        "Angle between the mount computed with the joint angles and that computed with gravity.",
+        "level the floor; check that all soles lie flat on it, and check the joints' zeros and the mount of the IMU",
     ),
 }
 # Number of soles that define a plane.

@@ -27,7 +27,8 @@ ANGLES = np.deg2rad((0.0, 15.0, -15.0, 30.0, -30.0, 45.0))
 CANDIDATES = 3
 # Misfit that has the same weight in the choice between candidates as a decrease of the correlation by 1.
 SCORE_WEIGHT_M = 0.02
-# Factor by which the fit's sigma is enlarged; it is too small because the pixels of a mark share blur and texture.
+# Factor by which the fit's sigma is enlarged. The fit underestimates it, because the pixels of a mark share blur and
+# texture.
 SIGMA_FACTOR = 2.0
 SIGMA_FLOOR_PX = 0.02
 # Largest number of function evaluations of a fit: a cross needs 10 to 30, floor texture needs more.

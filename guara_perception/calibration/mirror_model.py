@@ -18,7 +18,7 @@ class MirrorModel(FrozenArrays):
     """Fixed laser plane, and a mirror that rotates about an axis in its own face, in one frame.
 
     At mirror angle theta, the fixed laser plane is reflected in a mirror with the normal m = Rot(axis, gain theta) m0.
-    The reflected plane is n = (I - 2 m m') n0, d = d0 + 2 (n0 . m)(m . q). It rotates by twice the mirror angle.
+    The reflected plane is n = (I - 2 m m') n0, d = d0 + 2 (n0 . m)(m . q), which rotates by twice the mirror angle.
 
     Attributes:
         laser_plane: (4,) plane n0 . X + d0 = 0 of the light before the mirror, n0 a unit vector.

@@ -64,7 +64,7 @@ def fit_stripes(
     Each plane deviates from the model's plane in three degrees of freedom: turn about the mirror axis, tilt along the
     stripe, and shift. The turn has a wide prior, because it contains the error of the stepper. The priors of tilt and
     shift are estimated from the agreement of the stripes with the model. Each line is also rotated by the jitter of the
-    mirror, an error common to all columns of the line; if it were neglected, the sigmas would be too small.
+    mirror, an error common to all columns of the line. If the jitter were neglected, the sigmas would be too small.
 
     Args:
         lines: lines of all stripes on all plates.

@@ -19,9 +19,9 @@ from kinematics import RobotModel
 
 # Order of the swings: one leg at a time, hind before front on each side.
 LIFT_ORDER = ("rh", "rf", "lh", "lf")
-# All in metres: nominal landing ahead of the hip; largest lateral distance of a landing from the track of the foot;
-# width of the strips across the track, in each of which only the best place is a candidate; and height of the hips
-# above the soles in the test of reach.
+# Lengths [m]: nominal landing ahead of the hip; largest lateral distance of a landing from the track of the foot; width
+# of the strips across the track, each of which contributes only its best place; and height of the hips above the soles
+# in the test of reach.
 AHEAD_OF_HIP, ASIDE, STRIP, HIP_HEIGHT = 0.075, 0.08, 0.015, 0.33
 # Allowed length of a step [m]. Odometry cannot distinguish a shorter step from a slip; a longer one is too fast.
 SHORTEST_STEP, LONGEST_STEP = 0.060, 0.300
