@@ -308,8 +308,8 @@ def test_a_floor_that_is_not_level_is_not_good(
     found = calibrate_session(dataclasses.replace(session, stance=stance), robot)
     reported = [reason for reason in found.reasons if reason.startswith("mount by joints and gravity")]
     assert reported == [
-        "mount by joints and gravity is 1 degrees, above 0.5: level the floor; check that all soles lie flat on it, and "
-        "check the joints' zeros and the mount of the IMU"
+        "mount by joints and gravity is 1 degrees, above 0.5: level the floor; check that all soles lie flat on it, "
+        "and check the joints' zeros and the mount of the IMU"
     ]
     assert found.verdict == "usable"
     assert not any("joints and gravity" in reason or reason.startswith("mount turned") for reason in result.reasons)

@@ -109,7 +109,7 @@ def test_arrays_are_copies_and_read_only():
         ({"matrix": np.diag([590.0, 588, 2])}, "last row of 0 0 1"),
         ({"matrix": MATRIX + [[0, 0.5, 0], [0, 0, 0], [0, 0, 0]]}, "camera matrix has a skew"),
         ({"matrix": MATRIX.T}, "last row of 0 0 1"),
-        ({"distortion": np.zeros(4)}, "camera distortion has 4 values, it must be 5"),
+        ({"distortion": np.zeros(4)}, "camera distortion has 4 values; 5 finite ones"),
         ({"distortion": np.full(5, np.inf)}, "5 finite ones are needed"),
     ],
 )
