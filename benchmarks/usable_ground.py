@@ -2,7 +2,7 @@
 
 Walks over random worlds, scanned frame by frame, against the oracle: the same limits and sole on complete true heights.
 With --rendered single scans of rendered pictures in place of walks; with --recall walks over one kind of ground each;
-with --maps clouds by other robots, which have no oracle.
+with --rims walks of a Go2 past trenches; with --maps clouds by other robots, which have no oracle.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from benchmarks.command import options
 from benchmarks.fused_walk import JudgedPause, judged_walk
 from benchmarks.others_maps import judge_maps
 from benchmarks.recall import DANGEROUS_RELIEF_M, causes, recall_of_kinds, relief_under, sole_window
+from benchmarks.rims import trenches
 from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
 from guara_perception.simulation import World
@@ -53,6 +54,7 @@ def main() -> None:
         mode=("coarse", "scan mode", {"choices": ("coarse", "standard", ADAPTIVE)}),
         cycles=(10, "cycles of each walk"),
         recall=(False, "by kinds of ground"),
+        rims=(False, "what trenches bar for a Go2"),
         kinds=([*KINDS, MOVING], "kinds of --recall", {"choices": (*KINDS, MOVING)}),
         kept=(Path, "folder that keeps the scans from run to run"),
         maps=(Path, "folder of PCD files by other robots: judge these instead"),
@@ -60,6 +62,9 @@ def main() -> None:
     )
     if asked.maps:
         judge_maps(asked.maps)
+        return
+    if asked.rims:
+        trenches(asked.seeds, asked.mode, asked.cycles)
         return
     robot = load_robot("guara")
     if asked.recall:

@@ -75,7 +75,8 @@ joints = [{", ".join(f'"{joint}"' for joint in leg.joints)}]
         minimum=-1.5 * SWING_HEIGHT_M - 0.01,
         # The body tilts by 3 degrees if a foot drops by this height.
         drop=min(round(0.055 * p.scan.hip_height, 3), 0.020),
-        disc=max(0.015, round(min(p.sole) / 4.0, 3)),
+        # Beside the sole it also covers the rest of a ball, so that nothing below it rises by more than a step.
+        disc=max(0.015, round(min(p.sole) / 4.0, 3), round(p.sole_radius - min(p.sole) / 2.0, 3)),
         pauses=min(cycles * PAUSES, 255),
         seconds=cycles * (CYCLE_S + PAUSES * SCAN_S),
         cycle=CYCLE_S,
@@ -129,7 +130,7 @@ def _sole_reason(p: Proposal) -> str:
     foot = p.legs[0].foot
     if not foot.shapes:
         return "the URDF gives the foot no shape: a guess"
-    return "all of the round foot, seen from above" if foot.is_round else "the foot's collision shape"
+    return "where the round foot rests as it rolls: 0.55 of it" if foot.is_round else "the foot's collision shape"
 
 
 def _height_reason(p: Proposal) -> str:

@@ -23,6 +23,9 @@ PATTERN_MARGIN_M = 0.006
 # Side of a sole if the foot has no shape [m].
 UNKNOWN_SOLE_M = 0.030
 LEAST_SOLE_M = 0.020
+# Part of a ball's diameter on which it may come to rest: on level ground its contact rolls by up to a sixth of the
+# diameter while it stands, and rubber flattens by a tenth, both on either side.
+CONTACT_SHARE = 0.55
 HALF_SWING_M = 0.07
 
 
@@ -158,14 +161,15 @@ def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> 
 def _sole(feet: list[Foot]) -> tuple[float, float]:
     """Length and width of a sole [m], each the smallest over all feet.
 
-    Length and width of a flat foot are its two longer sides; a round foot has its smallest extent for both.
+    Length and width of a flat foot are its two longer sides; a round foot has the part of its diameter on which it may
+    come to rest for both.
     """
     lengths: list[tuple[float, ...]] = []
     for foot in feet:
         if not foot.shapes:
             lengths.append((UNKNOWN_SOLE_M, UNKNOWN_SOLE_M))
         elif foot.is_round:
-            lengths.append((foot.size.min(), foot.size.min()))
+            lengths.append((min(foot.size.min(), CONTACT_SHARE * foot.size.max()),) * 2)
         else:
             lengths.append(tuple(np.sort(foot.size)[:0:-1]))
     length, width = (max(round(float(side) - 0.0005, 3), LEAST_SOLE_M) for side in np.min(lengths, axis=0))

@@ -106,6 +106,8 @@ def test_odometry_takes_ball_feet_where_they_touch_the_ground(tmp_path: Path) ->
     way = 16 * advance
     assert robot.config.sole_radius == pytest.approx(0.023, abs=1e-4)
     assert abs(np.mean(rolled[4:])) > 0.04 * (swing - advance)
+    # With the rubber flattened by a fifth of the radius, the contact stays within the sole.
+    assert np.abs(rolled).max() + 0.2 * robot.config.sole_radius < robot.sole[0] / 2
     assert abs(result.transform_footprint_to_odom[0, 3] - way) < 0.005 * way
 
 
