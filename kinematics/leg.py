@@ -1,17 +1,19 @@
-"""Inverse kinematics of one leg: closed-form for hip roll and three pitch joints in one plane, otherwise numeric.
+"""Kinematics of one leg: closed form for hip roll and two or three pitch joints, else numeric.
 
-A leg that fits the closed form is recognised by its geometry, not by names: the first axis is along x, the others are
-along y, all joints and the sole are in one plane through the first axis, and the hip roll and hip pitch axes intersect.
-Thigh, shank and foot are vectors in that plane and may have any direction. With r the sole relative to the hip and phi
-the sole's pitch in the leg's plane:
+The leg is recognised by its geometry, not by its names: the first axis along x, the others along y, the second at the
+height of the first. Thigh, shank and foot are vectors in the plane across the pitch axes, which is `aside` of the first
+axis, and may have any direction. With r the sole relative to the hip, d aside, and phi the sole's pitch in the plane:
 
-    hip roll     q1 = atan2(r_y, -r_z);   in the plane the sole is at (r_x, -sqrt(r_y^2 + r_z^2))
+    hip roll     in the plane the sole is at (r_x, -h), h^2 = r_y^2 + r_z^2 - d^2
+                 q1 = atan2(r_z, r_y) - atan2(-h, d)
     ankle        a = sole - Ry(phi) foot
     knee bend    cos b = (|a|^2 - l1^2 - l2^2) / (2 l1 l2), b with its sign in the standing posture
     thigh        at the angle psi(a) - atan2(l2 sin b, l1 + l2 cos b) from straight down
     ankle pitch  q4 = phi - q2 - q3
 
-psi(v) is the angle about y that rotates "straight down" onto v. The computation is vectorised over soles.
+psi(v) is the angle about y that turns "straight down" onto v. Everything is vectorised over soles. A leg of three
+joints has no foot and no phi; its shank ends at the ball of a round foot. The ball lies above the sole, and a little
+beside it when it has rolled (`RobotState.soles_in_base`), which a few iterations find.
 
 For other legs, `NumericLeg` runs damped Gauss-Newton on a Pinocchio model of that leg alone. Three joints can only
 place the sole centre; legs of four joints or more also solve for the sole's pitch. Soles are solved one at a time, each
@@ -41,57 +43,79 @@ TOLERANCE = 1e-9
 LARGEST_STEP = 0.3
 # Tolerance of lengths [m] and axes [-] in recognising a leg: the closed form must match the URDF up to rounding.
 GEOMETRY_TOLERANCE = 1e-9
-# Rounding error by which the cosine of a straight knee may exceed 1.
+# The place of a ball changes about a tenth as much with each iteration, and the last time by less than this [m]; where
+# it does not, the knee is straight.
+BALL_ITERATIONS, BALL_TOLERANCE = 12, 1e-7
+# Rounding may take the cosine of a straight knee this far beyond 1.
 ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegGeometry:
-    """Geometry of a four-joint leg that fits the closed form, with its forward and inverse kinematics.
+    """Lengths and axis directions of a leg of three or four joints.
 
     Attributes:
-        hip: (3,) intersection of the first two axes in `base_link` [m].
-        senses: (4,) +1 for an axis along x, y, y, y of `base_link`, respectively, -1 for an axis in the opposite
-            direction.
-        thigh, shank, foot: (2,) vectors (x, z) in the leg's plane at zero angles [m].
+        hip: (3,) place on the first axis at the x of the second, in `base_link` [m].
+        aside: from there to the leg's plane along y at zero roll [m].
+        senses: (joints,) +1 where an axis points along x, y, y, y of `base_link`, -1 where it is opposite.
+        thigh, shank, foot: (2,) vectors (x, z) in the leg's plane at zero angles [m]; no foot on three joints.
+        radius: of the ball of a round foot at the end of a leg of three joints, else 0 [m].
+        up: (3,) z axis of the sole frame at zero angles.
         knee_sign: sign of the knee bend b in the standing posture.
-        lower, upper: (4,) joint limits [rad].
+        lower, upper: (joints,) joint limits [rad].
     """
 
     hip: Float
+    aside: float
     senses: Float
     thigh: Float
     shank: Float
     foot: Float
+    radius: float
+    up: Float
     knee_sign: float
     lower: Float
     upper: Float
 
     def soles_in_base(self, joint_positions: npt.ArrayLike) -> Float:
-        """Sole centres (..., 3) in `base_link` [m] at joint positions (..., 4) [rad]."""
-        roll, *pitches = np.moveaxis(np.asarray(joint_positions, dtype=np.float64) * self.senses, -1, 0)
-        plane = np.zeros((*roll.shape, 2))
-        angle = np.zeros_like(roll)
-        for pitch, bone in zip(pitches, (self.thigh, self.shank, self.foot), strict=True):
-            angle = angle + pitch
-            plane += _turned(bone, angle)
-        down = -plane[..., 1]
-        return np.stack([plane[..., 0], down * np.sin(roll), -down * np.cos(roll)], axis=-1) + self.hip
+        """Forward kinematics: joint positions (..., joints) [rad] -> sole centres (..., 3) in `base_link` [m]."""
+        turns = np.asarray(joint_positions, dtype=np.float64) * self.senses
+        return self._end(turns, (self.thigh, self.shank, self.foot)) - self._ball(turns)
+
+    def shanks_in_base(self, joint_positions: npt.ArrayLike) -> tuple[Float, Float]:
+        """Knees, and ankles or balls (..., 3) in `base_link` [m], for joint positions (..., joints) [rad]."""
+        turns = np.asarray(joint_positions, dtype=np.float64) * self.senses
+        return self._end(turns, (self.thigh,)), self._end(turns, (self.thigh, self.shank))
 
     def solve(self, soles_in_base: Float, sole_pitch: Float) -> Float:
         """Compute the joint positions that place the sole at given points with a given pitch.
 
         Args:
             soles_in_base: (n, 3) sole centres [m].
-            sole_pitch: (n,) pitch of the sole in the leg's plane [rad].
+            sole_pitch: (n,) pitch of the sole in the leg's plane [rad]; ignored by a leg of three joints.
 
         Returns:
-            (n, 4) joint positions [rad], not checked against limits; NaN for a sole too far from the hip or too near.
+            (n, joints) joint positions [rad], not checked against limits; NaN where the sole is too far or too near.
         """
-        reach = soles_in_base - self.hip
-        roll = np.arctan2(reach[:, 1], -reach[:, 2])
-        ankle = np.column_stack([reach[:, 0], -np.hypot(reach[:, 1], reach[:, 2])])
-        ankle -= _turned(self.foot, sole_pitch)
+        ball = np.array([0.0, 0.0, self.radius])
+        turns = self._solve(soles_in_base + ball, sole_pitch)
+        if self.radius:
+            for _ in range(BALL_ITERATIONS):
+                last, ball = ball, self._ball(turns)
+                turns = self._solve(soles_in_base + ball, sole_pitch)
+                missed = np.abs(ball - last).max(axis=-1, initial=0.0)
+                if not (missed > BALL_TOLERANCE).any():  # NaN stays NaN.
+                    break
+            turns[missed > BALL_TOLERANCE] = np.nan
+        return np.asarray(turns * self.senses)
+
+    def _solve(self, ends: Float, sole_pitch: Float) -> Float:
+        """Turns (n, joints) about x, y, y, y [rad] that bring the end of the leg to places (n, 3)."""
+        reach = ends - self.hip
+        with np.errstate(invalid="ignore"):
+            down = np.sqrt(reach[:, 1] ** 2 + reach[:, 2] ** 2 - self.aside**2)
+        roll = np.arctan2(reach[:, 2], reach[:, 1]) - np.arctan2(-down, self.aside)
+        ankle = np.column_stack([reach[:, 0], -down]) - _turned(self.foot, sole_pitch)
         one, two = np.linalg.norm(self.thigh), np.linalg.norm(self.shank)
         cosine = (np.einsum("ni,ni->n", ankle, ankle) - one**2 - two**2) / (2.0 * one * two)
         with np.errstate(invalid="ignore"):
@@ -101,9 +125,29 @@ class LegGeometry:
         thigh = _angle(ankle) - np.arctan2(two * np.sin(bend), one + two * np.cos(bend))
         hip_pitch = thigh - _angle(self.thigh)
         knee = bend + _angle(self.thigh) - _angle(self.shank)
-        turns = np.column_stack([roll, hip_pitch, knee, sole_pitch - hip_pitch - knee])
+        turns = np.column_stack([roll, hip_pitch, knee, sole_pitch - hip_pitch - knee])[:, : len(self.senses)]
         turns[np.isnan(bend)] = np.nan
-        return np.asarray((np.remainder(turns + np.pi, 2.0 * np.pi) - np.pi) * self.senses)
+        return np.asarray(np.remainder(turns + np.pi, 2.0 * np.pi) - np.pi)
+
+    def _end(self, turns: Float, bones: tuple[Float, ...]) -> Float:
+        """Where bones in the leg's plane lead to (..., 3) [m], by turns (..., joints) [rad]."""
+        plane, angle = np.zeros((*turns.shape[:-1], 2)), np.zeros(turns.shape[:-1])
+        for joint, bone in zip(range(1, turns.shape[-1]), bones, strict=False):
+            angle = angle + turns[..., joint]
+            plane += _turned(bone, angle)
+        return self.hip + _rolled(plane, self.aside, turns[..., 0])
+
+    def _ball(self, turns: Float) -> Float:
+        """From the sole to the centre of the ball (..., 3) [m]."""
+        leaning = _rolled(_turned(self.up[::2], turns[..., 1:].sum(axis=-1)), self.up[1], turns[..., 0])
+        leaning[..., 2] = 1.0
+        return self.radius * leaning
+
+
+def _rolled(plane: Float, aside: float, roll: Float) -> Float:
+    """Vectors (x, z) in the leg's plane and y beside it, turned about x by angles (...), as an array (..., 3)."""
+    z, c, s = plane[..., 1], np.cos(roll), np.sin(roll)
+    return np.stack([plane[..., 0], c * aside - s * z, s * aside + c * z], axis=-1)
 
 
 def _turned(vector: Float, angle: Float) -> Float:
@@ -124,8 +168,6 @@ def find_leg_geometry(tree: KinematicTree, leg: str) -> LegGeometry | None:
         UnknownName: the robot has no such leg.
     """
     config = tree.leg(leg)
-    if len(config.joints) != 4:
-        return None
     path = tree.urdf.path_to(config.sole)
     transform, axes, origins = np.eye(4), [], []
     for joint in path:
@@ -133,27 +175,35 @@ def find_leg_geometry(tree: KinematicTree, leg: str) -> LegGeometry | None:
         if joint.kind == "revolute":
             axes.append(transform[:3, :3] @ joint.axis)
             origins.append(transform[:3, 3])
-    sole = transform[:3, 3]
-    wanted = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
-    if len(axes) != 4 or not _close(transform[:3, :3], np.eye(3)):
+    count = len(config.joints)
+    if count not in (3, 4) or len(axes) != count:
         return None
+    wanted = np.array([[1.0, 0.0, 0.0], *[[0.0, 1.0, 0.0]] * (count - 1)])
     senses = np.sign(np.einsum("ij,ij->i", wanted, axes))
-    points = np.array([*origins, sole])
-    in_one_plane = _close(points[:, 1], points[0, 1]) and _close(points[1, 2], points[0, 2])
-    if not in_one_plane or not _close(np.array(axes), wanted * senses[:, None]):
+    # A foot with an ankle is level at zero pitch; one without is a ball, or a point.
+    radius = tree.config.sole_radius if count == 3 else 0.0
+    points = np.array([*origins, transform[:3, 3] + radius * transform[:3, 2]])
+    aside = points[-1, 1] - points[0, 1]
+    is_usual = _close(points[1, 2], points[0, 2]) and _close(np.array(axes), wanted * senses[:, None])
+    if count == 4:
+        is_usual = is_usual and _close(points[:, 1], points[0, 1]) and _close(transform[:3, :3], np.eye(3))
+    if not is_usual:
         return None
     columns = [tree.joint_index(joint) for joint in config.joints]
     lower, upper = tree.lower_limits[columns], tree.upper_limits[columns]
-    thigh, shank, foot = (np.delete(points[i + 1] - points[i], 1) for i in (1, 2, 3))
+    thigh, shank, *feet = (np.delete(points[i + 1] - points[i], 1) for i in range(1, count))
     if min(np.linalg.norm(thigh), np.linalg.norm(shank)) < GEOMETRY_TOLERANCE:
         return None
     bend = senses[2] * tree.nominal[columns[2]] + _angle(shank) - _angle(thigh)
     return LegGeometry(
-        hip=read_only(points[1]),
+        hip=read_only(np.array([points[1, 0], *points[0, 1:]])),
+        aside=float(aside),
         senses=read_only(senses),
         thigh=read_only(thigh),
         shank=read_only(shank),
-        foot=read_only(foot),
+        foot=read_only(feet[0] if feet else np.zeros(2)),
+        radius=radius,
+        up=read_only(transform[:3, 2]),
         knee_sign=1.0 if bend >= 0.0 else -1.0,
         lower=lower,
         upper=upper,
@@ -188,7 +238,7 @@ class NumericLeg:
         self.seeks_pitch = len(config.joints) >= 4
         data = self._model.createData()
         pinocchio.framesForwardKinematics(self._model, data, self._configuration(self._start))
-        self._hip = np.array(data.oMi[1].translation)
+        self.hip = np.array(data.oMi[1].translation)
         joints = [np.array(data.oMi[index].translation) for index in range(1, self._model.njoints)]
         points = [*joints, np.array(data.oMf[self._sole].translation)]
         self._longest = float(sum(np.linalg.norm(b - a) for a, b in pairwise(points)))
@@ -208,7 +258,7 @@ class NumericLeg:
         solutions = np.full((len(soles_in_base), len(self._order)), np.nan)
         last: Float | None = None
         for row, (sole, pitch) in enumerate(zip(soles_in_base, sole_pitch, strict=True)):
-            if not np.all(np.isfinite(sole)) or np.linalg.norm(sole - self._hip) > self._longest:
+            if not np.all(np.isfinite(sole)) or np.linalg.norm(sole - self.hip) > self._longest:
                 continue
             found = self._solve_one(data, sole, pitch, last) if last is not None else None
             last = found if found is not None else self._solve_one(data, sole, pitch, self._start)
@@ -244,7 +294,7 @@ class NumericLeg:
         if not self.seeks_pitch:
             return error, jacobian
         # Pitch is measured in the plane through the x axis, the hip and the target, as in the closed form.
-        reach = (sole - self._hip) * (0.0, 1.0, 1.0)
+        reach = (sole - self.hip) * (0.0, 1.0, 1.0)
         up = -reach / max(float(np.linalg.norm(reach)), 1e-12)
         along = placement.rotation[:, 0]
         forward, rise = along[0], along @ up

@@ -48,11 +48,6 @@ def test_soles_out_of_reach_have_no_solution() -> None:
     assert np.isnan(geometry.solve(soles, np.zeros(3))).all()
 
 
-def test_second_robot_is_recognised_as_another_build(tapir: RobotModel) -> None:
-    """A leg of three joints with a hip offset does not fit the closed form."""
-    assert all(find_leg_geometry(tapir.tree, leg) is None for leg in tapir.legs)
-
-
 def test_legs_are_recognised_by_geometry_not_by_name(
     broken_folder: Callable[..., Path], guara: RobotModel, tmp_path: Path
 ) -> None:
@@ -117,6 +112,35 @@ def test_numeric_solver_agrees_with_the_closed_form(guara: RobotModel) -> None:
     np.testing.assert_allclose(numeric, exact, atol=1e-6)
 
 
+def test_legs_of_three_joints_have_a_closed_form(tapir: RobotModel) -> None:
+    """With a hip offset; as Pinocchio and the numeric solver have it, out of reach too."""
+    rng = np.random.default_rng(6)
+    for leg in tapir.legs:
+        geometry = find_leg_geometry(tapir.tree, leg)
+        assert geometry is not None and abs(geometry.aside) > 0.01 and geometry.radius == 0.0
+        names = tapir.tree.leg(leg).joints
+        bends = rng.uniform(
+            0.9 * geometry.lower + 0.1 * geometry.upper, 0.1 * geometry.lower + 0.9 * geometry.upper, (15, 3)
+        )
+        states = [tapir.state(tapir.posture("scan") | dict(zip(names, each.tolist(), strict=True))) for each in bends]
+        soles = np.array([state.soles_in_base([leg])[0] for state in states])
+        np.testing.assert_allclose(geometry.soles_in_base(bends), soles, atol=1e-12)
+        knees, ends = geometry.shanks_in_base(bends)
+        shank = tapir.tree.urdf.path_to(tapir.tree.leg(leg).sole)[2].child
+        np.testing.assert_allclose(knees, [state.position_in_base(shank) for state in states], atol=1e-12)
+        np.testing.assert_allclose(ends[:, 2], soles[:, 2], atol=1e-12)
+        asked = np.concatenate((soles, soles + rng.uniform(-0.1, 0.1, soles.shape), np.full((1, 3), np.nan)))
+        exact = geometry.solve(asked, np.zeros(len(asked)))
+        np.testing.assert_allclose(geometry.soles_in_base(exact[:15]), soles, atol=1e-9)
+        exact[~tapir.reachable(leg, asked)] = np.nan
+        numeric = NumericLeg(tapir.tree, leg, 0.5 * (geometry.lower + geometry.upper)).solve(
+            asked, np.zeros(len(asked))
+        )
+        both = np.isfinite(numeric[:, 0]) & np.isfinite(exact[:, 0])
+        assert both.sum() > 10 and not np.isfinite(numeric[~np.isfinite(exact[:, 0]), 0]).any()
+        np.testing.assert_allclose(geometry.soles_in_base(numeric[both]), asked[both], atol=1e-8)
+
+
 def test_numeric_solver_places_a_point_foot(tapir: RobotModel) -> None:
     """Legs of three joints reach their targets to 1e-8 m by Pinocchio's own forward kinematics, within limits."""
     rng = np.random.default_rng(6)
@@ -128,9 +152,9 @@ def test_numeric_solver_places_a_point_foot(tapir: RobotModel) -> None:
         for positions in rng.uniform(0.9 * lower + 0.1 * upper, 0.1 * lower + 0.9 * upper, (15, 3)):
             joints = tapir.posture("scan") | dict(zip(names, positions.tolist(), strict=True))
             soles.append(tapir.state(joints).soles_in_base([leg])[0])
-        reach = tapir.reach(leg, soles)
-        assert reach.is_reachable.mean() > 0.9
-        for sole, positions in zip(soles, reach.joint_positions, strict=True):
+        found = NumericLeg(tapir.tree, leg, tapir.tree.nominal[columns]).solve(np.array(soles), np.zeros(len(soles)))
+        assert np.isfinite(found[:, 0]).mean() > 0.9
+        for sole, positions in zip(soles, found, strict=True):
             if np.isfinite(positions).all():
                 joints = tapir.posture("scan") | dict(zip(names, positions.tolist(), strict=True))
                 np.testing.assert_allclose(tapir.state(joints).soles_in_base([leg])[0], sole, atol=1e-8)
