@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy.typing as npt
 
 from kinematics.arrays import Float, Mask
-from kinematics.exceptions import named
-from kinematics.reach import Reach, reach_in_base
+from kinematics.exceptions import ArgumentError, named
+from kinematics.leg import NumericLeg
+from kinematics.reach import Reach, leg_kinematics, reach_from_bodies, reach_in_base
 from kinematics.robot_settings import RobotSettings
 from kinematics.robot_toml import RobotToml
 from kinematics.scan_pattern import pattern_misses
@@ -144,6 +145,22 @@ class RobotModel:
     def reach(self, leg: str, soles_in_base: npt.ArrayLike, sole_pitch: npt.ArrayLike = 0.0) -> Reach:
         """Joint positions that place a leg's sole at points (..., 3) in `base_link`; see `kinematics.reach_in_base`."""
         return reach_in_base(self.tree, leg, soles_in_base, sole_pitch)
+
+    def reach_from(self, leg: str, soles: npt.ArrayLike, transforms_base_to_ground: npt.ArrayLike) -> Reach:
+        """As `reach`, for level soles on the ground below bodies anywhere; see `kinematics.reach_from_bodies`."""
+        return reach_from_bodies(self.tree, leg, soles, transforms_base_to_ground)
+
+    def shanks(self, leg: str, joint_positions: npt.ArrayLike) -> tuple[Float, Float]:
+        """Knees, and ankles or balls of the feet, (..., 3) each in `base_link` [m], for a leg's joints (..., n) [rad].
+
+        Raises:
+            UnknownName: no such leg.
+            ArgumentError: the leg is not of hip roll and two or three pitch joints.
+        """
+        solver = leg_kinematics(self.tree, leg)
+        if isinstance(solver, NumericLeg):
+            raise ArgumentError(f"leg {leg!r} of {self.name!r} is of another build; allowed: roll, 2 or 3 pitch joints")
+        return solver.shanks_in_base(joint_positions)
 
     def reachable(self, leg: str, soles_in_base: npt.ArrayLike, sole_pitch: npt.ArrayLike = 0.0) -> Mask:
         """Mask (...) of the points (..., 3) in `base_link` [m] that a leg's sole reaches within the joint limits."""

@@ -90,17 +90,41 @@ def reach_from_pose(pose: StancePose, leg: str, soles_in_footprint: npt.ArrayLik
     """
     soles = checked_points(soles_in_footprint, "soles_in_footprint")
     in_base = transform_points(pose.transform_footprint_to_base, soles)
-    return reach_in_base(pose.state.tree, leg, in_base, level_sole_pitch(pose, leg, in_base))
+    return reach_in_base(
+        pose.state.tree, leg, in_base, level_sole_pitch(pose.state.tree, leg, in_base, pose.up_in_base)
+    )
 
 
-def level_sole_pitch(pose: StancePose, leg: str, soles_in_base: Float) -> Float:
+def reach_from_bodies(
+    tree: KinematicTree, leg: str, soles: npt.ArrayLike, transforms_base_to_ground: npt.ArrayLike
+) -> Reach:
+    """Inverse kinematics of one leg for level soles on the ground, for bodies that stand anywhere over it.
+
+    Args:
+        tree: the robot's kinematic tree.
+        leg: name of the leg.
+        soles: (..., 3) sole centres [m], in a frame whose z axis is vertical.
+        transforms_base_to_ground: (..., 4, 4) poses of the body in that frame, broadcast against the soles.
+
+    Raises:
+        UnknownName: no such leg.
+        ArgumentError: wrong shape.
+    """
+    points = checked_points(soles, "soles")
+    bodies = np.asarray(transforms_base_to_ground, dtype=np.float64)
+    if bodies.shape[-2:] != (4, 4):
+        raise ArgumentError(f"transforms_base_to_ground has shape {bodies.shape}; (..., 4, 4) is needed")
+    rotations = bodies[..., :3, :3]
+    in_base = np.squeeze((points - bodies[..., :3, 3])[..., None, :] @ rotations, axis=-2)
+    return reach_in_base(tree, leg, in_base, level_sole_pitch(tree, leg, in_base, rotations[..., 2, :]))
+
+
+def level_sole_pitch(tree: KinematicTree, leg: str, soles_in_base: Float, up_in_base: Float) -> Float:
     """Pitch (...) [rad] in the leg's plane that makes the soles' x axis horizontal, for soles (..., 3) in `base_link`.
 
-    At hip roll q and pitch p, the sole's x axis is (cos p, sin q sin p, -cos q sin p). It is perpendicular to the
-    vertical u if tan p = u_x / (u_z cos q - u_y sin q).
+    At hip roll q and pitch p, the sole's x axis is (cos p, sin q sin p, -cos q sin p). It is horizontal if
+    perpendicular to the vertical u (..., 3): tan p = u_x / (u_z cos q - u_y sin q).
     """
-    up = pose.up_in_base
-    hip = pose.state.position_in_base(pose.state.tree.leg(leg).hip)
-    reach = soles_in_base - hip
+    reach, up = soles_in_base - leg_kinematics(tree, leg).hip, np.moveaxis(up_in_base, -1, 0)
     roll = np.arctan2(reach[..., 1], -reach[..., 2])
     return np.asarray(np.arctan2(up[0], up[2] * np.cos(roll) - up[1] * np.sin(roll)))

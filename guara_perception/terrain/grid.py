@@ -17,6 +17,7 @@ from guara_perception.terrain.questions.normal import normal_at as _normal_at
 from guara_perception.terrain.questions.obstacles import obstacles as _obstacles
 from guara_perception.terrain.questions.path import check_path as _check_path
 from guara_perception.terrain.questions.path import check_polygon as _check_polygon
+from guara_perception.terrain.questions.path import highest_at as _highest_at
 from guara_perception.terrain.questions.points import coarser as _coarser
 from guara_perception.terrain.questions.points import height_scan as _height_scan
 from guara_perception.terrain.questions.points import points as _points
@@ -55,6 +56,7 @@ class TerrainGrid(LayeredGrid):
     best_refused = _best_refused
     leg_clearance = _leg_clearance
     check_path = _check_path
+    highest_at = _highest_at
     swing = _swing
     steppable_region = _steppable_region
     steppable_regions = _steppable_regions

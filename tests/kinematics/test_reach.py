@@ -85,3 +85,23 @@ def test_bad_arguments_are_refused(robot: RobotModel) -> None:
         robot.reach(robot.legs[0], np.zeros((2, 3)), np.zeros(3))
     with pytest.raises(ArgumentError, match=r"soles_in_footprint has shape \(2,\)"):
         reach_from_pose(pose, robot.legs[0], [0.0, 0.0])
+    with pytest.raises(ArgumentError, match=r"transforms_base_to_ground has shape \(3,\); \(\.\.\., 4, 4\) is needed"):
+        robot.reach_from(robot.legs[0], np.zeros(3), np.zeros(3))
+
+
+def test_a_body_that_shifts_reaches_the_same_places_less_its_shift(robot: RobotModel) -> None:
+    """From bodies that are moved and tilted: as `reach_from_pose` of such a stance, and where a sole stands, it is."""
+    rotation = rotation_from_rpy(0.04, -0.05, 0.0)
+    gravity = rotation.T @ (0.0, 0.0, -1.0)
+    pose = robot.stance_pose(Stance(robot.posture("scan"), robot.legs, tuple(gravity.tolist())), find_unloaded=False)
+    leg, shift = robot.legs[0], np.array([0.03, -0.02, -0.01])
+    bodies = np.array([pose.transform_base_to_footprint, pose.transform_base_to_footprint])
+    bodies[1, :3, 3] += shift
+    sole = pose.soles_in_footprint[0]
+    soles = np.array([sole, sole + (0.02, 0.01, 0.0)])
+    here, there = robot.reach_from(leg, soles, bodies[0]), robot.reach_from(leg, soles + shift, bodies[1])
+    np.testing.assert_allclose(here.joint_positions, reach_from_pose(pose, leg, soles).joint_positions, atol=1e-6)
+    np.testing.assert_allclose(there.joint_positions, here.joint_positions, atol=1e-6)
+    both = robot.reach_from(leg, soles[0] + shift, bodies)
+    assert both.is_reachable.shape == (2,)
+    np.testing.assert_allclose(both.joint_positions[1], here.joint_positions[0], atol=1e-6)

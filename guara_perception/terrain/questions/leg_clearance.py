@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-from guara_perception.arrays import Array, Float
 from guara_perception.settings import RobotLike
-from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.leg_reach import pose_of
-from guara_perception.terrain.questions.path import UNRELIABLE, swing_ground
+from guara_perception.terrain.questions.path import highest_ground, swing_ground
 from kinematics import StanceError, foothold_clearance
 
 
@@ -42,17 +42,9 @@ def leg_clearance(
     # A height that was rounded counts with the least value that it may have had.
     sole = np.array([x, y, float(terrain.height_at(x, y)) - terrain.record.checked_rounding.elevation])
     ground = swing_ground(terrain, np.nan_to_num(sole))
-    sigma = np.sqrt(ground.variance.astype(np.float64))
-    bound = np.where((ground.hazard & (UNKNOWN_MASK | UNRELIABLE)) == 0, ground.top + ground.confidence * sigma, np.nan)
-
-    def highest(at_x: Float, at_y: Float) -> Array:
-        iy, ix = terrain.geometry.indices(at_x, at_y)
-        inside = terrain.geometry.contains(iy, ix)
-        return np.where(inside, bound[np.where(inside, iy, 0), np.where(inside, ix, 0)], np.nan)
-
     if not np.isfinite(sole).all():
         return np.nan
     try:
-        return foothold_clearance(pose, leg, sole, highest).leg
+        return foothold_clearance(pose, leg, sole, partial(highest_ground, ground)).leg
     except StanceError:
         return np.nan

@@ -13,7 +13,7 @@ from guara_perception.arrays import Flags, Float, Float32, Index, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.geometry import GridGeometry, touched_cells
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, names
-from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, numbers
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, coordinates, numbers
 from guara_perception.terrain.layers.layers import CEILING_SIGMA_M
 from guara_perception.terrain.questions.leg_reach import StandingSole, standing_soles
 from guara_perception.terrain.questions.reason import Reason, Verdict
@@ -262,30 +262,52 @@ class SwingGround:
     rounding: float
 
 
-def swing_ground(terrain: LayeredGrid, start: Float) -> SwingGround:
-    """Ground under a path that begins at `start` (3,).
+def bounded_ground(terrain: LayeredGrid) -> SwingGround:
+    """Ground of a grid; unknown cells with a ceiling count as being as high as the ceiling."""
+    hazard, top, variance = terrain.hazard.copy(), terrain.elevation_max.copy(), terrain.variance.copy()
+    limits = terrain.record.required_limits
+    rounding = terrain.record.checked_rounding.variance
+    bounded = ((hazard & UNKNOWN_MASK) != 0) & np.isfinite(terrain.ceiling)
+    # The variance of a ceiling was not rounded, so it is raised by the fraction that users of `variance` remove again.
+    hazard[bounded], top[bounded], variance[bounded] = 0, terrain.ceiling[bounded], CEILING_SIGMA_M**2 * (1 + rounding)
+    return SwingGround(terrain.geometry, hazard, top, variance, limits.confidence, rounding)
 
-    Unknown cells with a ceiling count as being as high as the ceiling.
+
+def swing_ground(terrain: LayeredGrid, start: Float) -> SwingGround:
+    """Bounded ground under a path that begins at `start` (3,).
 
     A sole that stands at `start` rests on the ground, so nothing below it is higher than the sole. Unknown cells wholly
     under that sole, reduced by its error, therefore count as being as high as the sole. This does not make them
     footholds, and does not extend to cells beside the sole.
     """
-    hazard, top, variance = terrain.hazard.copy(), terrain.elevation_max.copy(), terrain.variance.copy()
-    limits = terrain.record.required_limits
-    rounding = terrain.record.checked_rounding.variance
-    unknown = (hazard & UNKNOWN_MASK) != 0
-    bounded = unknown & np.isfinite(terrain.ceiling)
-    # The variance of a ceiling was not rounded, so it is raised by the fraction that users of `variance` remove again.
-    hazard[bounded], top[bounded], variance[bounded] = 0, terrain.ceiling[bounded], CEILING_SIGMA_M**2 * (1 + rounding)
+    ground, limits = bounded_ground(terrain), terrain.record.required_limits
+    unknown = (terrain.hazard & UNKNOWN_MASK) != 0
     half = np.array([limits.sole_length, limits.sole_width]) / 2 - terrain.resolution / 2 + 1e-9
     # The model of the robot takes time to load, so it is loaded only if there are unknown cells at the start.
     sole = _sole_at(terrain, start) if (unknown & _within(terrain, start, half + SAME_PLACE_M)).any() else None
     if sole is not None:
         covered = half - limits.confidence * np.sqrt(np.diag(sole.covariance)[:2])
         borne = unknown & _within(terrain, sole.centre, covered)
-        hazard[borne], top[borne], variance[borne] = 0, sole.centre[2], sole.covariance[2, 2]
-    return SwingGround(terrain.geometry, hazard, top, variance, limits.confidence, rounding)
+        ground.hazard[borne], ground.top[borne], ground.variance[borne] = 0, sole.centre[2], sole.covariance[2, 2]
+    return ground
+
+
+def highest_ground(ground: SwingGround, x: Float, y: Float) -> Float:
+    """Upper bound of the ground at positions [m]; NaN where it is unknown without a ceiling, STALE or off the grid."""
+    iy, ix = ground.geometry.indices(x, y)
+    inside = ground.geometry.contains(iy, ix)
+    cells = np.where(inside, iy, 0), np.where(inside, ix, 0)
+    bound = ground.top[cells].astype(np.float64) + ground.confidence * np.sqrt(ground.variance[cells], dtype=np.float64)
+    return np.where(inside & ((ground.hazard[cells] & (UNKNOWN_MASK | UNRELIABLE)) == 0), bound, np.nan)
+
+
+def highest_at(terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Float:
+    """Find how high the ground may be at positions in base_footprint [m], by which paths of many swings can be priced.
+
+    Highest samples, or the ceiling of unknown ground, plus confidence; NaN where nothing bounds it, STALE or off the
+    grid. `check_path` and `swing` decide by the same heights.
+    """
+    return highest_ground(bounded_ground(asked(terrain, allow_stale)), *coordinates(x, y))
 
 
 def _within(terrain: LayeredGrid, centre: Float, half: Float) -> Mask:

@@ -127,3 +127,20 @@ def test_a_grid_of_the_compact_encoding_gives_no_more_room(sole: np.ndarray) -> 
         )
         exact, rounded = (grid.leg_clearance(*sole[:2], "lf") for grid in (terrain, received))
         assert exact - 0.003 < rounded <= exact
+
+
+def test_the_highest_ground_is_what_bounds_it() -> None:
+    """Highest sample or ceiling, and two sigma; NaN where there is none, on stale ground and off the grid."""
+    heights = level()
+    heights[80, 100], heights[80, 120] = 0.02, np.nan
+    x, y = -0.6 + 0.005 * (np.array([50, 100, 120, 4000]) + 0.5), np.full(4, -0.4 + 0.005 * 80.5)
+    known = [2 * SIGMA_M, 0.02 + 2 * SIGMA_M]
+    np.testing.assert_allclose(standing(heights).highest_at(x, y), [*known, np.nan, np.nan], atol=1e-6)
+    bounded = standing(heights, ceiling=0.05)
+    np.testing.assert_allclose(bounded.highest_at(x, y), [*known, 0.05 + 2 * CEILING_SIGMA_M, np.nan], atol=1e-6)
+    assert bounded.highest_at(float(x[1]), float(y[1])) == pytest.approx(known[1], abs=1e-6)
+    hazard = bounded.hazard.copy()
+    hazard[80, 50] |= gp.Hazard.STALE
+    traversability = np.where(hazard != 0, np.float32(0), bounded.traversability)
+    layers = {**bounded.layers, "hazard": hazard, "traversability": traversability}
+    assert np.isnan(dataclasses.replace(bounded, layers=layers).highest_at(x[:1], y[:1])).all()
