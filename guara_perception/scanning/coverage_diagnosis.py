@@ -34,8 +34,8 @@ FINE_SHARE = 0.8
 # frames cannot be told from flipped ones. The factor is 1.08 for a camera centred to a quarter of a pixel, 2 for most.
 ALIKE = 1.03
 WHERE_NONE_CAN_BE = (
-    "a stripe where none can be, too high or too low: the calibration is of another rangefinder, camera or mirror "
-    "moved, or the stance is wrong"
+    "a stripe where none can be, too high or too low: the calibration belongs to another rangefinder, the camera or "
+    "mirror has moved, or the stance is wrong"
 )
 TURNED, FLIPPED, UPRIGHT = "turned by 180 degrees", "flipped top to bottom", ""
 
@@ -61,18 +61,18 @@ def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> s
     beyond = int(counts[StripeStatus.OUT_OF_BAND])
     if columns - counts[StripeStatus.DROPOUT] < NO_LIGHT * columns:
         return (
-            f"{found}, hardly any light came back: check that the laser is on, the mirror turns and the lens is clean"
+            f"{found}; hardly any light came back: check that the laser is on, the mirror turns and the lens is clean"
         )
     if beyond > max(used, bright):
-        return f"{found}, {beyond} columns show {WHERE_NONE_CAN_BE}"
+        return f"{found}; {beyond} columns show {WHERE_NONE_CAN_BE}"
     if weak:
         return f"{found}: {weak}"
     if bright > counts[StripeStatus.OK]:
         return (
-            f"{found}, most of what came back is too bright or double: expose less, or put a polarising filter on "
+            f"{found}; most of what came back is too bright or double: expose less, or put a polarising filter on "
             "the lens"
         )
-    return f"{found}, the rest is too dark or a hole: put a narrow band-pass filter on the lens or use a stronger laser"
+    return f"{found}; the rest is too dark or a hole: put a narrow band-pass filter on the lens or use a stronger laser"
 
 
 def wrong_pattern(fired: Iterable[int], stride: int) -> str:
@@ -87,7 +87,7 @@ def wrong_pattern(fired: Iterable[int], stride: int) -> str:
 
 
 def wrong_frames(samples: FrameSamples, geometry: ScanGeometry) -> str:
-    """Describe frames that are turned, flipped, out of order or of another place; empty if none are found."""
+    """Describe frames that are turned, flipped, out of order, or lit where no stripe can be; empty if none are."""
     rows = samples.rows
     if len(rows) < FEWEST_FRAMES:
         return ""

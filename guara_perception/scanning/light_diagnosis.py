@@ -168,7 +168,7 @@ class FrameSamples:
         if not samples or (contrast := _median(samples, "contrast")) <= MOST_TEXTURE * _median(samples, "peak"):
             return ""
         return (
-            f"texture: the scene's own light varies by {contrast:.0f} grey levels of 255, the stripe adds "
+            f"texture: the scene's own light varies by {contrast:.0f} grey levels of 255; the stripe adds "
             f"{_median(samples, 'peak'):.0f}: take laser-off pictures"
         )
 

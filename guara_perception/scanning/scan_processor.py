@@ -49,7 +49,7 @@ class ScanProcessor:
     Attributes:
         settings: perception settings of the robot.
         mode: mode of the scan.
-        pose: pose of the body over the ground.
+        pose: pose of the body in base_footprint.
 
     Example:
         processor = ScanProcessor(calibration, robot, stance, mode="standard")
@@ -82,7 +82,7 @@ class ScanProcessor:
             method: one of `guara_perception.scanning.stripe_finder.METHODS`.
             threshold: binarisation threshold of the paper's methods [grey levels of 8 bits]; None = set for each frame.
             resolution: edge length of a cell [m], a divisor of both sides of the footprint; None = the robot's default.
-            stamp: end of the scan [ns since the epoch].
+            stamp: time of the end of the scan [ns since the epoch].
             step: number of the stance pause.
             track: poses of the body relative to this stance, for a robot that sways. Each stripe is placed at the
                 `instant` of its `FramePair`; a stripe whose pose is unknown is not used. Samples may be added to the
@@ -464,10 +464,10 @@ class ScanProcessor:
         return other
 
     def work_ahead(self) -> None:
-        """Merge the stripes added so far, so that `finish` only has to merge the columns of later ones.
+        """Merge the stripes added so far, so that `finish` only has to merge the columns of later stripes.
 
-        Changes only the run time of `finish`, and takes about as long as `finish`: call it while waiting for the last
-        few stripes. It has no effect with a track, because stripes are then placed later.
+        This changes only the run time of `finish`, and takes about as long as `finish`. Call it while waiting for the
+        last few stripes. It has no effect with a track, because stripes are then placed later.
         """
         if self._places is None:
             self._what_is_proved().surface.layers("footprint")
@@ -483,7 +483,7 @@ class ScanProcessor:
 
         Raises:
             InvalidInput: unknown area.
-            UnsafeGrid: the grid violates the safety invariant (a defect of this program, never of the data).
+            UnsafeGrid: the grid violates the safety invariant (a bug of this program, not a fault in the data).
         """
         start = time.perf_counter()
         proved = self._what_is_proved()

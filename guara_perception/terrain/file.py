@@ -36,7 +36,7 @@ def load_terrain(path: str | Path) -> TerrainGrid:
         data.setdefault("ceiling", np.full_like(data["variance"], np.nan))
     missing = [name for name in wanted if name not in data]
     if missing:
-        raise FileFormatError(f"{path}: {', '.join(missing)} missing, it is not a terrain file")
+        raise FileFormatError(f"{path}: {', '.join(missing)} missing: it is not a terrain file")
     x, y = (float(v) for v in _checked(data, path, "origin", "fiu", (2,)))
     text = str(_checked(data, path, "metadata", "U", ()))
     metadata = dict(parse_json(text.encode(errors="surrogatepass"), f"{path}: metadata").data)
@@ -66,5 +66,5 @@ def _checked(data: dict[str, Any], path: Path, name: str, kinds: str, shape: tup
     if array.dtype.kind not in kinds or not fits:
         sides = " x ".join("n" if n is None else str(n) for n in shape)
         wanted = f"{sides or 'one'} {'text' if kinds == 'U' else 'number'}{'s' if shape else ''}"
-        raise FileFormatError(f"{path}: {name} is {array.dtype} of shape {array.shape}, it must be {wanted}")
+        raise FileFormatError(f"{path}: {name} is {array.dtype} of shape {array.shape}; it must be {wanted}")
     return array

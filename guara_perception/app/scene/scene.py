@@ -115,7 +115,7 @@ class RobotFrames:
     """Transforms between the links of a robot, with the camera at its calibrated mount instead of the URDF's."""
 
     def __init__(self, robot: RobotModel, transform_camera_to_base: npt.ArrayLike) -> None:
-        """Create the frames of a robot and its camera at its calibrated mount (4, 4)."""
+        """Create the frames of a robot whose camera is at the calibrated mount (4, 4)."""
         self._robot = robot
         self._camera_to_base = np.asarray(transform_camera_to_base, dtype=np.float64)
 

@@ -223,7 +223,7 @@ def parse_board(size: str, square: float, pattern: str = CHECKERBOARD) -> BoardS
     """
     columns, between, rows = size.partition("x")
     if not (between and columns.isdigit() and rows.isdigit()):
-        raise InvalidInput(f"--board is {size!r}, it must be COLUMNSxROWS of inner corners, such as 9x7")
+        raise InvalidInput(f"--board is {size!r}; it must be COLUMNSxROWS of inner corners, such as 9x7")
     board = BoardSpec(int(columns), int(rows), square, pattern, BLACK if pattern == CHECKERBOARD else None)
     if not (3 <= board.columns <= 40 and 3 <= board.rows <= 40 and 0.005 <= square <= 0.1):
         raise InvalidInput(
@@ -243,7 +243,7 @@ def parse_heights(text: str) -> tuple[float, ...]:
     try:
         heights = tuple(float(height) for height in text.split(","))
     except ValueError:
-        raise InvalidInput(f"--plates is {text!r}, it must be heights in metres, separated by commas") from None
+        raise InvalidInput(f"--plates is {text!r}; it must be heights in metres, separated by commas") from None
     are_apart = np.diff(sorted(heights)).max(initial=0.0) >= MIN_HEIGHT_DIFFERENCE_M
     if not (are_apart and len(heights) <= 20 and all(-0.5 <= h <= 0.5 for h in heights)):
         raise InvalidInput(

@@ -78,8 +78,8 @@ class LookPlan:
         """Mask (ny, nx) of the cells beyond the first or last usable stripe in each row.
 
         If the first usable stripe meets the ground in the first known cell of a row, no light reached the cells before
-        it, because all other stripes land farther away. The same holds for the last stripe and the last known cell.
-        Light may cross several rows on its way from the laser; the condition must hold in each of them.
+        that one, because all other stripes land farther away. The same holds for the last stripe and the last known
+        cell. Light may cross several rows on its way from the laser; the condition must hold in each of them.
 
         Args:
             elevation: (ny, nx) heights [m], NaN where unknown.
@@ -174,7 +174,7 @@ def unknown_causes(
         elevation: (ny, nx) heights [m], NaN where unknown.
         pair_usable: (s - 1,) mask of the pairs of neighbouring stripes that both have usable frames.
         marks: (ny, nx) flags of unusable returns.
-        in_own_shadow: mask of the points (n, 3) that the robot hides from its own camera or laser; None = no points.
+        in_own_shadow: returns the mask of points (n, 3) that the robot hides from its own camera or laser; None = none.
 
     Returns:
         (ny, nx) uint16: one or more unknown flags where the elevation is NaN, 0 elsewhere.

@@ -160,7 +160,7 @@ def _outline_of(region: Any) -> tuple[Float, Float]:
     vertices = np.asarray(getattr(region, "vertices", ()), dtype=np.float64)
     if vertices.ndim != 2 or vertices.shape[1] not in (2, 3) or len(vertices) < 3:
         raise InvalidInput(
-            f"a region is a {type(region).__name__}, it must have vertices (n, 2) or (n, 3), three or more [m]"
+            f"a region is a {type(region).__name__}; it must have vertices (n, 2) or (n, 3), three or more [m]"
         )
     closed = np.concatenate((vertices, vertices[:1]))
     return closed[:, 0], closed[:, 1]
@@ -172,4 +172,4 @@ def _xy_of(foothold: Any) -> tuple[float, float]:
         return float(x), float(y)
     except (TypeError, ValueError):
         hint = "; best_foothold found none: omit it, check_foothold(x, y) gives the reasons" if foothold is None else ""
-        raise InvalidInput(f"a foothold is {foothold!r}, it must have x and y, or be a pair (x, y) [m]{hint}") from None
+        raise InvalidInput(f"a foothold is {foothold!r}; it must have x and y, or be a pair (x, y) [m]{hint}") from None

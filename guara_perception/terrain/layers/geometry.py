@@ -44,11 +44,11 @@ class GridGeometry:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.resolution) and self.resolution > 0):
-            raise InvalidInput(f"resolution is {self.resolution}, it must be a positive number of metres")
+            raise InvalidInput(f"resolution is {self.resolution}; it must be a positive number of metres")
         if not np.isfinite(self.origin).all() or len(self.origin) != 2:
-            raise InvalidInput(f"origin is {self.origin}, it must be two finite numbers (x, y)")
+            raise InvalidInput(f"origin is {self.origin}; it must be two finite numbers (x, y)")
         if len(self.shape) != 2 or min(self.shape) < 1:
-            raise InvalidInput(f"grid shape is {self.shape}, it must be (ny, nx) with one cell or more")
+            raise InvalidInput(f"grid shape is {self.shape}; it must be (ny, nx) with one cell or more")
         if self.shape[0] * self.shape[1] > MOST_CELLS:
             raise InvalidInput(f"grid shape is {self.shape[0]} x {self.shape[1]} cells, allowed: {MOST_CELLS} in all")
 
@@ -60,13 +60,13 @@ class GridGeometry:
             InvalidInput: the resolution is not positive and finite, or does not divide the area.
         """
         if not (np.isfinite(resolution) and resolution > 0):
-            raise InvalidInput(f"resolution is {resolution}, it must be a positive number of metres")
+            raise InvalidInput(f"resolution is {resolution}; it must be a positive number of metres")
         counts = []
         for low, high in (y, x):
             cells = (high - low) / resolution
             if abs(cells - round(cells)) > 1e-6 * max(cells, 1) or round(cells) < 1:
                 raise InvalidInput(
-                    f"resolution {resolution} m does not divide the area, it must divide "
+                    f"resolution {resolution} m does not divide the area; it must divide "
                     f"{x[1] - x[0]:.3g} and {y[1] - y[0]:.3g} m (for instance 0.005, 0.01 or 0.015)"
                 )
             counts.append(round(cells))

@@ -86,7 +86,7 @@ def check_invariant(layers: Mapping[str, Array]) -> None:
         array = layers.get(layer.name)
         if array is None or array.shape != shape or array.dtype != layer.dtype or array.ndim != 2:
             given = "missing" if array is None else f"{array.dtype} {array.shape}"
-            raise UnsafeGrid(f"layer {layer.name} is {given}, it must be {np.dtype(layer.dtype)} {shape}")
+            raise UnsafeGrid(f"layer {layer.name} is {given}; it must be {np.dtype(layer.dtype)} {shape}")
     check_safe(layers["elevation"], np.asarray(layers["hazard"], np.uint16), layers["traversability"])
     known = (layers["hazard"] & UNKNOWN_MASK) == 0
     for name in ("variance", "variance_local"):

@@ -151,7 +151,7 @@ class LayeredGrid(Gridded):
         check_invariant(self.layers)
         shape = self.layers["elevation"].shape
         if shape != self.geometry.shape:
-            raise InvalidInput(f"layers have shape {shape}, the geometry says {self.geometry.shape}")
+            raise InvalidInput(f"layers have shape {shape}, but the geometry has {self.geometry.shape}")
         if self.extent not in EXTENTS:
             raise InvalidInput(f"extent is {self.extent!r}, allowed: {', '.join(EXTENTS)}")
         frozen = {name: read_only(self.layers[name]) for name in LAYER_NAMES}
@@ -188,7 +188,7 @@ class LayeredGrid(Gridded):
         """
         if isinstance(self.record, ScanRecord):
             return self.record
-        raise InvalidInput(f"extent of the grid is {self.extent!r}, allowed: 'footprint', a scan")
+        raise InvalidInput(f"extent of the grid is {self.extent!r}; allowed: 'footprint' (a scan)")
 
     @property
     def is_provisional(self) -> bool:

@@ -192,7 +192,8 @@ class GridRecord(FrozenArrays):
         robot, robot_description: name of the robot, and its files packed by `kinematics.describe_robot`.
         mode, method: pattern of the scan, and method of stripe extraction.
         calibration_hash, calibration_verdict: identity of the calibration, and its verdict.
-        stance, attitude_source, support_feet_used: stance of the robot, and the inputs of its pose.
+        stance, attitude_source, support_feet_used: stance of the robot, and the sources of its pose: of the attitude,
+            and the feet that were used.
         attitude_sigma: standard deviation of the vertical relative to gravity, per axis [rad].
         support_soles: leg -> (4, 3) array of the sole's centre [m] and the rows of its covariance [m^2], in
             base_footprint.
@@ -204,7 +205,7 @@ class GridRecord(FrozenArrays):
         coverage, known: fraction of the expected cells, and of all cells, that are known.
         hazard_cells: number of cells by flag.
         health: verdict on the grid.
-        rounding: rounding of a compact encoding.
+        rounding: bounds of the rounding errors of a compact encoding.
         refinement_follows: True if a finer scan follows in this pause.
         epoch: identity of the walk.
         provisional: True if the pause has not yet confirmed that the robot stood still.
@@ -311,7 +312,7 @@ class GridRecord(FrozenArrays):
         return MappingProxyType({**{name: found[name] for name in self.keys if name in found}, **found})
 
     def check(self, *names: str) -> None:
-        """Refuse unreadable values of the named fields, or of all fields; absent fields pass.
+        """Reject unreadable values of the named fields, or of all fields; absent fields pass.
 
         Raises:
             InvalidInput: a value could not be read.
@@ -430,8 +431,8 @@ class MapRecord(GridRecord):
         visual_corners: number of corners of the ground's texture that agree on a motion, None without images.
         visual_refused: reason why the laser-off image did not correct the walk.
         foot_slips: leg -> distance by which the standing foot slid since the last pause, including a slide common to
-            all feet [m]; None unless images held the map in place at both pauses.
-        slipped_feet, odometry_residual, restarts: findings of leg odometry.
+            all feet [m]; None unless camera images corrected the pose at both pauses.
+        slipped_feet, odometry_residual, restarts: slipped feet, residual and restarts reported by leg odometry.
     """
 
     ORDER: ClassVar[tuple[str, ...]] = (

@@ -20,7 +20,7 @@ LEAST_TURN = 1e-9
 
 
 def check_scan(terrain: TerrainGrid, resolution: float, last_step: int | None) -> None:
-    """Refuse a grid that cannot be fused.
+    """Reject a grid that cannot be fused.
 
     Args:
         terrain: grid of the scan.
@@ -32,12 +32,12 @@ def check_scan(terrain: TerrainGrid, resolution: float, last_step: int | None) -
             than `last_step`.
     """
     if terrain.extent != "footprint":
-        raise InvalidInput(f"a grid of extent {terrain.extent!r} cannot be fused, it must be a scan's: 'footprint'")
+        raise InvalidInput(f"a grid of extent {terrain.extent!r} cannot be fused; it must be a scan's: 'footprint'")
     terrain.record.check("rounding")
     if terrain.record.rounding is not None:
         raise InvalidInput(
-            "a grid in the compact encoding cannot be fused: the map would not say how its heights were rounded. "
-            "Ask for it lossless, or for the node's map (extent 'map')"
+            "a grid in the compact encoding cannot be fused, because the map does not record how heights were rounded. "
+            "Request the lossless grid, or the node's map (extent 'map')"
         )
     if abs(terrain.resolution - resolution) > 1e-9:
         raise InvalidInput(f"the scan's cells are {terrain.resolution} m, the map's {resolution} m: they must be alike")

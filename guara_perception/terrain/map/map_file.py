@@ -117,7 +117,7 @@ def read_map(path: str | Path) -> SavedMap:
         data.setdefault("local", data["variance"])
     missing = [name for name in ("state", *MEMORY) if name not in data]
     if missing:
-        raise FileFormatError(f"{path}: {', '.join(missing)} missing, it is not a map file")
+        raise FileFormatError(f"{path}: {', '.join(missing)} missing: it is not a map file")
     fields = parse_json(str(data.pop("state")).encode(), str(path))
     fields.text("format", (FORMAT,))
     side = fields.integer("side", 2, 100_000)
@@ -139,9 +139,9 @@ def _seen(path: Path, data: Mapping[str, Array]) -> SeenGround | None:
         # A walk without registration, or a file of an earlier version.
         return None
     if layers.dtype != np.float32 or layers.ndim != 3 or len(layers) != 2 or layers.size < 2:
-        raise FileFormatError(f"{path}: seen is {layers.dtype} of shape {layers.shape}, it must be float32 (2, ny, nx)")
+        raise FileFormatError(f"{path}: seen is {layers.dtype} of shape {layers.shape}; it must be float32 (2, ny, nx)")
     if origin.dtype != np.float64 or origin.shape != (2,) or not np.isfinite(origin).all():
-        raise FileFormatError(f"{path}: seen_origin is not two finite numbers, the file is damaged")
+        raise FileFormatError(f"{path}: seen_origin is not two finite numbers: the file is damaged")
     return SeenGround(layers, origin)
 
 
@@ -151,7 +151,7 @@ def _texture(path: Path, data: Mapping[str, Array]) -> SeenTexture | None:
         return None
     if texture.dtype != np.uint8 or texture.ndim != 2 or first.dtype != np.int64 or first.shape != (2,):
         raise FileFormatError(
-            f"{path}: texture is {texture.dtype} {texture.shape} from {first.dtype} {first.shape} on, it must be uint8 "
+            f"{path}: texture is {texture.dtype} {texture.shape} from {first.dtype} {first.shape} on; it must be uint8 "
             "(ny, nx) from int64 (2,) on"
         )
     return SeenTexture(texture, first)
@@ -187,12 +187,12 @@ def _check_memory(path: Path, data: Mapping[str, Array], count: int) -> None:
     for name, (dtype, _) in MEMORY.items():
         if data[name].dtype != dtype or data[name].shape != (count,):
             raise FileFormatError(
-                f"{path}: {name} is {data[name].dtype} of shape {data[name].shape}, it must be {np.dtype(dtype)} "
+                f"{path}: {name} is {data[name].dtype} of shape {data[name].shape}; it must be {np.dtype(dtype)} "
                 f"of shape ({count},)"
             )
     # Exactly the unknown cells must have a cause; otherwise unknown ground could become safe.
     if (np.isfinite(data["height"]) != (data["cause"] == 0)).any():
-        raise FileFormatError(f"{path}: heights and causes of unknown cells contradict each other, the file is damaged")
+        raise FileFormatError(f"{path}: heights and causes of unknown cells contradict each other: the file is damaged")
     extents = ("variance", "local", "other_variance", "below", "above", "steepness")
     if not all((data[name] >= 0).all() for name in extents):
-        raise FileFormatError(f"{path}: a variance or an extent of a cell is negative or NaN, the file is damaged")
+        raise FileFormatError(f"{path}: a variance or an extent of a cell is negative or NaN: the file is damaged")

@@ -107,7 +107,7 @@ def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom
     ground = _Ground.around(cells, seen.about[:, :2] + base[:2])
     motion, covariance, weights = _fit(ground, seen, base, prior, CELLS_THAT_COUNT_AS_ONE)
     if weights.size < LEAST_CELLS:
-        return _refused(prior, weights, f"{weights.size} cells of the scan lie on known ground")
+        return _refused(prior, weights, f"only {weights.size} cells of the scan lie on known ground")
     contradicting = float((weights < 1).mean())
     if contradicting > MOST_CONTRADICTING:
         return _refused(prior, weights, f"{100 * contradicting:.0f} % of {weights.size} cells differ from the map")

@@ -223,18 +223,18 @@ def visual_motion(
     if view.median <= DARK_LEVEL:
         return refused(f"the laser-off picture is dark: its median level is {view.median:.0f} of 255")
     if seen is None:
-        return refused("no picture came before")
+        return refused("there is no earlier picture")
     first, shape = view.pixels(transform)
     now, before = view.from_above(transform, first, shape), seen.at(first, shape)
     new = 1.0 - float(np.mean(before[now > 0] > 0)) if now.any() else 1.0
     found, shifts = _found_again(now, before)
     if len(found) < LEAST_CORNERS:
-        return refused(f"{len(found)} corners of the texture were found again", len(found))
+        return refused(f"only {len(found)} corners of the texture were found again", len(found))
     about = (found + first[::-1] + 0.5) * PIXEL_M - transform[:2, 3]
     motion, sigma, agreeing = _agreed(about, shifts * PIXEL_M)
     count = int(agreeing.sum())
     if count < max(LEAST_CORNERS, LEAST_AGREEING * len(found)):
-        return refused(f"{count} of {len(found)} corners of the texture moved alike", count)
+        return refused(f"only {count} of {len(found)} corners of the texture moved alike", count)
     jacobian = _jacobian(about[agreeing])
     information = jacobian.T @ jacobian / (sigma**2 * CORNERS_THAT_COUNT_AS_ONE)
     measured = np.linalg.inv(information) + np.diag(VIEW_SIGMA**2)

@@ -228,7 +228,7 @@ class TerrainMap:
         residuals = {leg: None if error is None else error.residual for leg, error in errors.items()}
         fused = self._snapshot(terrain, now, checked.covariance, rejected, residuals)
         told = [f"the ground gave way under {leg} by {1e3 * depth:.0f} mm: SOFT" for leg, depth in gave_way.items()]
-        told += [f"slippery: {leg} slid by {1e3 * way:.0f} mm: SOFT" for leg, way in slid.items()]
+        told += [f"the ground is slippery: {leg} slid by {1e3 * way:.0f} mm: SOFT" for leg, way in slid.items()]
         if not told:
             return fused
         health = Health.of((*(fused.record.health.reasons if fused.record.health else ()), *told))
@@ -243,7 +243,8 @@ class TerrainMap:
     ) -> TerrainGrid:
         """Return the map in the base_footprint of another pause without fusing its scan.
 
-        Arguments and their checks are those of `update`. Of `terrain`, only stamp, step and record enter the result.
+        `terrain`, `pose` and `time` are as in `update`, with the same checks, except that `covariance_since_last` may
+        be given or not. Of `terrain`, only stamp, step and record enter the result.
         """
         state = self._state
         check_scan(terrain, self._grid.resolution, state.step)
@@ -358,7 +359,7 @@ class TerrainMap:
             *(scan.health.reasons if scan.health else ()),
             *state.reasons,
             *(
-                f"the sole of {leg} stands {1e3 * (residuals.get(leg) or 0.0):+.1f} mm off the map: not used"
+                f"the sole of {leg} is ignored: it is {1e3 * (residuals.get(leg) or 0.0):+.1f} mm above the map"
                 for leg in state.anchor.rejected
             ),
         )

@@ -170,7 +170,7 @@ class WalkCorrection:
         view: GroundView | str | None = None,
         texture: SeenTexture | None = None,
     ) -> WalkCorrection:
-        """Predict the drift at the next pause, and update it from the pause's image and by registration of its scan.
+        """Predict the drift at the next pause, and update it with the image and the registered scan of that pause.
 
         Args:
             cells: memory of the map.
@@ -182,7 +182,7 @@ class WalkCorrection:
             tilt: (2, 2) covariance of the scan's tilt.
             before_this: ground measured by the previous scan, None if unknown.
             slip_share: sigma of slip along the path, relative to the length of the path.
-            view: view of the scan's image, the reason why it has none, or None for a walk without images.
+            view: view of the scan's image, the reason why the scan has no image, or None for a walk without images.
             texture: texture from earlier images.
         """
         if self.last is None:
@@ -418,7 +418,8 @@ class SidewaysDrift(FrozenArrays):
 def kept_growth(growth: Float, prior: Float, posterior: Float) -> Float:
     """Covariance of a motion after an update of the filter from `prior` to `posterior`; (3, 3) each.
 
-    It shrinks along each direction like the prior; for a single unknown it is `growth * posterior / prior`.
+    The covariance shrinks along each direction in the same ratio as the prior. For a single unknown, it is `growth *
+    posterior / prior`.
     """
     root = np.linalg.cholesky(prior)
     inverse = np.linalg.inv(root)

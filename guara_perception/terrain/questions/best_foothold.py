@@ -179,9 +179,9 @@ def _candidates(terrain: LayeredGrid, x: float, y: float, radius: float) -> tupl
         raise InvalidInput(f"x, y and radius are {x!r}, {y!r}, {radius!r}; three numbers are needed [m]")
     x, y, radius = float(x), float(y), float(radius)
     if not (np.isfinite(x) and np.isfinite(y)):
-        raise InvalidInput(f"the nominal position is ({x}, {y}), it must be finite [m]")
+        raise InvalidInput(f"the nominal position is ({x}, {y}); it must be finite [m]")
     if not (np.isfinite(radius) and 0 <= radius <= 1):
-        raise InvalidInput(f"radius is {radius}, it must be 0 ... 1 m")
+        raise InvalidInput(f"radius is {radius}; it must be 0 ... 1 m")
     cx, cy = terrain.geometry.centres()
     cx, cy = cx[np.abs(cx - x) <= radius], cy[np.abs(cy - y) <= radius]
     gx, gy = (a.ravel() for a in np.meshgrid(cx, cy))
@@ -206,7 +206,7 @@ def _point(previous: Foothold | tuple[float, float] | None) -> tuple[float, floa
     try:
         x, y = (float(v) for v in previous)
     except (TypeError, ValueError):
-        raise InvalidInput(f"previous is {previous!r}, it must be a Foothold or a pair (x, y)") from None
+        raise InvalidInput(f"previous is {previous!r}; it must be a Foothold or a pair (x, y)") from None
     if not (np.isfinite(x) and np.isfinite(y)):
-        raise InvalidInput(f"previous is ({x}, {y}), it must be finite [m]")
+        raise InvalidInput(f"previous is ({x}, {y}); it must be finite [m]")
     return x, y

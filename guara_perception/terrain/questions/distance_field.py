@@ -42,7 +42,7 @@ class DistanceField(FrozenArrays):
         """
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
-            raise InvalidInput(f"points have shape {array.shape}, finite points (n, 3) are needed")
+            raise InvalidInput(f"points have shape {array.shape}; finite points (n, 3) are needed")
         position = (array - self.origin) / self.resolution
         index = np.floor(position).astype(np.int64)
         size = np.array(self.values.shape[::-1])

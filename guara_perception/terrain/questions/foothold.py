@@ -116,7 +116,7 @@ def check_foothold(
     *,
     allow_stale: bool = False,
 ) -> FootholdVerdict | FootholdVerdicts:
-    """Check if a sole aligned with the x axis may be set at positions.
+    """Check if a sole aligned with the x axis may be placed at each position.
 
     Args:
         x, y: centres of the sole in base_footprint [m].

@@ -70,8 +70,7 @@ def obstacles(terrain: LayeredGrid, *, allow_stale: bool = False) -> list[Obstac
     """Find connected objects more than 6 mm and 4 sigma above or below the floor, sorted by x, then y.
 
     The floor is the plane that minimises the 35 % quantile of the distances of known heights from it, refined by least
-    squares. Unknown ground is not an obstacle, but it is never
-    traversable either.
+    squares. Unknown ground is not an obstacle, but it is never traversable either.
     """
     terrain = asked(terrain, allow_stale)
     known = np.flatnonzero(np.isfinite(terrain.elevation))

@@ -118,7 +118,7 @@ def check_clearance(clearance: float) -> None:
         InvalidInput: the clearance is outside 0 ... 1 m.
     """
     if not (np.isfinite(clearance) and 0 <= clearance <= 1):
-        raise InvalidInput(f"clearance is {clearance}, it must be 0 ... 1 m")
+        raise InvalidInput(f"clearance is {clearance}; it must be 0 ... 1 m")
 
 
 def check_polygon(terrain: LayeredGrid, corners: npt.ArrayLike, *, allow_stale: bool = False) -> PathVerdict:
@@ -149,7 +149,7 @@ def _too_near(samples: Float, distance: Float, wanted: Float, lack: Float) -> It
 
 
 def _flagged(terrain: LayeredGrid | SwingGround, iy: Index, ix: Index, test: str, mask: np.uint16) -> list[Reason]:
-    """Reason, in a list, if cells carry a flag of a mask; otherwise an empty list. Cells off the grid are unknown."""
+    """List with one Reason if cells carry a flag of a mask, otherwise empty; cells off the grid are unknown."""
     inside = terrain.geometry.contains(iy, ix)
     flags = terrain.hazard[iy[inside], ix[inside]] & mask
     off = int((~inside).sum()) if test == "unknown" else 0
@@ -175,7 +175,7 @@ def checked_points(points: npt.ArrayLike, columns: tuple[int, ...], least: int, 
     wanted = " or ".join(f"(n, {c})" for c in columns)
     array = numbers(points, name)
     if array.ndim != 2 or array.shape[1] not in columns or len(array) < least or not np.isfinite(array).all():
-        raise InvalidInput(f"{name} have shape {array.shape}, {least} or more finite points {wanted} are needed")
+        raise InvalidInput(f"{name} have shape {array.shape}; {least} or more finite points {wanted} are needed")
     length = float(np.linalg.norm(np.diff(array, axis=0), axis=1).sum())
     if length > LONGEST_PATH_M or np.abs(array).max() > LONGEST_PATH_M:
         raise InvalidInput(f"{name} reach {max(length, np.abs(array).max()):.4g} m, allowed: {LONGEST_PATH_M:g} m")

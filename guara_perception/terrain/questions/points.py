@@ -100,7 +100,7 @@ def height_scan(
         raise InvalidInput(f"frame is {frame!r}, allowed: {', '.join(FRAMES)}")
     given = numbers(points, "points")
     if given.ndim != 2 or given.shape[1] not in (2, 3):
-        raise InvalidInput(f"points have shape {given.shape}, (n, 2) or (n, 3) is needed")
+        raise InvalidInput(f"points have shape {given.shape}; (n, 2) or (n, 3) is needed")
     placed = np.zeros((len(given), 3))
     placed[:, : given.shape[1]] = given
     if frame == "base_link":
@@ -129,7 +129,7 @@ def coarser(terrain: Grid, factor: int) -> Grid:
     if not is_whole or factor < 1 or ny % factor or nx % factor:
         allowed = [n for n in range(1, min(ny, nx) + 1) if ny % n == 0 and nx % n == 0]
         raise InvalidInput(
-            f"factor is {factor!r}, it must divide the {nx} x {ny} cells: {', '.join(map(str, allowed))}"
+            f"factor is {factor!r}; it must divide the {nx} x {ny} cells: {', '.join(map(str, allowed))}"
         )
     hazard = pool_flags(terrain.hazard, factor)
     unknown = (hazard & UNKNOWN_MASK) != 0

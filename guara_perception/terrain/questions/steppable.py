@@ -100,11 +100,11 @@ def steppable_region(
     """
     terrain = asked(terrain, allow_stale)
     if not np.isfinite([x, y]).all():
-        raise InvalidInput(f"the nominal position is ({x}, {y}), it must be finite [m]")
+        raise InvalidInput(f"the nominal position is ({x}, {y}); it must be finite [m]")
     if not (np.isfinite(radius) and 0 < radius <= 1):
-        raise InvalidInput(f"radius is {radius}, it must be above 0 and at most 1 m")
+        raise InvalidInput(f"radius is {radius}; it must be above 0 and at most 1 m")
     if previous is not None and not isinstance(previous, SteppableRegion):
-        raise InvalidInput(f"previous is {type(previous).__name__}, it must be a SteppableRegion or None")
+        raise InvalidInput(f"previous is {type(previous).__name__}; it must be a SteppableRegion or None")
     window = _Window.about(terrain, float(x), float(y), float(radius), leg, robot)
     seeds = window.free & (np.abs(window.x - x) < radius) & (np.abs(window.y[:, None] - y) < radius)
     if not seeds.any():

@@ -95,18 +95,18 @@ def check_heights(elevation: npt.ArrayLike, variance: npt.ArrayLike | None) -> t
     """
     heights = numbers(elevation, "elevation")
     if heights.ndim != 2 or heights.size == 0:
-        raise InvalidInput(f"elevation has shape {heights.shape}, it must be (ny, nx) with one cell or more")
+        raise InvalidInput(f"elevation has shape {heights.shape}; it must be (ny, nx) with one cell or more")
     if np.isinf(heights).any():
-        raise InvalidInput("elevation contains infinite heights, use NaN for unknown cells")
+        raise InvalidInput("elevation contains infinite heights: use NaN for unknown cells")
     known = np.isfinite(heights)
     if known.any() and np.abs(heights[known]).max() > HIGHEST_M:
         raise InvalidInput(
-            f"elevation reaches {np.abs(heights[known]).max():.4g} m, at most {HIGHEST_M:.0f} m is allowed: "
+            f"elevation reaches {np.abs(heights[known]).max():.4g} m; at most {HIGHEST_M:.0f} m is allowed: "
             "give metres, and subtract a common height first"
         )
     variances = np.where(known, 0.0, np.nan) if variance is None else numbers(variance, "variance")
     if variances.shape != heights.shape:
         raise InvalidInput(f"variance has shape {variances.shape}, elevation has {heights.shape}: they must be alike")
     if (~np.isfinite(variances[known])).any() or (variances[known] < 0).any():
-        raise InvalidInput("variance is NaN, infinite or negative at a known height, it must be 0 or more [m^2]")
+        raise InvalidInput("variance is NaN, infinite or negative at a known height; it must be 0 or more [m^2]")
     return heights, np.where(known, variances, np.nan)

@@ -68,7 +68,7 @@ def terrain_from_points(
     sigmas = np.broadcast_to(sigmas, (len(cloud),))
     origin = numbers(sensor_origin, "sensor_origin")
     if origin.shape != (3,) or not np.isfinite(origin).all():
-        raise InvalidInput(f"sensor_origin has shape {origin.shape}, it must be three finite numbers [m]")
+        raise InvalidInput(f"sensor_origin has shape {origin.shape}; it must be three finite numbers [m]")
     finite = np.isfinite(cloud).all(axis=1)
     cloud, sigmas = cloud[finite], sigmas[finite]
     within = (cloud[:, 2] >= settings.minimum_height) & (cloud[:, 2] <= settings.maximum_height)

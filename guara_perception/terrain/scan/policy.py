@@ -70,7 +70,7 @@ class ScanPolicy:
         limits = self._settings.limits
         self._height_limit = limits.drop / 2 if height_limit is None else float(height_limit)
         if not (np.isfinite(self._height_limit) and self._height_limit > 0):
-            raise InvalidInput(f"height_limit is {height_limit}, it must be above 0 m")
+            raise InvalidInput(f"height_limit is {height_limit}; it must be above 0 m")
         state = robot.state(robot.posture(robot.config.scan_posture))
         tracks = np.abs(state.soles_in_base()[:, 1]).max()
         self._half_width = float(tracks) + limits.sole_width / 2 + CORRIDOR_MARGIN_M

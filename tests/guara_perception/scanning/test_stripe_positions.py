@@ -114,7 +114,7 @@ def mirror_slipped(calibration: gp.Calibration, robot: RobotModel, degrees: floa
 @pytest.mark.slow
 def test_not_found_found_elsewhere_and_not_usable_are_distinguished(paper_scan, calibration, robot) -> None:
     """A good scan with another calibration, without light, and with light that clips."""
-    elsewhere = "where none can be, too high or too low: the calibration is of another rangefinder, camera or mirror"
+    elsewhere = "where none can be, too high or too low: the calibration belongs to another rangefinder, the camera or"
     for moved_calibration in (
         *(mount_lifted(calibration, height) for height in (-0.1, 0.2)),
         *(mirror_slipped(calibration, robot, degrees) for degrees in SLIPS_DEG),

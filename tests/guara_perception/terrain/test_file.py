@@ -42,24 +42,24 @@ def changed(**values: object):
 
 
 BAD = {
-    "layer missing": (lambda c: c.pop("slope"), "slope missing, it is not a terrain file"),
+    "layer missing": (lambda c: c.pop("slope"), "slope missing: it is not a terrain file"),
     "layer of another type": (lambda c: c.update(slope=c["slope"].astype(np.float64)), "layer slope is float64"),
     "layer of another shape": (lambda c: c.update(slope=c["slope"][:, 1:]), "layer slope is float32 (108, 89)"),
-    "flat layers": (lambda c: c.update(elevation=c["elevation"].ravel()), "grid shape is (9720,), it must be (ny, nx)"),
-    "origin of three": (changed(origin=np.zeros(3)), "origin is float64 of shape (3,), it must be 2 numbers"),
+    "flat layers": (lambda c: c.update(elevation=c["elevation"].ravel()), "grid shape is (9720,); it must be (ny, nx)"),
+    "origin of three": (changed(origin=np.zeros(3)), "origin is float64 of shape (3,); it must be 2 numbers"),
     "origin NaN": (changed(origin=np.full(2, np.nan)), "it must be two finite numbers"),
-    "resolution zero": (changed(resolution=0.0), "resolution is 0.0, it must be a positive number"),
-    "resolution a text": (changed(resolution="5 mm"), "resolution is <U4 of shape (), it must be one number"),
-    "two stamps": (changed(stamp=[1, 2]), "stamp is int64 of shape (2,), it must be one number"),
-    "stamp a fraction": (changed(stamp=1.5), "stamp is float64 of shape (), it must be one number"),
-    "frame a number": (changed(frame=1), "frame is int64 of shape (), it must be one text"),
+    "resolution zero": (changed(resolution=0.0), "resolution is 0.0; it must be a positive number"),
+    "resolution a text": (changed(resolution="5 mm"), "resolution is <U4 of shape (); it must be one number"),
+    "two stamps": (changed(stamp=[1, 2]), "stamp is int64 of shape (2,); it must be one number"),
+    "stamp a fraction": (changed(stamp=1.5), "stamp is float64 of shape (); it must be one number"),
+    "frame a number": (changed(frame=1), "frame is int64 of shape (); it must be one text"),
     "metadata no JSON": (changed(metadata="{"), "metadata: not a JSON file"),
     "metadata a list": (changed(metadata="[]"), "metadata: the top level is a list, it must be a JSON object"),
     "metadata with NaN": (changed(metadata='{"a": [NaN]}'), "metadata: a[0] is nan, it must be finite"),
     "unknown extent": (changed(metadata='{"extent": "world"}'), "extent is 'world', allowed: footprint, map"),
     "picture of one row": (
         changed(ortho_image_mm=np.zeros(3)),
-        "ortho_image_mm is float64 of shape (3,), it must be n x n numbers",
+        "ortho_image_mm is float64 of shape (3,); it must be n x n numbers",
     ),
 }
 

@@ -154,7 +154,7 @@ def test_wrong_extent_or_geometry_is_refused(terrain: gp.TerrainGrid) -> None:
     """Layers and geometry must fit, and there are two extents."""
     with pytest.raises(gp.InvalidInput, match="extent is 'world', allowed: footprint, map"):
         dataclasses.replace(terrain, extent="world")
-    with pytest.raises(gp.InvalidInput, match=r"layers have shape \(40, 60\), the geometry says \(60, 40\)"):
+    with pytest.raises(gp.InvalidInput, match=r"layers have shape \(40, 60\), but the geometry has \(60, 40\)"):
         dataclasses.replace(terrain, geometry=GridGeometry((0, 0), 0.005, (60, 40)))
 
 

@@ -127,10 +127,10 @@ def bad_options(data: Path, calibration: Path, folder: Path) -> dict[str, tuple[
             [scan, "-c", calibration, "-o", out, "--resolution", "0.007"],
             "0.007 m does not divide the area",
         ),
-        "resolution zero": ([scan, "-c", calibration, "-o", out, "--resolution", "0"], "resolution is 0.0, it must be"),
+        "resolution zero": ([scan, "-c", calibration, "-o", out, "--resolution", "0"], "resolution is 0.0; it must be"),
         "resolution NaN": (
             [scan, "-c", calibration, "-o", out, "--resolution", "nan"],
-            "resolution is nan, it must be",
+            "resolution is nan; it must be",
         ),
         "figures a file": (
             [scan, "-c", calibration, "-o", out, "--figures", calibration],

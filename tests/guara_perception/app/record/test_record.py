@@ -335,7 +335,7 @@ def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: P
         (["--simulated", "--redo", "plates"], "no recording.json, so `guara record` did not make it: nothing to"),
         (["--simulated", "--redo", "laser"], "'laser' is not one of 'plates', 'board', 'crosses'"),
         (["--simulated", "--pattern", "dots"], "'dots' is not one of 'checkerboard', 'charuco'"),
-        (["--simulated", "--board", "9"], "--board is '9', it must be COLUMNSxROWS"),
+        (["--simulated", "--board", "9"], "--board is '9'; it must be COLUMNSxROWS"),
         (["--devices", "none.toml"], "none.toml: no such file; `guara record` writes one"),
         (["--robot", "dog"], "dog"),
     ],

@@ -159,11 +159,11 @@ def test_command_says_what_it_printed(guara, tmp_path: Path):
     ("arguments", "reported"),
     [
         (["-o", "t.txt"], "t.txt: it must end in .pdf"),
-        (["-o", "t.pdf", "--board", "nine"], "--board is 'nine', it must be COLUMNSxROWS"),
+        (["-o", "t.pdf", "--board", "nine"], "--board is 'nine'; it must be COLUMNSxROWS"),
         (["-o", "t.pdf", "--board", "2x7"], "board has 2x7 inner corners of 0.03 m; allowed: 3 ... 40 each way"),
         (["-o", "t.pdf", "--pattern", "circles"], "'circles' is not one of 'checkerboard', 'charuco'"),
         (["-o", "t.pdf", "--square", "30"], "squares of 0.005 ... 0.1 m"),
-        (["-o", "t.pdf", "--plates", "0;1"], "--plates is '0;1', it must be heights in metres"),
+        (["-o", "t.pdf", "--plates", "0;1"], "--plates is '0;1'; it must be heights in metres"),
         (["-o", "none/t.pdf"], "the folder none does not exist"),
         (["-o", "t.pdf", "--robot", "dog"], "dog"),
     ],

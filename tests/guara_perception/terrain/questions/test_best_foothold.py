@@ -57,7 +57,7 @@ def test_where_there_is_none_the_best_refused_place_says_why(paper_terrain: gp.T
     beyond = paper_terrain.best_refused(place.x, place.y, 0.01, leg="lh")
     assert beyond is not None and [reason.test for reason in beyond.verdict.reasons] == ["reach"]
     assert gp.assess_terrain(np.zeros((300, 300)), 0.005).best_refused(0.75, 0.75, 0.05) is None
-    with pytest.raises(gp.InvalidInput, match=r"radius is 2\.0, it must be 0 \.\.\. 1 m"):
+    with pytest.raises(gp.InvalidInput, match=r"radius is 2\.0; it must be 0 \.\.\. 1 m"):
         paper_terrain.best_refused(0.6, 0.2, 2.0)
 
 
@@ -100,7 +100,7 @@ def test_the_previous_choice_is_kept_until_another_is_worth_a_third_more() -> No
     ("arguments", "message"),
     [
         ((np.nan, 0.0, 0.1), "the nominal position is"),
-        ((0.0, 0.0, -0.1), "radius is -0.1, it must be 0 ... 1 m"),
+        ((0.0, 0.0, -0.1), "radius is -0.1; it must be 0 ... 1 m"),
         ((0.0, 0.0, 50.0), "radius is 50.0"),
         ((0.0, 0.0, np.inf), "radius is inf"),
     ],

@@ -238,7 +238,7 @@ def test_what_it_costs_is_little(paper_terrain: gp.TerrainGrid) -> None:
 @pytest.mark.slow
 def test_a_compact_grid_is_not_fused(paper_terrain: gp.TerrainGrid, robot: RobotModel) -> None:
     """The map could not keep the bounds of the rounding."""
-    with pytest.raises(gp.InvalidInput, match="compact encoding cannot be fused: .* Ask for it lossless"):
+    with pytest.raises(gp.InvalidInput, match="compact encoding cannot be fused, .* Request the lossless grid"):
         gp.TerrainMap(robot).update(sent_compactly(paper_terrain), PoseInOdom(np.eye(4), 1e-8 * np.eye(6)))
 
 

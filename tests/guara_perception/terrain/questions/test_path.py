@@ -276,7 +276,7 @@ def test_off_the_grid_is_unknown() -> None:
         (np.empty((0, 3)), 0.01, r"shape \(0, 3\)"),
         ("over there", 0.01, "points of a path: an array of numbers"),
         ([[0, 0, 0], [1000, 0, 0]], 0.01, "allowed: 20 m"),
-        ([[0, 0, 0]], -0.01, "clearance is -0.01, it must be 0 ... 1 m"),
+        ([[0, 0, 0]], -0.01, "clearance is -0.01; it must be 0 ... 1 m"),
         ([[0, 0, 0]], np.nan, "clearance is nan"),
     ],
 )

@@ -102,7 +102,7 @@ def test_points_of_the_body_are_moved_by_its_pose(robot: RobotModel) -> None:
 @pytest.mark.parametrize(
     ("points", "frame", "message"),
     [
-        ([0.1, 0.2], "base_footprint", r"shape \(2,\), \(n, 2\) or \(n, 3\) is needed"),
+        ([0.1, 0.2], "base_footprint", r"shape \(2,\); \(n, 2\) or \(n, 3\) is needed"),
         ("here", "base_footprint", "points: an array of numbers"),
         ([[0.1, 0.2]], "map", "frame is 'map', allowed: base_footprint, base_link"),
         ([[0.1, 0.2]], "base_link", "lacks transform_base_to_footprint"),

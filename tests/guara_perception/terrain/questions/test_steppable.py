@@ -191,9 +191,9 @@ def test_a_grown_polygon_enters_no_square(seed: int, count: int) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((np.nan, 0.0, 0.1), "the nominal position is .nan, 0.0., it must be finite"),
-        ((0.0, 0.0, 0.0), "radius is 0.0, it must be above 0"),
-        ((0.0, 0.0, 0.1, None, "that one"), "previous is str, it must be a SteppableRegion"),
+        ((np.nan, 0.0, 0.1), "the nominal position is .nan, 0.0.; it must be finite"),
+        ((0.0, 0.0, 0.0), "radius is 0.0; it must be above 0"),
+        ((0.0, 0.0, 0.1, None, "that one"), "previous is str; it must be a SteppableRegion"),
     ],
 )
 def test_bad_questions_are_refused(arguments: tuple[object, ...], message: str) -> None:

@@ -113,7 +113,7 @@ def test_reach_of_a_leg(robot: RobotModel) -> None:
         ([0.1, 0.1], [0.2, 0.2, 0.0], 0.02, "start and end of a swing: an array of numbers"),
         ([0.1, 0.1, np.nan], [0.2, 0.2, 0.0], 0.02, "finite points"),
         ("here", "there", 0.02, "start and end of a swing: an array of numbers"),
-        ([0.1, 0.1, 0.0], [0.2, 0.2, 0.0], -1.0, "clearance is -1.0, it must be 0 ... 1 m"),
+        ([0.1, 0.1, 0.0], [0.2, 0.2, 0.0], -1.0, "clearance is -1.0; it must be 0 ... 1 m"),
     ],
 )
 def test_what_is_no_swing_is_refused(start: object, end: object, clearance: float, message: str) -> None:

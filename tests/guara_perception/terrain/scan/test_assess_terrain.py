@@ -35,14 +35,14 @@ def test_its_input_is_not_kept() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"elevation": np.zeros(5)}, r"shape \(5,\), it must be \(ny, nx\)"),
+        ({"elevation": np.zeros(5)}, r"shape \(5,\); it must be \(ny, nx\)"),
         ({"elevation": np.zeros((0, 3))}, r"shape \(0, 3\)"),
         ({"elevation": np.zeros((2, 2, 2))}, r"shape \(2, 2, 2\)"),
         ({"elevation": [["a"]]}, "elevation: an array of numbers is needed"),
         ({"elevation": [[0.0, 1.0], [0.0]]}, "elevation: an array of numbers is needed"),
-        ({"elevation": [[np.inf, 0.0]]}, "infinite heights, use NaN"),
+        ({"elevation": [[np.inf, 0.0]]}, "infinite heights: use NaN"),
         ({"elevation": [[2e4, 0.0]]}, "at most 10000 m is allowed"),
-        ({"resolution": 0.0}, "resolution is 0.0, it must be a positive"),
+        ({"resolution": 0.0}, "resolution is 0.0; it must be a positive"),
         ({"resolution": -0.01}, "resolution is -0.01"),
         ({"resolution": np.nan}, "resolution is nan"),
         ({"resolution": [0.01, 0.01]}, "one number"),

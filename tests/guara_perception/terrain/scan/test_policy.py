@@ -152,7 +152,7 @@ def test_a_partly_extended_scan_keeps_the_coarse_ground(make_scan: MakeScan, sca
 
 def test_bad_arguments_are_refused(robot: RobotModel, make_scan: MakeScan, pairs: np.ndarray) -> None:
     """A height limit of zero, pairs of another grid, no time for a stripe."""
-    with pytest.raises(gp.InvalidInput, match="height_limit is 0, it must be above 0"):
+    with pytest.raises(gp.InvalidInput, match="height_limit is 0; it must be above 0"):
         gp.ScanPolicy(robot, height_limit=0)
     policy = gp.ScanPolicy(robot)
     with pytest.raises(gp.InvalidInput, match="allowed: the grid of a scan"):
