@@ -141,5 +141,5 @@ def _picture(scan: Scan) -> Image | None:
     try:
         return scan.read_frame(in_order[len(in_order) // 2].on)
     except (MissingFile, FileFormatError) as error:
-        logger.warning("skipping camera picture: %s", error)
+        logger.warning("skipping camera image: %s", error)
         return None

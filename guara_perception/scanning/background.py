@@ -20,7 +20,7 @@ from guara_perception.stripes.kernel.library import Picture, address, addresses,
 from kinematics.transforms import inverse, transform_points
 
 CAMERA_MOVED = "camera moved"
-MOVED = f"{CAMERA_MOVED}: the ground in its image is not where it should be if the body moved as the joints say"
+MOVED = f"{CAMERA_MOVED}: the ground in its image is not where it should be if the body moved as the joints report"
 # A stripe is not used if its height error exceeds this [m] and this many sigmas of the estimated motion.
 MOST_RISE_M, LEAST_SIGMAS = 0.003, 5.0
 # Images are reduced to about this width before tracking [px].
@@ -275,7 +275,7 @@ class BackgroundWitness:
         beyond = {index: seen.rise for index, seen in self._seen.items()}
         if places is not None:
             beyond = {index: rise - self._claimed(places[index]) for index, rise in beyond.items() if index in places}
-            # The place of the reference image is unknown, and all motion is relative to it.
+            # The camera pose of the reference image is unknown, and all motion is relative to this pose.
             common = np.median(list(beyond.values()), axis=0) if beyond else 0.0
             beyond = {index: rise - common for index, rise in beyond.items()}
         return {

@@ -14,12 +14,12 @@ from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus
 # few rows, because reading a picture from memory takes most of the time of a sample.
 SAMPLED_FRAMES = 12
 ROWS_APART, PIXELS_APART = 32, 8
-# Number of evenly spaced columns of a frame in which the brightest row and a clipped core are sought.
+# Number of evenly spaced columns of a frame in which the brightest row and a clipped core are searched for.
 GLANCED = 12
 # Light counts if it exceeds the background of its column by this [grey levels of 255] and by this many sigmas.
 LEAST_LEVEL = 12.0
 LEAST_SIGMAS = 8.0
-# Spacing of the rows in which light and a core are sought, as a fraction of the image height: 2 px of 512.
+# Spacing of the rows in which light and a core are searched for, as a fraction of the image height: 2 px of 512.
 GLANCED_ROWS_OF_HEIGHT = 1 / 256
 # The background of a column is estimated from every eighth of these rows.
 USUAL_ROWS_APART = 8

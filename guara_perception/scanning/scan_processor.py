@@ -291,7 +291,7 @@ class ScanProcessor:
         geometry, body = self._geometry, self._body
         if places:
             geometry, body = geometry.moved(places), places[sorted(places)[len(places) // 2]].body
-        # With a track, the sigmas of each stripe's own place already include the motion.
+        # With a track, the sigmas of each stripe's own pose already include the motion.
         motion = None if places else self._motion
         return ScanSurface(
             self._cell,
@@ -315,7 +315,7 @@ class ScanProcessor:
 
     @property
     def light_margins(self) -> dict[str, float]:
-        """Margins of the light to the limits of its diagnosis, and height of the stripe; see `FrameSamples.margins`."""
+        """Margins of the light diagnosis, and height of the stripe above the background; see `FrameSamples.margins`."""
         return self._samples.margins()
 
     def _mirrored_points(self) -> dict[int, StripePoints]:
@@ -537,7 +537,7 @@ class _Proved:
         profiles: profile of each stripe; those not confirmed are bad.
         surface: surface of the confirmed stripes.
         motion: description of motion during the scan, empty if there was none.
-        places: place of each stripe; None if all have the pose of the stance.
+        places: pose of camera and body at each stripe; None if all stripes have the pose of the stance.
     """
 
     proof: Proof

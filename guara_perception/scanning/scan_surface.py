@@ -232,7 +232,7 @@ class _Area:
 
     Attributes:
         rows: rows of the widest area's raster that belong to this area.
-        plan: expected observations of its cells.
+        plan: stripe pair and visibility of each of its cells.
         sway_variance: (ny, nx) added to the variance of every cell [m^2], or None.
     """
 

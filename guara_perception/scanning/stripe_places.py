@@ -15,7 +15,7 @@ from kinematics import BodyTrack, SelfFilter, StancePose
 from kinematics.body_track import HALF_WINDOW, LONGEST_GAP
 from kinematics.transforms import inverse, transform_points
 
-NO_PLACE = "the pose of the body at its flash is unknown: joint samples are missing, feet moved, or it has no instant"
+NO_PLACE = "the pose of the body at its flash is unknown: joint samples are missing, feet moved, or no instant is known"
 # Two neighbouring stripes are joined only if the body motion between their flashes displaces the ground by at most
 # this much in any direction: half the spacing of coarse stripes, so that no stripe falls where another should be.
 MOST_BETWEEN_M = 0.006

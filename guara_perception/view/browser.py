@@ -75,7 +75,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
             InvalidInput: there are no moments.
         """
         if not moments:
-            raise InvalidInput("there is nothing to show: the recording holds no grid")
+            raise InvalidInput("there is nothing to show: the recording contains no grid")
         with self._lock:
             self._timeline.replace(moments)
             self._redraw()

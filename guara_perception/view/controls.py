@@ -59,7 +59,7 @@ class Controls:
             self.colouring = gui.add_dropdown("colour", COLOURINGS, initial_value="hazard")
             self.extent = gui.add_dropdown("terrain", ("map", "footprint"), initial_value="map")
             self._legend = gui.add_html("")
-        with gui.add_folder("on it"):
+        with gui.add_folder("overlays"):
             self._shown = {name: gui.add_checkbox(name, initial_value=name not in HIDDEN_AT_FIRST) for name in SHOWN}
         beside = gui.add_panel()
         with beside.add_tab("camera and cell"):

@@ -48,7 +48,7 @@ BEYOND = 0.005
 # Largest height difference of neighbours that are joined, so that walls that were not measured are not drawn.
 JOIN_HEIGHT_M = 0.030
 
-TRAVERSABILITY = Scale("traversability", 0.0, 1.0, TRAVERSABILITY_COLOURS, "0 no foot here", "1 best")
+TRAVERSABILITY = Scale("traversability", 0.0, 1.0, TRAVERSABILITY_COLOURS, "0 not traversable", "1 best")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

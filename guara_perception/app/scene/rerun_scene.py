@@ -126,7 +126,7 @@ def _last_map(recording: Recording) -> TerrainMessage:
     newest = deque(recording.terrains("map"), maxlen=1)
     if not newest or next(recording.written("map/points"), None) is None:
         raise InvalidInput(
-            f"{recording.path} holds no scene: it has no map, or was recorded by an earlier version; "
+            f"{recording.path} contains no scene: it has no map, or was recorded by an earlier version; "
             f"`guara view {recording.path}` shows what is in it"
         )
     return newest[0]

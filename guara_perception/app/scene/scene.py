@@ -49,7 +49,7 @@ class Scene:
             InvalidInput: the calibration belongs to another robot.
         """
         if calibration.robot != robot.name:
-            raise InvalidInput(f"the calibration is of robot {calibration.robot!r}, the robot is {robot.name!r}")
+            raise InvalidInput(f"the calibration belongs to robot {calibration.robot!r}, not {robot.name!r}")
         self._robot, self._calibration = robot, calibration
         self._frames = RobotFrames(robot, calibration.transform_camera_to_base)
 

@@ -169,7 +169,7 @@ def unknown_causes(
     """Compute the causes of unknown cells.
 
     Args:
-        plan: expected observations.
+        plan: stripe pair and visibility of each cell.
         sensor_origins: positions (3,) of the camera and, last, the laser in base_footprint.
         elevation: (ny, nx) heights [m], NaN where unknown.
         pair_usable: (s - 1,) mask of the pairs of neighbouring stripes that both have usable frames.

@@ -7,10 +7,10 @@ with the square root. So, for each earlier pause j, two sums since j are compare
     d = T_j^-1 T                        corrections of the map, where T is the correction of the drift
     d = sum of the motions from scan to scan minus those of odometry
 
-The second sum detects slow ground first: if few heights show the motion, corrections follow it only by a small part.
-Let w be the displacement since j, s the fraction of w by which odometry may err along w, always with the same sign
-(feet that all slide back keep their distances), P_j the covariance of drift or noise at j, and N the covariance of the
-heights and of the noise now, for the second sum only. Then the covariance of d is
+The second sum detects slow ground first: if few heights show the motion, corrections follow the ground only in small
+part. Let w be the displacement since j, s the fraction of w by which odometry may err along w, always with the same
+sign (feet that all slide back keep their distances), P_j the covariance of drift or noise at j, and N the covariance of
+the heights and of the noise now, for the second sum only. Then the covariance of d is
 
     S = F P_j F' + drift of odometry since + N + s^2 w w'
 
@@ -71,9 +71,10 @@ class OdometrySum(FrozenArrays):
     Attributes:
         transforms: (k, 4, 4) corrections of the drift at the pauses.
         positions: (k, 2) positions of the robot from odometry at the pauses [m].
-        covariances: (k, 3, 3) covariances of the drift at the pause and since, about the current position of the robot.
-        seen: (k, 3) x, y, yaw by which the motion since, as shown by scans, exceeds that of odometry, about the current
-            position of the robot.
+        covariances: (k, 3, 3) covariances of the drift at the pause and since then, about the current position of the
+            robot.
+        seen: (k, 3) x, y, yaw by which the motion since the pause, as shown by scans, exceeds that of odometry, about
+            the current position of the robot.
         seen_covariances: (k, 3, 3) covariances of `seen`.
         shown: (k,) length of the path since the pause that texture over the whole view showed [m].
     """

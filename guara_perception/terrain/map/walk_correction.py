@@ -78,7 +78,7 @@ class WalkCorrection:
         unheld: (2,) displacement since texture last corrected the walk [m].
         off_texture: (3, 3) covariance of the pose relative to the texture, due to motions since texture last corrected
             the walk or a new reference texture was taken.
-        off_way: (2,) displacement since the pause at which `off_texture` was last zero [m].
+        off_way: (2,) displacement since texture last corrected the walk or a new reference texture was taken [m].
         unseen: number of future pauses whose texture is not used, because corrections were undone.
         slip: (2,) sigma of the displacement by slip since the start [m], without the part that texture corrected. Slip
             is assumed to act along the path, always with the same sign.
@@ -340,8 +340,8 @@ class SidewaysDrift(FrozenArrays):
         pauses: (k,) numbers of the pauses, ascending.
         total: (k, 3, 3) sums from the start to each pause [m, rad].
         own: (k, 3, 3) covariance of each pause's own error, added to the covariance of motions from or to the pause.
-        slip: (k, 2) sigma of slip from the start to each pause, along x and y of odom; slip has one sign in all pauses
-            [m].
+        slip: (k, 2) sigma of slip from the start to each pause, along x and y of odom; slip has the same sign in all
+            pauses [m].
     """
 
     pauses: Index = field(default_factory=lambda: np.empty(0, np.int64))

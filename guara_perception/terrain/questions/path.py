@@ -19,7 +19,7 @@ from guara_perception.terrain.questions.leg_reach import StandingSole, standing_
 from guara_perception.terrain.questions.reason import Reason, Verdict
 from kinematics import KinematicsError
 
-# Largest distance between the start of a path and the centre of the standing sole at which it begins.
+# Largest distance between the start of a path and the centre of the standing sole from which the path starts.
 SAME_PLACE_M = 0.010
 # Depth by which a swing may be lower than the map at its ends, where it touches the ground.
 TOUCH_M = 0.005

@@ -125,7 +125,7 @@ def test_files_without_a_scene_are_refused(tmp_path: Path, walk: Path, capsys: p
     (tmp_path / "cut.mcap").write_bytes(walk.read_bytes()[:3000])
     out = str(tmp_path / "a.rrd")
     for arguments, reported in (
-        ([str(bare), "--save", out], "holds no scene"),
+        ([str(bare), "--save", out], "contains no scene"),
         ([str(picture), "--save", out], "Rerun shows recordings (.mcap)"),
         ([str(tmp_path / "none.mcap"), "--save", out], "no such file"),
         ([str(tmp_path / "cut.mcap"), "--save", out], "guara recover"),

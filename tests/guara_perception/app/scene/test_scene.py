@@ -138,5 +138,5 @@ def test_a_robot_whose_camera_has_another_name_has_the_frame_of_its_pictures(roo
 
 def test_another_robots_calibration_is_refused(root, calibration: gp.Calibration) -> None:
     """A scene combines robot and calibration, which must belong together."""
-    with pytest.raises(gp.InvalidInput, match="calibration is of robot 'guara', the robot is 'tapir'"):
+    with pytest.raises(gp.InvalidInput, match="calibration belongs to robot 'guara', not 'tapir'"):
         Scene(load_robot(root / "tests" / "robots" / "tapir"), calibration)
