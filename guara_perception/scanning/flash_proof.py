@@ -39,7 +39,8 @@ LINE_SHARE = 0.08
 SPOT_SHARE = 0.01
 # Spots in two successive dark frames that overlap in less than this fraction of the smaller one are moving light.
 LEAST_OVERLAP = 0.3
-# A frame shows no line if fewer than NO_LINE of its columns have returns, and a line if more than PLAIN_LINE do.
+# A frame shows no line if less than the fraction NO_LINE of its columns has returns, and a line if more than PLAIN_LINE
+# has.
 NO_LINE, PLAIN_LINE = 0.02, 0.1
 # Largest shift between frames and flashes that is tested [frames].
 MOST_SHIFT = 6
@@ -93,7 +94,7 @@ class Proof:
     Attributes:
         refused: reason why no stripe of the scan may be used, beginning with the cause; empty if the scan may be used.
         unproved: stripes after the last dark flash, whose frames may show another instant.
-        spoilt: (h, w) mask of pixels that are lit while the laser is off, and of pixels close to them, in the
+        spoilt: (h, w) mask of pixels that are lit while the laser is off, and of pixels close to them, at the
             resolution of `lit_pixels`; None if there are none.
         doubled: stripes that are not used because their image shows two lines.
         darks: number of dark flashes whose frames are known; None for a sweep without dark flashes.
@@ -185,7 +186,7 @@ class FlashProof:
         return Proof(unproved=frozenset(order[last + 1 :]), spoilt=spoilt, doubled=doubled, darks=count)
 
     def _cause(self, order: list[int], lines: list[int]) -> str:
-        """Text on the cause of lines in dark frames: frames of another instant, if one shift explains all lines."""
+        """State the cause of lines in dark frames: frames of another instant, if one shift explains all lines."""
         listed = ", ".join(map(str, lines))
         shots: list[tuple[int, bool]] = []
         for index in order:

@@ -39,8 +39,9 @@ def assess_layers(
 ) -> dict[str, Array]:
     """Compute all layers of a grid from its heights.
 
-    Every test reads a fixed window. A cell gets EDGE if the window of any cell under a sole centred on it contains an
-    unknown cell, so the loss of an observation never makes another cell safe.
+    Every test reads a fixed window. A cell gets EDGE if a sole centred on it would cover a hazard, or if the window of
+    any cell under this sole contains an unknown cell or extends off the grid. The loss of an observation therefore
+    never makes another cell safe.
 
     Args:
         raster: heights, variances not shared by neighbours, lowest and highest samples.

@@ -117,7 +117,7 @@ class LayeredGrid(Gridded):
         frame: "base_footprint".
         stamp: time of the scan [ns since the Unix epoch].
         step: number of the stance pause.
-        extent: "footprint" (this scan alone) or "map" (fused).
+        extent: "footprint" (one scan alone) or "map" (fused scans).
         pictures: range images (512, 640) float32 by name [mm], if the scan was processed with them.
         stale_because: reasons why a client returns the grid only with `allow_stale`; empty otherwise.
     """

@@ -10,12 +10,12 @@ slope, w Huber's weight, and P the prior covariance of m from odometry. Errors o
 the information of the heights is divided by n.
 
 Both height fields are smoothed in the same way, and the slope is the mean of both slopes (Malis, Improving vision-based
-control using efficient second-order minimization techniques, ICRA 2004). A slope that may be noise does not observe x
-and y: a cell whose slope in the scan is below SLOPE_SIGMAS of its error counts as level, and a level cell observes only
-height and tilt. The slope of the map is not used for this decision, because the map has seams of a millimetre or two at
-the ends of scans. On level ground and on slopes that are hardly steeper, x, y and yaw therefore keep their priors.
-Slopes this small cannot be used: the map's heights are off by a millimetre over areas as large as a ramp, which is
-equivalent to a shift of 20 mm on a ramp of slope 0.05.
+control using efficient second-order minimization techniques, ICRA 2004). A slope that may be noise must not be used for
+x and y: a cell whose slope in the scan is below SLOPE_SIGMAS of its error counts as level, and a level cell observes
+only height and tilt. The slope of the map is not used for this decision, because the map has seams of a millimetre or
+two at the ends of scans. On level ground and on slopes that are hardly steeper, x, y and yaw therefore keep their
+priors. Slopes this small cannot be used: the map's heights are off by a millimetre over areas as large as a ramp, which
+is equivalent to a shift of 20 mm on a ramp of slope 0.05.
 
 Across its stripes, a laser scan shows an edge at the first stripe behind the true edge. This error is up to the spacing
 of the stripes, which grows with the distance, and has the same sign for all edges that face the robot. Registration to
