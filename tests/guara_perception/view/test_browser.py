@@ -113,7 +113,7 @@ def test_steppable_regions_are_outlined_when_their_box_is_ticked(
     with BrowserView(robot, port=18087) as view:
         view.show_recording([moment(grid)])
         open_page(page, view.address, "step 7")
-        assert page.evaluate("document.body.innerText.includes('the centre of a sole may be set anywhere inside')")
+        assert page.evaluate("document.body.innerText.includes('the sole centre may be placed anywhere inside')")
         before = lines(until(page, lambda picture: share(picture[SCENE], TERRAIN, 70) > 0.005, "the ground"))
         tick(page, "regions")
         until(page, lambda picture: lines(picture) > before + 0.0005, "outlines of regions")

@@ -105,7 +105,7 @@ def test_wrong_layer_and_foothold_are_refused(terrain):
     """The message lists the layers, or says what a foothold is."""
     with pytest.raises(gp.InvalidInput, match="layer is 'height', allowed: elevation, variance"):
         terrain.plot("height")
-    with pytest.raises(gp.InvalidInput, match=r"a foothold is 3, it must have x and y, or be a pair \(x, y\) \[m\]"):
+    with pytest.raises(gp.InvalidInput, match=r"a foothold is 3; it must have x and y, or be a pair \(x, y\) \[m\]"):
         terrain.plot(footholds=[3])
 
 
