@@ -1,13 +1,14 @@
 """Camera motion during a scan, estimated from the background of its images.
 
 Corners of a laser-off image are tracked (Lucas-Kanade) into the other images of the scan, outside the rows of the laser
-line. Ground without texture gives no estimate.
+line. In dim light, where one image is too noisy, laser-off images are tracked too, and the images of neighbouring
+stripes are pooled, as a longer exposure would. Ground without texture gives no estimate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -21,8 +22,13 @@ from kinematics.transforms import inverse, transform_points
 
 CAMERA_MOVED = "camera moved"
 MOVED = f"{CAMERA_MOVED}: the ground in its image is not where it should be if the body moved as the joints report"
-# A stripe is not used if its height error exceeds this [m] and this many sigmas of the estimated motion.
+# Motion is seen where heights change by more than this [m] and this many sigmas. Stripes whose heights change by more
+# than this are then not used, nor those that may be off by WRONG_M, SURE_SIGMAS counted in.
 MOST_RISE_M, LEAST_SIGMAS = 0.003, 5.0
+WRONG_M, SURE_SIGMAS = 0.005, 2.0
+# Stripes before and after a stripe that are pooled with it in dim light: 0.18 s in all at 35 ms a stripe, which leaves
+# 0.95 of a sway of 1 Hz.
+NEIGHBOURS = 2
 # Images are reduced to about this width before tracking [px].
 FOLLOWED_PX = 320
 # Mean level up to which an image counts as dim, mean level to which it is then brightened [grey levels of 255], and
@@ -136,13 +142,48 @@ class _Seen:
 
     Attributes:
         rise: (4,) rise of the corners of the scanned area by it [m].
-        sigma: (4,) their standard deviations [m].
+        sigma: (4,) their standard deviations due to the noise of its own image or images [m]; that of the reference is
+            in all estimates.
         shift: median motion of the corners of the image [px of the reduced image].
     """
 
     rise: Float
     sigma: Float
     shift: float
+
+    @property
+    def is_sure(self) -> bool:
+        """True if the error is about normal; noisier estimates have larger errors than their sigmas say."""
+        return bool(self.sigma.max() <= MOST_RISE_M)
+
+    def is_beyond(self, expected: Float | float, common: Float | float) -> bool:
+        """Test that the rise is significantly other than expected [m], given the sigma of what all estimates share."""
+        limit = np.maximum(MOST_RISE_M, LEAST_SIGMAS * np.hypot(self.sigma, common))
+        return bool((np.abs(self.rise - expected) > limit).any())
+
+
+def _estimates(looks: Mapping[int, Sequence[_Seen]], common: Float) -> dict[int, _Seen]:
+    """Rise at each stripe, pooled with its neighbours where its own images do not tell."""
+    groups, found = list(looks.values()), {}
+    for number, (index, own) in enumerate(looks.items()):
+        seen = _pooled(own)
+        if seen is None or (LEAST_SIGMAS * seen.sigma.max() > MOST_RISE_M and not seen.is_beyond(0.0, common)):
+            around = groups[max(number - NEIGHBOURS, 0) : number + NEIGHBOURS + 1]
+            seen = _pooled([look for group in around for look in group])
+        if seen is not None:
+            found[index] = seen
+    return found
+
+
+def _pooled(looks: Sequence[_Seen]) -> _Seen | None:
+    """Weighted mean of estimates, None if there are none; its sigma includes their scatter."""
+    if not looks:
+        return None
+    rises, weights = np.array([look.rise for look in looks]), np.array([look.sigma for look in looks]) ** -2.0
+    mean = (weights * rises).sum(axis=0) / weights.sum(axis=0)
+    scatter = (weights * (rises - mean) ** 2).sum() / max(weights.size - len(mean), 1)
+    sigma = np.sqrt(max(float(scatter), 1.0) / weights.sum(axis=0))
+    return _Seen(mean, sigma, float(np.median([look.shift for look in looks])))
 
 
 class BackgroundWitness:
@@ -158,11 +199,13 @@ class BackgroundWitness:
         """
         self._camera, self._pose, self._ends = camera, transform_camera_to_footprint, ends
         self._reference: Image | None = None
+        # The last laser-off image of a dim scan, reduced.
+        self._dark: Image | None = None
         self._points = self._rays = np.zeros((0, 2))
         self._flow: Float = np.zeros((0, 2, 6))
         # Change (n, 2, 2) of the ray of each corner by a pixel along x and along y.
         self._turn: Float = np.zeros((0, 2, 2))
-        self._seen: dict[int, _Seen] = {}
+        self._seen: dict[int, list[_Seen]] = {}
         self._pixel = self._gain = 0.0
         # Rise of the corners per unit of small motion (translation, rotation) along the axes of the camera.
         turn, arm = transform_camera_to_footprint[:3, :3], ends - transform_camera_to_footprint[:3, 3]
@@ -181,21 +224,29 @@ class BackgroundWitness:
             self._begin(off)
         if self._reference is None or len(self._points) < LEAST_CORNERS:
             return
-        given, channel, factor, gain = _reduction(picture, self._gain)
-        if (given.rows // factor, given.columns // factor) != self._reference.shape:
-            return
         scale = self._reference.shape[0] / picture.shape[0]
-        first, end = scale * band[0] - GLOW_PX, scale * band[1] + GLOW_PX
-        outside = (self._points[:, 1] < first) | (self._points[:, 1] >= end)
-        if np.count_nonzero(outside) < LEAST_CORNERS:
-            return
+        looks = [self._look(picture, (scale * band[0] - GLOW_PX, scale * band[1] + GLOW_PX), scale)]
+        if off is not None and self._gain > 1.0:
+            dark = grey(off, self._gain)
+            # Several stripes may share a laser-off image.
+            if self._dark is None or not np.array_equal(dark, self._dark):
+                looks.append(self._look(off, (0.0, 0.0), scale))
+            self._dark = dark
+        self._seen[index] = [look for look in looks if look is not None]
+
+    def _look(self, picture: Image, rows: tuple[float, float], scale: float) -> _Seen | None:
+        """Motion since the reference from an image without the corners within some rows of the reduced image."""
+        assert self._reference is not None
+        given, channel, factor, gain = _reduction(picture, self._gain)
+        outside = (self._points[:, 1] < rows[0]) | (self._points[:, 1] >= rows[1])
+        if (given.rows // factor, given.columns // factor) != self._reference.shape or outside.sum() < LEAST_CORNERS:
+            return None
         found = self._still(given, outside, (channel, factor, gain))
         if found is None:
             there = follow(self._reference, grey(picture, self._gain), self._points[outside], WINDOW_PX, LEVELS)
             rays = self._camera.rays(there / scale)[:, :2]
             found = self._motion(rays - self._rays[outside], self._flow[outside], there - self._points[outside])
-        if found is not None:
-            self._seen[index] = found
+        return found
 
     def _still(self, picture: Picture, outside: Mask, how: tuple[int, int, float]) -> _Seen | None:
         """Estimate from a few corners, each close to its place; None if they do not show that the camera stands still.
@@ -208,13 +259,13 @@ class BackgroundWitness:
         kernel().follow_corners(picture, *how, *addresses(self._reference, points), len(points), address(moved))
         flow = self._turn[used] @ moved[..., None].astype(np.float64)
         found = self._motion(flow[..., 0], self._flow[used], moved)
-        if found is None or (np.abs(found.rise) + LEAST_SIGMAS * found.sigma > MOST_RISE_M).any():
+        if found is None or (np.abs(found.rise) + LEAST_SIGMAS * np.sqrt(2.0) * found.sigma > MOST_RISE_M).any():
             return None
         return found
 
     def _begin(self, off: Image) -> None:
         self._gain = gain_of(off)
-        self._reference = grey(off, self._gain)
+        self._reference = self._dark = grey(off, self._gain)
         scale = self._reference.shape[0] / off.shape[0]
         points = corners(self._reference)
         # Angle of one pixel of the reduced image [rad].
@@ -238,7 +289,8 @@ class BackgroundWitness:
 
     def is_still(self, index: int) -> bool:
         """Test that the image of a stripe shows the background where the reference image shows it."""
-        return index in self._seen and self._seen[index].shift < STILL_PX
+        looks = self._seen.get(index)
+        return bool(looks) and all(look.shift < STILL_PX for look in looks or ())
 
     def _motion(self, flow: Float, rows: Float, moved: Array) -> _Seen | None:
         """Rise of the corners of the area from the flow of image corners; None if it is not determined.
@@ -261,28 +313,67 @@ class BackgroundWitness:
         if agree < max(LEAST_CORNERS, LEAST_SHARE * count):
             return None
         sigma = noise * np.sqrt(((self._rise @ inverse_normal) * self._rise).sum(axis=1))
+        # Half of the variance of a difference between two images comes from each.
+        sigma /= np.sqrt(2.0)
         return _Seen(self._rise @ motion, sigma, float(np.median(np.linalg.norm(moved[seen], axis=1))))
 
-    def moved(self, places: Mapping[int, Float] | None) -> dict[int, float]:
+    @property
+    def is_blind(self) -> bool:
+        """True if a motion that makes heights wrong by `WRONG_M` could be missed: no texture, or too little light.
+
+        Not of a scan without laser-off images, whose motion is never looked for.
+        """
+        if self._reference is None:
+            return False
+        found = _estimates(self._told(), self._reference_sigma())
+        sigmas = [found[index].sigma.max() if index in found else np.inf for index in self._seen]
+        return not sigmas or LEAST_SIGMAS * float(np.median(sigmas)) > WRONG_M
+
+    def _told(self) -> dict[int, list[_Seen]]:
+        """Estimates that tell something; none in the dark, where those that seem to do so are chance."""
+        told = {index: [look for look in looks if look.is_sure] for index, looks in self._seen.items()}
+        count, whole = (sum(map(len, looks.values())) for looks in (told, self._seen))
+        return told if 2 * count > whole else {}
+
+    def moved(self, stripes: Collection[int], places: Mapping[int, Float] | None) -> dict[int, float]:
         """Stripes whose camera pose contradicts the joints, with the largest error of their heights [m].
 
+        If any did, stripes whose images do not tell are among them, with 0.
+
         Args:
+            stripes: indices of the stripes.
             places: poses (4, 4) of the camera in base_footprint from the joints, by stripe index; None = the camera
                 stood still.
         """
-        if not self._seen:
-            return {}
-        beyond = {index: seen.rise for index, seen in self._seen.items()}
+        looks = self._told()
         if places is not None:
-            beyond = {index: rise - self._claimed(places[index]) for index, rise in beyond.items() if index in places}
+            looks = {
+                index: [replace(look, rise=look.rise - self._claimed(places[index])) for look in seen]
+                for index, seen in looks.items()
+                if index in places
+            }
+        common = self._reference_sigma()
+        found = _estimates(looks, common)
+        if not found:
+            return {}
+        middle = np.median([each.rise for each in found.values()], axis=0)
+        if places is not None:
             # The camera pose of the reference image is unknown, and all motion is relative to this pose.
-            common = np.median(list(beyond.values()), axis=0) if beyond else 0.0
-            beyond = {index: rise - common for index, rise in beyond.items()}
-        return {
-            index: float(np.abs(rise).max())
-            for index, rise in beyond.items()
-            if (np.abs(rise) > np.maximum(MOST_RISE_M, LEAST_SIGMAS * self._seen[index].sigma)).any()
-        }
+            found = {index: replace(each, rise=each.rise - middle) for index, each in found.items()}
+            middle = np.zeros_like(middle)
+        if not any(each.is_beyond(0.0, common) or each.is_beyond(middle, 0.0) for each in found.values()):
+            return {}
+        moved = {index: 0.0 for index in stripes if index not in found}
+        for index, each in found.items():
+            sure = WRONG_M - SURE_SIGMAS * np.hypot(each.sigma, common)
+            if (np.abs(each.rise) > np.minimum(MOST_RISE_M, sure)).any():
+                moved[index] = float(np.abs(each.rise).max())
+        return moved
+
+    def _reference_sigma(self) -> Float:
+        """Sigma (4,) of the rises due to the noise of the reference: as large as that of one other image."""
+        sigmas = [look.sigma for looks in self._seen.values() for look in looks] or [np.zeros(len(self._ends))]
+        return np.asarray(np.median(sigmas, axis=0))
 
     def _claimed(self, transform_camera_to_footprint: Float) -> Float:
         change = transform_camera_to_footprint @ inverse(self._pose)

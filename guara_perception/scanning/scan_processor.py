@@ -258,7 +258,7 @@ class ScanProcessor:
             forbidden |= dict.fromkeys(set(self._profiles).difference(places), NO_PLACE)
             claimed = {index: place.transform_camera_to_footprint for index, place in places.items()}
             parted = parted_pairs(places, self._pattern.step, self._corners)
-        moved = {i: rise for i, rise in self._witness.moved(claimed).items() if i in self._profiles}
+        moved = {i: rise for i, rise in self._witness.moved(self._profiles, claimed).items() if i in self._profiles}
         motion = motion_text(moved, len(parted), len(self._profiles), has_track=places is not None)
         motion = "; ".join(filter(None, (left, motion)))
         forbidden |= dict.fromkeys(moved, MOVED)
@@ -505,6 +505,7 @@ class ScanProcessor:
                 mirrored_points=self._mirrored_points,
                 proof=proved.proof,
                 motion=proved.motion,
+                is_blind=proved.places is None and self._witness.is_blind,
             )
         # A refused scan is not evidence of lost returns: its stripes must not erase known cells of the map.
         unusable = {} if proved.proof.refused else proved.profiles

@@ -25,6 +25,7 @@ from kinematics.stance_pose import support_soles
 
 # Coverage below which the health states a cause and a remedy.
 LOW_COVERAGE = 0.5
+UNSEEN = "whether the body sways cannot be seen: the light is too dim or unsteady, or the ground has no texture"
 REGIONS_X, REGIONS_Y = ("near", "middle", "far"), ("right", "centre", "left")
 MIRRORED = (
     "mirrored left to right, the frames fit the calibration: the camera or its driver mirrors them, so that left and "
@@ -66,6 +67,7 @@ def scan_record(
     mirrored_points: Callable[[], Mapping[int, StripePoints]],
     proof: Proof,
     motion: str,
+    is_blind: bool,
 ) -> ScanRecord:
     """Record of a scan; docs/files.md describes its fields."""
     calibration, planned, settings = geometry.calibration, geometry.stripes, Settings.of(robot)
@@ -81,6 +83,9 @@ def scan_record(
     coverage = float((~unknown & expected).sum() / max(int(expected.sum()), 1))
     told = {index: reason for index, reason in bad.items() if index not in proof.unproved and reason != MOVED}
     reasons = [f"stripe {index}: {reason}" for index, reason in told.items()]
+    sway = robot.pause_limits.stance_sway
+    if is_blind and not motion:
+        reasons.append(UNSEEN if sway else f"{UNSEEN}, and robot.toml says that it does not sway ([pause] stance_sway)")
     if proof.unproved:
         reasons.append(
             f"{OTHER_INSTANT}, perhaps: {len(proof.unproved)} stripes without a later dark flash are not used"
@@ -107,7 +112,7 @@ def scan_record(
             "levelled by the plane of the feet, as neither an IMU nor leg odometry gives gravity: level to "
             f"{np.degrees(pose.attitude_sigma):.1f} degrees (one sigma)"
         )
-    if sway := robot.pause_limits.stance_sway:
+    if sway:
         reasons.append(
             f"the body may sway by {np.degrees(sway):.2f} degrees undetected (robot.toml, [pause] stance_sway): the "
             "variance of heights includes it"

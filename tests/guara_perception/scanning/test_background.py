@@ -12,6 +12,7 @@ import pytest
 import guara_perception as gp
 from drivers import StripeVerdict
 from drivers.sweep.proof import StripeProof
+from guara_perception.app.demo.sway import swaying_scan as demo_scan
 from guara_perception.app.node.simulated import DEMO_WORLD
 from guara_perception.scanning.background import CAMERA_MOVED, BackgroundWitness, aligned, grey, motion_text
 from guara_perception.scanning.flash_proof import FlashProof
@@ -25,6 +26,7 @@ from kinematics.transforms import inverse, transform_points
 
 SIZE = (320, 256)
 PERIOD = 0.035
+STRIPES = (30, 32, 34, 36)
 
 
 class Rig:
@@ -115,12 +117,12 @@ def test_the_background_tells_how_far_heights_are_off(rig: Rig, form: str) -> No
         witness.look(34, shown(rig.picture(motion, 34)), off, (100, 140))
         there = rig.standing @ motion @ inverse(rig.standing)
         rise = np.abs((transform_points(there, ends) - ends)[:, 2]).max()
-        found = witness.moved(None)
+        found = witness.moved(STRIPES, None)
         assert found.keys() <= {34} and (34 in found) == (rise > 0.003)
         assert found.get(34, rise) == pytest.approx(rise, abs=5e-4)
         places = dict.fromkeys((30, 32, 36), camera) | {34: there @ camera}
-        assert not witness.moved(places)
-        assert bool(witness.moved(places | {34: camera})) == (rise > 0.003)
+        assert not witness.moved(STRIPES, places)
+        assert bool(witness.moved(STRIPES, places | {34: camera})) == (rise > 0.003)
 
 
 @pytest.mark.slow
@@ -134,7 +136,51 @@ def test_dim_pictures_tell_it_too(robot: RobotModel) -> None:
     witness = BackgroundWitness(dim.calibration.camera, camera, ends)
     witness.look(32, dim.picture(np.eye(4), 32), off, (100, 140))
     witness.look(34, dim.picture(turned(0.5), 34), off, (100, 140))
-    assert witness.moved(None).keys() == {34}
+    assert witness.moved((32, 34), None).keys() == {34}
+
+
+def test_in_a_scan_that_moved_stripes_that_do_not_tell_are_not_used(rig: Rig) -> None:
+    """A stripe whose laser lies over all of the texture tells nothing; in a still scan it is used."""
+    camera = rig.standing @ rig.calibration.transform_camera_to_base
+    ends = np.array([(x, y, 0.0) for x in (0.5, 0.95) for y in (-0.27, 0.27)])
+    for motion in (np.eye(4), turned(0.5)):
+        witness = BackgroundWitness(rig.calibration.camera, camera, ends)
+        off = rig.picture(np.eye(4))
+        witness.look(30, rig.picture(np.eye(4), 30), off, (100, 140))
+        witness.look(32, rig.picture(motion, 32), off, (0, SIZE[1]))
+        witness.look(34, rig.picture(motion, 34), off, (100, 140))
+        found = witness.moved((30, 32, 34), None)
+        assert found.keys() == ({32, 34} if motion[0, 2] else set())
+
+
+@pytest.mark.heavy
+def test_in_dim_light_a_swaying_scan_has_no_wrong_free_cell(robot: RobotModel) -> None:
+    """White at 10 of 255 in pictures of 320 columns, where one picture shows motion to 4 mm only."""
+    world = load_world(DEMO_WORLD)
+    light = dataclasses.replace(world.light, ambient=(10.0, 10.0, 10.0))
+    known = {}
+    for degrees, shift, seed in ((0.0, 0.0, 3), (0.5, 0.005, 3), (1.0, 0.010, 0)):
+        sway = Sway(math.radians(degrees), shift, 1.0)
+        made = demo_scan(robot, world, specimen(robot, SIZE, seed), sway, 0.0, seed, light=light)
+        health = made.terrain.record.health
+        assert made.wrong == 0 and health is not None and (CAMERA_MOVED in health.reasons[0]) == (degrees > 0), health
+        known[degrees] = int(np.isfinite(made.errors).sum())
+    assert known[0.0] > 9000 > known[0.5]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("level", "told"), [(3.0, True), (100.0, False)])
+def test_that_motion_cannot_be_seen_is_told(rig: Rig, level: float, told: bool) -> None:
+    """In the dark, with what robot.toml says instead."""
+    light = dataclasses.replace(rig.view.world.light, ambient=(level,) * 3)
+    view = SimulatedRangefinder(rig.view.world, rig.calibration, rig.robot, 0, light=light)
+    view.set_pose(rig.ahead @ rig.standing)
+    processor = gp.ScanProcessor(rig.calibration, rig.robot, rig.stance, "coarse")
+    for index, on, off in view.frames(range(0, 70, 2)):
+        processor.add(index, on, off)
+    health = processor.finish().record.health
+    assert health is not None and any("stance_sway" in reason for reason in health.reasons) == told, health
+    assert any("cannot be seen" in reason for reason in health.reasons) == told
 
 
 def test_without_texture_or_laser_off_picture_nothing_is_said(rig: Rig) -> None:
@@ -146,7 +192,7 @@ def test_without_texture_or_laser_off_picture_nothing_is_said(rig: Rig) -> None:
         witness = BackgroundWitness(rig.calibration.camera, camera, np.zeros((4, 3)) + [0.7, 0.0, 0.0])
         for index, on in enumerate((*noise[1:], noise[0][:128, :160])):
             witness.look(index, on, off, (100, 140))
-        assert not witness.moved(None)
+        assert witness.is_blind == (off is not None) and not witness.moved((0, 1, 2), None)
 
 
 def swaying_scan(rig: Rig, sway: Sway, *, claims: Sway | None = None) -> tuple[gp.TerrainGrid, int]:
