@@ -104,8 +104,9 @@ def scan(
 
 
 def figures(scans: Sequence[Scanned], still: Sequence[Scanned]) -> tuple[float, int, float]:
-    """p95 of the error [m], wrong free cells in all scans, share of the cells that are known of the still scan."""
-    p95 = float(np.percentile(np.concatenate([each.errors for each in scans]), 95))
+    """p95 of the error [m] (NaN without known cells), wrong free cells, share of the cells of the still scan."""
+    errors = np.concatenate([each.errors for each in scans])
+    p95 = float(np.percentile(errors, 95)) if errors.size else math.nan
     kept = sum(each.known for each in scans) / max(sum(each.known for each in still), 1)
     return p95, sum(each.wrong for each in scans), kept
 
