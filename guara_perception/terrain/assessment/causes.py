@@ -25,9 +25,6 @@ DEEPEST_M = -0.2
 # Tolerance, beyond half a cell, when the outermost stripe is compared with the centre of the last known cell of a row
 # [m]: the ground slopes within the cell, and samples at the end of a stripe are cut off.
 END_MARGIN_M = 0.0005
-# Greatest distance of an unlit cell from known ground [cells]. The next cell counts as lit, and EDGE keeps soles more
-# cells than this away from it, so no sole covers an unlit cell until light confirms what earlier scans saw there.
-UNLIT_CELLS = 3
 
 
 class LookPlan:
@@ -109,34 +106,6 @@ class LookPlan:
             unmet.append(is_closed[:, None] & (sign * columns < sign * end[:, None]))
         return np.asarray(unmet[0] | unmet[1])
 
-    def unlit(self, elevation: Float, cells: Index) -> Mask:
-        """Mask (n,) of the cells between known ground and the place where the next stripe would have met such ground.
-
-        Where the surface ends at a rim, the next stripe lands beyond it. At the height of the rim no light reached the
-        cells between the two stripes, so what earlier scans saw there still holds. The cells in which a stripe would
-        have met ground as high as the known ground on either side were lit.
-
-        Args:
-            elevation: (ny, nx) heights [m], NaN where unknown.
-            cells: flat indices (n,) of unknown cells.
-        """
-        x, y = self.geometry.centres()
-        known, column, half = np.isfinite(elevation), np.arange(x.size), self.geometry.resolution / 2
-        before = np.maximum.accumulate(np.where(known, column, -1), axis=1).ravel()[cells]
-        after = np.minimum.accumulate(np.where(known, column, x.size)[:, ::-1], axis=1)[:, ::-1].ravel()[cells]
-        row, here = np.divmod(cells, x.size)
-        unmet, lit = (np.zeros(cells.size, dtype=bool) for _ in range(2))
-        for end, sign in ((before, 1), (after, -1)):
-            near = np.flatnonzero((end >= 0) & (end < x.size) & (sign * (here - end) <= UNLIT_CELLS))
-            rim, height = x[end[near]], elevation[row[near], end[near]]
-            a, b, c, d = self.planes_in_footprint.T[:, :, None]
-            # Way (s, n) from the last known cell to where each stripe meets the row at the height of that cell.
-            way = sign * (-(b * y[row[near]] + c * height + d) / a - rim)
-            beyond, to_cell = way > half + END_MARGIN_M, sign * (x[here[near]] - rim)
-            unmet[near] |= ~(beyond & (way <= to_cell + half)).any(axis=0)
-            lit[near] |= (beyond & (np.abs(way - to_cell) <= half)).any(axis=0)
-        return unmet & ~lit
-
     def _find_pairs(self, cells: Index) -> Index:
         x, y = self._centres(cells)
         a, b, _, d = self.planes_in_footprint.T[:, :, None]
@@ -185,7 +154,6 @@ def unknown_causes(
     # Without a pair, the index -1 selects the appended entry, which is False.
     looked_at = np.append(pair_usable, False)[plan.pairs(cells)] & plan.in_view(cells)
     looked_at &= ~plan.unmet(elevation, pair_usable, sensor_origins[-1]).ravel()[cells]
-    looked_at[looked_at] = ~plan.unlit(elevation, cells[looked_at])
     flags.ravel()[cells[~looked_at]] = np.uint16(Hazard.UNSCANNED)
     cells = cells[looked_at]
     targets = _lowest_ground(elevation, cells, plan.geometry)
