@@ -79,12 +79,20 @@ class Footholds:
     of_footprint: Float
 
     def after_pause(
-        self, stayed: tuple[str, ...], legs: tuple[str, ...], readings: Float, covariances: Float
+        self,
+        stayed: tuple[str, ...],
+        legs: tuple[str, ...],
+        readings: Float,
+        covariances: Float,
+        *,
+        instead: tuple[str, ...] = (),
     ) -> tuple[Fit, Footholds]:
         """Fit the footprint of a new pause; return it with the footholds updated by the pause's readings.
 
         Args:
             stayed: two or more feet that stayed in place.
+            instead: feet of which each may be the one that stayed, while `stayed` slid alike: the covariance of the
+                footprint includes the way by which the two explanations differ.
             legs: all feet that carry the body now, including those that stayed.
             readings: (n, 4) sole centres and pitches of all these feet in the new footprint [m, rad].
             covariances: (n, 4, 4) covariance of each reading.
@@ -119,9 +127,16 @@ class Footholds:
         residual_weight = inverse - inverse @ by_pose @ pose_covariance @ by_pose.T @ inverse
         transform = np.eye(4)
         transform[:3, :3], transform[:3, 3] = _turn(angle)[:3, :3], shift[:3]
+        # A slide common to the feet that seem to have stayed shifts the footprint and leaves the residuals as they are.
+        slides = [
+            self.positions[self.legs.index(leg)] - rotation @ readings[legs.index(leg)] - shift for leg in instead
+        ]
+        slide = max(slides, key=np.linalg.norm, default=np.zeros(4))[:2]
+        covariance = 0.5 * (pose_covariance + pose_covariance.T)
+        covariance[:2, :2] += np.outer(slide, slide)
         fit = Fit(
             transform_footprint_to_odom=read_only(transform),
-            covariance=read_only(0.5 * (pose_covariance + pose_covariance.T)),
+            covariance=read_only(covariance),
             residual=float(np.sqrt(np.mean(np.sum(errors.reshape(-1, 4)[:, :2] ** 2, axis=1)))),
             misfit=misfit,
             last_covariance=self.of_footprint,
@@ -137,7 +152,7 @@ class Footholds:
         cross = pose_covariance @ by_pose.T @ inverse @ cross_covariance.T
         # A poor fit means that feet slipped, perhaps all of them. All footholds are then set to where the feet stand
         # now.
-        standing = stayed if misfit == 1.0 else ()
+        standing = stayed if misfit == 1.0 and not instead else ()
         return fit, posterior._with(fit, cross, standing, legs, readings, covariances)
 
     def _with(

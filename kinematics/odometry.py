@@ -196,16 +196,18 @@ class LegOdometry:
                 f"{len(stayed)} feet stayed between two pauses ({', '.join(common) or 'none'} carried the body at "
                 "both); two are needed: scan more often than the feet move, or reset the odometry"
             )
-        fit, footholds = footholds.after_pause(
-            tuple(stayed), _named_feet(pose), *sole_readings(pose, _named_feet(pose), self._robot.noise)
-        )
+        legs, before = _named_feet(pose), footholds
+        readings = sole_readings(pose, legs, self._robot.noise)
+        fit, footholds = before.after_pause(tuple(stayed), legs, *readings)
         transform = fit.transform_footprint_to_odom
+        moved = self._moved(pose, last, transform, common)
+        if instead := self._instead(common, stayed, moved):
+            fit, footholds = before.after_pause(tuple(stayed), legs, *readings, instead=instead)
         # The tilt error of a pause shifts only that pause's footprint, so it is added here and not propagated.
         rotation = transform[:3, :3]
         covariance = self._first_tilt.copy()
         covariance[np.ix_(PLANAR, PLANAR)] += fit.covariance
         covariance[:3, :3] += rotation @ _shift_by_tilt(pose)[:3, :3] @ rotation.T
-        moved = self._moved(pose, last, transform, common)
         swung = [leg for leg in common if leg not in stayed and moved[leg] >= self._limits.swing_least]
         new = OdometryPose(
             step=last.step + 1,
@@ -272,6 +274,15 @@ class LegOdometry:
             turn_limit=self._limits.turn_limit,
         )
         return [common[row] for row in rows]
+
+    def _instead(self, common: list[str], stayed: list[str], moved: Mapping[str, float]) -> tuple[str, ...]:
+        """Feet of which each may be the one that stood while the two that seem to have stayed slid alike."""
+        others = {leg: moved[leg] for leg in common if leg not in stayed}
+        if len(stayed) > 2 or not others:
+            return ()
+        # A foot that moved by half as much as the one that swung, or less, may not have been lifted.
+        farthest, least = max(others.values()), self._limits.swing_least
+        return tuple(leg for leg, way in others.items() if way < least or (way < 2 * least and 2 * way < farthest))
 
     def _moved(self, pose: StancePose, last: OdometryPose, transform: Float, legs: list[str]) -> dict[str, float]:
         """Leg -> distance by which its sole moved in `odom` [m]."""

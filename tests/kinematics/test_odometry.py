@@ -270,6 +270,24 @@ def test_calibrated_camera_is_handed_on(guara: RobotModel) -> None:
     np.testing.assert_allclose(pose.transform_camera_to_footprint[0, 3], 0.41, atol=1e-9)
 
 
+@pytest.mark.slow
+def test_feet_that_slide_alike_are_in_the_covariance(guara: RobotModel) -> None:
+    """While a third foot swings, two that slide by 33 mm look as if they stood and the fourth had slid."""
+    errors = []
+    for seed in range(4):
+        base = Ground.random(seed)
+        ground = CompliantGround(base.boxes[:0], base.dark, base.phases, soft=(1.0, 1.4), depth=0.0, slide=0.033)
+        odometry, start = LegOdometry(guara), np.eye(4)
+        for pause in walk(guara, ground, 9, seed):
+            pose = odometry.update(pause.stance)
+            place = pause.transform_base_to_world @ inverse(pose.pose.transform_base_to_footprint)
+            start = place if pause.step == 0 else start
+            error = pose.transform_footprint_to_odom[:2, 3] - (inverse(start) @ place)[:2, 3]
+            if pause.step > 30:
+                errors.append(error / np.sqrt(np.diag(pose.covariance)[:2]))
+    assert np.mean(np.square(errors)) < 2.0 and np.mean(np.abs(errors) < 2.0) > 0.9
+
+
 @pytest.mark.parametrize("has_gravity", [True, False])
 def test_feet_that_slide_leave_a_covariance(has_gravity: bool) -> None:
     """Two feet that slide by 33 mm widen their own motion, not the walk so far again and again."""
