@@ -33,13 +33,13 @@ def decode_picture(content: bytes, source: str) -> Image:
             f"{source}: not a readable picture ({len(content)} bytes), it must be PNG, JPEG, BMP, TIFF or PGM"
         )
     if picture.dtype not in (np.uint8, np.uint16):
-        raise FileFormatError(f"{source}: a picture of {picture.dtype}, allowed: 8 or 16 bit unsigned")
+        raise FileFormatError(f"{source}: pixel type is {picture.dtype}; allowed: uint8 or uint16")
     if b"Exif\0\0" in content or b"eXIf" in content or content[:4] in TIFF_BEGINNINGS:
         shown = _decode(content, AS_STORED & ~cv2.IMREAD_IGNORE_ORIENTATION)
         if shown is not None and (shown.shape != picture.shape or not np.array_equal(shown, picture)):
             raise FileFormatError(
-                f"{source}: its EXIF orientation tag rotates or mirrors the picture; allowed: pictures as the sensor "
-                "delivers them: remove the tag, and rotate the picture like those of the calibration"
+                f"{source}: the EXIF orientation tag rotates or mirrors the image. Remove the tag; the pixels must "
+                "have the same orientation as the calibration images"
             )
     return picture
 

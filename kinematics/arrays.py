@@ -38,7 +38,7 @@ class FrozenArrays:
 
 
 def _is_frozen(array: Array) -> bool:
-    """Test that an array is read-only, and so is every array of which it is a view."""
+    """Check that an array and all its base arrays are read-only, and that no other object can write to their memory."""
     memory: Any = array
     while isinstance(memory, np.ndarray):
         if memory.flags.writeable:

@@ -1,10 +1,12 @@
 """Pose of the body above the ground at a pause, with its covariance.
 
-With u the vertical in `base_link` (variance s^2 per axis, across u), p_i the supporting soles with covariances C_i, and
-A_i, B the derivatives of the transform with respect to the soles and the vertical (`footprint_jacobians`), its
-covariance is
+The covariance of the transform from base to footprint is
 
-    s^2 B (I - u u') B' + sum A_i C_i A_i'.
+    s^2 B (I - u u') B' + sum A_i C_i A_i'
+
+where u is the vertical in `base_link` (variance s^2 per axis, across u) and C_i the covariance of sole i. B and A_i are
+the derivatives of the transform with respect to the vertical and to sole i, including the effect of the sole on the
+vertical (`footprint_jacobians`).
 
 Points measured in `base_link` do not depend on this pose. The pose is needed to align the points with gravity and to
 relate the scans of different pauses.
@@ -92,8 +94,9 @@ class StancePose:
     Attributes:
         transform_base_to_footprint: (4, 4) pose of the body.
         covariance: (6, 6) covariance of this transform, REP-103 order (x y z [m], rotations about the footprint's fixed
-            axes [rad]). x, y and the heading are exact by definition. With attitude source `support_plane`, the
-            covariance is relative to that plane, not to gravity.
+            axes [rad]). Rows and columns of x and y are zero by definition; those of the rotation about z are not if
+            the body is pitched, because the heading follows the body's x axis. With attitude source `support_plane`,
+            the covariance is relative to that plane, not to gravity.
         attitude_source: "imu", "odometry", "support_plane" or "level".
         attitude_sigma: standard deviation of the vertical relative to gravity, per axis [rad]; with `support_plane` it
             includes the slope of the ground (robot.toml, [stance] terrain_slope_sigma).
@@ -184,7 +187,7 @@ def stance_pose(
     if len(legs) < least:
         raise StanceError(
             f"support_feet: {len(legs)} given ({', '.join(legs) or 'none'}); attitude from {source!r} needs "
-            f"{least} or more" + (", or gravity_in_base" if least == 3 else "")
+            f"{least} or more" + ("; otherwise use attitude 'imu' with gravity_in_base" if least == 3 else "")
         )
     soles = state.soles_in_base(legs)
     covariances = sole_covariances(state, legs, noise)
@@ -202,7 +205,8 @@ def stance_pose(
         up, up_by_soles = _plane_vertical(plane, len(legs))  # type: ignore[arg-type]
     if up[2] < LEAST_UP_Z:
         raise StanceError(
-            f"the body is tilted by {np.degrees(np.arccos(up[2])):.0f} degrees ({source}); 60 are allowed"
+            f"the body is tilted by {np.degrees(np.arccos(up[2])):.0f} degrees (attitude from {source!r}); "
+            "the limit is 60 degrees"
         )
     transform = transform_base_to_footprint(soles, up)
     by_soles, by_vertical = footprint_jacobians(soles, transform, up_by_soles)
@@ -238,7 +242,7 @@ def sole_covariances(state: RobotState, legs: Sequence[str], noise: StanceNoise)
 
 
 def support_soles(pose: StancePose, noise: StanceNoise) -> dict[str, Float]:
-    """Leg -> array (4, 3) of its sole in `base_footprint`: the centre [m], then the rows of the covariance [m^2]."""
+    """Used soles by leg, (4, 3) in `base_footprint`: centre [m], then the rows of its covariance [m^2]."""
     legs, transform = pose.support_feet_used, np.asarray(pose.transform_base_to_footprint)
     soles = transform_points(transform, pose.state.soles_in_base(legs))
     rotation = transform[:3, :3]

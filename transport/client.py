@@ -124,8 +124,10 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
             received = self._first(extent, FIRST_GRID)
         if received is None:
             if self.is_alive:
-                older = "" if self._encoding == "lossless" else "; nodes of earlier versions have none in 'compact'"
-                raise StaleTerrain(f"the node of {self.robot!r} runs, but has published no {extent} grid yet{older}")
+                older = "" if self._encoding == "lossless" else "; earlier versions do not support encoding 'compact'"
+                raise StaleTerrain(
+                    f"the node of {self.robot!r} is running but has not published a {extent} grid yet{older}"
+                )
             raise self._waiter.unavailable()
         deadline = time.monotonic() + SETTLE
         while True:
@@ -195,7 +197,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         """Wait until the newest grid may be used and `predicate` accepts it; return the grid with its time of arrival.
 
         Args:
-            predicate: called with each newest grid; returns True to accept it.
+            predicate: called with each new grid (of several, with the newest alone); returns True to accept it.
             timeout: longest wait [s]; None = no limit.
             extent: "footprint" or "map".
             after: number of a sample; only samples with larger numbers are considered.
@@ -247,7 +249,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         extent: str = "footprint",
         **accepted: Unpack[Accepted],
     ) -> None:
-        """Call `callback` with each newest grid, on a separate thread; see `NewestReceiver.on_newest`.
+        """Call `callback` with each new grid, on a separate thread; of several, with the newest alone.
 
         A grid that may not be used is skipped, except one that withdraws another grid: it is always passed on, with the
         reasons why it is stale.
@@ -274,7 +276,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         on_progress: Callable[[ScanReply], None] | None = None,
         **accepted: Unpack[Accepted],
     ) -> TerrainMessage:
-        """Request a scan and return its grid; arguments and further errors as in `scan_client.request_scan`.
+        """Request a scan and return its grid, or a later one; see `scan_client.request_scan` for arguments and errors.
 
         Raises:
             ReceiveTimeout: the scan is complete, but no usable grid of this scan arrived in time.

@@ -1,4 +1,4 @@
-"""Monotonic clock for ages; it keeps running while the machine is suspended."""
+"""Monotonic clock for the ages of messages; on Linux it keeps running while the machine is suspended."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class SessionClosed(TransportError, RuntimeError):
 
 
 class ScannerUnavailable(TransportError, ConnectionError):
-    """No scanner replies: none is running, or this client may neither read its grids nor request scans."""
+    """No scanner replies: none is running, or this client lacks permission to read grids or to request scans."""
 
 
 class ConnectionFailed(ScannerUnavailable):
@@ -51,7 +51,10 @@ class ScannerGone(TransportError, ConnectionError):
 
 
 class StaleTerrain(TransportError, LookupError):
-    """The newest grid may not be used: it is too old, from another pause or walk, withdrawn, or its node is not alive.
+    """No usable grid: none is published yet, or the newest one may not be used.
+
+    It is too old, from another pause or walk, withdrawn, provisional although a confirmed one is required, or its node
+    is not alive.
 
     Attributes:
         is_final: True if no later message can make the same grid usable again.

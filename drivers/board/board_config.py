@@ -21,8 +21,8 @@ class BoardConfig:
         attempts: number of attempts for a transfer that times out, stalls, fails or returns damaged data.
         motion_timeout: longest wait for the end of a motion [s].
         home_timeout: longest wait for the end of homing [s].
-        handle_signals: True = while the board is open, SIGTERM and SIGHUP end the program through its `with` blocks,
-            unless the program has handlers of its own.
+        handle_signals: True = while the board is open, SIGTERM and SIGHUP raise SystemExit, so that `with` blocks are
+            left in order; not if the program handles the signal, or opened the board outside the main thread.
 
     Raises:
         ValueError: a value is not allowed.

@@ -1,4 +1,4 @@
-"""USB descriptors of the emulated board, and a parser to the form that pyusb's backends return."""
+"""USB descriptors of the emulated board, and their conversion to the objects that pyusb backends return."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ class LightUnit:
         self._update(now)
 
     def advance(self, now: float) -> None:
-        """Process the safety timer that expires first, if it has expired, with the time at which it expired."""
+        """Cut the laser if a safety timer has expired, at the time of the earliest expiry."""
         if not self.laser.on:
             return
         silent, limit = self._fed + self._identity.watchdog, self._run_start + self._identity.laser_limit
@@ -128,7 +128,7 @@ class LightUnit:
         return self._temperature
 
     def time_on(self, now: float) -> float:
-        """Return the time for which the laser has been on without a rest [s]."""
+        """Return the time since the laser's last full rest, shorter gaps included [s]; 0 while the laser is off."""
         return now - self._run_start if self.laser.on else 0.0
 
     @property

@@ -59,7 +59,7 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
         return [Moment({terrain.extent: terrain}, footholds=planned_footholds(robot, terrain))]
     if path.suffix == ".mcap":
         return _recorded(path, robot, calibration)
-    raise InvalidInput(f"{path}: a grid (.npz), a recording (.mcap) or a scan folder can be shown")
+    raise InvalidInput(f"cannot show {path}; allowed: a grid (.npz), a recording (.mcap) or a scan folder")
 
 
 def _processed(scan: Scan, robot: RobotModel, calibration: Calibration) -> Moment:

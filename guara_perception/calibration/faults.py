@@ -60,8 +60,8 @@ def check_heights(plates: Sequence[Plate]) -> None:
     if not any(b - a >= MIN_HEIGHT_DIFFERENCE_M for a, b in pairwise(heights)):
         listed = ", ".join(f"{1e3 * h:.0f} mm" for h in heights) or "no plate"
         raise CalibrationRefused(
-            f"plates at two or more heights, {1e3 * MIN_HEIGHT_DIFFERENCE_M:.0f} mm or more apart, are needed to find "
-            f"the laser planes; the session has {listed}"
+            f"plates at two or more heights, two successive ones {1e3 * MIN_HEIGHT_DIFFERENCE_M:.0f} mm or more apart, "
+            f"are needed to find the laser planes; the session has {listed}"
         )
 
 
@@ -125,13 +125,15 @@ def check_covered(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
     if len(bare) > (1 - MIN_LINES) * len(heights):
         raise CalibrationRefused(
             f"plates: {len(heights) - len(bare)} of {len(heights)} stripes lie on plates of two heights "
-            f"({100 * MIN_LINES:.0f} % needed); stripe index {format_indices(tuple(bare))} do not: scan a small "
+            f"({100 * MIN_LINES:.0f} % needed); stripes {format_indices(tuple(bare))} do not: scan a small "
             "plate several times, at different places in the scanned area"
         )
 
 
 def refuse_jumps(jumps: Sequence[Jump], plates: Sequence[Plate], has_floor: bool) -> None:
-    """Refuse a session with jumps. Their cause is a missed step or, without a scan of the bare floor, a missed plate.
+    """Refuse a session with jumps of the laser plane.
+
+    The mirror missed a step, frames were swapped or, without a scan of the bare floor, a stripe fell beside the plate.
 
     Raises:
         CalibrationRefused: there are jumps; the message names plate, stripe and angle of the first ones.
@@ -145,7 +147,7 @@ def refuse_jumps(jumps: Sequence[Jump], plates: Sequence[Plate], has_floor: bool
         more = f" and {len(jumps) - 3} more" if len(jumps) > 3 else ""
         fallen = "" if has_floor else ", or the stripe fell off the plate (scan the bare floor too, as a plate of 0 m)"
         raise CalibrationRefused(
-            f"the mirror missed a step, or frames are exchanged{fallen}: {'; '.join(named)}{more}: scan the plate again"
+            f"the mirror missed a step, or frames were swapped{fallen}: {'; '.join(named)}{more}: scan the plate again"
         )
 
 
@@ -203,9 +205,9 @@ def check_mirror(sweep: Sweep) -> None:
     worst = int(np.argmax(np.abs(sweep.parameters) / limits))
     if abs(sweep.parameters[worst]) > limits[worst]:
         raise CalibrationRefused(
-            f"the stripes do not fit the nominal mirror: {names[worst]} is {sweep.parameters[worst]:+.4f} (limit "
-            f"{limits[worst]:.4f} m, rad or ratio): check the plate heights, the robot, the steps per turn of the "
-            "mirror, and whether a mount came loose"
+            f"the stripes do not fit the nominal mirror: {names[worst]} is {sweep.parameters[worst]:+.4f}, limit "
+            f"{limits[worst]:.4f} (lengths in m, angles in rad): check the plate heights, the robot, the steps per "
+            "turn of the mirror, and whether a mount came loose"
         )
 
 
@@ -245,7 +247,7 @@ def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> st
 
 
 def _direction(lines: Sequence[PlateLine]) -> float:
-    """Sign of the change of image rows in forward direction: +1 for the mount of eq. 5, -1 for an upright camera."""
+    """Sign of the change of the image row with distance ahead: +1 for the mount of eq. 5, -1 for an upright camera."""
     first = min(lines, key=lambda line: line.mirror_angle)
     last = max(lines, key=lambda line: line.mirror_angle)
     return float(np.sign(np.median(last.pixels[:, 1]) - np.median(first.pixels[:, 1])) or 1.0)

@@ -44,7 +44,8 @@ def surface_map(pixels: npt.ArrayLike, points: npt.ArrayLike) -> SurfaceMap:
         points: (n, 2) floor points [m].
 
     Raises:
-        InvalidInput: there are fewer than four marks, or they are collinear.
+        InvalidInput: the arrays differ in shape, there are fewer than four marks, or the marks do not determine a
+            homography (three of four are collinear, or two coincide).
     """
     u, x = np.asarray(pixels, dtype=np.float64), np.asarray(points, dtype=np.float64)
     if u.shape != x.shape or u.ndim != 2 or len(u) < 4:
@@ -90,8 +91,8 @@ def stripe_constants(
         heights: heights of the plates [m].
 
     Returns:
-        Values of index, n, d and k, and of `residual`, the rms error at the calibrated heights [m], which is zero for
-        two heights.
+        Dictionary with `index`, `n`, `d`, `k` and `residual`, the rms error at the calibrated heights [m] (zero for two
+        heights).
 
     Raises:
         InvalidInput: there are fewer than two heights, or the stripe has the same position at all of them

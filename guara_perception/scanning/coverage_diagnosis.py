@@ -19,19 +19,19 @@ NO_LIGHT = 0.01
 FEWEST_OF_PATTERN = 8
 # Half length of a stripe's line on z = 0 [m].
 HALF_LENGTH_M = 0.6
-# A frame fits a stripe if at least half of its light is within this distance of the stripe's line, as a fraction of the
-# image height: less than half the spacing of neighbouring stripes.
+# Largest distance of light from a stripe's line, as a fraction of the image height, below half the stripe spacing. A
+# frame fits a stripe if at least half of its light is within it.
 FIT_PX_OF_HEIGHT = 0.008
 # Least share of the sampled frames that must fit for a cause to be named, and least number of sampled frames.
 FITTING_SHARE = 0.6
 FEWEST_FRAMES = 4
 # Least share of turned or flipped frames that is reported while other frames are upright.
 MIXED_SHARE = 0.15
-# Frames show other stripes than expected if at least this share of the light near those other stripes is very close to
-# them: 0.98 in such frames, less than 0.65 by chance.
+# Least `_Fit.fine` at which a match to unexpected stripes is accepted: 0.98 for true matches, below 0.65 for accidental
+# ones.
 FINE_SHARE = 0.8
 # Stripes are nearly symmetric from left to right: if the distances of two fits differ by less than this factor, turned
-# frames cannot be told from flipped ones. The factor is 1.08 for a camera centred to a quarter of a pixel, 2 for most.
+# frames cannot be told from flipped ones. The ratio is 1.08 for a camera centred to a quarter of a pixel, 2 for most.
 ALIKE = 1.03
 WHERE_NONE_CAN_BE = (
     "a stripe where none can be, too high or too low: the calibration belongs to another rangefinder, the camera or "
@@ -44,7 +44,7 @@ def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> s
     """State the cause and remedy of few returns in one sentence; remedies include those of the paper.
 
     Order of precedence: faults of the whole scan (`wrong`); no light; light where no stripe can be; a weak line;
-    returns that are too bright or double; anything else.
+    saturated or ambiguous returns; anything else.
 
     Args:
         coverage: share of the expected ground that was seen.
@@ -52,7 +52,7 @@ def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> s
         wrong: description of a fault of the light, the frames or the pattern as a whole; empty if there is none.
         weak: description of a weak line; empty if the line is not weak.
     """
-    found = f"only {100 * coverage:.0f} % of the expected ground returned the laser"
+    found = f"only {100 * coverage:.0f} % of the ground that should be visible returned laser light"
     if wrong:
         return f"{found}: {wrong}"
     columns = max(int(counts.sum()), 1)
@@ -68,10 +68,7 @@ def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> s
     if weak:
         return f"{found}: {weak}"
     if bright > counts[StripeStatus.OK]:
-        return (
-            f"{found}; most of what came back is too bright or double: expose less, or put a polarising filter on "
-            "the lens"
-        )
+        return f"{found}; most returns are saturated or ambiguous: expose less, or put a polarising filter on the lens"
     return f"{found}; the rest is too dark or a hole: put a narrow band-pass filter on the lens or use a stronger laser"
 
 
@@ -81,8 +78,8 @@ def wrong_pattern(fired: Iterable[int], stride: int) -> str:
     if len(indices) < FEWEST_OF_PATTERN or np.diff(indices).min() <= stride:
         return ""
     return (
-        "no two neighbours of the pattern were fired, and only ground between two such stripes counts as seen: every "
-        'second stripe is missing, or a coarse scan was given mode "standard"'
+        "no two neighbouring stripes were fired, so no ground between them could be measured: every second stripe is "
+        'missing, or a coarse scan was processed in mode "standard"'
     )
 
 
@@ -108,7 +105,7 @@ def wrong_frames(samples: FrameSamples, geometry: ScanGeometry) -> str:
         which = (
             "the frames are"
             if own.mean() < MIXED_SHARE
-            else f"{int(other.sum())} of {len(indices)} frames looked at are"
+            else f"{int(other.sum())} of the {len(indices)} frames examined are"
         )
         return f"{which} {turn}: use the orientation in which the camera was calibrated"
     if own.mean() >= FITTING_SHARE:
@@ -116,7 +113,7 @@ def wrong_frames(samples: FrameSamples, geometry: ScanGeometry) -> str:
     for fit in (upright, likelier):
         if fit.fits.mean() >= FITTING_SHARE and fit.fine >= FINE_SHARE:
             order_text = _order_words(np.array(indices)[fit.fits], np.array(fit.stripe)[fit.fits])
-            return f"{order_text} and {turn}" if fit is likelier else order_text
+            return f"the frames are {turn}; also, {order_text}" if fit is likelier else order_text
     return _elsewhere(geometry, indices, seen)
 
 
@@ -161,7 +158,7 @@ def _elsewhere(geometry: ScanGeometry, indices: Sequence[int], seen: Float) -> s
     outside = ((seen < bands[:, :1]) | (seen >= bands[:, 1:])).sum(axis=1) > 0.5 * np.isfinite(seen).sum(axis=1)
     if outside.mean() < FITTING_SHARE:
         return ""
-    return f"{int(outside.sum())} of {len(indices)} frames looked at show {WHERE_NONE_CAN_BE}"
+    return f"{int(outside.sum())} of the {len(indices)} frames examined show {WHERE_NONE_CAN_BE}"
 
 
 def _expected(geometry: ScanGeometry, columns: Index) -> Float:
@@ -182,7 +179,7 @@ def _order_words(index: Index, stripe: Index) -> str:
     usual = int(np.median(off))
     if (np.abs(off - usual) <= 1).mean() > FITTING_SHARE:
         direction = "ahead" if usual > 0 else "behind"
-        return f"the frames are {abs(usual)} stripe indices {direction}: a frame was lost or the camera lags"
+        return f"the frames are {direction} by {abs(usual)} in stripe index: a frame was lost or the camera lags"
     if np.corrcoef(index, stripe)[0, 1] < -0.8:
         return "the frames are in reverse order"
-    return "the frames do not show the stripes of their indices: they are out of order, or of another pattern"
+    return "the frames do not match their stripe indices: they are out of order or were taken with another pattern"

@@ -20,7 +20,7 @@ from kinematics import RobotModel
 from kinematics.transforms import inverse, transform_points
 from transport.supervision import supervised
 
-# Initial camera position and target in base_footprint [m].
+# Initial camera position and target relative to the robot, along the axes of odom [m].
 VIEWPOINT, LOOKED_AT = np.array([1.20, -0.95, 0.80]), np.array([0.36, 0.02, 0.06])
 # Time per moment during playback.
 PLAY_PERIOD_S = 0.7

@@ -166,7 +166,9 @@ def test_an_array_in_joint_order_is_the_same_as_a_mapping(robot: RobotModel) -> 
 def test_a_scan_needs_feet(robot: RobotModel) -> None:
     """Two feet or fewer without gravity are refused, and say what would help."""
     for count in (0, 1, 2):
-        with pytest.raises(StanceError, match=rf"support_feet: {count} given .* needs 3 or more, or gravity_in_base"):
+        with pytest.raises(
+            StanceError, match=rf"support_feet: {count} given .* needs 3 or more; otherwise use attitude 'imu'"
+        ):
             robot.stance_pose(Stance(robot.posture("scan"), robot.legs[:count]))
 
 

@@ -122,7 +122,7 @@ def test_age_decides_what_may_be_used(endpoint: str, peer) -> None:
     with transport.open_node(listen=endpoint) as session:
         server = transport.PerceptionServer(session)
         with client_at(endpoint) as client:
-            with pytest.raises(transport.StaleTerrain, match="runs, but has published no footprint grid yet"):
+            with pytest.raises(transport.StaleTerrain, match="is running but has not published a footprint grid yet"):
                 client.latest()
             old = time.time_ns() - 5_000_000_000
             server.publish(peer.make_terrain(1, step=10, stamp=old, valid_for=60.0, valid_pauses=2))

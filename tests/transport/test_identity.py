@@ -60,7 +60,7 @@ FOREIGN: dict[str, tuple[dict[str, object], str]] = {
     "another extent": ({"extent": "map"}, "its extent is 'map', not 'footprint'"),
     "another frame": ({"frame_id": "odom"}, "its frame is 'odom', not 'base_footprint'"),
     "another run": ({"metadata": {"run": "other"}}, "from run 'other'"),
-    "an older sequence": ({}, "its sequence 2 comes after 3"),
+    "an older sequence": ({}, "its sequence number 2 is not above 3"),
 }
 
 

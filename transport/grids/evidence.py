@@ -22,7 +22,7 @@ FRAME = "base_footprint"
 # Longest silence during which the last report of a node still confirms a grid [s]. Nodes report once a second and on
 # change; after three missing reports, the node may have stopped, or the next pause may have begun.
 SILENT = 3.0
-# Number of ended runs that are remembered so that their messages are rejected.
+# Number of runs and of walks that are remembered; messages of ended runs are rejected.
 REMEMBERED = 64
 
 
@@ -123,7 +123,8 @@ def objections(
     A grid may be used while a live node confirms it: within the last `SILENT` seconds, the run that made the grid has
     reported that the robot is on the same walk and within the grid's valid pauses, and that the node hears the gait
     controller. Between the END of a pause and the next BEGIN, that pause counts as the current one, but a grid that is
-    still provisional may not be used.
+    still provisional may not be used. No confirmation is needed if no pauses are announced (a replay), or for a grid
+    without a run while there is no report. The age must be within `limit` in every case.
 
     Args:
         grid: the grid.
@@ -136,7 +137,7 @@ def objections(
     """
     found = []
     if grid.withdrawn:
-        found.append(Objection("was withdrawn: its pause or its scan contradicted it"))
+        found.append(Objection("was withdrawn by its node: the robot may have moved, or the scan was faulty"))
     if not age <= limit:
         found.append(Objection(f"is {age:.2f} s old; allowed: {limit:g} s{'; its node is gone' if is_gone else ''}"))
     if word is None:
@@ -156,7 +157,7 @@ def objections(
         cure = Cure.NONE if is_known else Cure.WORD
         found.append(Objection(f"is from walk {grid.epoch!r}; the robot is on walk {word.epoch!r}", cure))
     elif pauses > grid.valid_pauses:
-        frame = "; the frame of a footprint ends with its pause" if kind == "footprint" else ""
+        frame = "; a footprint grid is valid only during its own pause" if kind == "footprint" else ""
         found.append(Objection(f"is {pauses} pauses old; allowed: {grid.valid_pauses}{frame}"))
     if word.standing is None and (is_known or silence <= SILENT):
         # No pauses are announced, so no announcement can have been missed.
@@ -253,7 +254,8 @@ class Evidence:
         return objections(grid, word, step=step, age=age, limit=limit, silence=silence, is_gone=is_gone)
 
     def _refused_run(self, run: str) -> str:
-        # A sender without a run is an earlier version or another tool; only the order of its grids is checked.
+        # A sender without a run is an earlier version or another tool; its grids are only compared with the last
+        # sequence number of the current run.
         if not run or run == self._run:
             return ""
         if run in self._over:
@@ -271,7 +273,7 @@ class Evidence:
     def _refused_order(self, grid: Grid) -> str:
         last = self._sequences.get(grid.extent, 0)
         if grid.sequence <= last:
-            return f"its sequence {grid.sequence} comes after {last}"
+            return f"its sequence number {grid.sequence} is not above {last}, the last one received"
         if grid.run:
             # A sender without a run may have restarted, so the order of its grids carries no information.
             self._sequences[grid.extent] = grid.sequence

@@ -170,7 +170,7 @@ def _unpack(packed: Array, name: str, dtype: np.dtype[Any], shape: tuple[int, in
     size = shape[0] * shape[1] * dtype.itemsize
     plain = decompress(packed.tobytes(), dtype.itemsize, maximum=size)
     if len(plain) != size:
-        raise MessageError(f"layer {name!r} of a summary has {len(plain)} bytes; {size} are ny * nx values")
+        raise MessageError(f"layer {name!r} of a summary has {len(plain)} bytes; ny * nx values need {size}")
     return np.frombuffer(plain, dtype).reshape(shape)
 
 
@@ -279,7 +279,7 @@ def _is_outlined(halfspaces: Float, corners: Float) -> bool:
 
 
 def _make_region(region: RegionMessage) -> Any:
-    """Convert to guara_msgs/SteppableRegion; the x axis of the plane's frame is the grid's x axis, projected."""
+    """Convert to guara_msgs/SteppableRegion; the plane's x axis is the grid's x axis, projected vertically."""
     x, y = region.vertices[:, :2].mean(axis=0)
     a, b, c = region.plane
     normal = np.array([-a, -b, 1.0]) / math.sqrt(a * a + b * b + 1.0)

@@ -1,4 +1,4 @@
-"""Client of scan requests: sends a request, follows its progress, and raises its failure as an exception."""
+"""Client for scan requests: sends a request, follows its progress, and raises an exception if it fails."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def request_scan(
         The DONE reply, with step and sequence number of the terrain message, which was published before the reply.
 
     Raises:
-        MessageError: the mode or the timeout is not allowed.
+        MessageError: an argument is not allowed, or a reply is damaged or belongs to another request.
         ScannerUnavailable: there was no reply, or this client may not request scans.
         ScanBusy: the scanner is working on another request.
         ScanFailed: the scanner refused the request or could not complete the scan; `code` is the cause.
@@ -111,7 +111,7 @@ def request_scan(
             break
         if _has_gone(is_alive):
             raise ScannerGone(f"the node of {robot!r} disappeared before it replied")
-        # A client may see the token of a node that has just started slightly before its queryable, so try once more.
+        # When a node starts, a client may see its token slightly before its queryable, so try once more.
     raise ScannerUnavailable(
         f"no scanner replies on {scan_key(robot)!r}: no node of robot {robot!r} is running, or the role of this "
         "client's certificate does not permit scan requests"

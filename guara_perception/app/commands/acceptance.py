@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @click.option("--simulated", is_flag=True, help="simulated robot, blocks and devices")
 @click.option("--blocks", default="0.01,0.02,0.05", help="heights of all blocks on the floor [m]")
 @click.option("--scans", type=click.IntRange(2, 100), default=10, help="number of scans, each after a power cycle")
-@click.option("--note", default="", help="light, floor and blocks in your words, for the report")
+@click.option("--note", default="", help="note for the report on light, floor and blocks")
 @click.pass_context
 def command(
     context: click.Context,
@@ -37,8 +37,8 @@ def command(
     """Scan blocks of known height on a flat floor and write FOLDER/report.html; exit 1 if an error is too large.
 
     Place all blocks on the floor at once: gauge blocks, or objects measured with a caliper. Switch the device off and
-    on before each scan. An error is too large if it exceeds three of the standard deviations stated by the grid.
-    The grids are kept in FOLDER. After an interruption, the same command continues.
+    on before each scan. An error is too large if it exceeds three times the standard deviation stated by the grid.
+    The grids are kept in FOLDER. Run the same command again to resume an interrupted test.
 
     \b
     Example:
@@ -51,7 +51,7 @@ def command(
 
     heights = acceptance.parse_blocks(blocks)
     if (folder / acceptance.REPORT_FILE).exists():
-        raise InvalidInput(f"{folder} contains a finished acceptance; give another folder")
+        raise InvalidInput(f"{folder} already contains a finished acceptance test; give another folder")
     rig = rig_with(heights, chosen) if simulated else choose_rig(chosen, simulated=False)
     folder.mkdir(parents=True, exist_ok=True)
     turns, device = [], dict[str, str]()

@@ -23,9 +23,13 @@ from guara_perception.exceptions import MissingFile
     "--pattern",
     type=click.Choice(["measured", "coarse", "standard"]),
     default="measured",
-    help="stripes to write; stripes without pictures follow from the mirror model",
+    help="stripes to write; those without pictures are computed from the mirror model",
 )
-@click.option("--camera-info", type=FILE, help="file of a known lens (OpenCV, ROS or Kalibr); pictures only check it")
+@click.option(
+    "--camera-info",
+    type=FILE,
+    help="known intrinsics (OpenCV, ROS or Kalibr file); board pictures then only verify them",
+)
 @click.option("--square", type=float, help="edge of the board's squares [m]; default: that of the session")
 @click.option("--save-camera-info", type=FILE, help="also write the lens as ROS camera_info, .yaml")
 def command(
@@ -44,7 +48,7 @@ def command(
     """Calibrate camera, mount and laser from the pictures of a SESSION folder.
 
     If the verdict is `refused`, no calibration is written and the exit code is 1, unless --force is given. A requested
-    report is always written.
+    report is written whatever the verdict. If no calibration can be computed, neither is written, even with --force.
 
     \b
     Example:
@@ -62,7 +66,9 @@ def command(
 
     check_target(out, ".json")
     if camera_info is not None and not camera_info.is_file():
-        raise MissingFile(f"--camera-info is {camera_info}: no such file; --save-camera-info writes one")
+        raise MissingFile(
+            f"--camera-info: {camera_info} does not exist; `guara calibrate --save-camera-info` writes such a file"
+        )
     if save_camera_info is not None:
         check_target(save_camera_info, ".yaml", ".yml")
     if report is not None:

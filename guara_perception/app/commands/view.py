@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from guara_perception.view.moment import Moment
     from kinematics import RobotModel
 
-# [s] Time without a pause after which a live view explains why nothing is shown.
+# [s] Time after the start at which a live view explains why nothing has been shown yet.
 SILENCE = 5.0
 # [s] Interval between updates of the status line of the newest grid.
 TELLING = 1.0
@@ -79,7 +79,7 @@ def command(
     with stop_event() as stop, BrowserView(model, port=port) as view:
         if file is not None:
             view.show_recording(moments)
-            click.echo(f"{len(moments)} scans of {file}: open {view.address} (Ctrl-C ends)")
+            click.echo(f"{file}: open {view.address} (pauses: {len(moments)}; press Ctrl-C to stop)")
             stop.wait()
         else:
             show_live(view.add, model, endpoint, name, security, stop, view.address, view.report)
@@ -120,7 +120,7 @@ def show_live(
     from guara_perception.app.live_moments import LiveMoments
 
     with LiveMoments(show, model, endpoint, robot=instance, security=security) as moments:
-        click.echo(f"live view of {instance}: open {address} (Ctrl-C ends)")
+        click.echo(f"live view of {instance}: open {address} (press Ctrl-C to stop)")
         if not stop.wait(SILENCE) and (missing := moments.missing()):
             click.echo(missing, err=True)
         while not stop.wait(TELLING):

@@ -1,4 +1,4 @@
-"""Picture and film of a crossing, seen from above: true ground, ground known to the robot, feet and body."""
+"""Top-view picture and animation of a crossing: true ground, ground known to the robot, feet and body."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from guara_perception.app.demo.walk import DemoPause
 
 CELL_M, BEFORE_M, BEYOND_M, ASIDE_M = 0.005, 0.45, 0.55, 0.30
-# Height difference between neighbouring cells above which the ground is drawn as a rim [m].
+# Height change per cell, from central differences, above which a rim is drawn [m]; a single step must be twice as high.
 RIM_M = 0.005
 UNKNOWN, REFUSED, FREE = 0, 1, 2
 COLOURS = {"unknown": UNKNOWN_COLOUR, "refused": "#F2B79B", "free": FREE_COLOUR}
@@ -101,7 +101,7 @@ def draw_course(folder: Path, world: World, goal: float, pauses: Sequence[DemoPa
         moved = pause.soles_in_world if pause.last_footstep is None else [pause.last_footstep.leg]
         for leg in moved:
             drawing.step(leg, pause.soles_in_world[leg], pause.transform_base_to_world[:3, 3])
-        figure = drawing.figure(f"Stepping stones by the laser's map: {pause.step} steps")
+        figure = drawing.figure(f"Crossing planned on the laser map, step {pause.step}")
         frames.append(Image.fromarray(_picture(figure)).quantize(64))
     files = [folder / "crossing.png", folder / "crossing.gif"]
     save_figure(figure, files[0])

@@ -32,13 +32,13 @@ from transport.stance_link import StancePublisher, StanceReceiver
 
 # A scan of 70 stripes takes 1.2 s at the demo's frame rate (two frames a stripe), and much longer on a busy machine.
 GRID_TIMEOUT_S = 60.0
-# [s] Longest pause: the robot waits for four grids.
+# [s] Announced length of a pause: the longest wait for its four grids.
 PAUSE_S = 4 * GRID_TIMEOUT_S
 FPS = 120.0
 # JPEG quality of recorded frames, which shifts stripes by about 0.02 px.
 JPEG_QUALITY = 85
-# Number of pauses that are recorded, at 6 MB each: the last two cycles. Pauses cannot be left out in between, since
-# odometry would then interpret the next cycle of the gait as standing still.
+# Number of pauses that are recorded, at 6 MB each: the last two cycles. They are consecutive: after a skipped
+# cycle, odometry would see the same posture again and take the cycle for standing still.
 RECORDED_PAUSES = 8
 PAUSES_PER_CYCLE = 4
 # A robot on a course whose feet gain less than this in two cycles is stuck [m].
@@ -86,7 +86,7 @@ def demo_walk(
     Args:
         check: collector of the results.
         recording: MCAP file to write, or None.
-        cycles: number of cycles of the gait, 140 mm each.
+        cycles: largest number of gait cycles; each advances 140 mm unless `is_course` is set.
         seed: random seed of the simulated device and its noise.
         robot_name: name or folder of the robot.
         world: name of a world of the package, or a world file.
@@ -97,7 +97,7 @@ def demo_walk(
         One DemoPause per stance pause.
 
     Raises:
-        PlannerFailed: the planner process ended.
+        PlannerFailed: the planner process ended, or did not connect or answer in time.
         WalkEnded: the planner found no foothold.
         MissingFile, FileFormatError: the world does not exist or is not valid.
         InvalidInput: `is_course` with a world without features.
@@ -182,7 +182,7 @@ def goal_of(world: World) -> float:
 
 
 def first_recorded(cycles: float) -> int:
-    """First step of a walk that is recorded."""
+    """Number of the first recorded step of a walk."""
     return max(0, round(cycles * PAUSES_PER_CYCLE) + 1 - RECORDED_PAUSES)
 
 

@@ -97,7 +97,9 @@ def _of_ros_or_opencv(fields: Fields) -> CameraModel:
     if fields.has("distortion_model"):
         fields.text("distortion_model", (MODEL,))
     if fields.data.get("fisheye_model"):
-        raise FileFormatError(f"{fields.path_to('fisheye_model')} is set, allowed: 0 (k1, k2, p1, p2, k3)")
+        raise FileFormatError(
+            f"{fields.path_to('fisheye_model')} is set; fisheye lenses are not supported; allowed: k1, k2, p1, p2, k3"
+        )
     size = (fields.integer("image_width", 16), fields.integer("image_height", 16))
     matrix = fields.sub("camera_matrix").array("data", (9,)).reshape(3, 3)
     return CameraModel(size, matrix, _coefficients(fields.sub("distortion_coefficients"), "data"))
@@ -105,7 +107,9 @@ def _of_ros_or_opencv(fields: Fields) -> CameraModel:
 
 def _of_kalibr(content: dict[str, Any], cameras: list[str], source: str) -> CameraModel:
     if len(cameras) > 1:
-        raise FileFormatError(f"{source}: contains {', '.join(cameras)}, allowed: one camera, the rangefinder's")
+        raise FileFormatError(
+            f"{source}: contains several cameras ({', '.join(cameras)}); allowed: only that of the rangefinder"
+        )
     fields = Fields(content, source).sub(cameras[0])
     fields.text("camera_model", ("pinhole",))
     fields.text("distortion_model", ("radtan",))

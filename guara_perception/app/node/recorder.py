@@ -95,7 +95,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         self._outbox = Outbox()
         self._tasks = itertools.count()
         self._waiting, self._is_closed = 0, False
-        self._add_later("the robot", self._add_robot)
+        self._add_later("the robot description", self._add_robot)
 
     def __exit__(self, *error: object) -> None:
         """Write the waiting data and close the file; log an error if the disk is too slow."""
@@ -105,7 +105,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             self._outbox.close()
             self.writer.close()
         else:
-            logger.error("%s: the disk is too slow: waiting data are lost; `guara recover` keeps the rest", self.path)
+            logger.error("%s: disk too slow, unwritten data are lost; `guara recover` recovers the rest", self.path)
 
     @property
     def path(self) -> Path:
@@ -159,7 +159,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
 
     def add_stream(self, batch: StanceStream) -> None:
         """Add a batch of joint samples without blocking."""
-        self._add_later("a batch of joints", lambda: self.writer.add_stance_stream(batch))
+        self._add_later("a batch of joint samples", lambda: self.writer.add_stance_stream(batch))
 
     def add_status(self, payload: bytes | bytearray) -> None:
         """Add the payload of a status message of the node without blocking."""
@@ -235,7 +235,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         with self._counted:
             self._recorded += not problem
             self._lost += bool(problem)
-            self._problem = problem and f"step {step} is not recorded completely: {problem}"
+            self._problem = problem and f"step {step} was only partly recorded: {problem}"
         if problem:
             logger.error("recording failed: step %d: %s", step, problem)
 
@@ -271,7 +271,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             full.close()
         except RecordingError as error:
             logger.error("%s; `guara recover` makes the file readable", error)
-        _guarded("the robot", self._add_robot)
+        _guarded("the robot description", self._add_robot)
 
     def _report(self, trouble: str) -> None:
         """Log a problem of the recording once, and show it in the status until it is solved."""
@@ -288,7 +288,7 @@ def _guarded(what: str, add: Callable[[], None]) -> None:
     try:
         add()
     except Exception as error:
-        logger.error("not recorded: %s: %s", what, error)
+        logger.error("failed to record %s: %s", what, error)
 
 
 class ScanRecording:
@@ -336,7 +336,7 @@ class ScanRecording:
         """Continue with the intermediate stripes of the sweep.
 
         Args:
-            mode: mode of the whole scan. It is recorded as a second scan of this pause, which refers to the frames
+            mode: mode of the whole scan, which is recorded as a second scan of this pause and refers to the frames
                 already written. None = the scan will be incomplete, and no more frames are recorded.
         """
         if mode is None:
@@ -362,7 +362,7 @@ class ScanRecording:
         self._recorder.post(size, lambda: self._guarded(action))
 
     def _shared(self, image: Image | None) -> tuple[tuple[object, Image] | None, int]:
-        """Copy of a laser-off frame with a key, shared by its stripes, and the number of newly allocated bytes."""
+        """(key, copy) of a laser-off frame, one pair for all its stripes, and the number of bytes newly allocated."""
         if image is None:
             return None, 0
         if self._last_off is not None and self._last_off[0] is image:

@@ -28,7 +28,7 @@ FRESH = 0.25
 
 
 class StreamWatch:
-    """Monitor of a joint stream, with status item `stance_stream`. Batches and status may be on different threads."""
+    """Monitor of a joint stream, with status item `stance_stream`. `add` and `item` are thread-safe."""
 
     def __init__(self, robot: RobotModel, name: str) -> None:
         """Monitor the stream of the robot with the instance name `name`."""
@@ -164,5 +164,5 @@ class StreamWatch:
             self._gaps += 1
             what = f"{lost} batches were lost" if lost else f"{longest:.2f} s without a sample"
             if pause <= 0.0:
-                what = "stamps went back"
-            self._trouble = now, f"a gap in the stream: {what}"
+                what = "the stamps did not increase"
+            self._trouble = now, f"joint stream: {what}"

@@ -64,7 +64,7 @@ def read_plan(folder: Path) -> SessionPlan:
         FileFormatError: the plan cannot be read.
     """
     if not (folder / PLAN_FILE).is_file():
-        raise MissingFile(f"{folder}: no {PLAN_FILE}, so `guara record` did not make it: nothing to record again")
+        raise MissingFile(f"{folder} contains no {PLAN_FILE}; --redo needs a session recorded by `guara record`")
     fields = read_json(folder / PLAN_FILE)
     with errors_as(FileFormatError, folder / PLAN_FILE, KinematicsError):
         stance = Stance.from_dict(fields.sub("stance").data)
@@ -80,7 +80,7 @@ class SessionWriter:
 
         Args:
             folder: the session's folder.
-            plan: parts to record.
+            plan: planned contents of the session.
             redo: keys of `PARTS` to record again, possibly with another plan; `clear` removes their files.
 
         Raises:
@@ -92,7 +92,7 @@ class SessionWriter:
         if (self.folder / SESSION_FILE).exists() and not redo:
             raise InvalidInput(
                 f"{self.folder} contains a finished session; give another name, run `guara calibrate` on it, or record "
-                f"a part of it again: --redo {', '.join(PARTS)}"
+                f"a part of it again with --redo PART (PART: {', '.join(PARTS)})"
             )
         present = self.folder / PLAN_FILE
         if present.exists():
@@ -100,7 +100,8 @@ class SessionWriter:
             differing = sorted(k for k, v in plan.to_dict().items() if old.get(k) != v and k not in redo)
             if differing:
                 raise InvalidInput(
-                    f"{self.folder} was begun with other {', '.join(differing)}: give the same options or another name"
+                    f"{self.folder} was started with other values of {', '.join(differing)}; give the same options or "
+                    "another name"
                 )
         elif self.folder.exists() and any(self.folder.iterdir()):
             raise InvalidInput(f"{self.folder} exists and is not a recording; give another name")
@@ -131,7 +132,10 @@ class SessionWriter:
             write_picture(temporary, picture)
 
     def clear(self) -> None:
-        """Remove `session.json` and the parts to record again, and write the new plan; called with open devices."""
+        """Remove `session.json` and the parts to record again, and write the new plan.
+
+        Call it after the devices have been opened, so that nothing is lost if one is missing.
+        """
         for path in [path for part in self._redo for pattern in PARTS[part] for path in self.folder.glob(pattern)]:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
         (self.folder / SESSION_FILE).unlink(missing_ok=True)

@@ -25,7 +25,8 @@ CAMERA_HEIGHT_M, CAMERA_BEFORE_M, BASELINE_M, MIRROR_LOWER_M = 0.5, 0.10, 0.20, 
 VIEW_ACROSS, VIEW_ALONG = 0.95 * 0.5 / 0.921, 0.95 * 0.4 / 0.921
 # Smallest distance of a mount from the collision shapes of the robot.
 MOUNT_MARGIN_M = 0.03
-# Fraction of the area that the robot itself may hide.
+# The search stops at the first mount of which the robot hides no more than this fraction of the area. Also the least
+# improvement that counts.
 HIDDEN_ENOUGH = 0.01
 HIGHEST_M = 1.4
 SAMPLES = (10, 12)

@@ -35,7 +35,7 @@ def show_robot(robot: RobotModel, port: int) -> None:
     """Show a robot in the browser until Ctrl-C."""
     with stop_event() as stop, BrowserView(robot, port=port) as view:
         view.show_recording([robot_moment(robot)])
-        click.echo(f"{robot.name}: open {view.address} (Ctrl-C ends)")
+        click.echo(f"{robot.name}: open {view.address} (press Ctrl-C to stop)")
         stop.wait()
 
 

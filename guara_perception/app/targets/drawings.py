@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 # The detectors need a white border around the board. A third of a square is enough, and 300 mm boards still fit on A3.
 QUIET_OF_SQUARE = 0.33
-# Distance of the crosses from the borders of the scanned area; plates do not cover them there.
+# Distance of the four outer crosses from the borders of the scanned area, where no plate covers them.
 CROSS_INSET_M = 0.020
 MAT_BORDER_M = 0.030
 # Distance of the rulers from the borders of their drawing.
@@ -55,7 +55,7 @@ def calibration_board(board: BoardSpec) -> Sheet:
     """Board in black and white with a white border, its first corner at the top left.
 
     Raises:
-        InvalidInput: a ChArUco board that needs more markers than the dictionary has.
+        InvalidInput: a ChArUco board needs more markers than the largest dictionary has.
     """
     square = 1e3 * board.square
     quiet = QUIET_OF_SQUARE * square
@@ -75,7 +75,7 @@ def calibration_board(board: BoardSpec) -> Sheet:
         axes.add_collection(PolyCollection(list(outlines), facecolor=INK, edgecolor="none", antialiased=False))
 
     name = "ChArUco board" if board.pattern == CHARUCO else "Checkerboard"
-    size = f"{board.columns} x {board.rows} inner corners of {square:g} mm"
+    size = f"{board.columns} x {board.rows} inner corners, {square:g} mm squares"
     return Sheet(f"{name}, {size}", columns * square + 2 * quiet, rows * square + 2 * quiet, draw)
 
 
@@ -132,7 +132,7 @@ def mat(robot: RobotModel) -> Sheet:
             x, y = on_paper(sole + np.array([-length, width]) / 2)
             _outline(axes, x, y, 1e3 * width, 1e3 * length)
             _centre_lines(axes, *on_paper(sole), 1e3 * width, 1e3 * length)
-            axes.text(*on_paper(sole + np.array([length / 2 + 0.004, 0])), f"{leg}, toes up", ha="center", fontsize=7)
+            axes.text(*on_paper(sole + np.array([length / 2 + 0.004, 0])), f"{leg}, toe end", ha="center", fontsize=7)
         for point in points:
             _cross(axes, *on_paper(point))
             label = f"({point[0]:.3f}, {point[1]:.3f}) m"
@@ -142,7 +142,7 @@ def mat(robot: RobotModel) -> Sheet:
         axes.text(origin[0] + 3, origin[1] + 3, "base_footprint", fontsize=6, color=GUIDE)
 
     size = 1e3 * (high - low)
-    return Sheet(f"Mat of {robot.name} in its scan posture, x up, y to the left", float(size[1]), float(size[0]), draw)
+    return Sheet(f"Floor mat for {robot.name}, scan posture; x up, y to the left", float(size[1]), float(size[0]), draw)
 
 
 def labels(heights: tuple[float, ...]) -> Sheet:
@@ -156,7 +156,7 @@ def labels(heights: tuple[float, ...]) -> Sheet:
             axes.text(4, y + 20, f"plate, nominal {1e3 * nominal:g} mm", fontsize=11)
             axes.text(4, y + 8, "measured above the floor: ............ mm", fontsize=9)
 
-    return Sheet("Labels of the plates: measure each with a caliper", width, height * len(heights), draw)
+    return Sheet("Plate labels: measure each plate with a caliper", width, height * len(heights), draw)
 
 
 def ruler() -> Sheet:
@@ -173,14 +173,14 @@ def ruler() -> Sheet:
                 if mark % 10 == 0:
                     axes.text(*_on_ruler(across, mark, size + 1), f"{mark}", fontsize=5, ha=ha, va=va)
         axes.text(60, 90, "Measure 0 to 150 mm on both rulers.", fontsize=9)
-        axes.text(60, 80, "If either is not 150.0 mm, give its reading to", fontsize=9)
-        axes.text(60, 73, "`guara record --printed-150 READING`.", fontsize=9)
+        axes.text(60, 80, "If a ruler is not 150.0 mm long, pass its length to", fontsize=9)
+        axes.text(60, 73, "`guara record --printed-150 LENGTH`.", fontsize=9)
 
     return Sheet("Ruler", length + 12, length + 12, draw)
 
 
 def _on_ruler(across: bool, along: float, beside: float) -> tuple[float, float]:
-    """Position on the paper of a point along a ruler's edge and beside it [mm]."""
+    """Convert ruler coordinates, along the edge and away from it, to a position on the paper [mm]."""
     return (RULER_MM + along, RULER_MM + beside) if across else (RULER_MM + beside, RULER_MM + along)
 
 
@@ -227,8 +227,8 @@ def parse_board(size: str, square: float, pattern: str = CHECKERBOARD) -> BoardS
     board = BoardSpec(int(columns), int(rows), square, pattern, BLACK if pattern == CHECKERBOARD else None)
     if not (3 <= board.columns <= 40 and 3 <= board.rows <= 40 and 0.005 <= square <= 0.1):
         raise InvalidInput(
-            f"board has {board.columns}x{board.rows} inner corners of {square:g} m; allowed: 3 ... 40 each way, "
-            f"squares of 0.005 ... 0.1 m"
+            f"board has {board.columns}x{board.rows} inner corners and squares of {square:g} m; allowed: 3 ... 40 "
+            f"corners each way, squares of 0.005 ... 0.1 m"
         )
     return board
 
@@ -237,8 +237,8 @@ def parse_heights(text: str) -> tuple[float, ...]:
     """Convert a text of plate heights [m], separated by commas, to numbers.
 
     Raises:
-        InvalidInput: a height is not a number, there are more than 20, some are more than 0.5 m from the floor, or all
-            are nearly the same.
+        InvalidInput: a height is not a number, there are more than 20, some are more than 0.5 m from the floor, or no
+            two successive heights are MIN_HEIGHT_DIFFERENCE_M or more apart.
     """
     try:
         heights = tuple(float(height) for height in text.split(","))
@@ -247,7 +247,7 @@ def parse_heights(text: str) -> tuple[float, ...]:
     are_apart = np.diff(sorted(heights)).max(initial=0.0) >= MIN_HEIGHT_DIFFERENCE_M
     if not (are_apart and len(heights) <= 20 and all(-0.5 <= h <= 0.5 for h in heights)):
         raise InvalidInput(
-            f"--plates is {text!r}, allowed: 2 ... 20 heights of -0.5 ... 0.5 m, two of them "
+            f"--plates is {text!r}, allowed: 2 ... 20 heights of -0.5 ... 0.5 m, two successive ones "
             f"{MIN_HEIGHT_DIFFERENCE_M:g} m or more apart; 0 is the bare floor"
         )
     return heights

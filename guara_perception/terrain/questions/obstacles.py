@@ -47,8 +47,8 @@ class Obstacle(FrozenArrays):
     """Object on the floor, or a hole in it, in base_footprint.
 
     Attributes:
-        outline: (n, 2) corners of the outline along cell edges [m], counter-clockwise seen from above; the first one is
-            not repeated.
+        outline: (n, 2) corners of the outline [m], along cell edges but diagonal at concave corners, counter-clockwise
+            seen from above; the first one is not repeated.
         height: height of the top above the floor, or of the bottom of a hole, which is negative [m].
         top_plane: (a, b, c) of the top (or bottom) z = a x + b y + c [-, -, m].
         position: (3,) centre of the top (or bottom) [m].
@@ -112,7 +112,7 @@ class _Cells:
 
 
 def _connected(iy: Index, ix: Index) -> list[Index]:
-    """Positions of the cells (n,) of each connected component; cells that touch at a corner are connected."""
+    """Indices (n,) into `iy` and `ix` of each connected component; cells that touch at a corner are connected."""
     if not iy.size:
         return []
     rows, columns = iy - iy.min(), ix - ix.min()
@@ -125,7 +125,7 @@ def _connected(iy: Index, ix: Index) -> list[Index]:
 
 
 def _obstacle(cells: _Cells, terrain: LayeredGrid, floor: FloorPlane) -> Obstacle:
-    """Obstacle of some connected cells, which are all above or all below the floor."""
+    """Make an obstacle from connected cells, all above or all below the floor."""
     sign = 1.0 if cells.rise[0] > 0 else -1.0
     height = sign * cells.rise
     noise = math.sqrt(float(cells.variance.sum()) / height.size)
@@ -151,7 +151,7 @@ def _obstacle(cells: _Cells, terrain: LayeredGrid, floor: FloorPlane) -> Obstacl
 
 
 def _outline(cells: _Cells, terrain: LayeredGrid) -> Float:
-    """Outer contour along the edges of the cells, with straight runs as single edges."""
+    """Outer contour through the corners of the cells, with straight runs as single edges."""
     first = np.array([cells.ix.min(), cells.iy.min()])
     columns, rows = cells.ix - first[0], cells.iy - first[1]
     corners = np.zeros((rows.max() + 2, columns.max() + 2), dtype=np.uint8)
@@ -250,12 +250,12 @@ def fit_plane(x: Float, y: Float, z: Float) -> tuple[float, float, float] | None
 def solve_plane(terms: Float, z: Float) -> Float | None:
     """Least-squares coefficients (3,) of `terms` (3, n) for z (n,), from the normal equations.
 
-    The terms are x and y, relative to their approximate means so that the equations are well conditioned, and ones.
+    The rows of `terms` are x, y and ones, with x and y relative to their approximate means for good conditioning.
     None if the points are fewer than three or collinear.
     """
     if len(z) < 3:
         return None
-    # By products of rows, because matrix products of so few rows take five times as long.
+    # Dot products of the rows, because a matrix product of so few rows takes five times as long.
     normal = _products(terms, terms)
     (xx, xy), (_, yy) = normal[:2, :2]
     smallest = 0.5 * (xx + yy - np.hypot(xx - yy, 2 * xy))

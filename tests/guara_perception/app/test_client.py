@@ -34,7 +34,7 @@ def client(node, module_endpoint: str) -> Iterator[gp.TerrainClient]:
 def test_running_node_without_a_grid_is_reported(client: gp.TerrainClient, eventually: Callable):
     """Alive, but nothing published yet: stale, with the reason. Runs first, before anything is published."""
     assert eventually(lambda: client.is_alive)
-    with pytest.raises(gp.StaleTerrain, match="has published no footprint grid yet"):
+    with pytest.raises(gp.StaleTerrain, match="has not published a footprint grid yet"):
         client.latest()
 
 

@@ -190,7 +190,7 @@ def test_what_cannot_be_shown_is_refused(guara: Callable, tmp_path: Path, robot:
     with pytest.raises(MissingFile, match="nowhere.npz: no such file or folder"):
         load_moments(tmp_path / "nowhere.npz", robot)
     (tmp_path / "notes.txt").write_text("")
-    with pytest.raises(InvalidInput, match=r"a grid \(.npz\), a recording \(.mcap\) or a scan folder can be shown"):
+    with pytest.raises(InvalidInput, match=r"allowed: a grid \(.npz\), a recording \(.mcap\) or a scan folder"):
         load_moments(tmp_path / "notes.txt", robot)
     (tmp_path / "cut.mcap").write_bytes(b"\x89MCAP0\r\n")
     with pytest.raises(FileFormatError, match="cut.mcap"):

@@ -150,7 +150,7 @@ def test_scan_whose_camera_stood_still_is_processed(paper_scan, calibration, rob
 def test_advice_fits_what_happened(counts: list[int], expected_texts: list[str]) -> None:
     """No light, too much light, too little light: one sentence each, with what to do."""
     sentence = advice(0.31, np.array(counts))
-    assert sentence.startswith("only 31 % of the expected ground returned the laser")
+    assert sentence.startswith("only 31 % of the ground that should be visible returned laser light")
     assert all(text in sentence for text in expected_texts)
     assert "\n" not in sentence and ". " not in sentence
 

@@ -54,16 +54,16 @@ def test_orientation_order_and_pattern_are_reported_before_the_laser_is_blamed(p
     cases = {
         "the frames are turned by 180 degrees": spoiled(paper_scan, lambda k, frame: cv2.rotate(frame, cv2.ROTATE_180)),
         "the frames are flipped top to bottom": spoiled(paper_scan, lambda k, frame: frame[::-1].copy()),
-        r"\d+ of \d+ frames looked at are flipped top to bottom": spoiled(
+        r"\d+ of the \d+ frames examined are flipped top to bottom": spoiled(
             paper_scan, lambda k, frame: frame[::-1].copy() if k % 2 == 1 else frame
         ),
-        r"\d+ of \d+ frames looked at are turned by 180 degrees": spoiled(
+        r"\d+ of the \d+ frames examined are turned by 180 degrees": spoiled(
             paper_scan, lambda k, frame: cv2.rotate(frame, cv2.ROTATE_180) if k % 2 == 1 else frame
         ),
-        "no two neighbours of the pattern were fired.*every second stripe is missing": every_second,
-        'a coarse scan was given mode "standard"': dataclasses.replace(paper_scan, mode="standard"),
+        "no two neighbouring stripes were fired.*every second stripe is missing": every_second,
+        'a coarse scan was processed in mode "standard"': dataclasses.replace(paper_scan, mode="standard"),
         "the frames are in reverse order": renamed(paper_scan, frames[::-1]),
-        "the frames are 6 stripe indices behind": renamed(paper_scan, frames[:-3]),
+        "the frames are behind by 6 in stripe index": renamed(paper_scan, frames[:-3]),
     }
     for expected_text, scan in cases.items():
         _, reason = reasons(scan, calibration, robot)
@@ -88,7 +88,7 @@ def test_the_advice_says_where_stripes_were_found() -> None:
     assert "8000 columns show a stripe where none can be, too high or too low" in advice(0.1, counts)
     assert "stronger laser" in advice(0.1, np.array([7000, 0, 0, 0, 0, 3000, 0]))
     assert "expose less" in advice(0.1, np.array([100, 0, 400, 200, 0, 300, 0]))
-    assert advice(0.1, counts, "the frames are turned").endswith("returned the laser: the frames are turned")
+    assert advice(0.1, counts, "the frames are turned").endswith("returned laser light: the frames are turned")
 
 
 def mount_lifted(calibration: gp.Calibration, height: float) -> gp.Calibration:
@@ -147,7 +147,7 @@ def test_exif_orientation_is_refused_in_one_way(paper_scan, calibration, robot, 
     (tmp_path / "turned.jpg").write_bytes(with_orientation(picture, 3))
     (tmp_path / "normal.jpg").write_bytes(with_orientation(picture, 1))
     assert read_picture(tmp_path / "normal.jpg").shape == picture.shape
-    with pytest.raises(gp.FileFormatError, match="EXIF orientation tag rotates or mirrors the picture"):
+    with pytest.raises(gp.FileFormatError, match="EXIF orientation tag rotates or mirrors the image"):
         read_picture(tmp_path / "turned.jpg")
     names = [stripe.on for stripe in paper_scan.stripes]
 

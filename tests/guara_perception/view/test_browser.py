@@ -232,7 +232,7 @@ def test_the_command_serves_a_grid_until_it_is_stopped(page: Chromium, grid: gp.
                 break
         else:
             pytest.fail(f"the command ended with {process.wait(10)}: {''.join(said)}")
-        assert "1 scans of" in text
+        assert "(pauses: 1;" in text
         page.call("Page.navigate", url=address)
         page.wait_for("document.body.innerText.includes('step 7')")
     finally:

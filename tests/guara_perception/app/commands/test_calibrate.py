@@ -172,7 +172,7 @@ def test_broken_session_file(
         (["-o", "c.json", "--save-camera-info", "lens.xml"], "lens.xml: it must end in .yaml, .yml"),
         (
             ["-o", "c.json", "--camera-info", "lens.yaml"],
-            "--camera-info is lens.yaml: no such file; --save-camera-info writes one",
+            "--camera-info: lens.yaml does not exist; `guara calibrate --save-camera-info` writes such a file",
         ),
         (["-o", "c.json", "--square", "28"], "square is 28 m, allowed: 0.001 ... 1 m (28 mm are 0.028)"),
         (["-o", "c.json", "--square", "wide"], "'wide' is not a valid float"),
@@ -365,10 +365,13 @@ def test_square_other_than_the_session_says(session_copy: Callable[..., Path], t
     ("text", "reason"),
     [
         ("{", "not a YAML file"),
-        (OPENCV + "fisheye_model: 1\n", "fisheye_model is set, allowed: 0 (k1, k2, p1, p2, k3)"),
+        (
+            OPENCV + "fisheye_model: 1\n",
+            "fisheye_model is set; fisheye lenses are not supported; allowed: k1, k2, p1, p2, k3",
+        ),
         (KALIBR.replace("radtan", "equidistant"), "cam0.distortion_model is 'equidistant', allowed: 'radtan'"),
         (KALIBR.replace("pinhole", "omni"), "cam0.camera_model is 'omni', allowed: 'pinhole'"),
-        (KALIBR + KALIBR.replace("cam0", "cam1"), "contains cam0, cam1, allowed: one camera"),
+        (KALIBR + KALIBR.replace("cam0", "cam1"), "contains several cameras (cam0, cam1); allowed: only that"),
         (KALIBR.replace("[-0.2409, 0.06, 0.0, 0.0]", "[-0.24]"), "has 1 values, allowed: k1, k2, p1, p2 and k3"),
         (KALIBR.replace("589.1", "-589.1"), "camera matrix must have positive focal lengths"),
         (

@@ -290,7 +290,7 @@ def test_nothing_that_is_drawn_costs_a_scan(
         terrain = bench.client.wait_for_step(0, timeout=TIMEOUT, extent="map")
         assert wait_until(lambda: "no cloud today" in recorder.status_item().message)
     assert terrain.step == 0
-    assert "not recorded: the points of a scan: no cloud today" in caplog.text
+    assert "failed to record the points of a scan: no cloud today" in caplog.text
     with open_recording(path) as recording:
         assert [scan.is_whole for scan in recording.scans] == [True]
         assert len(list(recording.terrains("map"))) == 1
@@ -311,7 +311,7 @@ def test_a_full_disk_costs_the_recording_and_not_the_scan(
         try:
             bench.gait.say(0, PausePhase.BEGIN)
             terrain = bench.client.wait_for_step(0, timeout=TIMEOUT)
-            reported = "step 0 is not recorded completely: cannot write"
+            reported = "step 0 was only partly recorded: cannot write"
             assert wait_until(lambda: any(reported in item.message for item in bench.status.items()))
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)

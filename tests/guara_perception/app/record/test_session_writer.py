@@ -40,7 +40,9 @@ def test_another_plan_is_refused(plan: SessionPlan, tmp_path: Path):
     """The message names what differs."""
     SessionWriter(tmp_path / "s", plan)
     other = dataclasses.replace(plan, plates=(0.0, 0.05), board=BoardSpec(8, 7, 0.03))
-    with pytest.raises(gp.InvalidInput, match="was begun with other board, plates: give the same options or another"):
+    with pytest.raises(
+        gp.InvalidInput, match="was started with other values of board, plates; give the same options or another"
+    ):
         SessionWriter(tmp_path / "s", other)
 
 
@@ -52,7 +54,7 @@ def test_a_part_is_removed_when_it_is_recorded_again(plan: SessionPlan, tmp_path
     writer.finish()
     assert read_plan(writer.folder).to_dict() == plan.to_dict()
     other = dataclasses.replace(plan, board=BoardSpec(8, 7, 0.03))
-    with pytest.raises(gp.InvalidInput, match="was begun with other board"):
+    with pytest.raises(gp.InvalidInput, match="was started with other values of board"):
         SessionWriter(writer.folder, other, ["crosses"])
     again = SessionWriter(writer.folder, other, ["board"])
     assert again.has("session.json") and read_plan(writer.folder).board == plan.board

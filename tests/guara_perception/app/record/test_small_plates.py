@@ -121,7 +121,7 @@ def test_a_missed_step_is_told_from_a_stripe_beside_the_plate(
     broken = missed_step(session_of(targets, scans, FITTING["A3, moved"]), 1, 12)
     with pytest.raises(gp.CalibrationRefused) as refused:
         calibrate_session(broken, robot)
-    assert "the mirror missed a step, or frames are exchanged: plate a3_near_40: after stripe index 2" in str(
+    assert "the mirror missed a step, or frames were swapped: plate a3_near_40: after stripe index 2" in str(
         refused.value
     )
     assert "fell off" not in str(refused.value)
@@ -146,7 +146,7 @@ REFUSED = {
         "area_40",
         "area_80",
     ): "or the stripe fell off the plate (scan the bare floor too, as a plate of 0 m): plate area_40",
-    ("floor", "a3_near_40", "a3_near_80"): "stripes lie on plates of two heights (80 % needed); stripe index 5",
+    ("floor", "a3_near_40", "a3_near_80"): "stripes lie on plates of two heights (80 % needed); stripes 5",
     ("floor", "area_40", "away_80"): "plate away_80: all stripes are beside it: place it in the scanned area",
 }
 

@@ -68,7 +68,7 @@ def test_a_charuco_board_is_found_page_by_page(robot, tmp_path: Path, paper):
     pages = write_targets(path, robot, board=board, paper=paper)
     document, found = pypdfium2.PdfDocument(path), set()
     for number, page in enumerate(pages):
-        if not page.sheet.title.startswith("ChArUco board, 9 x 7 inner corners of 30 mm"):
+        if not page.sheet.title.startswith("ChArUco board, 9 x 7 inner corners, 30 mm squares"):
             continue
         rendered = document[number].render(scale=DOTS_PER_MM * 25.4 / 72, grayscale=True).to_numpy()
         picture = np.asarray(rendered).reshape(rendered.shape[:2])
@@ -90,7 +90,7 @@ def test_crosses_of_the_mat_lie_where_they_are_said_to_lie(printed, robot):
     """Ink at each cross: its centre to a tenth of a millimetre, arms and bars as the calibration expects them."""
     found = []
     for page, picture in zip(*printed, strict=True):
-        if not page.sheet.title.startswith("Mat"):
+        if not page.sheet.title.startswith("Floor mat"):
             continue
         count, _, stats, centres = cv2.connectedComponentsWithStats((picture < 60).astype(np.uint8))
         for k in range(1, count):
@@ -151,7 +151,7 @@ def test_pages_of_a_sheet_cover_it_and_overlap(paper, robot):
 def test_command_says_what_it_printed(guara, tmp_path: Path):
     """Pages by drawing, and where the crosses belong."""
     said = guara("targets", "-o", tmp_path / "t.pdf", "--board", "6x5", "--square", "0.025")
-    assert said.code == 0 and "Checkerboard, 6 x 5 inner corners of 25 mm: 1 page\n" in said.out
+    assert said.code == 0 and "Checkerboard, 6 x 5 inner corners, 25 mm squares: 1 page\n" in said.out
     assert "(0.520, 0.250), (0.520, -0.250)" in said.out and (tmp_path / "t.pdf").read_bytes().startswith(b"%PDF")
 
 
@@ -160,7 +160,7 @@ def test_command_says_what_it_printed(guara, tmp_path: Path):
     [
         (["-o", "t.txt"], "t.txt: it must end in .pdf"),
         (["-o", "t.pdf", "--board", "nine"], "--board is 'nine'; it must be COLUMNSxROWS"),
-        (["-o", "t.pdf", "--board", "2x7"], "board has 2x7 inner corners of 0.03 m; allowed: 3 ... 40 each way"),
+        (["-o", "t.pdf", "--board", "2x7"], "board has 2x7 inner corners and squares of 0.03 m; allowed: 3 ... 40"),
         (["-o", "t.pdf", "--pattern", "circles"], "'circles' is not one of 'checkerboard', 'charuco'"),
         (["-o", "t.pdf", "--square", "30"], "squares of 0.005 ... 0.1 m"),
         (["-o", "t.pdf", "--plates", "0;1"], "--plates is '0;1'; it must be heights in metres"),
