@@ -37,7 +37,6 @@ from kinematics.odometry import PoseInOdom as PoseInOdom
 from kinematics.pause import PauseDetector as PauseDetector
 from kinematics.pause import PauseReport as PauseReport
 from kinematics.reach import Reach as Reach
-from kinematics.reach import reach_from_bodies as reach_from_bodies
 from kinematics.reach import reach_from_pose as reach_from_pose
 from kinematics.reach import reach_in_base as reach_in_base
 from kinematics.self_filter import SelfFilter as SelfFilter

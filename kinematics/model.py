@@ -147,7 +147,7 @@ class RobotModel:
         return reach_in_base(self.tree, leg, soles_in_base, sole_pitch)
 
     def reach_from(self, leg: str, soles: npt.ArrayLike, transforms_base_to_ground: npt.ArrayLike) -> Reach:
-        """As `reach`, for level soles on the ground below bodies anywhere; see `kinematics.reach_from_bodies`."""
+        """As `reach`, for level soles on the ground below bodies anywhere; see `kinematics.reach.reach_from_bodies`."""
         return reach_from_bodies(self.tree, leg, soles, transforms_base_to_ground)
 
     def shanks(self, leg: str, joint_positions: npt.ArrayLike) -> tuple[Float, Float]:

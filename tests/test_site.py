@@ -60,5 +60,5 @@ def test_site_builds_without_a_warning(tmp_path: Path):
     gait = (tmp_path / "reference" / "transport" / "index.html").read_text()
     assert "StancePublisher" in gait and "time_available" in gait
     page = (tmp_path / "reference" / "terrain" / "index.html").read_text()
-    assert "check_foothold" in page and "Check positions for a sole that is aligned with x." in page
+    assert "check_foothold" in page and "Check if a sole aligned with the x axis may be placed at" in page
     assert "check_foothold" in (tmp_path / "search" / "search_index.json").read_text()

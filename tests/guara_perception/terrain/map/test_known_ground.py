@@ -55,7 +55,7 @@ def test_a_sole_that_stands_far_off_is_not_used_but_named(robot: RobotModel, mak
     fused = terrain_map.update(pause, PoseInOdom(at(0.0, z=0.020), drift(0.001)))
     assert fused.metadata["height_correction"] == 0.0
     assert fused.metadata["health"]["level"] == "degraded"
-    assert any("the sole of lf stands +20" in reason for reason in fused.metadata["health"]["reasons"])
+    assert any("the sole of lf is ignored: it is +20" in reason for reason in fused.metadata["health"]["reasons"])
 
 
 def test_declared_ground_is_known_and_marked(robot: RobotModel, make_scan: MakeScan, scan_grid: Any) -> None:
