@@ -33,7 +33,7 @@ MISTAKES = (
     ("another board", "wrong corner count", REFUSALS, "fault_is_refused"),
     (
         "one cross 10 mm off",
-        "according to the others cross",
+        "according to the others, cross",
         CROSSES,
         "the_one_cross_that_was_measured_wrongly_is_named",
     ),

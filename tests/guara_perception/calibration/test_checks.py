@@ -39,7 +39,7 @@ def test_wrong_zeros_of_the_front_knees_show(robot: RobotModel) -> None:
     (right,) = stance_checks(robot, stance)
     (wrong,) = stance_checks(robot, dataclasses.replace(stance, joint_positions=joints))
     assert right.value < 1e-6 and right.verdict == "good"
-    assert wrong.verdict != "good" and "zeros of the joints" in wrong.advice
+    assert wrong.verdict != "good" and "the joints' zeros" in wrong.advice
 
 
 def test_without_gravity_or_a_plane_of_soles_there_is_no_figure(robot: RobotModel) -> None:

@@ -149,7 +149,7 @@ def test_a_node_of_an_earlier_version_is_named_as_the_cause(endpoint: str, peer:
         with transport.open_client(endpoint, timeout=PATIENCE) as session:
             client = transport.PerceptionClient(session, encoding="compact")
             assert client.wait_until_alive(PATIENCE)
-            with pytest.raises(transport.StaleTerrain, match="nodes of earlier versions have none in 'compact'"):
+            with pytest.raises(transport.StaleTerrain, match="earlier versions do not support encoding 'compact'"):
                 client.latest()
             assert transport.query_terrain(session, encoding="compact").sequence == 1
         queryable.undeclare()

@@ -379,7 +379,7 @@ def test_a_withdrawn_scan_is_not_replayed(
         refused = guara(*arguments)
         assert refused.code == 2 and "its grid was withdrawn on the robot" in refused.err
         assert refused.err.count("\n") == 1
-    assert "every scan was withdrawn" in guara("replay", moved, "-o", out).err and not out.exists()
+    assert "all scans were withdrawn" in guara("replay", moved, "-o", out).err and not out.exists()
 
 
 def test_a_map_is_confirmed_when_it_is_in_the_journal(

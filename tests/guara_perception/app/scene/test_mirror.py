@@ -122,7 +122,7 @@ def test_ctrl_c_while_the_robot_walks_is_no_error(free_endpoint: str) -> None:
 def test_choices_of_the_mirror_need_the_mirror(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """Exit 2, and the message says what is missing."""
     assert run(["run", "--simulated", *arguments]) == 2
-    assert "need --ros2" in capsys.readouterr().err
+    assert "require --ros2" in capsys.readouterr().err
 
 
 def test_the_launch_file_and_its_picture_name_topics_that_are_there(root: Path) -> None:
