@@ -87,20 +87,18 @@ class HeightUncertainty:
             rows = np.broadcast_to(np.arange(len(indices))[:, None], points.shape[1:])
         stripes = np.ascontiguousarray(rows, np.int64)
         variance = np.empty(stripes.shape)
-        known = np.array(list(self.planes))
-        nearest = known[np.abs(known - np.asarray(indices)[:, None]).argmin(axis=1)]
-        covariances = np.array([self.planes[index] for index in nearest.tolist()])
         poses = transform_camera_to_footprint, transform_camera_to_base
-        given = planes, covariances, *poses, self.field_origin, self.field
+        given = planes, self.plane_covariances(indices), *poses, self.field_origin, self.field
         arrays = [np.ascontiguousarray(each, np.float64) for each in given]
         at = addresses(points, stripes)
         kernel().height_variance(*at, stripes.size, *addresses(*arrays), MIN_BASELINE_M, address(variance))
         return variance
 
-    def plane_covariance(self, index: int) -> Float:
-        """Covariance (4, 4) of a stripe's plane; without one, that of the nearest stripe by index that has one."""
-        nearest = index if index in self.planes else min(self.planes, key=lambda other: abs(other - index))
-        return self.planes[nearest]
+    def plane_covariances(self, indices: Sequence[int]) -> Float:
+        """Covariances (s, 4, 4) of stripes' planes; without one, that of the nearest stripe by index that has one."""
+        known = np.array(list(self.planes))
+        nearest = np.abs(known - np.asarray(indices)[:, None]).argmin(axis=1)
+        return np.array(list(self.planes.values()))[nearest]
 
     def to_dict(self) -> dict[str, Any]:
         """Convert the uncertainty to JSON values, which `of` reads."""

@@ -61,7 +61,7 @@ def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Cal
             if uncertainty is not None:
                 turn = plane_basis(plane, mirror)[0]
                 # The laser plane turns by twice the mirror angle.
-                planes[index] = uncertainty.plane_covariance(index) + (2 * sigma) ** 2 * np.outer(turn, turn)
+                planes[index] = uncertainty.plane_covariances([index])[0] + (2 * sigma) ** 2 * np.outer(turn, turn)
     covariance = calibration.covariance
     if uncertainty is not None:
         covariance = {**(covariance or {}), **dataclasses.replace(uncertainty, planes=planes).to_dict()}

@@ -289,8 +289,8 @@ class BackgroundWitness:
 
     def is_still(self, index: int) -> bool:
         """Test that the image of a stripe shows the background where the reference image shows it."""
-        looks = self._seen.get(index)
-        return bool(looks) and all(look.shift < STILL_PX for look in looks or ())
+        looks = self._seen.get(index, [])
+        return bool(looks) and all(look.shift < STILL_PX for look in looks)
 
     def _motion(self, flow: Float, rows: Float, moved: Array) -> _Seen | None:
         """Rise of the corners of the area from the flow of image corners; None if it is not determined.

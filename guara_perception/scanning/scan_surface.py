@@ -63,6 +63,8 @@ class SharedVariance:
         """
         self._geometry, self._pose = geometry, pose[2:5, 2:5]
         self._calibration = HeightUncertainty.of(geometry.calibration)
+        self._planes = np.ascontiguousarray(geometry.planes_in_footprint, np.float64)
+        self._planes_in_camera = np.array([stripe.plane_in_camera for stripe in geometry.stripes.values()])
         self._motion = np.zeros((3, 3))
         if motion is not None:
             to_base = geometry.calibration.transform_camera_to_base
@@ -78,14 +80,14 @@ class SharedVariance:
         variance = variance_by_motion(points, np.zeros(3), self._pose)
         variance += variance_by_motion(points, transform[:3, 3], self._motion)
         if self._calibration is not None and points.size:
-            planes, points = (np.ascontiguousarray(each, np.float64) for each in (geometry.planes_in_footprint, points))
+            points, planes = np.ascontiguousarray(points, np.float64), self._planes
             nearest, distance = np.empty(points.shape[1], np.int64), np.empty(len(planes), np.float32)
             kernel().nearest_planes(
                 address(points), nearest.size, address(planes), len(planes), *addresses(distance, nearest)
             )
             variance += self._calibration.variance(
                 list(geometry.stripes),
-                np.array([stripe.plane_in_camera for stripe in geometry.stripes.values()]),
+                self._planes_in_camera,
                 points,
                 transform,
                 geometry.calibration.transform_camera_to_base,

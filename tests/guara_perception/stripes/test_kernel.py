@@ -36,6 +36,7 @@ library.FOLDER = Path(sys.argv[1])
 import guara_perception as gp
 from guara_perception.scanning.background import grey
 from guara_perception.scanning.flash_proof import second_line
+from guara_perception.stripes.band import pictures_of
 
 cv2.setNumThreads(1)
 random = np.random.default_rng(0)
@@ -50,6 +51,12 @@ for number in range(60):
     pair = on[flipped], None if off is None else off[flipped]
     profile = gp.extract_stripe(*pair, ("columns", "rows")[number // 2 % 2])
     grey(pair[0], 1.0)
+    given, factor = pictures_of(pair[0], None)[0], number % 4 + 1
+    reference = random.integers(0, 256, (given.rows // factor, given.columns // factor), np.uint8)
+    corners, moved = random.uniform(-2.0, 72.0 / factor, (40, 2)), np.empty((40, 2), np.float32)
+    corners[0] = np.nan
+    memory = library.addresses(reference, corners)
+    library.kernel().follow_corners(given, 0, factor, 255.0 / most, *memory, 40, library.address(moved))
     if number // 2 % 2 == 0:
         second_line(gp.FramePair(0, *pair), profile)
 # Pairs so wide that paths are looked for in fewer columns: noise, white pixels, and lines with a ghost.
