@@ -80,7 +80,8 @@ def test_the_one_cross_that_was_measured_wrongly_is_named(wrong: int, off: tuple
     given = cross_points(load_robot("guara"))
     lie = given.copy()
     lie[wrong] += off
-    told = rf"according to the others, cross {wrong + 1} at .* is (9|10|11) mm away, at \((.*), (.*)\): measure it again"
+    named = f"according to the others, cross {wrong + 1} at"
+    told = rf"{named} .* is (9|10|11) mm away, at \((.*), (.*)\): measure it again"
     found = re.search(told, refusal(lie, given))
     assert found is not None
     assert np.abs(np.array(found.groups()[1:], float) - lie[wrong]).max() < 0.002
