@@ -72,7 +72,7 @@ def _drawn_planes(
 ) -> tuple[StripePlane, ...]:
     stripes = []
     for stripe in true.stripes:
-        plane = rng.multivariate_normal(stripe.plane, uncertainty.plane_covariance(stripe.index), method="svd")
+        plane = rng.multivariate_normal(stripe.plane, uncertainty.plane_covariances([stripe.index])[0], method="svd")
         stripes.append(replace(stripe, plane=plane / np.linalg.norm(plane[:3])))
     return tuple(stripes)
 
