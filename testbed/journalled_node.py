@@ -25,6 +25,7 @@ from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.simulated import SimulatedRobot
+from guara_perception.simulation.scene_view import SceneView
 from guara_perception.simulation.walk import WalkPause
 from guara_perception.simulation.world import World
 from transport import PausePhase, StancePause, open_node
@@ -38,12 +39,13 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @dataclass(frozen=True)
 class Walk:
-    """World, seed of calibration and noise, the pauses of a walk, by step, and the size of frames [px]."""
+    """World, seed of calibration and noise, pauses by step, size of frames [px], and robot: name or folder."""
 
     world: World
     seed: int
     pauses: tuple[WalkPause, ...]
     size: tuple[int, int] = (640, 512)
+    robot: str | Path = "guara"
 
     def save(self, path: Path) -> None:
         """Write it for the node."""
@@ -63,12 +65,14 @@ def start(
 class Placing:
     """Rangefinder of a robot that is put where the walk has its pause when a sweep begins.
 
-    That computes the view of a whole scan; done at BEGIN, it would keep the node from hearing its gait.
+    That computes the view of a whole scan; done at BEGIN, it would keep the node from hearing its gait. Views are kept,
+    since the robot is carried back to the same pauses again and again; noise is fresh in each frame.
     """
 
     def __init__(self, rangefinder: Rangefinder, simulated: SimulatedRobot, walk: Walk) -> None:
         """Stand at the first pause."""
         self._rangefinder, self._simulated, self._walk, self.step = rangefinder, simulated, walk, 0
+        self._views: dict[int, SceneView] = {}
 
     def __getattr__(self, name: str) -> Any:
         """All else is the rangefinder's."""
@@ -76,7 +80,8 @@ class Placing:
 
     def sweep(self, *arguments: Any) -> Any:
         """Put the robot to its pause, and sweep."""
-        self._simulated.stand_at(self._walk.pauses[self.step])
+        step = self.step
+        self._views[step] = self._simulated.stand_at(self._walk.pauses[step], self._views.get(step))
         return self._rangefinder.sweep(*arguments)
 
 
@@ -85,7 +90,7 @@ def main() -> None:
     endpoint, state, file, *recorded = sys.argv[1:]
     log_to_stderr("text")
     walk: Walk = pickle.loads(Path(file).read_bytes())
-    simulated = SimulatedRobot(world=walk.world, seed=walk.seed, size=walk.size)
+    simulated = SimulatedRobot(walk.robot, world=walk.world, seed=walk.seed, size=walk.size)
     robot, calibration = simulated.robot, simulated.calibration
     status = NodeStatus(calibration)
     with ExitStack() as stack:

@@ -87,13 +87,17 @@ class SimulatedRangefinder:
         return self._view
 
     def set_pose(
-        self, transform_base_to_world: npt.ArrayLike, joint_positions: Mapping[str, float] | None = None
+        self,
+        transform_base_to_world: npt.ArrayLike,
+        joint_positions: Mapping[str, float] | None = None,
+        view: SceneView | None = None,
     ) -> SceneView:
         """Set the pose of the body, and compute everything that is common to all frames from this pose.
 
         Args:
             transform_base_to_world: (4, 4) pose of the body.
             joint_positions: joint name -> position [rad]; the robot is drawn and casts shadows. None = no robot.
+            view: result of an earlier call with the same arguments, which is not computed again.
 
         Raises:
             InvalidInput: camera or laser is in the ground or too close to it.
@@ -108,9 +112,11 @@ class SimulatedRangefinder:
                 raise InvalidInput(
                     f"the {name} is {clearance:.3f} m above the ground, allowed: {LEAST_CLEARANCE_M} m or more"
                 )
-        body = None if joint_positions is None else Body(self.robot.state(joint_positions), transform)
-        beam = (laser, transform[:3, 1])
-        self._view = view_scene(self._relief, self._rays, camera, beam, body, self.light)
+        if view is None:
+            body = None if joint_positions is None else Body(self.robot.state(joint_positions), transform)
+            beam = (laser, transform[:3, 1])
+            view = view_scene(self._relief, self._rays, camera, beam, body, self.light)
+        self._view = view
         self._sensor.set_scene(self._view.ambient)
         self._bounce = Bounce(self._view) if self.light.bounce > 0 else None
         self._transform_world_to_base = inverse(transform)

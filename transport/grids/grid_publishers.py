@@ -78,9 +78,9 @@ class GridPublishers:
         if summary is not None:
             self._outbox.post(self._summary.key, partial(self._summary.put, summary), lane=self._summary.key)
         if regions is not None:
-            self._outbox.post(
-                self._regions.key, lambda: self._regions.put(encode_regions(regions())), lane=self._regions.key
-            )
+            # Found only if there are subscribers, as the compact form: a search takes about as long as fusing the map.
+            make = partial(_encoded, regions)
+            self._outbox.post(self._regions.key, partial(self._regions.put, make), lane=self._regions.key)
 
     def close(self) -> None:
         """Undeclare the keys."""
@@ -100,6 +100,10 @@ class GridPublishers:
         ):
             send = partial(_send, publisher, MadeOnce(make), bridge, name, kind)
             self._outbox.post(publisher.key, send, lane=terrain.extent)
+
+
+def _encoded(regions: Callable[[], RegionsMessage]) -> Payload:
+    return encode_regions(regions())
 
 
 def _send(publisher: Publisher, made: MadeOnce, bridge: Ros2Bridge | None, name: str, kind: str) -> None:

@@ -17,6 +17,7 @@ from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import load_calibration
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.scene_view import SceneView
 from guara_perception.simulation.simulated_camera import NOMINAL_EXPOSURE_S, simulated_camera
 from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.walk import Choice, WalkPause, fresh_reading, simulate_walk
@@ -81,17 +82,21 @@ class SimulatedRobot:
         )
         self.stand_at(next(self.walk(cycles=0)))
 
-    def stand_at(self, pause: WalkPause) -> None:
-        """Move the robot to its pose at a pause. Do not call this during a scan."""
-        self.place(pause.transform_base_to_world, pause.joint_positions)
+    def stand_at(self, pause: WalkPause, view: SceneView | None = None) -> SceneView:
+        """Move the robot to its pose at a pause, as `place`. Do not call this during a scan."""
+        return self.place(pause.transform_base_to_world, pause.joint_positions, view)
 
-    def place(self, transform_base_to_world: Float, joint_positions: Mapping[str, float]) -> None:
+    def place(
+        self, transform_base_to_world: Float, joint_positions: Mapping[str, float], view: SceneView | None = None
+    ) -> SceneView:
         """Set pose (4, 4) and joint positions [rad] of the robot. Do not call this during a scan.
+
+        Returns the view of the scene; with `view`, that of an earlier call from the same pose, none is computed.
 
         Raises:
             InvalidInput: camera or laser would be below the ground.
         """
-        self._rig.set_pose(transform_base_to_world, joint_positions)
+        return self._rig.set_pose(transform_base_to_world, joint_positions, view)
 
     def walk(
         self, choose: Callable[[WalkPause], Choice] | None = None, *, cycles: float = 10, number: int = 0
