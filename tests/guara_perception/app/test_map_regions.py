@@ -1,5 +1,7 @@
 """Regions of the map from a node to a planner without a map: the same half-planes, and feet may be set inside them."""
 
+import dataclasses
+import time
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +9,10 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app.map_summary import message_to_regions, regions_message
-from guara_perception.app.messages import terrain_to_message
-from transport.messages.map_messages import decode_regions, encode_regions
+from guara_perception.app.messages import terrain_to_message, with_stamp
+from transport import TerrainMessage, open_node
+from transport.messages.map_messages import RegionsMessage, decode_regions, encode_regions
+from transport.server import PerceptionServer
 
 PATIENCE = 60.0
 
@@ -27,6 +31,35 @@ def test_regions_arrive_as_the_map_has_them(paper_terrain: gp.TerrainGrid) -> No
         inside = rng.dirichlet(np.ones(len(received.vertices)), 50) @ received.vertices
         assert paper_terrain.check_foothold(inside[:, 0], inside[:, 1]).ok.all()
         assert all(received.contains(x, y) for x, y, _ in inside)
+
+
+def test_they_are_found_only_for_those_who_ask(free_endpoint: str, paper_terrain: gp.TerrainGrid, eventually) -> None:
+    """Not while nobody subscribes; once for a planner that comes later, and once for each map from then on."""
+    found: list[int] = []
+
+    def regions(message: TerrainMessage) -> RegionsMessage:
+        found.append(message.step)
+        return regions_message(paper_terrain, message)
+
+    with open_node(listen=free_endpoint) as session:
+        server = PerceptionServer(session, robot="rex")
+
+        def publish(step: int) -> None:
+            sequence = server.next_sequence("map")
+            fused = dataclasses.replace(with_stamp(paper_terrain, time.time_ns(), step), extent="map", pictures={})
+            message = terrain_to_message(fused, robot="rex", sequence=sequence)
+            server.publish(message, regions=lambda: regions(message))
+            server.flush()
+
+        publish(1)
+        publish(2)
+        assert found == []
+        with gp.TerrainClient(free_endpoint, robot="rex", timeout=PATIENCE) as client:
+            assert client.regions(timeout=PATIENCE).step == 2
+            assert found == [2]
+            publish(3)
+            assert eventually(lambda: client.regions().step == 3)
+            assert found == [2, 3]
 
 
 @pytest.mark.slow
