@@ -323,21 +323,21 @@ class World:
 
     # The planner, and the oracle.
 
-    def against(self, extent: str, limit: float = VALID_FOR) -> tuple[Objection, ...]:
+    def against(self, extent: str, limit: float = VALID_FOR, *, was_lost: bool = False) -> tuple[Objection, ...]:
         """What speaks against the grid that the planner holds; the node is asked for a word where one may help."""
         self._deliver()
-        found = self._against(extent, limit)
+        found = self._against(extent, limit, was_lost)
         node = self.node
         can_ask = node is not None and not node.is_hung and not node.is_mute and not self.is_cut
         if found and min(objection.cure for objection in found) is Cure.WORD and can_ask and node is not None:
             self.evidence.report(self._status(node), self.now)
-            found = self._against(extent, limit)
+            found = self._against(extent, limit, was_lost)
         return found
 
-    def _against(self, extent: str, limit: float) -> tuple[Objection, ...]:
+    def _against(self, extent: str, limit: float, was_lost: bool) -> tuple[Objection, ...]:
         grid = self.held[extent]
         age = self.now - grid.scan_end_clock
-        return self.evidence.against(grid, age=age, limit=limit, now=self.now, was_lost=False)
+        return self.evidence.against(grid, age=age, limit=limit, now=self.now, was_lost=was_lost)
 
     def contradicted_for(self, extent: str) -> float:
         """For how long the truth has forbidden the grid that the planner holds [s]; -inf when it does not."""

@@ -123,6 +123,17 @@ def test_a_provisional_grid_of_a_dead_node_is_stale_at_once() -> None:
     assert "its node is gone" in world.against("footprint", math.inf)[0].text
 
 
+@pytest.mark.parametrize("extent", EXTENTS)
+def test_a_node_whose_first_token_is_lost_is_gone(extent: str) -> None:
+    """The token of its run may be withdrawn a moment later; a planner that already sees no node gets no grid."""
+    world = World()
+    world.start()
+    world.begin()
+    world.scan()
+    assert not world.against(extent)
+    assert [o.text for o in world.against(extent, was_lost=True)] == ["is no longer confirmed: its node is gone"]
+
+
 def test_a_new_node_does_not_vouch_for_the_ground_of_the_dead_one() -> None:
     """Not on the next pause, not 48 pauses later, not on another walk, and not in the same pause either."""
     world = World()

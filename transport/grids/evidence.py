@@ -249,7 +249,8 @@ class Evidence:
         """List the objections to a grid; `was_lost` is True if the node was alive and has disappeared."""
         with self._lock:
             word, step = self.word, self._steps.get(grid.epoch)
-        is_gone = grid.run in self._seen and grid.run not in self.live if grid.run else was_lost
+        # A node has two liveliness tokens, and that of its run may disappear a moment after the other.
+        is_gone = was_lost or (grid.run in self._seen and grid.run not in self.live)
         silence = 0.0 if word is None else max(0.0, now - word.heard)
         return objections(grid, word, step=step, age=age, limit=limit, silence=silence, is_gone=is_gone)
 
