@@ -1,7 +1,7 @@
 """Devices of the rangefinder: USB laser board and cameras, and scans with both.
 
-The package can be used on its own. Real devices, a board emulated at the USB level (`drivers.emulator`) and replayed
-frames have the same interfaces. pyusb and OpenCV are imported only when a device is opened.
+The package can be used on its own. Real devices, emulated ones (`drivers.emulator`) and replayed frames have the same
+interfaces. Device libraries (pyusb, OpenCV, linuxpy, Aravis) are imported only when a device is used.
 """
 
 from __future__ import annotations

@@ -80,7 +80,7 @@ class MirrorNotHomed(BoardError, RuntimeError):
 
 
 class MirrorOutOfRange(BoardError, ValueError):
-    """The mirror angle is outside the board's travel."""
+    """A mirror angle or step is outside the board's travel."""
 
 
 class MirrorTimeout(BoardError, TimeoutError):
@@ -124,11 +124,11 @@ class CameraSettingRefused(CameraError, ValueError):
 
 
 class AcquisitionError(DriverError):
-    """A scan failed, or its laser, mirror and frames were out of step."""
+    """A scan failed or could not be started."""
 
 
 class BadFiringOrder(AcquisitionError, ValueError):
-    """The firing order is empty, repeats an index or contains an angle that is not finite."""
+    """The firing order is empty, has a repeated or negative index, or contains an angle that is not finite."""
 
 
 class AcquisitionNotEntered(AcquisitionError, RuntimeError):

@@ -32,11 +32,14 @@ class Board(ABC):
     - After `home`, and until power is lost, `identity.angle_of(step)` is the angle of the mirror to within half a
       step. MOVING is reported until the mirror has settled.
 
+    Every method that communicates with the board also raises `BoardNotOpen` if the board is not open, and another
+    `BoardError` if it does not respond.
+
     `tests/drivers/board/test_any_board.py` tests everything that can be tested without instruments.
     """
 
     def __enter__(self) -> Self:
-        """Open the board; it is closed when the program ends at the latest."""
+        """Open the board; it is closed at the end of the block or of the program."""
         self.open()
         guard.watch(self)
         return self
@@ -107,7 +110,7 @@ class Board(ABC):
 
     @abstractmethod
     def home(self) -> int:
-        """Search for the home switch; return the number of steps lost since the switch was last found.
+        """Search for the home switch; return the error of the step count [steps], 0 if the mirror was not homed before.
 
         Raises:
             HomeNotFound: the switch was not found.
@@ -129,7 +132,10 @@ class Board(ABC):
         """
 
     def clear_faults(self) -> BoardStatus:
-        """Clear every fault whose cause is gone, and return the status; the default is for boards without faults."""
+        """Clear every fault whose cause is gone, and return the status.
+
+        The default implementation only reads the status; it is for boards without faults.
+        """
         return self.status()
 
     def ensure_ready(self, timeout: float = 5.0) -> BoardStatus:

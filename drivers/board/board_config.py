@@ -16,13 +16,15 @@ class BoardConfig:
         vendor_id: USB vendor id, 0 ... 0xFFFF.
         product_id: USB product id, 0 ... 0xFFFF.
         serial: serial number of the board; needed only if several boards are plugged in. None = the only one.
-        timeout: timeout of a transfer [s]. It must be short, because the watchdog allows 0.4 s of silence; a command is
-            repeated for at most half of the watchdog's time.
-        attempts: number of attempts for a transfer that times out, stalls, fails or returns damaged data.
+        timeout: timeout of a control transfer [s]. It must be short, because the watchdog allows at most 0.4 s of
+            silence. A failed command is not repeated after half of the watchdog's time.
+        attempts: largest number of attempts for a command that times out, stalls, fails or gets an invalid reply,
+            1 ... 10.
         motion_timeout: longest wait for the end of a motion [s].
         home_timeout: longest wait for the end of homing [s].
         handle_signals: True = while the board is open, SIGTERM and SIGHUP raise SystemExit, so that `with` blocks are
-            left in order; not if the program handles the signal, or opened the board outside the main thread.
+            left in order. A signal that the program handles or ignores is not changed; neither is any signal if the
+            board is opened outside the main thread.
 
     Raises:
         ValueError: a value is not allowed.
@@ -46,6 +48,6 @@ class BoardConfig:
         for name in ("timeout", "motion_timeout", "home_timeout"):
             seconds = getattr(self, name)
             if not (math.isfinite(seconds) and seconds > 0):
-                raise ValueError(f"{name} is {seconds} s, it must be finite and above 0")
+                raise ValueError(f"{name} is {seconds} s; it must be finite and above 0")
         if not 1 <= self.attempts <= 10:
             raise ValueError(f"attempts is {self.attempts}, allowed: 1 ... 10")

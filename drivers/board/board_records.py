@@ -81,13 +81,14 @@ class BoardIdentity:
         magic, *values = IDENTITY.unpack(checked(data, IDENTITY_SIZE, "identity"))
         if magic != IDENTITY_MAGIC:
             raise BadReply(
-                f"the identity begins with {magic!r}, a laser board's with {IDENTITY_MAGIC!r}: "
+                f"the identity begins with {magic!r}; allowed: {IDENTITY_MAGIC!r}: "
                 "another device uses this vendor and product id; give the board's serial number"
             )
         major, minor, firmware, step_angle, *steps = values[:7]
         if step_angle == 0:
             raise BadReply(
-                "the identity has a step of 0 nanoradians; allowed: 1 or more: flash firmware configured for the motor"
+                "the identity has a step angle of 0 nrad; allowed: 1 nrad or more: flash firmware configured for the "
+                "motor"
             )
         times = (milliseconds * 1e-3 for milliseconds in values[7:10])
         return cls((major, minor), (firmware >> 8, firmware & 0xFF), step_angle * 1e-9, *steps, *times)
@@ -109,8 +110,8 @@ class BoardStatus:
         motion: number of motions started since power-up, modulo 65536.
         temperature: temperature of the board [degrees Celsius].
         home_error: error of the step count when the home switch was last found [steps].
-        laser_time: time for which the laser has been on without a rest [s].
-        device_time: time since power-up on the board's clock [s].
+        laser_time: time that counts towards the board's `laser_limit` [s]; 0 while the laser is off.
+        device_time: time since power-up on the board's clock [s], modulo 2^32 ms.
     """
 
     result: Result = Result.OK
@@ -143,7 +144,7 @@ class BoardStatus:
 
     @property
     def homed(self) -> bool:
-        """True if the home switch has been found since power-up."""
+        """True if the home position is known."""
         return BoardFlag.HOMED in self.flags
 
     def pack(self) -> bytes:

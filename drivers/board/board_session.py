@@ -1,4 +1,4 @@
-"""Session with the laser board: handshake, commands with bounded retries, errors of refusals, reconnection, close."""
+"""Session with a laser board: handshake, commands with bounded retries, refusals as errors, reconnection, closing."""
 
 from __future__ import annotations
 
@@ -60,12 +60,13 @@ class BoardSession(Board):
 
     Attributes:
         config: USB ids and timeouts.
-        sweep_table: entries of the board's step table that this session has written, as SWEEP_STEP argument by index.
-        sweep_darks: indices of those entries whose stripe is followed by a dark frame.
+        sweep_table: SWEEP_STEP argument of each entry that this session has written to the board's step table, by the
+            index of the entry.
+        sweep_darks: indices of the entries for which this session has requested a dark flash after the stripe.
     """
 
     def __init__(self, config: BoardConfig | None = None, *, backend: Any = None) -> None:
-        """Prepare the board; nothing is opened yet.
+        """Prepare the session; nothing is opened yet.
 
         Args:
             config: USB ids and timeouts; None = defaults.
@@ -170,7 +171,7 @@ class BoardSession(Board):
         return self.command(Request.STATUS)
 
     def motion_profile(self) -> MotionProfile:
-        """Read the motor's speeds, acceleration and settling time.
+        """Read the motor's speeds, acceleration, settling time and overshoot.
 
         Raises:
             BoardStalled: the board uses protocol 1.0, which has no motion profile.
@@ -182,6 +183,9 @@ class BoardSession(Board):
 
         Args:
             timeout: longest wait [s].
+
+        Raises:
+            BoardError: the board is not open, or was unplugged.
         """
         try:
             data = self._link.read_report(timeout)

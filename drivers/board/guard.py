@@ -1,8 +1,9 @@
 """Closing of open boards at the end of the program, so that their lasers are off.
 
 An exception unwinds through `with` blocks, but SIGTERM and SIGHUP do not. While a board is open, these signals are
-therefore converted to `SystemExit`. A board opened without a `with` block is closed at interpreter exit. SIGKILL cannot
-be caught; then, the board's watchdog turns the laser off.
+therefore converted to `SystemExit`, unless the program handles them or opened the board outside the main thread. A
+board opened without a `with` block is closed at interpreter exit. SIGKILL cannot be caught; then, the board's watchdog
+turns the laser off.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ def watch(device: Closable, handle_signals: bool = True) -> None:
 
     Args:
         device: open device.
-        handle_signals: True = convert signals without another handler, if called from the main thread.
+        handle_signals: True = convert the signals whose action is the default, if called from the main thread.
     """
     with _lock:
         if device in _open:
@@ -51,7 +52,7 @@ def watch(device: Closable, handle_signals: bool = True) -> None:
 
 
 def release(device: Closable) -> None:
-    """Forget `device`; after the last device, restore the signal handlers if called from the main thread."""
+    """Forget `device`. If none is left and this is the main thread, restore the default actions of the signals."""
     with _lock:
         if device in _open:
             _open.remove(device)

@@ -31,8 +31,8 @@ CLOCK_RESOLUTION, CLOCK_ERROR = 0.001, 0.01
 class LaserBoard(BoardSession):
     """Driver of the laser board; thread-safe, and a context manager.
 
-    The board's watchdog turns the laser off after 0.4 s without a command, even if the program dies. Call `status()`
-    regularly to keep the laser on for longer.
+    The board's watchdog turns the laser off after at most 0.4 s without a command, even if the program dies. Call
+    `status()` regularly to keep the laser on for longer.
     """
 
     # Last commanded motion: its number, whether it may still be running, and its start on the board's and the host's
@@ -73,7 +73,7 @@ class LaserBoard(BoardSession):
 
         Raises:
             LaserRefused: the board refuses to switch the laser on; the error message names the fault.
-            LaserDead: the board senses no light; it has been commanded off again.
+            LaserDead: the board senses no light; the laser has been commanded off again.
         """
         status = self.command(Request.LASER, 1)
         if not status.laser_sensed:
@@ -92,7 +92,7 @@ class LaserBoard(BoardSession):
         return status
 
     def home(self) -> int:
-        """Search for the home switch; return the number of steps lost since the switch was last found.
+        """Search for the home switch; return the error of the step count [steps], 0 if the mirror was not homed before.
 
         Raises:
             HomeNotFound: the switch was not found.
@@ -130,7 +130,7 @@ class LaserBoard(BoardSession):
         return status
 
     def halt(self) -> BoardStatus:
-        """Stop the mirror at its current position."""
+        """Decelerate the mirror to a stop."""
         return self.command(Request.HALT)
 
     def still_since(self, timeout: float | None = None) -> tuple[BoardStatus, float]:

@@ -22,9 +22,10 @@ class StripeRecord:
         shot: purpose of the trigger.
         motion: motion number of the sweep (number of motions started since power-up), modulo 65536.
         place: index of the stripe in the step table.
-        left: number of remaining stripes.
+        left: number of stripes that remain after this frame.
         clock: time of the trigger on the board's clock [s], modulo 2^32 us.
-        exposures: number of exposures until the next trigger; 0 if the board does not count them.
+        exposures: number of exposures until the next trigger. Without the camera's exposure signal, `exposures`,
+            `delay` and `exposure` are 0.
         delay: time from the trigger to the start of the exposure [s].
         exposure: duration of the exposure [s].
         lit: time for which the laser was on [s].

@@ -81,8 +81,8 @@ class UsbLink:
 
         Raises:
             NoUsbBackend: libusb cannot be loaded.
-            BoardNotFound: there is no board, none with the configured serial number, or there are several and none is
-                configured.
+            BoardNotFound: no board is plugged in, none has the configured serial number, or there are several and no
+                serial number is configured.
             BoardPermissionDenied: this user may not open the board.
             BoardInUse: another program uses the board.
             BoardUnplugged: the board was unplugged during the call.
@@ -119,7 +119,7 @@ class UsbLink:
             request: command.
             argument: argument of the command, signed 32 bits.
             size: length of the reply [bytes].
-            timeout: longest wait [s]; at most that of the configuration is used.
+            timeout: longest wait [s], limited to the configured timeout.
 
         Raises:
             BoardNotOpen: the board is not open.
@@ -157,7 +157,9 @@ class UsbLink:
             return None
         except BoardStalled as error:
             self._call(lambda: device.clear_halt(REPORT_ENDPOINT), "clearing a stall")
-            raise BoardStalled("the laser board stalled its report endpoint; it is cleared: read again") from error
+            raise BoardStalled(
+                "the laser board stalled its report endpoint; the stall is cleared: read again"
+            ) from error
         return bytes(data)
 
     def _held(self) -> Any:

@@ -95,7 +95,8 @@ class AravisCamera(Camera):
         Raises:
             CameraBackendMissing: Aravis is not installed.
             CameraNotFound: there is no such camera, or another program uses it.
-            CameraSettingRefused: the camera lacks the trigger or output line, the size or the pixel format.
+            CameraSettingRefused: the camera cannot be set up; for example, it lacks the trigger line, the output line,
+                the size or the pixel format.
         """
         if self._camera is not None:
             return
@@ -121,7 +122,12 @@ class AravisCamera(Camera):
         self._stream = None
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Turn automatic modes off, set exposure, gain and gamma, and return the values read back."""
+        """Turn automatic modes off, set exposure, gain and gamma, and return the values read back.
+
+        Raises:
+            CameraSettingRefused: the camera lacks a setting, does not allow a value, or reads back another value.
+            CameraNotOpen: the camera is not open.
+        """
         camera = self._opened()
         held = lock_settings(camera, self._aravis, settings, self.name)
         self._learn_period(camera)
@@ -146,8 +152,8 @@ class AravisCamera(Camera):
         """Return the oldest complete frame.
 
         Raises:
-            CameraTimeout: no complete frame arrived in time.
-            CameraEnded: the camera was disconnected.
+            CameraTimeout: no complete frame arrived in time; so also if a USB camera was disconnected.
+            CameraEnded: a network camera was disconnected.
             CameraNotOpen: the camera is not open.
         """
         self._opened()
@@ -220,7 +226,7 @@ class AravisCamera(Camera):
         for feature, value in {"LineSelector": line, "LineMode": "Output", "LineSource": "ExposureActive"}.items():
             if not camera.is_feature_available(feature):
                 raise CameraSettingRefused(
-                    f"{self.name} has no {feature}: wire its exposure output by hand, see docs/cameras.md"
+                    f"{self.name} has no {feature}: configure its exposure output with the manufacturer's software"
                 )
             _check_choice(feature, value, camera.dup_available_enumerations_as_strings(feature), self.name)
             camera.set_string(feature, value)
@@ -279,9 +285,9 @@ class AravisCamera(Camera):
         return self._camera.is_gv_device() and not self._camera.get_device().is_controller()
 
     def _frame(self, buffer: Any) -> Frame | None:
-        """Convert a buffer to a frame; None if packets are missing."""
+        """Convert a buffer to a frame; None if the buffer is incomplete."""
         if buffer.get_status() != self._aravis.BufferStatus.SUCCESS:
-            logger.info("%s: a frame is %s", self.name, buffer.get_status().value_nick)
+            logger.info("%s: dropped a frame with status %s", self.name, buffer.get_status().value_nick)
             return None
         stamp = timing.monotonic()
         if not self.triggered:

@@ -60,8 +60,8 @@ def _import_system_gi() -> ModuleType:
         del sys.modules["gi"]
         version = ".".join(map(str, sys.version_info[:2]))
         raise CameraBackendMissing(
-            f"the system's python3-gi is not for this Python {version} ({error}): make the environment with the "
-            "system's python3 (`make PYTHON=/usr/bin/python3 install`), or `pip install 'PyGObject<3.51'` in it"
+            f"the system's python3-gi is not for this Python {version} ({error}): create the virtual environment with "
+            "the system's python3 (`make PYTHON=/usr/bin/python3 install`), or run `pip install 'PyGObject<3.51'` in it"
         ) from None
     return module
 
@@ -86,7 +86,7 @@ class AravisDevice:
 
 
 def find_aravis_cameras() -> tuple[AravisDevice, ...]:
-    """Search for cameras on all networks and buses. The search takes about a second.
+    """Search for cameras on all network interfaces and on USB. The search takes about a second.
 
     Raises:
         CameraBackendMissing: Aravis is not installed.

@@ -1,4 +1,4 @@
-"""Bayer mosaics: their patterns, simulation, and red pixels."""
+"""Bayer mosaics: patterns, simulation, and extraction of the red pixels."""
 
 from __future__ import annotations
 

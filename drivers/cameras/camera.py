@@ -44,7 +44,7 @@ class CameraSettings:
         for name, value in self.given().items():
             if not math.isfinite(value) or (name != "gain" and value <= 0):
                 wanted = "finite" if name == "gain" else "finite and above 0"
-                raise ValueError(f"camera setting {name} is {value}, it must be {wanted}")
+                raise ValueError(f"camera setting {name} is {value}; it must be {wanted}")
 
     def given(self) -> dict[str, float]:
         """Return the settings that are not None, by name."""
@@ -106,6 +106,7 @@ class Camera(ABC):
 
         Raises:
             CameraNotFound: the camera cannot be opened.
+            CameraError: the camera cannot be used, for example because a library is missing.
         """
 
     @abstractmethod
@@ -124,7 +125,7 @@ class Camera(ABC):
     def held(self, locked: CameraSettings) -> HeldSettings:
         """Read the settings that are not None in `locked` back from the camera.
 
-        The default returns nothing; it is for cameras that cannot be read.
+        The default implementation reports no value and no automatic mode; it is for cameras without readable settings.
 
         Raises:
             CameraEnded: the camera does not respond.
@@ -144,7 +145,11 @@ class Camera(ABC):
 
     @abstractmethod
     def flush(self) -> None:
-        """Discard the frames that have already arrived; the next frame grabbed arrives after this call."""
+        """Discard the frames that have already arrived; the next frame grabbed arrives after this call.
+
+        Raises:
+            CameraNotOpen: the camera is not open.
+        """
 
 
 def opened(device: T | None, camera: Camera) -> T:
@@ -188,7 +193,7 @@ def evidence_of(camera: Camera) -> str:
 
 
 def setting_changes(camera: Camera, locked: CameraSettings) -> tuple[str, ...]:
-    """Describe the changes of locked settings, one sentence each with what to do; empty if there are none.
+    """Describe each change of a locked setting, and what to do about it; empty if no setting has changed.
 
     Settings that the camera does not report are assumed to be unchanged.
 

@@ -33,7 +33,7 @@ class ReplayCamera(Camera):
             ValueError: `fps` is not above 0.
         """
         if fps is not None and not fps > 0:
-            raise ValueError(f"fps is {fps}, it must be above 0 (None: without waiting)")
+            raise ValueError(f"fps is {fps}; it must be above 0 (None: without waiting)")
         self.name = name
         self._frames = frames
         self._period = 0.0 if fps is None else 1.0 / fps

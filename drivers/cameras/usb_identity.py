@@ -1,4 +1,4 @@
-"""Product and serial number of the USB camera behind a Linux video device."""
+"""Product, USB ids and serial number of the USB camera behind a Linux video device."""
 
 from __future__ import annotations
 

@@ -204,7 +204,7 @@ class V4l2Camera(Camera):
             control = self._device.controls[name]
         except KeyError:
             raise CameraSettingRefused(
-                f"{self.name} has no setting {name} (asked for {value:g}): leave it out (`v4l2-ctl -L` lists them)"
+                f"{self.name} has no setting {name} (asked for {value:g}): leave it out (see `v4l2-ctl -L`)"
             ) from None
         control.value = round(value)
         held = float(control.value)

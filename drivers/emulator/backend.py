@@ -23,7 +23,7 @@ _T = TypeVar("_T")
 # Timeout of standard requests, such as reading a descriptor [s].
 DESCRIPTOR_TIMEOUT = 1.0
 
-# libusb's error code for each errno, as the real backend returns them.
+# libusb's error code for each errno.
 LIBUSB_CODES = {
     errno.EIO: -1,
     errno.EACCES: -3,

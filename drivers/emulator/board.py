@@ -21,8 +21,8 @@ REPORTS_KEPT = 4
 class EmulatedBoard:
     """Software emulation of a laser board with protocol 1.0; thread-safe.
 
-    Nothing runs in the background. Each command, report or exposure first processes the timers that have expired, each
-    with the time at which it expired.
+    Nothing runs in the background. Each command, report or exposure first processes the timers that have expired, as of
+    the time of their expiry.
 
     Attributes:
         config: configuration of the emulator.

@@ -35,14 +35,15 @@ class EmulatorConfig:
     """Configuration of an `EmulatedBoard`.
 
     Attributes:
-        identity: identity that the board reports, with the limits that it enforces.
+        identity: identity that the board reports, with the limits that it enforces. An `EmulatedBoard` always reports
+            protocol 1.0.
         serial: serial number of the board.
-        mirror_speed: speed of the mirror [rad/s]; 7 rad/s is 220 full steps per second, slow for a stepper.
+        mirror_speed: speed of the mirror [rad/s]; 7 rad/s is about 220 full steps per second, slow for a stepper.
         settle: settling time of the mirror after a motion [s].
         overshoot: number of steps by which a downward motion passes its target, to take up backlash.
         periodic_error: amplitude of the stepper motor's periodic error [rad]; its period is 8 full steps.
         temperature: temperature of the board [degrees Celsius].
-        bus_delay: duration of a transfer [s]; about 0.001 for a real full-speed control transfer.
+        bus_delay: duration of a command transfer [s]; about 0.001 for a real full-speed control transfer.
     """
 
     identity: BoardIdentity = field(default_factory=_default_identity)

@@ -68,7 +68,7 @@ class LightUnit:
     """Emulated laser, its supply relay, and the safety timers of its firmware."""
 
     def __init__(self, identity: BoardIdentity, temperature: float, now: float) -> None:
-        """Start with the laser off; `temperature` is that of a healthy board [degrees Celsius]."""
+        """Start with the laser off; `temperature` is that of the board [degrees Celsius]."""
         self.laser = Laser(now)
         self._identity, self._temperature = identity, temperature
         self.power_on(now)

@@ -1,4 +1,4 @@
-"""Emulated mirror unit: motor, home switch and position counting, with homing, motion, travel limits and lost steps."""
+"""Emulated mirror unit: motor, home switch and position counting, with homing, motion and travel limits."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ class MirrorUnit:
         return Result.OK
 
     def go_to(self, step: int, now: float) -> Result:
-        """Start a motion to `step`; any result other than OK means that the motor does not move."""
+        """Start a motion to `step`; with any result other than OK, the motor is left as it is."""
         if self._homing:
             return Result.BUSY
         if not self.homed:
@@ -168,7 +168,7 @@ class MirrorUnit:
         return self._identity.min_step <= step <= self._identity.max_step
 
     def halt(self, now: float) -> None:
-        """Stop the mirror at its current position, and end a homing without result."""
+        """Stop the mirror at its current position, and abort homing."""
         if self.moving(now):
             self._motor.halt(now)
             self._target = None

@@ -14,7 +14,7 @@ class ExposureView:
         end: end of the exposure [s].
         laser_fraction: fraction of the exposure during which the laser was on, 0 ... 1.
         mirror_angle: true mirror angle at the middle of the exposure [rad].
-        mirror_travel: rotation of the mirror during the exposure [rad]; the laser plane rotates by twice this angle.
+        mirror_travel: net rotation of the mirror during the exposure [rad]; the laser plane rotates by twice as much.
     """
 
     start: float

@@ -76,7 +76,7 @@ def acquire(
             aligned reference. None = the camera does not move.
 
     Raises:
-        BadFiringOrder: the order is empty, repeats an index, or contains an angle that is not finite.
+        BadFiringOrder: the order is empty, has a repeated or negative index, or contains an angle that is not finite.
         BoardTooOld: a sweep is requested, but `board` is not a `LaserBoard`.
     """
     order = check_firing_order(firing_order)
@@ -90,7 +90,8 @@ def prepare(board: Board, firing_order: Iterable[tuple[int, float]]) -> int:
         Number of steps lost since the mirror was last homed. If it is not 0, the scans since then are doubtful.
 
     Raises:
-        BoardError: the board cannot be reached, made ready or homed.
+        BadFiringOrder: the order is not valid; see `acquire`.
+        BoardError: the board cannot be reached, made ready or homed, or the first angle is outside its travel.
     """
     first = check_firing_order(firing_order)[0]
     board.ensure_ready()

@@ -60,6 +60,8 @@ def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: flo
         LaserNotSeen: the frames do not depend on the laser, or contradict each other.
         StripeClipped: the stripe is too bright to distinguish a partial exposure from a full one.
         CameraTimeout: no frame arrived, or stamps or frame counters do not increase.
+        CameraError: the camera failed.
+        BoardError: the board failed, or the laser is stuck on or dead.
     """
     if toggles < 4:
         raise ValueError(f"toggles is {toggles}; allowed: at least 4")

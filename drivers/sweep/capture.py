@@ -12,7 +12,7 @@ from drivers.sweep.firing_order import PlannedStripe
 
 
 class StripeVerdict(enum.Enum):
-    """Verdict on a stripe, which is in step if laser, mirror and frame match the commands.
+    """Verdict on a stripe. A stripe is in step if laser, mirror and frame match the commands.
 
     Attributes:
         OK: laser, mirror and frame are in step.
@@ -23,7 +23,7 @@ class StripeVerdict(enum.Enum):
         NOT_MOVED: the stripe is where the previous one was: the mirror did not move, or the frame is older than the
             command.
         OUT_OF_BAND: the stripe is outside the rows in which it can be.
-        REPEATED: the frame is identical to the previous one, although laser or mirror changed.
+        REPEATED: the frame is identical to the off frame or to the previous on frame, although laser or mirror changed.
         RESIZED: size or dtype of the frame differs from that of earlier frames.
         LOST: no frame arrived, or none could be verified.
     """
@@ -52,13 +52,16 @@ IN_STEP = frozenset({StripeVerdict.OK, StripeVerdict.UNPROVED, StripeVerdict.AMB
 class StripeEvidence:
     """Measurements on which a verdict is based.
 
+    The reference is the off frame or, if there is none, the on frame of the previous stripe.
+
     Attributes:
         lit_fraction: fraction of the sampled columns that show the laser, 0 ... 1.
-        leak_fraction: fraction of the sampled columns in which the off frame is brighter, as if it showed a stripe.
-        contrast: median excess of the stripe over the off frame, in counts summed over channels; NaN if no column is
-            lit.
-        offset: median excess of the whole frame over the off frame, in the same unit.
-        noise: standard deviation of the difference between the frames, in the same unit.
+        leak_fraction: fraction of the sampled columns in which the off frame is brighter, as if it showed a stripe; 0
+            without an off frame.
+        contrast: median excess of the stripe over the reference, minus `offset`, in counts summed over channels; NaN if
+            no column is lit.
+        offset: median excess of the whole frame over the reference, in the same unit.
+        noise: standard deviation of the difference from the reference, in the same unit.
         row: median row of the stripe [px]; NaN if no column is lit.
         row_shift: median shift of the stripe from the previous one [px]; NaN if unknown.
     """
@@ -80,7 +83,7 @@ class StripeCapture:
         index: index of the stripe in the standard pattern.
         mirror_angle: commanded mirror angle [rad].
         mirror_angle_reached: mirror angle at the nearest motor step [rad].
-        on: frame with the laser on, read-only; None if the frame was lost or had another size.
+        on: frame with the laser on, read-only; None if it was lost, could not be verified or had another size.
         off: frame with the laser off, read-only; None if there is none.
         on_stamp: time of the on frame on the monotonic clock [s]; NaN if there is none.
         off_stamp: time of the off frame on the monotonic clock [s]; NaN if there is none.
@@ -109,7 +112,7 @@ class StripeCapture:
     def of(
         cls, stripe: PlannedStripe, reached: float, on: Frame | None, off: Frame | None, dark: Frame | None = None
     ) -> StripeCapture:
-        """Make a stripe from its frames, without a verdict; `reached` is `mirror_angle_reached`."""
+        """Make a stripe from its frames, not yet verified; `reached` is `mirror_angle_reached`."""
         return cls(
             index=stripe.index,
             mirror_angle=stripe.mirror_angle,

@@ -42,6 +42,6 @@ def check_firing_order(firing_order: Iterable[tuple[int, float]]) -> tuple[Plann
                 f"stripe index {stripe.index} in the firing order: each must be 0 or more and occur once"
             )
         if not math.isfinite(stripe.mirror_angle):
-            raise BadFiringOrder(f"stripe {stripe.index} has mirror angle {stripe.mirror_angle}, it must be finite")
+            raise BadFiringOrder(f"stripe {stripe.index} has mirror angle {stripe.mirror_angle}; it must be finite")
         seen.add(stripe.index)
     return stripes

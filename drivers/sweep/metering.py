@@ -24,7 +24,8 @@ class MeteringResult:
     """Result of exposure metering.
 
     Attributes:
-        exposure: last exposure that was set [s]; None if none was set.
+        exposure: last exposure that was set [s]; after `max_rounds` without success, the next one to try. None if the
+            exposure was not to be changed.
         stripe_level: brightness of the stripe's ridge, median over the lit columns, 0 ... 1 of full scale.
         background_level: median brightness with the laser off, 0 ... 1 of full scale.
         clipped_fraction: fraction of the lit columns in which the ridge is clipped.
@@ -73,7 +74,7 @@ def meter_exposure(
     """
     for name, (low, high) in (("limits", limits), ("levels", levels)):
         if not 0 < low < high:
-            raise ValueError(f"{name} are {low} ... {high}, they must increase and be above 0")
+            raise ValueError(f"{name} are {low} ... {high}; they must increase and be above 0")
     grabber = FrameGrabber(camera, board, AcquireOptions())
     board.go_to_angle(mirror_angle)
     held = exposure

@@ -18,7 +18,7 @@ class SweepOptions:
         flash: longest duration of a stripe's flash [s].
         period: shortest time between two triggers [s].
         tolerance: allowed difference between an interval of triggers and the same interval on the camera's clock [s].
-        repeats: number of additional sweeps for stripes whose frames could not be verified.
+        repeats: largest number of additional sweeps for stripes whose frames could not be verified.
 
     Raises:
         ValueError: a value is not allowed.
@@ -63,20 +63,20 @@ class AcquireOptions:
     Attributes:
         off: off frames to take.
         frame_timeout: time after which a frame counts as lost [s].
-        max_lost: number of consecutive lost frames that ends the scan with an error.
+        max_lost: number of consecutive stripes without a frame that ends the scan with an error.
         flush_frames: number of frames dropped after every change of laser or mirror, if the camera's `lag` is unknown.
         queue_size: number of stripes that may wait for the caller, rounded up to whole groups of `together`. If the
             queue is full, the scan waits with the laser off.
         together: number of stripes in each group handed to the caller. Groups shrink towards the end of the scan, to at
-            most twice the number of remaining stripes, and the last stripe is alone. A caller that needs at most half a
-            frame's time per stripe is then ready for the last stripe when it arrives. Processing in groups is faster,
-            but each stripe takes the memory of a frame.
+            most twice the number of remaining stripes, and the last group has one stripe (two with `dark_after`). A
+            caller that needs at most half a frame's time per stripe is then ready for the last stripe when it arrives.
+            Processing in groups is faster, but each waiting stripe takes the memory of a frame.
         limits: thresholds of the comparison of frames.
         dark_after: indices of the stripes that are followed by a frame with the laser off (see `draw_code`). A stripe
             whose dark frame is lost counts as lost.
         sweep: options of a sweep in which the board moves the mirror and triggers the camera; None = the host moves the
-            mirror, and the camera is free-running. A sweep does not wait for a slow caller, so all its frames may be
-            queued.
+            mirror, and the camera is free-running. Of the other options, a sweep uses `off`, `limits` and `dark_after`.
+            It does not wait for a slow caller, so all its frames may be queued.
 
     Raises:
         ValueError: a value is not allowed.
@@ -95,7 +95,7 @@ class AcquireOptions:
     def __post_init__(self) -> None:
         """Check every value."""
         if not (math.isfinite(self.frame_timeout) and self.frame_timeout > 0):
-            raise ValueError(f"frame_timeout is {self.frame_timeout} s, it must be finite and above 0")
+            raise ValueError(f"frame_timeout is {self.frame_timeout} s; it must be finite and above 0")
         for name, lowest in (("max_lost", 1), ("flush_frames", 0), ("queue_size", 1), ("together", 1)):
             if getattr(self, name) < lowest:
-                raise ValueError(f"{name} is {getattr(self, name)}, it must be {lowest} or more")
+                raise ValueError(f"{name} is {getattr(self, name)}; it must be {lowest} or more")

@@ -22,7 +22,7 @@ COLUMNS = 80
 ROWS = 512
 # Every 32nd sampled row and every 4th sampled column are used for offset and noise.
 COARSE_STRIDES = (32, 4)
-# Number of stripes whose median shift per radian is used.
+# Number of the latest stripes over which the median shift per radian is taken.
 MEMORY = 9
 # Fraction of columns lit within the band at which lit columns elsewhere can no longer change the verdict.
 PLAINLY_LIT = 0.5
@@ -38,7 +38,7 @@ class ProofLimits:
     """Thresholds of the comparison of frames.
 
     Attributes:
-        min_contrast: least excess of a lit pixel over the off frame, as a fraction of a channel's full scale.
+        min_contrast: least excess of a lit pixel over the reference, as a fraction of a channel's full scale.
         noise_factor: the same excess in standard deviations of the difference; the larger of the two thresholds
             applies.
         min_lit_fraction: least fraction of lit columns at which the laser counts as seen.
@@ -107,7 +107,7 @@ class StripeProof:
             if rows[1] > rows[0]:
                 found = self._compare(mirror_angle, on, rows, background, reference_is_off)
                 if found[1].lit_fraction >= PLAINLY_LIT:
-                    # Rows outside the band were not compared, so no lit column can lie there.
+                    # All compared rows lie in the band, so the verdict need not check the band again.
                     verdict = self._verdict(*found, background, None)
                     if verdict in PROVED:
                         return verdict, found[1]
@@ -134,7 +134,7 @@ class StripeProof:
         return verdict, found[1]
 
     def _background(self, on: Image, reference: Array) -> _Background:
-        """Estimate offset and noise between a frame and a reference from one of 128 sampled pixels."""
+        """Estimate offset and noise between a frame and a reference from one in 128 of the sampled pixels."""
         sample = self._grid.coarser.light(on) - reference[:: COARSE_STRIDES[0], :: COARSE_STRIDES[1]]
         offset = _median(sample)
         noise = 1.4826 * _median(np.abs(sample - offset))

@@ -67,6 +67,7 @@ class LaserSwitch:
         Raises:
             ScanStopped: the switch is closed.
             LaserRefused: the cause of the fault persists.
+            LaserDead: the laser stays dark.
         """
         with self._lock:
             if self._closed:

@@ -16,7 +16,7 @@ WAITING_PLACES = (1, 3, 4, 8, 10, 15, 21, 27, 34)
 WAIT_UNIT = WAIT_UNIT_US * 1e-6
 # Least number of frames that the true shift must explain in addition to those that any other shift explains.
 MARGIN = 3
-# Least fraction of the triggers so far whose frames must have arrived.
+# Least fraction of the triggers so far whose frames the true shift must explain.
 LEAST_SHARE = 0.5
 # Largest relative drift between two quartz clocks.
 CLOCK_ERROR = 2e-4

@@ -38,7 +38,13 @@ NO_LASER = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERA
 
 @dataclass
 class FrameCounts:
-    """Counts as in `FrameGrabber`, but `used` counts stripes handed over, `skipped` frames without a device time."""
+    """Counts of frames; as in `FrameGrabber`, except for three of them.
+
+    Attributes:
+        used: number of stripes handed over.
+        skipped: number of frames without a device time.
+        dropped: number of all frames that are missing in the camera's counter.
+    """
 
     used: int = 0
     skipped: int = 0
@@ -68,7 +74,10 @@ class Sweep:
 
 
 class SweepWorker(StripeWorker):
-    """Scan thread with the attributes of `ScanWorker`. Stripes without a verified frame are repeated, then given up."""
+    """Scan thread for sweeps of the board, with the attributes of `ScanWorker`.
+
+    Stripes without a verified frame are repeated in up to `SweepOptions.repeats` further sweeps and then count as lost.
+    """
 
     _board: LaserBoard
 

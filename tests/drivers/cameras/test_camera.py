@@ -11,10 +11,10 @@ from drivers import Camera, CameraSettings, Frame
 @pytest.mark.parametrize(
     ("changes", "expected_text"),
     [
-        ({"exposure": 0.0}, "exposure is 0.0, it must be finite and above 0"),
+        ({"exposure": 0.0}, "exposure is 0.0; it must be finite and above 0"),
         ({"white_balance": -1.0}, "white_balance is -1.0"),
         ({"gamma": math.nan}, "gamma is nan"),
-        ({"gain": math.inf}, "gain is inf, it must be finite$"),
+        ({"gain": math.inf}, "gain is inf; it must be finite$"),
     ],
 )
 def test_a_bad_setting_is_refused(changes: dict, expected_text: str) -> None:

@@ -66,5 +66,5 @@ def test_closed_camera_and_bad_rate_are_refused() -> None:
     """Both messages say what to do."""
     with pytest.raises(CameraNotOpen, match="with camera:"):
         ReplayCamera(IMAGES).grab(0.1)
-    with pytest.raises(ValueError, match="fps is 0, it must be above 0"):
+    with pytest.raises(ValueError, match="fps is 0; it must be above 0"):
         ReplayCamera(IMAGES, fps=0)

@@ -191,10 +191,10 @@ def test_misuse_is_refused_in_words(board: LaserBoard, camera: BenchCamera, firi
     ("changes", "expected_text"),
     [
         ({"frame_timeout": 0.0}, "frame_timeout is 0.0 s"),
-        ({"max_lost": 0}, "max_lost is 0, it must be 1 or more"),
-        ({"flush_frames": -1}, "flush_frames is -1, it must be 0 or more"),
+        ({"max_lost": 0}, "max_lost is 0; it must be 1 or more"),
+        ({"flush_frames": -1}, "flush_frames is -1; it must be 0 or more"),
         ({"queue_size": 0}, "queue_size is 0"),
-        ({"together": 0}, "together is 0, it must be 1 or more"),
+        ({"together": 0}, "together is 0; it must be 1 or more"),
     ],
 )
 def test_bad_options_are_refused(changes: dict, expected_text: str) -> None:

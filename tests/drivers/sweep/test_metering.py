@@ -84,5 +84,5 @@ def test_impossible_ranges_are_refused(
     ready: LaserBoard, camera: BenchCamera, name: str, pair: tuple[float, float]
 ) -> None:
     """Both ends are in the message."""
-    with pytest.raises(ValueError, match=f"{name} are {pair[0]} ... {pair[1]}, they must increase"):
+    with pytest.raises(ValueError, match=f"{name} are {pair[0]} ... {pair[1]}; they must increase"):
         meter_exposure(ready, camera, 0.1, **{name: pair})
