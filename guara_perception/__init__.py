@@ -45,7 +45,7 @@ __all__ = sorted(name for name, module in _MODULES.items() if module not in _MIS
 def __getattr__(name: str) -> Any:
     """Load a public name from its module."""
     if name not in _MODULES:
-        raise AttributeError(f"guara_perception has no name {name!r}; it has {', '.join(sorted(_MODULES))}")
+        raise AttributeError(f"guara_perception has no attribute {name!r}; it has {', '.join(sorted(_MODULES))}")
     _refuse_hidden_packages()
     if _MODULES[name] in _MISSING:
         from guara_perception.exceptions import MissingExtra
@@ -57,13 +57,17 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Public names for completion, and the special attributes of the module."""
+    """Return the public names, for completion, and the special attributes of the module."""
     return sorted([*__all__, *(name for name in globals() if name.startswith("__"))])
 
 
 @functools.cache
 def _refuse_hidden_packages() -> None:
-    """Raise an ImportError if a file of the user hides a package that this one needs; the message names the file."""
+    """Check that no file of the user hides a package that this one needs.
+
+    Raises:
+        ImportError: a file hides such a package; the message names the file.
+    """
     home = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     for package in ("kinematics", "transport"):
         loaded = sys.modules.get(package)

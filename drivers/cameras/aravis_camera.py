@@ -152,7 +152,7 @@ class AravisCamera(Camera):
         """Return the oldest complete frame.
 
         Raises:
-            CameraTimeout: no complete frame arrived in time; so also if a USB camera was disconnected.
+            CameraTimeout: no complete frame arrived in time; also raised after a USB camera was disconnected.
             CameraEnded: a network camera was disconnected.
             CameraNotOpen: the camera is not open.
         """
@@ -226,7 +226,8 @@ class AravisCamera(Camera):
         for feature, value in {"LineSelector": line, "LineMode": "Output", "LineSource": "ExposureActive"}.items():
             if not camera.is_feature_available(feature):
                 raise CameraSettingRefused(
-                    f"{self.name} has no {feature}: configure its exposure output with the manufacturer's software"
+                    f"{self.name} has no {feature}: leave exposure_output out, and set its output to ExposureActive "
+                    "with the manufacturer's software"
                 )
             _check_choice(feature, value, camera.dup_available_enumerations_as_strings(feature), self.name)
             camera.set_string(feature, value)

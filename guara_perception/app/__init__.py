@@ -1,4 +1,4 @@
-"""Commands, node, client and files: all parts of perception that do I/O.
+"""Application layer of perception: commands, node, client, devices, files and reports.
 
 The folders are `commands`, `node`, `files`, `figures`, `scene`, `demo`, `record`, `calibration_report`, `targets` and
 `robot_folder`; the modules beside them are used by several folders. `app` may import from every other folder of

@@ -33,7 +33,7 @@ FORMAT: Final = "guara-acceptance/1"
 REPORT_FILE: Final = "report.html"
 # Lowest block that is detected as an obstacle, and highest block allowed [m].
 LOWEST_M, HIGHEST_M = 0.008, 0.5
-# Smallest difference between heights [m], since blocks are identified by height; and largest number of blocks.
+# Smallest difference between heights [m], because blocks are identified by height; largest number of blocks.
 LEAST_APART_M, MOST_BLOCKS = 0.005, 6
 # Cells closer than this to the outline of a block may contain its edge.
 RIM_M = 0.010
@@ -51,9 +51,10 @@ class Turn(FrozenArrays):
 
     Attributes:
         heights: (n,) measured heights above the floor [m].
-        sigmas: (n,) median stated standard deviation of the cells on each block, combined with that of the floor [m].
+        sigmas: (n,) stated standard deviations of the heights [m]: for each block, the median over its cells, combined
+            with the standard deviation of the floor. The pose error, which blocks and floor share, is excluded.
         known: fraction of the grid that is known.
-        reasons: reasons of the grid's health.
+        reasons: reasons why the grid's health is not "ok".
     """
 
     heights: Float
@@ -66,7 +67,7 @@ def parse_blocks(text: str) -> tuple[float, ...]:
     """Parse comma-separated heights of blocks [m]; return them in ascending order.
 
     Raises:
-        InvalidInput: a height is not a number, too low or too high, there are too many, or two are nearly equal.
+        InvalidInput: a height is not a number or out of range, there are too many heights, or two are nearly equal.
     """
     try:
         heights = tuple(sorted(float(height) for height in text.split(",")))
@@ -97,7 +98,7 @@ def measure(terrain: TerrainGrid, heights: Sequence[float]) -> Turn:
         layer[rows, columns].astype(np.float64)
         for layer in (terrain.elevation, terrain.variance, terrain.variance_local)
     )
-    # Exclude the variance of the pose, whose error is the same for floor and blocks.
+    # Exclude the variance of the pose, because the pose error is the same for floor and blocks.
     sigma = np.sqrt(np.maximum(variance - pose_variance(terrain, x, y), local))
     floor = fit_floor(x, y, z)
     found = []
@@ -111,10 +112,10 @@ def measure(terrain: TerrainGrid, heights: Sequence[float]) -> Turn:
     measured = np.array([height for height, _ in found])
     limit = 0.5 * np.diff(heights).min(initial=2 * LEAST_APART_M)
     if len(found) != len(heights) or np.abs(measured - heights).max() > limit:
-        seen = ", ".join(f"{1e3 * height:.1f}" for height in measured) or "none"
+        seen = ", ".join(f"{1e3 * height:.1f}" for height in measured)
         raise AcceptanceFailed(
-            f"the scan shows blocks of {seen} mm, allowed: those of --blocks, "
-            f"{', '.join(f'{1e3 * height:g}' for height in heights)} mm: place them 5 cm or more apart, entirely in "
+            f"the scan shows {f'blocks of {seen} mm' if seen else 'no blocks'}, allowed: those of --blocks "
+            f"({', '.join(f'{1e3 * height:g}' for height in heights)} mm): place them 5 cm or more apart, entirely in "
             f"the scanned area, each {4e3 * RIM_M:.0f} mm wide or wider, with nothing else in view"
         )
     record = terrain.record
@@ -123,7 +124,7 @@ def measure(terrain: TerrainGrid, heights: Sequence[float]) -> Turn:
 
 
 def device_facts(rangefinder: Rangefinder, calibration: Calibration, picture: Image) -> dict[str, str]:
-    """Identity of the open devices, their calibration and the software, for a report.
+    """Describe the open devices, their calibration, the ambient light and the software, for a report.
 
     Args:
         rangefinder: open devices.
@@ -183,9 +184,9 @@ class Acceptance:
         worst = 1e3 * float(np.abs(self.errors).max())
         held = "all" if self.is_held else "not all"
         return (
-            f"{'held' if self.is_held else 'NOT HELD'}: {held} heights lie within the {SIGMAS:g} standard deviations "
-            f"that their grids state; largest error {worst:.2f} mm in {len(self.turns)} scans of {len(self.blocks)} "
-            "blocks"
+            f"{'held' if self.is_held else 'NOT HELD'}: {held} heights lie within {SIGMAS:g} times the standard "
+            f"deviation stated by the grid; largest error {worst:.2f} mm in {len(self.turns)} scans of "
+            f"{len(self.blocks)} block{'s' * (len(self.blocks) > 1)}"
         )
 
     def save(self, folder: Path) -> Path:
@@ -209,7 +210,7 @@ class Acceptance:
             (str(i), " ".join(f"{e:+.2f}" for e in of), f"{100 * turn.known:.1f} %", "; ".join(turn.reasons) or "ok")
             for i, (of, turn) in enumerate(zip(errors, self.turns, strict=True), start=1)
         ]
-        head = ("height [mm]", "mean error", "largest error", "repeatability (one sigma)", "sigma stated")
+        head = ("height [mm]", "mean error", "largest error", "repeatability (one sigma)", "stated sigma")
         kind = "A simulated device; no real device was involved." if self.is_simulated else "A real device."
         return "\n".join(
             [
@@ -217,10 +218,10 @@ class Acceptance:
                 f"<style>{STYLE}</style><h1>Acceptance of a rangefinder</h1>",
                 f'<p class="verdict {"good" if self.is_held else "refused"}">{escape(self.verdict)}</p>',
                 f"<p><b>{kind}</b> A real device is switched off and on before each scan, and its mirror homed again. "
-                f"Share known: {100 * min(known):.1f} ... {100 * max(known):.1f} %.</p><h2>Blocks</h2>",
+                f"Known cells: {100 * min(known):.1f} ... {100 * max(known):.1f} %.</p><h2>Blocks</h2>",
                 table(blocks, head),
                 f"{image(self._errors_png(), 'error of each block and scan')}<h2>Scans</h2>",
-                table(turns, ("scan", "errors, lowest block first [mm]", "share known", "health")),
+                table(turns, ("scan", "errors, lowest block first [mm]", "known cells", "health")),
                 "<h2>Device</h2>",
                 table([*self.device.items(), ("note", self.note or "none given")], ("", "")),
                 "</html>",

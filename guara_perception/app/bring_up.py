@@ -15,8 +15,8 @@ from guara_perception.exceptions import InvalidInput, PerceptionError
 DARK = ("5", "6")
 RECORD = "bring_up.json"
 TRIES = 3
-# [s] Time beyond the board's watchdog after which the laser must be dark; period of commands; time before the board's
-# limit at which a light that did not go out is turned off.
+# [s] Time after the board's watchdog has expired within which the light must go out; period of commands; time before
+# the board's limit at which a light that is still on is turned off.
 LATE, PERIOD, BEFORE_LIMIT = 0.06, 0.1, 2.0
 HOMINGS = 10
 
@@ -29,7 +29,7 @@ class BringUp:
     """First power-up of a board by an operator, who follows instructions and answers questions on the terminal."""
 
     def __init__(self, board: LaserBoard, folder: Path, ask: Callable[[str], str], tell: Callable[[str], None]) -> None:
-        """Store the parts without opening the board.
+        """Store the arguments without opening the board.
 
         Args:
             board: the board, closed.
@@ -46,8 +46,9 @@ class BringUp:
         A run with an LED starts with an empty record.
 
         Raises:
-            PointFailed: a point did not pass; a point that passed before is removed from the record.
-            InvalidInput: no valid answer, or a laser before the points that need an LED have passed.
+            PointFailed: a point did not pass; it is removed from the record.
+            InvalidInput: no valid answer was given, a laser is connected before the points that need an LED have
+                passed, or bring_up.json is not a record.
             DriverError: the board cannot be reached.
         """
         self._laser = self._choose("What is wired to J1?", ("led", "laser")) == "laser"
@@ -57,8 +58,8 @@ class BringUp:
         missing = [point for point in DARK if point not in passed]
         if self._laser and missing:
             raise InvalidInput(
-                f"J1 is a laser, but board {serial} has not passed point {' and '.join(missing)} with an LED, allowed: "
-                "a laser after both. Open SW1, wire the LED of docs/build.md to J1 and start again"
+                f"J1 is a laser, but board {serial} has not passed point{'s' * (len(missing) > 1)} "
+                f"{' and '.join(missing)} with an LED. Open SW1, wire the LED of docs/build.md to J1 and start again"
             )
         if not self._laser:
             passed = set()
@@ -90,7 +91,7 @@ class BringUp:
         return f"board {board.serial} speaks protocol {identity.protocol[0]}.{identity.protocol[1]}"
 
     def _dark(self) -> str:
-        self._do("Wire everything but photodiode and motor (with a laser: all), close SW1; send the board nothing")
+        self._do("Wire everything but photodiode and motor (with a laser: all), close SW1, and send no command")
         self._confirm(
             "Is it dark, and does a voltmeter at CHAIN show 0 V?",
             "Q1 conducts without heartbeats: check R1, R2, R3, and that ALIVE is low. Open SW1",
@@ -140,7 +141,7 @@ class BringUp:
             faults = board.clear_faults().faults
             if faults:
                 raise PointFailed(f"without the bridge the board still reports: {describe_faults(faults)}. Open SW1")
-        return f"dark {taken:.2f} s after the last command at the latest; stuck on opens the supply"
+        return f"dark {taken:.2f} s after the last command or earlier; a laser that is stuck on opens the supply"
 
     def _cut(self) -> str:
         for action, back, reset, remedy in (
@@ -157,7 +158,7 @@ class BringUp:
             self._lose_light(action, reset, remedy)
             self._confirm("Did it go dark within half a second?", f"{remedy}. Open SW1")
             self._do(back)
-        return "dark by reset, without heartbeats and by hand"
+        return "dark after a reset, without heartbeats, and with SW1 open"
 
     def _lose_light(self, action: str, reset: bool, remedy: str) -> None:
         """Turn the light on, and wait until it is lost in the expected way.
@@ -196,7 +197,7 @@ class BringUp:
         """Clear faults, then turn the light on.
 
         Raises:
-            PointFailed: the board senses light before, or no light afterwards.
+            PointFailed: the board senses light or has faults before, or senses no light afterwards.
         """
         status = board.clear_faults()
         if status.laser_sensed or status.faults:
@@ -227,7 +228,7 @@ class BringUp:
         return board.home()
 
     def _do(self, text: str) -> None:
-        self._choose(f"{text}; then", ("done",))
+        self._choose(f"{text}; then enter", ("done",))
 
     def _confirm(self, question: str, remedy: str) -> None:
         if self._choose(question, ("yes", "no")) == "no":
@@ -242,7 +243,7 @@ class BringUp:
         raise InvalidInput(f"no valid answer to {question!r} in {TRIES} tries, allowed: {', '.join(allowed)}")
 
     def _passed(self, serial: str) -> set[str]:
-        """Points that this board has passed with an LED; empty if the record belongs to another board.
+        """Points that this board has passed with an LED; empty without a record, or if it belongs to another board.
 
         Raises:
             InvalidInput: the file is not a record.

@@ -58,6 +58,8 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
 
         Raises:
             transport.KeyNameError: invalid robot name or unknown encoding.
+            transport.ConfigurationError, transport.SecurityError: the endpoint is not valid, or the security folder is
+                incomplete.
             transport.ConnectionFailed: no answer; the message lists what to check.
         """
         check_name(robot)
@@ -75,13 +77,18 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
         return self._client.is_alive
 
     def status(self) -> Status | None:
-        """Newest status of the node; None before the first. If the node has been silent, an item `node` reports it."""
+        """Return the newest status of the node; None before the first. An item `node` reports that the node is silent.
+
+        Raises:
+            transport.MessageError: the newest status is damaged.
+        """
         return self._client.status()
 
     def counts(self, extent: str = "footprint") -> dict[str, int]:
-        """Numbers of grids received, superseded before use, lost in transit ("missed"), and rejected.
+        """Return the numbers of grids received, superseded before use, lost in transit ("missed"), and rejected.
 
-        A grid is rejected if it is damaged, from another robot, frame or node, or older than the grid before it.
+        A grid is rejected if it is damaged, belongs to another robot, extent, frame or run of the node, or is older
+        than the grid before it.
         """
         receiver = self._client.receiver(extent)
         counts = {name: getattr(receiver, name) for name in ("received", "superseded", "missed")}
@@ -117,6 +124,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
             StaleTerrain: the newest grid may not be used, or there is no grid yet.
             ScannerUnavailable: there is neither a grid nor a node.
             UnsafeGrid: the grid violates the safety invariant and must not be used.
+            transport.MessageError: unknown extent, or the newest sample is damaged.
         """
         return message_to_terrain(
             self._client.latest(extent=extent, max_age=max_age, allow_stale=allow_stale, confirmed_only=confirmed_only)
@@ -248,7 +256,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
         on_progress: Callable[[ScanReply], None] | None = None,
         **accepted: Unpack[AcceptedState],
     ) -> TerrainGrid:
-        """Request a scan and return its grid.
+        """Request a scan and return its grid, or a later one.
 
         Args:
             mode: "coarse" or "standard".
@@ -261,8 +269,10 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
             ScanBusy: a scan is already under way.
             ScanFailed: the node refused the scan or could not finish it.
             ScanTimeout: the scan was not finished in time.
-            ScannerGone: the node went away during the scan.
+            transport.ReceiveTimeout: the scan was finished, but no usable grid arrived in time.
+            ScannerGone: the node went away.
             ScannerUnavailable: there is no node, or this client may not request scans.
+            UnsafeGrid: the grid violates the safety invariant and must not be used.
         """
         return message_to_terrain(
             self._client.request_scan(mode=mode, timeout=timeout, on_progress=on_progress, **accepted)
@@ -281,7 +291,10 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
 
         Raises:
             StaleTerrain: the newest grid may not be used, or there is no grid yet.
-            ScannerUnavailable: no node answers.
+            ScannerUnavailable: there is no node, or this client may not query it.
+            UnsafeGrid: the grid violates the safety invariant and must not be used.
+            transport.ReceiveTimeout: no reply arrived in time.
+            transport.MessageError: extent or region is not valid, or the reply is damaged or not from this node.
         """
         return message_to_terrain(self._client.query(extent=extent, region=region, timeout=timeout, **accepted))
 

@@ -67,7 +67,7 @@ def test_what_is_listed_is_what_there_is():
 
 def test_unknown_name_is_refused_with_the_list():
     """A typo is answered with the names there are."""
-    with pytest.raises(AttributeError, match="guara_perception has no name 'proces_scan'; it has .*process_scan"):
+    with pytest.raises(AttributeError, match="guara_perception has no attribute 'proces_scan'; it has .*process_scan"):
         gp.proces_scan  # noqa: B018
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @click.command(name="acceptance")
 @click.argument("folder", type=FILE)
 @device_options
-@click.option("--simulated", is_flag=True, help="simulated robot, blocks and devices")
+@click.option("--simulated", is_flag=True, help="simulate robot, blocks and devices")
 @click.option("--blocks", default="0.01,0.02,0.05", help="heights of all blocks on the floor [m]")
 @click.option("--scans", type=click.IntRange(2, 100), default=10, help="number of scans, each after a power cycle")
 @click.option("--note", default="", help="note for the report on light, floor and blocks")
@@ -104,7 +104,7 @@ def rig_with(heights: tuple[float, ...], chosen: DeviceOptions) -> Rig:
     """Create a simulated robot in front of a row of blocks on a flat floor.
 
     Raises:
-        InvalidInput: devices.toml is given.
+        InvalidInput: the option --devices is given.
     """
     from guara_perception.app.node.devices import Rig
     from guara_perception.app.node.simulated import SimulatedRobot

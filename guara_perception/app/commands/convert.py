@@ -15,8 +15,12 @@ from guara_perception.terrain.layers.layered_grid import EXTENTS
 GRID_ENDINGS = (".ply", ".pcd", ".csv")
 
 file_argument = click.argument("source", type=FILE)
-step_option = click.option("--step", type=int, help="pause of a recording; default: its only scan, or its last grid")
-extent_option = click.option("--extent", type=click.Choice(EXTENTS), help="grid of a recording; default: footprint")
+step_option = click.option(
+    "--step", type=int, help="pause to convert from a recording; default: its only scan or last grid"
+)
+extent_option = click.option(
+    "--extent", type=click.Choice(EXTENTS), help="kind of grid in a recording; default: footprint"
+)
 
 
 @click.command(name="convert")
@@ -44,10 +48,12 @@ def command(source: Path, target: Path, step: int | None, extent: str | None) ->
         export_grid(source, target, step, extent)
         return
     if extent is not None:
-        raise InvalidInput(f"--extent is for {', '.join(GRID_ENDINGS)}; {target} is none of them: leave it out")
+        raise InvalidInput(
+            f"--extent is only for targets {', '.join(GRID_ENDINGS)}, not for {target}: leave --extent out"
+        )
     if source.suffix == target.suffix == ".mcap":
         if step is not None:
-            raise InvalidInput("--step: a repaired recording keeps all pauses: leave it out")
+            raise InvalidInput("--step is given, but a repaired recording keeps all pauses: leave --step out")
         repair(source, target)
         return
     from guara_perception.app.files.convert import convert
@@ -73,7 +79,7 @@ def repair(source: Path, target: Path) -> None:
 
     result = recover_recording(existing_file(source), target)
     state = "the source was complete" if result.was_whole else f"{result.bytes_lost} bytes at the end were lost"
-    damaged = f", {result.damaged_chunks} damaged pieces skipped" if result.damaged_chunks else ""
+    damaged = f"; damaged chunks skipped: {result.damaged_chunks}" if result.damaged_chunks else ""
     click.echo(f"{target}: {result.messages} messages, {result.attachments} attachments; {state}{damaged}")
 
 

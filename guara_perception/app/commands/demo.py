@@ -29,10 +29,12 @@ COURSE_CYCLES, HIND_M = 20, 0.4
 @click.option(
     "--course",
     metavar="stones|FILE",
-    help="instead of a walk: ground to cross with fitted strides, beyond its last feature",
+    help="instead of a walk: cross stepping stones or the ground of a world file, with strides fitted to the ground",
 )
 @click.option(
-    "--sway", type=click.FloatRange(0.05, 2.0), help="instead of a walk: scans of a body that sways [degrees]"
+    "--sway",
+    type=click.FloatRange(0.05, 2.0),
+    help="instead of a walk: scan from a swaying body; amplitude of the sway [degrees]",
 )
 @click.pass_context
 def command(
@@ -50,10 +52,11 @@ def command(
     The planner runs in a second process and receives the grids over Zenoh. The folder --out gets pictures and a
     recording. Exit 1 if the demo's own check fails.
 
-    With --course, the planner fits the strides to the ground, for instance to stepping stones. The folder gets a film
-    of the crossing and no recording.
+    With --course, the planner fits the strides to the ground, for instance to stepping stones. The folder gets a
+    picture and an animation of the crossing, but no recording.
 
-    With --sway, a robot scans while its body sways, with and without a joint stream, and while its body is still.
+    With --sway, a robot scans while its body sways, with and without a joint stream, and while its body is still. The
+    folder gets a picture of the three scans.
 
     \b
     Example:
@@ -99,7 +102,7 @@ def command(
 
 
 def show_course(context: click.Context, out: Path, robot: str, course: str) -> None:
-    """Cross a course, and write a picture and a film of the crossing to a folder."""
+    """Cross a course, and write a picture and an animation of the crossing to a folder."""
     from guara_perception.app.demo.check import DemoCheck
     from guara_perception.app.demo.course import draw_course
     from guara_perception.app.demo.walk import demo_walk, goal_of

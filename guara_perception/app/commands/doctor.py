@@ -17,7 +17,7 @@ from guara_perception.app.options import FILE
 @click.option("--devices", type=FILE, help="devices.toml: camera, settings and board to check")
 @click.option("--camera", help="camera as listed by --cameras; default: that of --devices, or 0")
 @click.option("--trigger", metavar="LINE", help="camera line wired to the board's TRIGGER")
-@click.option("--listen", default="tcp/127.0.0.1:7447", help="where the node would listen")
+@click.option("--listen", default="tcp/127.0.0.1:7447", help="endpoint on which the node will listen")
 @click.option("--scan", type=FILE, help="recorded scan with floor in view, for the drift check")
 @click.option("--security", type=FILE, help="security folder with the certificates to check")
 @click.option("--only", "checks", multiple=True, help="run only this check; repeatable", metavar="NAME")

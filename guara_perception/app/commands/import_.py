@@ -44,13 +44,22 @@ class Given:
 @click.command(name="import")
 @click.argument("pictures", nargs=-1, required=True, type=FILE)
 @click.option("-o", "--out", required=True, type=FILE, help="folder to create")
-@click.option("--kind", type=click.Choice([SCAN, SESSION]), help="what to create; default: by the options, or scan")
+@click.option(
+    "--kind",
+    type=click.Choice([SCAN, SESSION]),
+    help="what to create; default: session if an option needs it, else scan",
+)
 @click.option("--robot", default="guara", help="name or folder of the robot")
 @click.option("--posture", help="posture of the robot, by its name in the robot folder; default: the scan posture")
 @click.option("--joints", type=FILE, help="CSV file with `joint, angle [rad]`, instead of a posture")
 @click.option("--stance", type=FILE, help="JSON file with joints, support feet and gravity, instead of a posture")
-@click.option("--off", default="", metavar="PATTERN", help="names of laser-off pictures; default: with off, dark ...")
-@click.option("--number", type=int, help="number in the names that gives the order: 1 = the first, -1 = the last")
+@click.option(
+    "--off",
+    default="",
+    metavar="PATTERN",
+    help="names of laser-off pictures, as a shell pattern; default: names with a word such as off or dark",
+)
+@click.option("--number", type=int, help="which number in the names gives the order: 1 = first, -1 = last")
 @click.option("--mode", type=click.Choice(["standard", "coarse"]), help="scan pattern; default: by number of pictures")
 @click.option("--indices", is_flag=True, help="the numbers are the indices of the stripes; some may be missing")
 @click.option("-c", "--calibration", type=FILE, help="calibration with the mirror angles; default: those of robot.toml")
@@ -63,12 +72,13 @@ class Given:
 @click.option("--crosses-picture", help="session: name of the picture of the crosses")
 @click.option("--crosses", type=FILE, help="session: JSON file with points_in_footprint [m]; default: those of the mat")
 @click.option("--plate", multiple=True, metavar="HEIGHT=FOLDER", help="session: height [m] and scan folder of a plate")
-@click.option("--preview", is_flag=True, help="only show what belongs together")
+@click.option("--preview", is_flag=True, help="only show the purpose of each picture")
 def command(pictures: tuple[Path, ...], out: Path, kind: str | None, robot: str, preview: bool, **values: Any) -> None:
     """Create a scan folder or a calibration session from PICTURES: PNG, JPEG, BMP, TIFF or PGM, in any order.
 
     Pictures of a scan are ordered by a number in their names, and paired by that number and words such as on and off.
-    On a terminal, the command asks for missing options, and shows what belongs together before it writes anything.
+    Before anything is written, the command shows the purpose of each picture. On a terminal, it asks for missing
+    options and for confirmation.
 
     \b
     Example:
@@ -84,7 +94,7 @@ def command(pictures: tuple[Path, ...], out: Path, kind: str | None, robot: str,
     given, files = Given(**values), picture_files(pictures)
     is_session = bool(given.ground or given.crosses_picture or given.plate or given.crosses)
     if kind is None:
-        kind = SESSION if is_session else (_ask("a scan, or the pictures of a session", SCAN) or SCAN)
+        kind = SESSION if is_session else (_ask("what to create, scan or session", SCAN) or SCAN)
     model = load_robot(robot)
     standing = _standing(model, given)
     width, height = check_sizes(files)
@@ -161,8 +171,10 @@ def _session(files: list[Path], out: Path, robot: RobotModel, stance: Stance, gi
     floor, mat = (by_name[str(name)] for name in chosen.values())
     boards = [path for path in files if path not in (floor, mat)]
     if floor == mat or not boards:
-        raise InvalidInput("a session needs pictures of the board, one of these on the floor, and one of the crosses")
-    pieces = given.plate or tuple((_ask("plates, HEIGHT=FOLDER with spaces between", "") or "").split())
+        raise InvalidInput(
+            "a session needs pictures of the board, another one of the board on the floor, and one of the crosses"
+        )
+    pieces = given.plate or tuple((_ask("plates, HEIGHT=FOLDER, separated by spaces", "") or "").split())
     tops = parse_heights(",".join(piece.partition("=")[0] for piece in pieces))
     scans = [Path(piece.partition("=")[2]) for piece in pieces]
     crosses = given.crosses

@@ -101,7 +101,7 @@ def test_a_sound_board_passes_all_points_and_then_a_laser(bench: Bench) -> None:
 
 def test_a_laser_is_refused_before_an_led_went_dark(bench: Bench) -> None:
     """No point passed; then one of two; then another board: never lit."""
-    with pytest.raises(InvalidInput, match="has not passed point 5 and 6"):
+    with pytest.raises(InvalidInput, match="has not passed points 5 and 6"):
         bench.run(What="laser")
     (bench.folder / RECORD).write_text(json.dumps({"serial": "EMU0001", "passed": ["2", "5"]}))
     with pytest.raises(InvalidInput, match="has not passed point 6"):

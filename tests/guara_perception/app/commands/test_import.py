@@ -86,7 +86,7 @@ def test_what_is_not_given_is_asked(guara, tmp_path: Path, monkeypatch: pytest.M
     assert guara("import", *pictures, "-o", tmp_path / "scan").code != 0
     assert not (tmp_path / "scan").exists()
     assert guara("import", *pictures, "-o", tmp_path / "scan").code == 0
-    assert asked[:2] == ["a scan, or the pictures of a session", "posture in which the robot stood"]
+    assert asked[:2] == ["what to create, scan or session", "posture in which the robot stood"]
     robot = gp.load_robot("guara")
     assert gp.open_scan(tmp_path / "scan").stance.joint_positions == robot.posture("standing")
 
@@ -208,7 +208,7 @@ def with_options(*options: str) -> Callable[[Path], list[str]]:
         (with_options("--ground", "x.png"), "--ground is 'x.png', which is none of the pictures"),
         (
             with_options("--ground", "0.png", "--crosses-picture", "0.png"),
-            "one of these on the floor, and one of the crosses",
+            "another one of the board on the floor, and one of the crosses",
         ),
         (
             with_options("--ground", "0.png", "--crosses-picture", "1.png"),
