@@ -84,7 +84,7 @@ class MirrorOutOfRange(BoardError, ValueError):
 
 
 class MirrorTimeout(BoardError, TimeoutError):
-    """The mirror did not come to rest in time."""
+    """The mirror did not come to rest in time, or was commanded while homing."""
 
 
 class HomeNotFound(BoardError, RuntimeError):

@@ -47,7 +47,7 @@ class Board(ABC):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Turn the laser off and close the board; after an exception in the block, a failure is only logged."""
+        """Turn the laser off and close the board; if the block raised an exception, another one is only logged."""
         try:
             self.close()
         except BoardError as failure:
@@ -114,7 +114,7 @@ class Board(ABC):
 
         Raises:
             HomeNotFound: the switch was not found.
-            MirrorTimeout: the search took too long.
+            MirrorTimeout: the search took too long, or another one has not ended.
         """
 
     @abstractmethod
@@ -128,7 +128,7 @@ class Board(ABC):
         Raises:
             MirrorOutOfRange: the step is outside the travel.
             MirrorNotHomed: the home position is unknown.
-            MirrorTimeout: the motion took too long.
+            MirrorTimeout: the motion took too long, or homing has not ended.
         """
 
     def clear_faults(self) -> BoardStatus:
@@ -197,7 +197,7 @@ class Board(ABC):
         Raises:
             MirrorOutOfRange: the angle is outside the travel, or not finite.
             MirrorNotHomed: the home position is unknown.
-            MirrorTimeout: the motion took too long.
+            MirrorTimeout: the motion took too long, or homing has not ended.
         """
         return self.go_to_step(self.step_at(angle), wait=wait)
 

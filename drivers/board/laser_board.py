@@ -96,7 +96,7 @@ class LaserBoard(BoardSession):
 
         Raises:
             HomeNotFound: the switch was not found.
-            MirrorTimeout: the search took too long.
+            MirrorTimeout: the search took too long, or another one has not ended.
         """
         self._begin_motion(self.command(Request.HOME))
         status = self.wait_until_still(self.config.home_timeout)
@@ -110,7 +110,7 @@ class LaserBoard(BoardSession):
         Raises:
             MirrorOutOfRange: the step is outside the travel.
             MirrorNotHomed: the home position is unknown.
-            MirrorTimeout: the motion took too long.
+            MirrorTimeout: the motion took too long, or homing has not ended.
         """
         self._begin_motion(self.command(Request.GO_TO, step))
         if wait:
@@ -137,8 +137,8 @@ class LaserBoard(BoardSession):
         """Wait as `wait_until_still` does; return the status, and a host time at which the mirror was at rest [s].
 
         Returns immediately if the motion has ended, because the queued report contains the time of its end. The clocks
-        of board and host need not be synchronised: the reply to the command contained the board's time and arrived at a
-        known host time.
+        of board and host need not be synchronised: the reply to the motion command contained the board's time and
+        arrived at a known host time.
 
         Args:
             timeout: longest wait [s]; None = that of the configuration.

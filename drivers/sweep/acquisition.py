@@ -127,7 +127,7 @@ class StripeStream:
         self._entered = self._ended = False
 
     def __enter__(self) -> StripeStream:
-        """Make the board ready (home the mirror, clear faults) and start the scan.
+        """Make the board ready (clear faults, home the mirror if necessary) and start the scan.
 
         Raises:
             MirrorOutOfRange: an angle is outside the board's travel.

@@ -109,7 +109,7 @@ class BringUp:
         raise PointFailed("the board senses light without a photodiode: LIGHT must be low; check U3 and R10")
 
     def _silence(self) -> str:
-        self._do("Connect D3, the light of J1 in front of it, and trim RV2 (docs/build.md)")
+        self._do("Connect D3, place the light of J1 in front of it, and trim RV2 (docs/build.md)")
         with self._board as board:
             self._light(board)
             began = board.status().device_time
@@ -123,7 +123,7 @@ class BringUp:
             "Did it light up and go out by itself within half a second?",
             "the photodiode senses light that you do not see: D3 must see J1's light alone. Open SW1",
         )
-        self._do("Bridge Q4 from CHAIN to LASER_PLUS: stuck on")
+        self._do("Bridge Q4 from CHAIN to LASER_PLUS, so that the light is stuck on")
         with self._board as board:
             board.clear_faults()
             try:
@@ -148,7 +148,7 @@ class BringUp:
             ("hold RUN (SW2)", "Release RUN", True, "a Pico in reset must let LASER and SUPPLY fall: check R2 and R5"),
             (
                 "pull the wire of HEARTBEAT off",
-                "Put the wire of HEARTBEAT on",
+                "Put the wire of HEARTBEAT back on",
                 False,
                 "the monostable does not time out: check C4, RV1 and that R8 is present",
             ),
