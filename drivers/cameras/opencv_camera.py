@@ -225,7 +225,7 @@ class OpenCvCamera(Camera):
             if got != tuple(self._size):
                 raise CameraSettingRefused(
                     f"{self.name} was asked for {self._size[0]} x {self._size[1]} pixels, but delivers "
-                    f"{got[0]} x {got[1]}: ask for a size it has (`v4l2-ctl --list-formats-ext`)"
+                    f"{got[0]} x {got[1]}: ask for a size that it offers (`v4l2-ctl --list-formats-ext`)"
                 )
         if self._fps is not None:
             capture.set(cv2.CAP_PROP_FPS, self._fps)
@@ -298,8 +298,8 @@ def _set(capture: Capture, prop: str, value: float, what: str, name: str, tolera
     got = capture.get(getattr(cv2, prop))
     if not taken:
         raise CameraSettingRefused(
-            f"{name} has no setting {what} (asked for {value:g}): set it with the maker's tool (`v4l2-ctl -L`), "
-            "or leave it out"
+            f"{name} has no setting {what} (asked for {value:g}): leave it out, or set it with "
+            "the manufacturer's tool (see `v4l2-ctl -L`)"
         )
     # Rounding to integers is always allowed: most V4L2 controls are integers.
     check_held(name, what, value, got, max(tolerance * abs(value), 0.5), " (`v4l2-ctl -L`)")

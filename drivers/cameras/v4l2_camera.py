@@ -175,7 +175,8 @@ class V4l2Camera(Camera):
         if not usable:
             raise CameraSettingRefused(
                 f"{self.name} has the pixel formats {', '.join(names)}; allowed: "
-                f"{self._wanted or ' or '.join(PIXEL_FORMATS)}. OpenCV reads others: give the device path alone"
+                f"{self._wanted or ' or '.join(PIXEL_FORMATS)}. OpenCV reads other formats: give the path without "
+                "`v4l2:`"
             )
         current = capture.get_format()
         size = self._size or (current.width, current.height)

@@ -9,7 +9,7 @@ from drivers.board.board_records import BoardIdentity
 from drivers.board.protocol import PROTOCOL_MAJOR, PROTOCOL_MINOR
 
 # Step of a 1.8 degree stepper motor with 256 microsteps that drives the mirror directly: 0.00703 degrees. The travel is
-# 40 degrees, with the zero angle 15 degrees above its low end; this includes the scan of the Guara (-6.3 ... 18.6
+# 40 degrees, with the zero angle 15 degrees above its low end; this includes the scan of Guara (-6.3 ... 18.6
 # degrees).
 STEP_NANORAD = 122718
 STEP = STEP_NANORAD * 1e-9

@@ -140,8 +140,8 @@ class ScanReport:
         failure: text of the error that ended the scan, or None.
         frames_used: number of frames handed over, where a shared off frame counts once; in a sweep, number of stripes
             handed over.
-        frames_skipped: number of frames dropped because they were exposed before a command had taken effect; in a
-            sweep, because they have no device time.
+        frames_skipped: number of frames dropped because they may have been exposed before a command had taken effect;
+            in a sweep, because they have no device time.
         frames_dropped: number of frames that the camera counted but did not deliver while one was expected.
         frames_repeated: number of frames that were delivered twice.
         duration: time from the first command to the arrival of the last frame [s].

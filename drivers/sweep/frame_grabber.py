@@ -20,7 +20,8 @@ class FrameGrabber:
 
     Attributes:
         used: number of frames returned.
-        skipped: number of frames that were exposed, at least partly, before the command had taken effect.
+        skipped: number of frames dropped because they may have been exposed, at least partly, before the command had
+            taken effect.
         dropped: number of frames that are missing in the camera's counter and were due while a frame was expected.
         repeated: number of frames whose number had already been seen.
         last_stamp: stamp of the last frame returned [s].

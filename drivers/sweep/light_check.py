@@ -45,7 +45,7 @@ class LightCheck:
 
         Args:
             capture: next stripe of the scan.
-            rows: image rows (first, end) in which the stripe can appear; (0, 0) if it is out of view.
+            rows: image rows (first, end) in which the stripe can appear; (0, 0) if the stripe is out of view.
         """
         if self._examined >= MOST_STRIPES or capture.on is None:
             return

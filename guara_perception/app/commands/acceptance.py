@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @click.argument("folder", type=FILE)
 @device_options
 @click.option("--simulated", is_flag=True, help="simulate robot, blocks and devices")
-@click.option("--blocks", default="0.01,0.02,0.05", help="heights of all blocks on the floor [m], with commas")
+@click.option("--blocks", default="0.01,0.02,0.05", help="comma-separated heights of all blocks on the floor [m]")
 @click.option("--scans", type=click.IntRange(2, 100), default=10, help="number of scans, each after a power cycle")
 @click.option("--note", default="", help="note for the report on light, floor and blocks")
 @click.pass_context

@@ -97,7 +97,7 @@ def test_unknown_result_is_refused() -> None:
 def test_identity_without_step_angle_is_refused() -> None:
     """Zero radians per step would make every angle the same."""
     body = IDENTITY.pack()[:8] + bytes(4) + IDENTITY.pack()[12:30]
-    with pytest.raises(BadReply, match="0 nanoradians"):
+    with pytest.raises(BadReply, match="0 nrad"):
         BoardIdentity.unpack(body + struct.pack("<H", checksum(body)))
 
 
