@@ -124,7 +124,7 @@ class CameraSettingRefused(CameraError, ValueError):
 
 
 class AcquisitionError(DriverError):
-    """A scan failed or could not be started."""
+    """Failure of a scan, or of the measurement of a camera's lag or exposure."""
 
 
 class BadFiringOrder(AcquisitionError, ValueError):

@@ -32,8 +32,8 @@ class Board(ABC):
     - After `home`, and until power is lost, `identity.angle_of(step)` is the angle of the mirror to within half a
       step. MOVING is reported until the mirror has settled.
 
-    Every method that communicates with the board also raises `BoardNotOpen` if the board is not open, and another
-    `BoardError` if it does not respond.
+    Unless stated otherwise, methods that communicate with the board also raise `BoardNotOpen` if it is not open, and
+    another `BoardError` if it does not respond.
 
     `tests/drivers/board/test_any_board.py` tests everything that can be tested without instruments.
     """

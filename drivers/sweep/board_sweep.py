@@ -74,7 +74,9 @@ class BoardSweep:
             BoardError: the board rejects a command.
         """
         if not 1 <= len(steps) <= SWEEP_STRIPES or len(waits) != len(steps):
-            raise ValueError(f"{len(steps)} stripes with {len(waits)} waits; allowed: 1 ... {SWEEP_STRIPES} of each")
+            raise ValueError(
+                f"{len(steps)} stripes with {len(waits)} waits; allowed: 1 ... {SWEEP_STRIPES}, one wait each"
+            )
         if not all(0 <= wait <= WAIT_UNITS for wait in waits):
             raise ValueError(f"waits {min(waits)} ... {max(waits)}; allowed: 0 ... {WAIT_UNITS}")
         table, darks = self._board.sweep_table, self._board.sweep_darks

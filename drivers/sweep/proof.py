@@ -107,7 +107,7 @@ class StripeProof:
             if rows[1] > rows[0]:
                 found = self._compare(mirror_angle, on, rows, background, reference_is_off)
                 if found[1].lit_fraction >= PLAINLY_LIT:
-                    # All compared rows lie in the band, so the verdict need not check the band again.
+                    # Only rows of the band were compared, so the verdict need not check the band.
                     verdict = self._verdict(*found, background, None)
                     if verdict in PROVED:
                         return verdict, found[1]

@@ -38,7 +38,7 @@ NO_LASER = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERA
 
 @dataclass
 class FrameCounts:
-    """Counts of frames; as in `FrameGrabber`, except for three of them.
+    """Counts as in `FrameGrabber`, except for the following.
 
     Attributes:
         used: number of stripes handed over.

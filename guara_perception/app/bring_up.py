@@ -141,7 +141,7 @@ class BringUp:
             faults = board.clear_faults().faults
             if faults:
                 raise PointFailed(f"without the bridge the board still reports: {describe_faults(faults)}. Open SW1")
-        return f"dark {taken:.2f} s after the last command or earlier; a laser that is stuck on opens the supply"
+        return f"dark at most {taken:.2f} s after the last command; the supply is opened if the light is stuck on"
 
     def _cut(self) -> str:
         for action, back, reset, remedy in (

@@ -77,7 +77,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
         return self._client.is_alive
 
     def status(self) -> Status | None:
-        """Return the newest status of the node; None before the first. An item `node` reports that the node is silent.
+        """Return the newest status of the node; None before the first. If the node is silent, an item `node` says so.
 
         Raises:
             transport.MessageError: the newest status is damaged.
