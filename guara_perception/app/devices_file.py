@@ -21,7 +21,8 @@ _Device = TypeVar("_Device")
 FORMAT = "guara-devices/1"
 # Largest size of a devices file [byte]; it normally has a dozen lines.
 LARGEST_BYTES = 64 * 1024
-# Numeric keys of [camera] with their limits. All but the first two are settings: locked at opening and read back.
+# Numeric keys of [camera] with their limits. All but the first two are settings, which are locked when the camera is
+# opened and read back.
 NUMBERS = {
     "fps": (0.1, 10_000.0),
     "lag": (0.0, 2.0),
@@ -115,8 +116,8 @@ class Devices:
             raise InvalidInput(str(error)) from None
         if self.trigger is not None and not free and not made.triggered:
             raise InvalidInput(
-                f"trigger is {self.trigger!r}, but camera {self.source!r} cannot wait for one: leave it out, or use a "
-                "GigE Vision or USB3 Vision camera (`guara doctor --cameras` lists them)"
+                f"trigger is {self.trigger!r}, but camera {self.source!r} has no trigger input: remove `trigger`, or "
+                "use a GigE Vision or USB3 Vision camera (`guara doctor --cameras` lists them)"
             )
         return made
 
@@ -234,6 +235,7 @@ def save_devices(devices: Devices, path: str | Path) -> None:
 
     Raises:
         MissingFile: the folder does not exist.
+        InvalidInput: `path` is a folder.
     """
     numbers = {"fps": devices.fps, "lag": devices.lag, **devices.settings}
     camera = {
@@ -244,7 +246,7 @@ def save_devices(devices: Devices, path: str | Path) -> None:
         "size": devices.size,
         **{name: float(value) for name, value in numbers.items() if value is not None},
     }
-    lines = ["# Camera and laser board as `guara record` found them; every command takes it as --devices.", ""]
+    lines = ["# Camera and laser board as found by `guara record`; other commands read this file with --devices.", ""]
     lines += [f'format = "{FORMAT}"', "", "[camera]", *_toml_lines(camera)]
     if devices.board:
         lines += ["", "[board]", *_toml_lines(devices.board)]
@@ -262,9 +264,9 @@ def _own(kind: type[_Device], what: str, source: str, folder: Path | None) -> _D
         made = getattr(importlib.import_module(module), name)()
     except ModuleNotFoundError as error:
         looked = f" {' nor '.join(['on the Python path (PYTHONPATH)', *(f'in {each}' for each in beside)])}"
-        raise InvalidInput(f"{what} source {source} cannot be made: {error}: it is not{looked}") from None
+        raise InvalidInput(f"{what} source {source} cannot be created: {error}: it is not{looked}") from None
     except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise InvalidInput(f"{what} source {source} cannot be made: {error}") from None
+        raise InvalidInput(f"{what} source {source} cannot be created: {error}") from None
     finally:
         for each in beside:
             sys.path.remove(each)

@@ -48,7 +48,7 @@ class Finding:
 
     Attributes:
         level: "ok", "skip" (not checked), "warn" or "FAIL".
-        message: what was found and, unless the level is "ok", what to do.
+        message: what was found and, where something can be done, what to do.
     """
 
     level: str
@@ -100,7 +100,7 @@ def attempt(check: Callable[..., Finding], *arguments: Any) -> Finding:
     except (DriverError, PerceptionError, KinematicsError, TransportError, ValueError) as error:
         return Finding(FAIL, str(error))
     except OSError as error:
-        return Finding(FAIL, f"{error.filename}: {error.strerror}")
+        return Finding(FAIL, str(error) if error.filename is None else f"{error.filename}: {error.strerror}")
 
 
 def check_usb() -> Finding:
@@ -176,7 +176,7 @@ def check_endpoint(listen: str) -> Finding:
 def check_calibration(path: Path | None, devices: Devices) -> Finding:
     """Check that a calibration can be loaded and belongs to the camera in devices.toml; report its verdict and age."""
     if path is None:
-        return Finding(WARN, "none given: -c calibration.json; `guara calibrate` makes one")
+        return Finding(WARN, "none given: give -c calibration.json, as written by `guara calibrate`")
     calibration = load_calibration(path)
     check_identity(devices.identity, calibration.camera.identity, "devices.toml")
     return judge_calibration(calibration)
@@ -217,7 +217,7 @@ def check_disk(folder: Path) -> Finding:
     """Check that the disk has room for ten recorded scans."""
     free = shutil.disk_usage(folder).free
     text = f"{free / 1e9:.1f} GB free in {folder}"
-    return Finding(OK, text) if free > DISK_BYTES else Finding(WARN, f"{text}: make room to record")
+    return Finding(OK, text) if free > DISK_BYTES else Finding(WARN, f"{text}: free some space for recordings")
 
 
 def check_certificates(folder: Path | None) -> Finding:

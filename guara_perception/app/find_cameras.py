@@ -1,4 +1,4 @@
-"""Search for the cameras of this machine, with the verification of frames that each of them allows."""
+"""Search for the cameras of this machine, with a description of how the frames of each are verified."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ class FoundCamera:
 
 
 def find_cameras(video_class: Path = VIDEO_CLASS) -> tuple[list[FoundCamera], str]:
-    """Search for cameras, which takes a second or two.
+    """Search for cameras; takes a second or two.
 
     Args:
         video_class: folder in which the kernel lists video devices.
 
     Returns:
-        The cameras, and a text about kinds of cameras that could not be searched for, "" if there are none.
+        The cameras, and the reason why GigE Vision and USB3 Vision cameras could not be searched for, or "".
     """
     found = [_video(folder) for folder in sorted(video_class.glob("video*"))]
     try:

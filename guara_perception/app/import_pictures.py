@@ -21,7 +21,7 @@ from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFi
 from guara_perception.settings import MODES, Settings
 from kinematics import KinematicsError, RobotModel, Stance
 
-# Largest plausible joint position [rad]; a larger value was given in degrees.
+# Largest plausible joint position [rad]; larger values are assumed to be in degrees.
 LARGEST_ANGLE = 2 * math.pi
 
 
@@ -50,7 +50,8 @@ def stripe_indices(pairs: Sequence[PicturePair], robot: RobotModel, mode: str | 
     Args:
         pairs: pairs in firing order.
         robot: robot whose pattern was scanned.
-        mode: scan pattern; None = the pattern with as many stripes as there are pairs.
+        mode: scan pattern; None = the pattern with as many stripes as there are pairs, or the standard pattern if
+            `is_index`.
         is_index: True if the numbers in the names are the indices.
 
     Raises:
@@ -61,7 +62,9 @@ def stripe_indices(pairs: Sequence[PicturePair], robot: RobotModel, mode: str | 
         indices = [pair.number for pair in pairs]
         wrong = [pair.on for pair in pairs if pair.number not in settings.pattern(mode or "standard")]
         if wrong:
-            raise InvalidInput(f"--indices: {names_of(wrong)}; allowed: 0 ... {settings.stripes - 1} of the pattern")
+            raise InvalidInput(
+                f"--indices: {names_of(wrong)}; allowed: indices of the pattern (0 ... {settings.stripes - 1})"
+            )
         return indices
     lengths = {name: len(settings.pattern(name)) for name in MODES if mode in (None, name)}
     for name, length in lengths.items():
@@ -69,11 +72,11 @@ def stripe_indices(pairs: Sequence[PicturePair], robot: RobotModel, mode: str | 
             return list(settings.pattern(name))
     numbers = [pair.number for pair in pairs]
     gaps = sorted(set(range(min(numbers), max(numbers) + 1)) - set(numbers))
-    missing = f"; number {', '.join(map(str, gaps[:6]))} is missing" if 0 < len(gaps) <= len(numbers) else ""
+    missing = f"; numbers missing: {', '.join(map(str, gaps[:6]))}" if 0 < len(gaps) <= len(numbers) else ""
     allowed = " or ".join(f"{length} ({name})" for name, length in lengths.items())
     raise InvalidInput(
-        f"{len(pairs)} pictures with the laser{missing}; allowed: {allowed} of robot {robot.name}, or fewer whose "
-        "numbers are the indices of their stripes (--indices)"
+        f"{len(pairs)} laser-on pictures{missing}; allowed: {allowed} of robot {robot.name}, or fewer if the "
+        "numbers in their names are the stripe indices (--indices)"
     )
 
 

@@ -64,6 +64,7 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
             endpoint, robot, security: as in `TerrainClient`.
 
         Raises:
+            transport.KeyNameError: invalid robot name.
             transport.ConnectionFailed: no answer; the message lists what to check.
         """
         check_name(robot)
@@ -99,7 +100,7 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
         except SessionClosed:
             return ""
         if self._robot in robots or self._client.is_alive:
-            return f"waiting for the first grid of {self._robot!r}: its node is running but has sent none yet"
+            return f"waiting for the first grid of {self._robot!r}: its node is running but has sent no usable grid yet"
         others = f"running here: {', '.join(robots)} (select one with --name)" if robots else "no robot is visible here"
         return f"waiting for a robot with instance name {self._robot!r}: no such node on this router; {others}"
 
@@ -170,4 +171,4 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
             self._show(Moment(grids, footholds=planned, **parts))
             self._has_shown = True
         except (KinematicsError, PerceptionError) as error:
-            self._refusals.log("cannot show a grid that does not fit robot %r (--robot): %s", self._model.name, error)
+            self._refusals.log("cannot show a grid that does not match robot %r (--robot): %s", self._model.name, error)

@@ -74,7 +74,7 @@ class RateLimit(logging.Filter):
 
 
 class StderrHandler(logging.StreamHandler[TextIO]):
-    """Handler installed by `log_to_stderr`, whose class distinguishes it from handlers of a calling program."""
+    """Handler installed by `log_to_stderr`; its class distinguishes it from handlers of the calling program."""
 
 
 def log_to_stderr(style: str = "text") -> None:

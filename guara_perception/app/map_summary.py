@@ -30,7 +30,7 @@ from transport.messages.map_messages import (
 # [mm] Largest height above or below zero that the summary can represent.
 TALLEST = 32767
 # [byte] Largest payload of a summary on any ground: 0.04 Mbit/s with a pause every 3 s. On a simulated walk, summaries
-# with all cells have 8 to 13 kB.
+# without merged cells have 8 to 13 kB.
 MAXIMUM_BYTES = 16_000
 # Fields that a steppable region and its message have in common.
 OF_REGION = ("halfspaces", "vertices", "plane", "sigma", "area")
@@ -84,8 +84,9 @@ def summary_payload(terrain: TerrainMessage, maximum: int = MAXIMUM_BYTES) -> by
     """Encode a summary of a map's message. A value beyond the range of the summary makes its cell unsafe, never safe.
 
     Heights are rounded to the nearest millimetre, traversability is rounded down. A cell with a height beyond 32.767 m
-    becomes unknown (`OUT_OF_RANGE`) and the cells beside it `EDGE`; a traversability below 1/255 becomes `UNCERTAIN`.
-    If the payload is too large, cells are merged (`merged`); `resolution` of the summary states their size.
+    becomes unknown (`OUT_OF_RANGE`) and the cells beside it `EDGE`. A free cell with a traversability below 1/255
+    becomes `UNCERTAIN`. If the payload is too large, cells are merged (`merged`); `resolution` of the summary states
+    their size.
 
     Args:
         terrain: message of a map.

@@ -20,14 +20,16 @@ if TYPE_CHECKING:
 
 # [s] Longest wait for the connection.
 CONNECTING_SECONDS = 5.0
-# [s] Time within which every robot of a site answers.
+# [s] Default time to wait for the answers of the robots, with --all.
 ANSWER_SECONDS = 2.0
 COLUMNS = ("robot", "step", "age", "health", "links")
 
 
 @click.command(name="listen")
-@click.option("--connect", "endpoint", help="where the node or the site's router listens; default: tcp/127.0.0.1:7447")
-@click.option("--name", "--robot", "names", multiple=True, help="instance name [default: guara]; repeatable with --all")
+@click.option(
+    "--connect", "endpoint", help="endpoint of node or router; default: that of --security, or tcp/127.0.0.1:7447"
+)
+@click.option("--name", "--robot", "names", multiple=True, help="instance name; default: guara, all with --all")
 @click.option("--extent", type=click.Choice(EXTENTS), default="footprint", help="grid of each scan, or the fused map")
 @click.option(
     "--encoding",
@@ -37,7 +39,11 @@ COLUMNS = ("robot", "step", "age", "health", "links")
 )
 @click.option("--security", type=FILE, help="folder of a role made by `guara security init`")
 @click.option("--count", type=click.IntRange(min=1), help="end after this many grids; default: until Ctrl-C")
-@click.option("--timeout", type=click.FloatRange(min=0.1), help="fail if no grid arrives for this many seconds")
+@click.option(
+    "--timeout",
+    type=click.FloatRange(min=0.1),
+    help="fail if no grid arrives for this many seconds; with --all: time to wait for answers",
+)
 @click.option("--all", "lists_robots", is_flag=True, help="instead, list the running robots once")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object per grid instead, or one list of robots")
 def command(
@@ -51,10 +57,10 @@ def command(
     lists_robots: bool,
     as_json: bool,
 ) -> None:
-    """Print one line per grid published by the node, starting with the newest grid.
+    """Print one line per usable grid of the node, starting with the newest grid.
 
-    With --all, print the running robots, each with pause, age of the last grid, health and links. For this, only
-    liveliness and status are queried, no grids.
+    With --all, print the running robots, each with pause, age of the last grid, health and links, and exit. Only
+    liveliness and status are queried, no grids are transferred.
 
     \b
     Example:
@@ -91,7 +97,7 @@ def command(
 def list_robots(
     endpoint: str | None, names: tuple[str, ...], security: Path | None, timeout: float, as_json: bool
 ) -> None:
-    """Print a table of the running robots and their messages."""
+    """Print the running robots and their messages as a table, or as a JSON list."""
     from transport import open_client
     from transport.fleet import robot_states
 

@@ -17,7 +17,9 @@ from guara_perception.exceptions import InvalidInput
 @click.option("-c", "--calibration", type=FILE, help="calibration.json; default: that of the scan")
 @click.option("-o", "--out", required=True, type=FILE, help="grid file to write, .npz")
 @method_options
-@click.option("--resolution", type=float, help="cell edge in metres, must divide the area; default: that of the robot")
+@click.option(
+    "--resolution", type=float, help="cell size [m]; must divide both sides of the area; default: that of the robot"
+)
 @click.option("--figures", type=FILE, help="folder for pictures of every stage")
 @click.option("--robot", help="name or folder of the robot; default: that of the scan")
 @click.option("--step", type=int, help="pause to process, if the recording has several")
@@ -38,7 +40,7 @@ def command(
 ) -> None:
     """Compute the terrain grid of a recorded SCAN (folder or .mcap).
 
-    With several methods, separated by commas, the first grid is written to OUT, the others to OUT-METHOD.npz.
+    With several methods, separated by commas, the first grid is written to OUT.npz, the others to OUT-METHOD.npz.
 
     \b
     Example:
@@ -61,7 +63,7 @@ def command(
     for name in methods:
         if name not in METHODS:
             raise InvalidInput(f"--method has {name!r}, allowed: {', '.join(METHODS)}; several separated by commas")
-        # If there are several methods, only those of the paper get the threshold.
+        # If there are several methods, the threshold is passed only to the paper's methods.
         check_method(name, threshold if METHODS[name] is not None or len(methods) == 1 else None)
     recorded = open_scan(scan, step, missing_ok=keep_going)
     calibrated = calibration_for(scan, calibration)

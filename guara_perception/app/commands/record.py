@@ -34,7 +34,7 @@ OPTIONS_OF = {
 @board_options
 @NOT_MIRRORED
 @click.option("--crosses", type=FILE, help="JSON file with points_in_footprint: measured [x, y] of each cross [m]")
-@click.option("--printed-150", type=float, default=RULER_MM, help="reading of the ruler [mm]")
+@click.option("--printed-150", type=float, default=RULER_MM, help="measured length of the printed 150 mm ruler [mm]")
 @click.option("--stance", type=FILE, help="JSON file with the stance; default: the scan posture")
 @click.option(
     "--redo",
@@ -65,9 +65,9 @@ def command(
 ) -> None:
     """Record a calibration SESSION (exposure, board, floor, crosses, plates, in this order), and calibrate from it.
 
-    A page in the browser shows what the camera sees and what to do. After an interruption, the same command continues
-    where it stopped. With --redo, options that are not given keep their earlier values. The other commands use the
-    resulting SESSION/calibration.json and SESSION/devices.toml.
+    A page in the browser shows the camera image and what to do. Run the same command again to continue an interrupted
+    session. With --redo, options that are not given keep their earlier values. The other commands use the resulting
+    SESSION/calibration.json and SESSION/devices.toml.
 
     \b
     Example:

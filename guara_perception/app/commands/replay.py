@@ -15,7 +15,7 @@ from guara_perception.exceptions import InvalidInput
 
 @click.command(name="replay")
 @click.argument("scans", nargs=-1, required=True, metavar="SCAN...", type=FILE)
-@click.option("-c", "--calibration", type=FILE, help="calibration.json; default: that of the scan")
+@click.option("-c", "--calibration", type=FILE, help="calibration.json; default: that of the first scan")
 @click.option("--extent", default="footprint,map", help="grids to save or publish: footprint, map or both")
 @click.option("-o", "--out", type=FILE, help="folder for a grid file of each pause and extent")
 @click.option("--publish", is_flag=True, help="publish over Zenoh like a node, with the current time as stamp")
@@ -24,7 +24,7 @@ from guara_perception.exceptions import InvalidInput
 @click.option("--connect", help="use an external Zenoh router instead of being one")
 @click.option("--security", type=FILE, help="folder made by `guara security init`")
 @method_options
-@click.option("--robot", help="name or folder of the robot; default: that of the scans")
+@click.option("--robot", help="name or folder of the robot; default: that of the first scan")
 def command(
     scans: tuple[Path, ...],
     calibration: Path | None,
@@ -41,7 +41,7 @@ def command(
 ) -> None:
     """Replay recorded SCANs (folders or .mcap) in the order given, with fusion over pauses.
 
-    If the step of a scan is not higher than that of the previous scan, another walk with a new map begins. Scans whose
+    If the step of a scan is not higher than that of the previous scan, a new walk with a new map begins. Scans whose
     grids were withdrawn by the node are skipped.
 
     \b

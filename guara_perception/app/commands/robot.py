@@ -1,4 +1,4 @@
-"""`guara robot`: create and check a robot folder, accept the robot's device, and install its node as a service."""
+"""`guara robot`: create and check a robot folder, test its rangefinder, and install its node as a service."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from guara_perception.app.options import FILE
 
 @click.group(name="robot")
 def command() -> None:
-    """Create and check a robot folder, accept the robot's device, and install its node as a service.
+    """Create and check a robot folder, test the rangefinder, and install the node as a service.
 
     \b
     Example:
@@ -32,7 +32,7 @@ command.add_command(service.command)
 @click.option("--name", help="name of the robot; default: that of the folder")
 @click.option("--height", type=click.FloatRange(0.02, 5.0), help="height of the hips above the soles in a scan [m]")
 def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
-    """Write robot.toml, URDF, SRDF and README for a robot, from its URDF alone.
+    """Create a robot folder (robot.toml, URDF, SRDF, README) from a URDF.
 
     Legs, feet, soles, postures, camera and laser mounts, scan pattern and limits are proposed, each with its reason.
     Values that were not measured are listed in the table [assumed] of robot.toml.
@@ -72,7 +72,7 @@ def check(
 ) -> None:
     """Report everything that is wrong or doubtful in a robot folder (or a robot by name).
 
-    Exit 0: sound; 1: something is wrong; 2: the folder cannot be used. Notes do not count.
+    Exit 0: sound; 1: something is wrong; 2: the folder cannot be used. Notes do not affect the exit code.
 
     \b
     Example:

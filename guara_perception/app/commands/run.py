@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 
 from guara_perception.exceptions import FileFormatError, InvalidInput
 
-# JPEG of this quality shifts stripes by 0.035 px rms and takes a ninth of the disk space (640 x 512 px, simulated).
+# Frames as JPEG of this quality take a ninth of the disk space, and shift stripes by 0.035 px rms (640 x 512 px,
+# simulated).
 JPEG_QUALITY = 90
 
 
@@ -42,7 +43,7 @@ JPEG_QUALITY = 90
     default="wave",
     help="with --simulated: external = your own gait moves the robot by the stance pauses that it announces",
 )
-@click.option("--world", default="demo", help="with --simulated: terrain and light: demo, sunlit, or a world file")
+@click.option("--world", default="demo", help="with --simulated: terrain and light, as demo, sunlit, or a world file")
 @click.option(
     "--record",
     type=FILE,
@@ -79,7 +80,7 @@ JPEG_QUALITY = 90
     type=click.IntRange(0, 100),
     default=JPEG_QUALITY,
     hidden=True,
-    help="quality of recorded frames; 0: lossless, nine times the size",
+    help="quality of recorded frames; 0: lossless, frames nine times as large",
 )
 @earlier_option("--lossless", "jpeg", "--jpeg 0", constant=0)
 @click.option("--metrics", type=click.IntRange(1, 65535), hidden=True, help="local port for OpenMetrics, such as 9464")
@@ -95,7 +96,9 @@ JPEG_QUALITY = 90
 )
 @click.option("--domain", type=click.IntRange(0, 232), default=0, hidden=True, help="ROS 2 domain")
 @click.option("--connect", hidden=True, help="use an external Zenoh router instead of being one")
-@click.option("--uplink", hidden=True, help="also connect to another router; planner and gait stay on this one")
+@click.option(
+    "--uplink", hidden=True, help="also connect to another router; planner and gait stay connected to this node"
+)
 @click.option("--allow-insecure", is_flag=True, hidden=True, help="listen beyond this machine without security")
 @click.pass_context
 def command(
@@ -127,8 +130,8 @@ def command(
 ) -> None:
     """Scan and publish at each stance pause that the gait announces, until Ctrl-C; print one line per scan.
 
-    Set camera and trigger in devices.toml. In node.toml, set any option listed here and those that are set once for a
-    robot: size and quality of recordings, routers, ROS 2 domain and TF, a fixed threshold.
+    Camera and trigger are set in devices.toml. Any option can be set in node.toml, also those that are not listed here:
+    size and quality of recordings, routers, ROS 2 domain and TF, a fixed threshold.
 
     \b
     Example:
@@ -285,7 +288,7 @@ def command(
 
 
 def _check(mistakes: list[str], chosen: DeviceOptions, simulated: bool, security: Path | None) -> None:
-    """Report that the configuration is sound, or raise one error with all mistakes in it.
+    """Report that the configuration is sound, or raise one error that lists all mistakes.
 
     Raises:
         FileFormatError: the configuration has mistakes.
@@ -303,7 +306,7 @@ def _say_as_json(text: str) -> None:
 
 
 def _report_scan(say: Callable[[str], None], terrain: TerrainGrid) -> None:
-    """Report a scan in one line, to the service manager too. A closed pipe (`| head`) does not stop the node."""
+    """Report a scan in one line, also to the service manager. A closed pipe (`| head`) does not stop the node."""
     from guara_perception.app.service import notify
     from guara_perception.app.summary import summary
 

@@ -25,7 +25,12 @@ def command() -> None:
 @command.command(name="init")
 @click.argument("folder", type=FILE)
 @click.option("--robot", "robots", multiple=True, default=["guara"], help="instance name; repeatable")
-@click.option("--host", "hosts", multiple=True, help="name or address by which clients reach the node; repeatable")
+@click.option(
+    "--host",
+    "hosts",
+    multiple=True,
+    help="name or address by which clients reach the node; repeatable; with several robots: one for each, in order",
+)
 def init(folder: Path, robots: tuple[str, ...], hosts: tuple[str, ...]) -> None:
     """Create a CA and one folder per role (node, gait, planner, viewer) in the new FOLDER.
 
@@ -40,7 +45,7 @@ def init(folder: Path, robots: tuple[str, ...], hosts: tuple[str, ...]) -> None:
 
     made = init_security(folder, robot=robots, hosts=hosts)
     folders = "ca, node, gait, planner, viewer" if len(robots) == 1 else f"ca, {', '.join(robots)}"
-    click.echo(f"{made}: {folders}; give each machine only its own folder, keep ca safe")
+    click.echo(f"{made}: {folders}; give each machine only its own folder, and keep ca secret")
 
 
 @command.command(name="robot")
@@ -89,7 +94,7 @@ def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> 
     if fresh:
         click.echo(f"added to {folder}, with a folder per role: {', '.join(fresh)}")
     others = f" and the folder of {uplink}" if uplink else ""
-    click.echo(f"copy the node folder of each of these robots{others} to their machines again and restart them")
+    click.echo(f"copy the node folder of each of these robots{others} to its machine again and restart what runs there")
 
 
 @command.command(name="check")
@@ -97,9 +102,9 @@ def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> 
 @click.option("--robot", help="instance name of the robot; default: all robots of the folder")
 @click.pass_context
 def check(context: click.Context, folder: Path, robot: str | None) -> None:
-    """Connect to each node and router in each role, and print the rights of the role.
+    """Start each node and router on this machine, connect to it in each role, and print the rights of the role.
 
-    Exits with 1 if the rights differ from the rules.
+    Running nodes are not affected. Exits with 1 if the rights differ from the rules.
 
     \b
     Example:
@@ -152,8 +157,8 @@ def renew(folder: Path, names: tuple[str, ...]) -> None:
 def add(folder: Path, name: str, role: str) -> None:
     """Add the member NAME with the rights of a role, such as a second planner.
 
-    In a folder with several robots, NAME has the form ROBOT.NAME. The role `fleet` does not belong to a robot: through
-    the routers, it may see which robots are running, and their status.
+    In a folder with several robots, NAME has the form ROBOT.NAME. The role `fleet` does not belong to a robot. Through
+    the routers, its members see which robots are running, and their status.
 
     \b
     Example:

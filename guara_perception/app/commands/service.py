@@ -20,7 +20,7 @@ def unit_options(command: Callable[..., Any]) -> Callable[..., Any]:
     for option in (
         click.option("--node", type=FILE, default=NODE, help="node.toml of the node"),
         click.option("--name", default="guara", help="name of the service"),
-        click.option("--user", default="guara", help="user account of the node"),
+        click.option("--user", default="guara", help="user account that runs the node"),
     ):
         command = option(command)
     return command
@@ -53,10 +53,10 @@ def print_unit(node: Path, name: str, user: str) -> None:
 
 @command.command(name="install")
 @unit_options
-@click.option("--units", type=FILE, default=UNITS, help="folder of systemd's units")
+@click.option("--units", type=FILE, default=UNITS, help="folder of the systemd units")
 @click.option("--force", is_flag=True, help="replace an existing unit")
 def install(node: Path, name: str, user: str, units: Path, force: bool) -> None:
-    """Write the unit, and print the commands that start it.
+    """Write the unit, and print the commands to run next.
 
     \b
     Example:

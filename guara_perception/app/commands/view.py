@@ -28,10 +28,12 @@ TELLING = 1.0
     "-c",
     "--calibration",
     type=FILE,
-    help="calibration for processing the scans of FILE; default: that of the recording",
+    help="calibration for processing scans; default: that of the recording; required for a scan folder",
 )
 @click.option("--robot", default="guara", help="name or folder of the robot")
-@click.option("--connect", "endpoint", help="live: where the node listens; default: tcp/127.0.0.1:7447")
+@click.option(
+    "--connect", "endpoint", help="live: endpoint of node or router; default: that of --security, or tcp/127.0.0.1:7447"
+)
 @click.option("--name", default="guara", help="live: instance name of the robot")
 @earlier_option("--instance", "name", "--name")
 @click.option("--security", type=FILE, help="live: folder of a role made by `guara security init`")
@@ -49,11 +51,11 @@ def command(
     rerun: bool = False,
     save: Path | None = None,
 ) -> None:
-    """Show a walk in a browser: robot, terrain, stripes, obstacles, planned footholds, camera; Ctrl-C ends it.
+    """Show a walk in a browser: robot, terrain, stripes, obstacles, planned footholds, camera.
 
     FILE is a grid (.npz), a recording (.mcap) or a scan folder. Without FILE, the data of a running node are shown.
-    Click a cell to see what is known about it. The page is served to this machine only. With --rerun, the recording
-    opens as one scene in the Rerun viewer.
+    Click a cell to see what is known about it. The page is served to this machine only, until Ctrl-C. With --rerun,
+    the recording opens as one scene in the Rerun viewer.
 
     \b
     Example:
@@ -113,9 +115,9 @@ def show_live(
     address: str,
     tell: Callable[[str, bool], None] = lambda text, is_stale: None,
 ) -> None:
-    """Show every new pause until stopped; if nothing is shown after some seconds, print the reason.
+    """Show every new pause until stopped; if nothing has been shown after `SILENCE`, print the reason.
 
-    `tell` is called once a second with a status line of the newest grid, and True if that grid is stale.
+    `tell` is called once a second with the result of `LiveMoments.state`.
     """
     from guara_perception.app.live_moments import LiveMoments
 

@@ -27,7 +27,7 @@ class CheckedFoothold:
         step: step of the pause at which the foothold was chosen.
         leg: name of the leg that steps there.
         is_hind: True for a hind leg.
-        is_scanned: True if a scan observed the cell; otherwise the gait declared the ground, or a foot stood on it.
+        is_scanned: True if a scan observed the cell; False for ground known only from the gait or from foot contacts.
         is_hazard: True if the cell has a hazard in the published map or is outside the map.
         is_swing_refused: True if `check_path` rejects the swing to the foothold on the published map.
         height_error: elevation of the map minus the true height [m]; NaN where unknown.
@@ -48,8 +48,8 @@ class DemoCheck:
 
     Attributes:
         footholds: all chosen footholds.
-        errors: |elevation - truth| of every known cell of every scan [m].
-        unknown_called_safe: number of unknown cells marked traversable; must stay 0.
+        errors: |elevation - truth| of the known cells of each scan, one array per pause [m].
+        unknown_called_safe: number of unknown cells marked traversable; must be 0.
         grids_published: number of single-scan grids published by the node.
         grids_received: number of single-scan grids received by the planner.
     """
@@ -61,7 +61,7 @@ class DemoCheck:
     grids_received: int = 0
 
     def add_grids(self, world: World, pause: WalkPause, *grids: TerrainGrid) -> float:
-        """Add the grids of a pause; return the median height error of the first grid [m], NaN if no cell is known."""
+        """Add the grids of a pause; return the median error of the first grid [m], NaN if no cell is known."""
         for grid in grids:
             unknown = (np.asarray(grid.hazard) & UNKNOWN_MASK) != 0
             self.unknown_called_safe += int(np.count_nonzero(unknown & (np.asarray(grid.traversability) > 0)))

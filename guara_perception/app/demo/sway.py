@@ -25,13 +25,13 @@ from kinematics import BodyTrack, RobotModel, Stance, load_robot
 
 # [s] Interval between the stripes; largest error of a flash's time; duration of the stream before and after the scan.
 STRIPE_PERIOD, INSTANT_ERROR, AROUND = 0.035, 0.001, 0.3
-# [1/s] Sampling rates of the joint stream. With NO_STREAM, joints are simulated at STREAM_HZ, but for BEGIN only.
+# [1/s] Sampling rates of the joint stream. With NO_STREAM, only the stance at BEGIN is used.
 NO_STREAM, STREAM_HZ = 0.0, 200.0
 # Amplitude of the shift [m] and frequency [1/s] of the demo's sway.
 SHIFT, FREQUENCY = 0.005, 1.0
 # Height error above which a free cell counts as wrong [m].
 WRONG_M = 0.005
-# Smallest ratio of the numbers of known cells with a stream and in the still scan; size of the camera images [px].
+# Required number of known cells with a stream, relative to that of the still scan; size of the camera images [px].
 KEPT, SIZE = 0.9, (640, 512)
 
 

@@ -58,7 +58,7 @@ class DemoPause:
         pause: true state of the robot in the simulation.
         terrain: grid of the scan, received by a client.
         fused: grid of the map, received by a client.
-        foothold: foothold of the next leg; None if the foot stays where it is or the walk ends here.
+        foothold: foothold of the next leg; None if the foot stays, the planner found none, or the walk ends here.
         answer: reply of the planner.
         error: median height error of the scan [m].
     """
@@ -98,6 +98,7 @@ def demo_walk(
 
     Raises:
         PlannerFailed: the planner process ended, or did not connect or answer in time.
+        transport.ReceiveTimeout: a grid did not arrive in time.
         WalkEnded: the planner found no foothold.
         MissingFile, FileFormatError: the world does not exist or is not valid.
         InvalidInput: `is_course` with a world without features.

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 Extent = tuple[float, float, float, float]
 SIZE = (9.6, 6.4)
-# Colour of the hatching by cause of unknown cells. Colour-blind readers can distinguish all of them from grey heights.
+# Colour of the hatching and text of the legend, by cause of unknown cells. Colour-blind readers can distinguish all
+# colours from grey heights.
 CAUSES = {
     Hazard.DROPOUT: ("#d55e00", "no return (dark or hole)"),
     Hazard.OCCLUDED: ("#56b4e9", "hidden from camera or laser"),

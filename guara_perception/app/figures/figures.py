@@ -90,6 +90,8 @@ def median_stripe_frame(scan: Scan) -> Grey:
 def stripes_together(scan: Scan) -> Grey:
     """Maximum of all readable laser-on frames at each pixel, which shows all stripes in one image.
 
+    Frames of another size than the first are skipped.
+
     Raises:
         FileFormatError: no laser-on frame can be read.
     """

@@ -41,7 +41,7 @@ def open_session(folder: str | Path, square: float | None = None) -> Calibration
         raise MissingFile(f"{folder}: no such folder; a calibration session is a folder with {SESSION_FILE}")
     if not (folder / SESSION_FILE).is_file():
         kind = "; this is the folder of a single scan" if (folder / SCAN_FILE).is_file() else ""
-        raise MissingFile(f"{folder}: contains no {SESSION_FILE}, so it is no calibration session{kind}")
+        raise MissingFile(f"{folder}: contains no {SESSION_FILE}, so it is not a calibration session{kind}")
     fields = read_json(folder / SESSION_FILE)
     fields.text("format", (FORMAT,))
     with errors_as(FileFormatError, folder / SESSION_FILE, KinematicsError):

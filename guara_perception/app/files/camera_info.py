@@ -33,6 +33,7 @@ def write_camera_info(camera: CameraModel, path: str | Path) -> Path:
 
     Raises:
         MissingFile: the folder does not exist.
+        InvalidInput: `path` is a folder.
     """
     from ruamel.yaml import YAML
 
@@ -77,7 +78,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     try:
         # Files are normally smaller than 1 kB; YAML's aliases can expand a small file into a large object.
         text = read_bounded(path, 64 * 1024).decode()
-        # OpenCV writes a directive and tags that no other YAML reader accepts.
+        # OpenCV writes a directive and tags that other YAML readers reject.
         text = re.sub(r"\A%YAML:1\.0\s*\n", "", text).replace("!!opencv-matrix", "")
         content = YAML(typ="safe").load(text)
     except (YAMLError, ValueError, RecursionError) as error:

@@ -32,7 +32,8 @@ def convert(
 
     Raises:
         InvalidInput: the target exists, source and target are of the same kind, the recording contains no scan of
-            `step`, or a scan folder cannot represent the scan because its grid was withdrawn or it has a joint stream.
+            `step`, or several scans while `step` is None, or a scan folder cannot represent the scan because its grid
+            was withdrawn or it has a joint stream.
         MissingFile, FileFormatError: the source cannot be read.
     """
     source, target = Path(source), Path(target)
@@ -86,8 +87,7 @@ def _write_folder(scan: Scan, calibration: Calibration | None, target: Path, pro
     scan.refuse_withdrawn()
     if scan.read_track is not None:
         raise InvalidInput(
-            f"{scan.source}: the scan has a joint stream, which gives the body's pose at each flash and does not fit "
-            "into a scan folder: use the recording"
+            f"{scan.source}: the scan has a joint stream, which a scan folder cannot contain: use the recording"
         )
     with ScanFolderWriter(target) as writer:
         reader = FrameReader(scan)

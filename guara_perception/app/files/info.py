@@ -26,6 +26,7 @@ def describe_file(path: str | Path) -> dict[str, Any]:
         MissingFile: the path does not exist.
         InvalidInput: the file or folder is of another kind, or a robot folder cannot be loaded.
         FileFormatError: the file is damaged; the message names the field.
+        UnsafeGrid: a recorded grid violates the safety invariant.
     """
     path = Path(path)
     if not path.exists():

@@ -23,7 +23,7 @@ class PicturePair:
     """Images of one stripe.
 
     Attributes:
-        number: number in the file name that gives the order.
+        number: number in the file name by which the images are sorted.
         on: laser-on image.
         off: laser-off image, which several stripes may share, or None.
     """
@@ -44,7 +44,7 @@ def picture_files(given: Sequence[Path]) -> list[Path]:
     for path in given:
         inside = sorted(p for p in path.iterdir() if p.suffix.lower() in SUFFIXES) if path.is_dir() else [path]
         if not inside or not all(picture.is_file() for picture in inside):
-            raise MissingFile(f"{path}: {'no picture in it' if path.is_dir() else 'no such picture'}")
+            raise MissingFile(f"{path}: {'contains no picture' if path.is_dir() else 'no such picture'}")
         found += inside
     twice = [path for path, count in Counter(found).items() if count > 1]
     if twice:
@@ -60,16 +60,17 @@ def pair_pictures(pictures: Sequence[Path], off: str = "", number: int | None = 
     Args:
         pictures: all images, in any order.
         off: shell pattern of the names of laser-off images; empty = names with a word such as off or dark.
-        number: position of the number in the names that gives the order (1 = first, -1 = last); None = any position, if
-            the order is unambiguous.
+        number: which of the numbers in a name gives the order (1 = first, -1 = last); None = any, if the order is
+            unambiguous.
 
     Raises:
-        InvalidInput: the order is ambiguous, or an image has no partner; the message names the images.
+        InvalidInput: there is no laser-on image, `number` is out of range, the order is ambiguous, or images have no
+            partner.
     """
     dark = [path for path in pictures if (fnmatch(path.name, off) if off else _is_off(path))]
     lit = [path for path in pictures if path not in dark]
     if not lit:
-        raise InvalidInput(f"all {len(pictures)} pictures are without the laser by their names: give --off PATTERN")
+        raise InvalidInput(f"the names mark all {len(pictures)} pictures as laser-off: give --off PATTERN")
     orders = _orders(lit, number)
     if len(dark) <= 1:
         shared = dark[0] if dark else None
@@ -104,34 +105,36 @@ def _has(order: dict[int, Path], path: Path, place: int) -> bool:
 
 
 def _orders(pictures: Sequence[Path], number: int | None) -> dict[int, dict[int, Path]]:
-    """Sort images by number, for each position in the names at which all numbers differ.
+    """Sort images by number, for each position in the names (or the given one) at which all numbers differ.
 
     Returns:
-        Images by number, by position. All positions give the same order.
+        Images by number, for each position. All positions give the same order.
 
     Raises:
-        InvalidInput: the names have different counts of numbers, or the order is ambiguous.
+        InvalidInput: the names have no or different counts of numbers, `number` is out of range, or the order is
+            ambiguous.
     """
     counts = Counter(len(numbers_of(path)) for path in pictures)
     usual = counts.most_common(1)[0][0]
     odd = [path for path in pictures if len(numbers_of(path)) != usual]
     if odd or not usual:
         raise InvalidInput(
-            f"the order of the pictures is not clear: {names_of(odd or pictures)} "
-            f"{f'do not have {usual} numbers in the name like the others' if usual else 'have no number in the name'}"
+            f"the order of the pictures is not clear: "
+            f"{f'names without {usual} numbers, unlike the others' if usual else 'names without a number'}: "
+            f"{names_of(odd or pictures)}"
         )
     places = list(range(usual))
     if number is not None:
         if not 1 <= abs(number) <= usual:
-            raise InvalidInput(f"--number is {number}, allowed: 1 ... {usual} or -1 ... -{usual}: names have {usual}")
+            raise InvalidInput(f"--number is {number}; allowed: 1 ... {usual} or -1 ... -{usual}, as in the names")
         places = [number - 1 if number > 0 else usual + number]
     by_place = {place: {numbers_of(path)[place]: path for path in pictures} for place in places}
     orders = {place: order for place, order in by_place.items() if len(order) == len(pictures)}
     if not orders:
         order = by_place[places[-1]]
         raise InvalidInput(
-            f"the order of the pictures is not clear: {names_of([p for p in pictures if p not in order.values()])} "
-            "have the number of another picture"
+            f"the order of the pictures is not clear: the number of another picture is in "
+            f"{names_of([p for p in pictures if p not in order.values()])}"
         )
     if len({tuple(path for _, path in sorted(order.items())) for order in orders.values()}) > 1:
         listed = ", ".join(str(place + 1) for place in orders)

@@ -1,4 +1,4 @@
-"""Access to the scans, grids and stance pauses of a recording, and to a single grid of any file."""
+"""Access to the scans, grids and stance pauses of a recording, and to one grid of a recording or grid file."""
 
 from __future__ import annotations
 

@@ -15,7 +15,8 @@ from transport.exceptions import RecordingError, os_errors
 SUFFIX = ".mcap"
 # [byte] Size at which the next file of a folder is started: 12 minutes of JPEG frames, 100 s of lossless frames.
 FILE_SIZE = 1_000_000_000
-# With a limit, a file takes at most a fifth of the limit, so that finished files remain when the oldest is removed.
+# With a limit, the next file is started at a fifth of the limit at the latest, so that finished files remain when the
+# oldest is removed.
 FILES_IN_LIMIT = 5
 # [byte] Smallest limit. A fifth of it has room for the lossless frames of a pause (39 MB), so this limit can be kept.
 LEAST_LIMIT = 200_000_000
@@ -78,7 +79,9 @@ class RecordingFiles:
         return self._folder / f"{self._stem}-{max(numbers) + 1}{SUFFIX}"
 
     def make_room(self) -> None:
-        """Remove the oldest finished files until there is room for a full file and a pause that exceeds its size.
+        """Remove the oldest finished files until the limit has room for two more files.
+
+        The second is a reserve, since a file exceeds its size by up to one pause.
 
         Raises:
             RecordingError: a file cannot be removed.
@@ -132,7 +135,7 @@ def read_limit(text: str, path: Path | None) -> int:
         path: file or folder to record to, or None.
 
     Raises:
-        InvalidInput: the text is not a size, the size is too small, or `path` is not a folder.
+        InvalidInput: the text is not a size, the size is too small, or `path` is None or a file.
     """
     match = SIZE.fullmatch(text.strip())
     limit = int(Fraction(match[1]) * UNITS[match[2].upper()]) if match else 0

@@ -130,7 +130,7 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
         if self.folder.exists():
             raise InvalidInput(f"{self.folder} exists; give another name, or remove it first")
         if not self.folder.parent.is_dir():
-            raise InvalidInput(f"{self.folder}: the folder {self.folder.parent} does not exist, create it first")
+            raise InvalidInput(f"{self.folder}: the folder {self.folder.parent} does not exist; create it first")
         self._staging = Path(tempfile.mkdtemp(prefix=f".{self.folder.name}-", dir=self.folder.parent))
         self._stripes: list[dict[str, object]] = []
         self._offs: dict[object, str] = {}

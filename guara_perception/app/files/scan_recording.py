@@ -35,13 +35,14 @@ def file_errors(before: str = "") -> Iterator[None]:
 
 
 def open_recorded_scans(path: str | Path) -> list[Scan]:
-    """Open the scans of a recording in recorded order, without scans that have no laser-on frame.
+    """Open the scans of a recording that have a laser-on frame, in recorded order.
 
     Frames are loaded on demand.
 
     Raises:
         MissingFile: the file does not exist.
-        FileFormatError: the file is not a recording, is truncated (then `guara recover` helps), or has an invalid scan.
+        FileFormatError: the file is not a recording, has an invalid scan, or is truncated (`guara recover` then makes
+            it readable).
     """
     path = existing_file(path)
     with file_errors():

@@ -2,7 +2,7 @@
 
 Joint readings alone cannot distinguish a robot that stood from one that was carried with stiff legs or turned on flat
 ground. The walk therefore continues only if the gait reports which feet have not left the ground, and joints, gravity,
-the first scan and its laser-off image all fit.
+the first scan and its laser-off image all fit the stored state.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ class Claim:
         """Read a file written by `write`.
 
         Raises:
-            FileFormatError: the file is damaged, too long, of another version, or of another seal.
+            FileFormatError: the file is damaged, too long, of another version, or written under another seal.
         """
         head, _, body = read_bounded(path, LARGEST_JOURNAL).partition(b"\n")
         kind, _, digest = head.decode(errors="replace").partition(" ")
@@ -223,7 +223,9 @@ class Claim:
         if shared.sum() < LEAST_SHARED * known.sum() or not shared.any():
             return f"the map knows {shared.sum()} of the {known.sum()} cells of the first scan"
         wrong = float(np.mean(off[shared] > SCAN_M + SCAN_SIGMAS * np.sqrt(variance[shared])))
-        return f"the first scan contradicts {100 * wrong:.0f} % of its ground" if wrong > MOST_CONTRADICTING else ""
+        return (
+            f"the first scan contradicts {100 * wrong:.0f} % of the shared cells" if wrong > MOST_CONTRADICTING else ""
+        )
 
 
 def _heights_changed(before: OdometryPose, now: OdometryPose, robot: RobotModel) -> float:

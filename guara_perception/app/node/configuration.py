@@ -1,4 +1,4 @@
-"""Configuration of a node: check of all its files before the start, and monitor of changes while the node runs."""
+"""Configuration of a node: check of its files before the start, and monitor of changes while the node runs."""
 
 from __future__ import annotations
 
@@ -20,11 +20,13 @@ EXPECTED = (PerceptionError, KinematicsError, TransportError, OSError)
 
 
 def mistakes_of(chosen: DeviceOptions, *, simulated: bool, security: Path | None) -> list[str]:
-    """Find all mistakes in the configuration of a node without opening a device.
+    """Find the mistakes in robot, calibration, devices.toml and security folder without opening a device.
+
+    Parts that do not fit together are reported only if each part is valid.
 
     Args:
         chosen: robot, calibration and devices.
-        simulated: True for simulated devices.
+        simulated: True for a simulated robot and devices.
         security: folder of the node's role, or None.
     """
     parts: tuple[tuple[Any, Callable[[str], object]], ...] = (

@@ -10,10 +10,10 @@ from guara_perception.terrain.map.known_ground import KnownGround
 from transport import StancePause
 
 FRAME = "base_footprint"
-# Largest number of patches: twice as many as two for each of four feet.
+# Largest number of patches: four for each of four feet.
 MAXIMUM_PATCHES = 16
 MAXIMUM_CORNERS = 16
-# [m] Largest coordinate of a corner, far beyond any stride; ground outside the map is clipped.
+# [m] Largest absolute coordinate of a corner, far beyond any stride. Ground outside the map is clipped.
 FURTHEST = 20.0
 # [m] Largest sigma of known ground.
 LARGEST_SIGMA = 0.1

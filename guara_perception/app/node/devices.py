@@ -1,4 +1,4 @@
-"""Creation of the real or simulated devices of a command that scans."""
+"""Robot and devices, real or simulated, of a command that scans."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 # Keys and prefixes of keys of robot.toml on which footholds depend. The mounts of camera and laser are not among them,
 # because the calibration overrides them.
 SAFETY_KEYS = ("sole", "legs.", "traversability.", "heights.")
-NO_CALIBRATION = "no calibration: give -c calibration.json (`guara calibrate` makes it)"
+NO_CALIBRATION = "no calibration: give -c calibration.json, as written by `guara calibrate`"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,8 +71,8 @@ def choose_rig(
         world: name or file of the simulated world.
 
     Raises:
-        InvalidInput: there is neither a calibration nor a simulation, a simulation has devices.toml, or safety-related
-            values of a real robot are assumed.
+        InvalidInput: a calibration is required but not given, `simulated` is combined with devices.toml, safety-related
+            values of a real robot are assumed, or a device cannot be created (see `rangefinder_of`).
         CalibrationMismatch: devices and calibration belong to different cameras.
         MissingFile, FileFormatError: calibration, devices.toml or world cannot be read.
         kinematics.KinematicsError: the robot cannot be loaded.
@@ -118,7 +118,9 @@ def _refuse_assumed(robot: RobotModel) -> None:
 
 
 def rangefinder_of(devices: Devices, *, free: bool = False) -> Rangefinder:
-    """Create the rangefinder described by devices.toml without opening it. Opening will lock the camera's settings.
+    """Create the rangefinder described by devices.toml without opening it.
+
+    When it is opened, the camera is locked to the given settings, if any.
 
     Args:
         devices: contents of devices.toml.

@@ -36,7 +36,7 @@ class Journal:
     file.
 
     Attributes:
-        claims: claims found in the files at the start, newest first; empty once they are rejected or a pause is kept.
+        claims: claims found in the files at the start, newest first; empty once they are rejected or a pause is confirmed.
     """
 
     def __init__(self, folder: Path, robot: RobotModel, seal: Seal) -> None:
@@ -82,7 +82,7 @@ class Journal:
         self._thread.join(CLOSE_S)
 
     def write(self, claim: Claim | None) -> None:
-        """Queue a claim, if any, for the temporary file without blocking. It replaces a claim that is still waiting."""
+        """Queue a claim for the temporary file without blocking. It replaces a waiting claim; None only removes it."""
         with self._has_news:
             self._last = self._next = claim
             self._has_news.notify_all()

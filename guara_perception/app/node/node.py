@@ -58,9 +58,9 @@ SCAN_THREAD = "guara-scans"
 # [s] A scan thread that works this long without reaching the next stripe counts as hung. Drivers take up to 15 s to
 # give up on a disconnected camera.
 HANG_TIME_S = 30.0
-# Epoch assigned to an unusable pause if a gait without epochs restarted its step count there.
+# Epoch of an unusable pause at which a gait without epochs restarted its step count.
 UNKNOWN_WALK = "unknown"
-# Longest wait of the scan thread for work [s].
+# Longest uninterrupted wait of the scan thread during a pause [s].
 LONGEST_WAIT_S = 3600.0
 EXPECTED = (PerceptionError, KinematicsError, TransportError)
 
@@ -150,13 +150,13 @@ class PerceptionNode:
         server.serve_scans(self._serve, admission=self._admit)
 
     def __enter__(self) -> Self:
-        """Start."""
+        """Start the scan thread."""
         follow(self._end_unknown)
         self._thread.start()
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Close."""
+        """Close the node."""
         self.close()
 
     def on_pause(self, announcement: StancePause) -> None:
@@ -196,7 +196,7 @@ class PerceptionNode:
             self._server.end_step()
 
     def on_stream(self, batch: StanceStream) -> None:
-        """Handle a batch of joint samples without blocking: update the stream's status, and record a usable batch."""
+        """Handle a batch of joint samples without blocking: add it to the stream, and record it if it is usable."""
         self._report_stream()
         if self._stream.add(batch) and self._recorder is not None:
             self._recorder.add_stream(batch)

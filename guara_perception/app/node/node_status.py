@@ -27,7 +27,7 @@ VERDICTS = {"good": Health.OK, "usable": Health.OK, "unknown": Health.WARN, "ref
 
 
 class NodeStatus:
-    """Thread-safe collection of the node's status items, filled by the scan thread and read by the status thread."""
+    """Thread-safe collection of the node's status items, filled by the node's threads and read by the status thread."""
 
     def __init__(self, calibration: Calibration | None = None) -> None:
         """Create the items before the first scan.
@@ -89,7 +89,7 @@ class NodeStatus:
         self.on_scan(terrain)
 
     def confirmed(self, step: int) -> None:
-        """Report that the last grid is confirmed if it is of this step."""
+        """Report that the grid of a step is confirmed, if it is the newest grid."""
         with self._lock:
             scanner = self._items.get("scanner")
             if scanner is not None and scanner.values["step"] == str(step):
@@ -154,7 +154,7 @@ class NodeStatus:
                 self._items.pop(name, None)
 
     def follow(self, item: Callable[[], StatusItem]) -> None:
-        """Evaluate an item with every status; `item` must be quick."""
+        """Call `item` for every status, and add its result; the call must be quick."""
         with self._lock:
             self._followed.append(item)
 
@@ -169,7 +169,7 @@ class NodeStatus:
 
 
 def pause_item(pause: Pause | None, is_scanned: bool, gait_clock: tuple[float, float] | None = None) -> StatusItem:
-    """Status item of the phase of the walk, and of what has to happen for the next grid.
+    """Status item of the newest pause: state of the walk, and what the next grid requires.
 
     Args:
         pause: the newest pause; None before the first.

@@ -96,9 +96,10 @@ class Pause:
 
     @property
     def still_until(self) -> float:
-        """Instant until which the robot is known to have stood as at BEGIN; -inf while the clock is not known.
+        """Instant until which the robot is known to have stood as at BEGIN.
 
-        With a stream, this is the instant until which the pose of the body is known.
+        With a stream, this is the instant until which the pose of the body is known. It is -inf while the gait's clock
+        is not known or the stamp lies in the future.
         """
         stream = self.stream
         stamp, arrival = self._still if stream is None else stream.shown
@@ -239,6 +240,7 @@ def _check_plausible(robot: RobotModel, joint_positions: Mapping[str, float]) ->
     if impossible.size:
         first = impossible[0]
         raise StanceError(
-            f"{impossible.size} joints have impossible positions, {tree.joint_names[first]} {positions[first]:g} rad; "
+            f"joints at impossible positions: {impossible.size}, such as {tree.joint_names[first]} at "
+            f"{positions[first]:g} rad; "
             f"allowed: {lower[first]:.3g} ... {upper[first]:.3g} rad"
         )

@@ -32,7 +32,7 @@ from transport import TerrainMessage, clock
 from transport.server import PerceptionServer
 
 logger = logging.getLogger(__name__)
-# Number of recent scans whose longest time from last frame to published grid is assumed for the next scan.
+# Number of recent scans; the longest of their times from last frame to published grid is assumed for the next scan.
 TAILS = 5
 
 

@@ -101,8 +101,8 @@ def test_cameras_of_every_kind_are_made(own_camera: str):
     ("name", "reported"),
     [
         ("NotOne", "is not a drivers.Camera: derive the class from it"),
-        ("Missing", "cannot be made"),
-        ("WantsMore", "cannot be made"),
+        ("Missing", "cannot be created"),
+        ("WantsMore", "cannot be created"),
     ],
 )
 def test_classes_that_are_no_cameras_are_refused(own_camera: str, name: str, reported: str):
@@ -153,7 +153,7 @@ def test_classes_that_are_no_boards_are_refused(devices_toml: Path):
     text = devices_toml.read_text()
     for name, reported in (
         (f"{devices_toml.parents[1].name}_own:Neither", "is not a drivers.Board: derive the class from it"),
-        (f"{devices_toml.parents[1].name}_own:Absent", "cannot be made: .*no attribute 'Absent'"),
+        (f"{devices_toml.parents[1].name}_own:Absent", "cannot be created: .*no attribute 'Absent'"),
         (
             "nowhere_at_all:Arm",
             f"No module named 'nowhere_at_all': it is not on .*PYTHONPATH.* nor in {devices_toml.parent}",

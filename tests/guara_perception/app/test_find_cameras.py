@@ -80,7 +80,7 @@ def test_doctor_says_what_the_chosen_camera_proves() -> None:
 
 def test_a_webcam_cannot_be_triggered() -> None:
     finding = attempt(doctor.check_camera, Devices("/dev/video7", trigger="Line1"))
-    assert finding.level == doctor.FAIL and "cannot wait for one" in finding.message
+    assert finding.level == doctor.FAIL and "has no trigger input" in finding.message
 
 
 def test_a_triggered_camera_makes_the_board_sweep(tmp_path: Path) -> None:
@@ -123,7 +123,7 @@ def test_without_an_exposure_a_triggered_camera_gets_one() -> None:
 @pytest.mark.parametrize(
     ("devices", "expected_text"),
     [
-        (Devices("0", trigger="Line1"), "trigger is 'Line1', but camera '0' cannot wait for one"),
+        (Devices("0", trigger="Line1"), "trigger is 'Line1', but camera '0' has no trigger input"),
         (Devices("aravis", trigger="Line1", settings={"exposure": 0.5}), "is on while a triggered camera exposes"),
         (Devices("aravis", pixel_format="RGB8"), "pixel format is 'RGB8', allowed: Mono8"),
     ],

@@ -271,7 +271,7 @@ def test_a_live_view_of_another_robot_says_so(
     tapir = load_robot(root / "tests" / "robots" / "tapir")
     with LiveMoments(lambda moment: tapir.state(moment.joint_positions or {}), tapir, free_endpoint, robot="guara"):
         node.tell("publish 1")
-        assert eventually(lambda: "cannot show a grid that does not fit robot 'tapir' (--robot): " in caplog.text)
+        assert eventually(lambda: "cannot show a grid that does not match robot 'tapir' (--robot): " in caplog.text)
     assert "Traceback" not in caplog.text
 
 
@@ -290,7 +290,7 @@ def test_a_live_view_without_anything_to_show_says_what_it_waits_for(
     assert node.line() == "ready"
     for instance, expected_text in (
         ("guara", "name 'guara': no such node on this router; running here: rex (select one with --name)\n"),
-        ("rex", "waiting for the first grid of 'rex': its node is running but has sent none yet\n"),
+        ("rex", "waiting for the first grid of 'rex': its node is running but has sent no usable grid yet\n"),
     ):
         stop, said = threading.Event(), ""
         arguments = (lambda _: None, robot, free_endpoint, instance, None, stop, "http://127.0.0.1:1")

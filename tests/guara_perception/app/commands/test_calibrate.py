@@ -197,7 +197,7 @@ def test_no_session(tmp_path: Path) -> None:
     """A folder that is not there, and one without session.json, are said to be missing."""
     with pytest.raises(gp.MissingFile, match="no such folder; a calibration session is a folder with session.json"):
         open_session(tmp_path / "none")
-    with pytest.raises(gp.MissingFile, match="contains no session.json, so it is no calibration session"):
+    with pytest.raises(gp.MissingFile, match="contains no session.json, so it is not a calibration session"):
         open_session(tmp_path)
 
 

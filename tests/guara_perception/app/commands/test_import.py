@@ -55,10 +55,7 @@ def test_pairs_and_joints(guara, tmp_path: Path, robot: RobotModel):
     (tmp_path / "joints.csv").write_text(table)
     more = ["-o", tmp_path / "scan", "--joints", tmp_path / "joints.csv"]
     refused = guara("import", tmp_path / "p", *more)
-    assert (
-        refused.code == 2
-        and "69 pictures with the laser; number 13 is missing; allowed: 35 (coarse) or 70" in refused.err
-    )
+    assert refused.code == 2 and "69 laser-on pictures; numbers missing: 13; allowed: 35 (coarse) or 70" in refused.err
     assert guara("import", tmp_path / "p", *more, "--indices", "--preview").code == 0
     assert not (tmp_path / "scan").exists()
     assert guara("import", tmp_path / "p", *more, "--indices").code == 0
@@ -179,21 +176,21 @@ def with_options(*options: str) -> Callable[[Path], list[str]]:
 @pytest.mark.parametrize(
     ("make", "reason"),
     [
-        (duplicate, "the order of the pictures is not clear: a_1.png have the number of another picture"),
+        (duplicate, "the order of the pictures is not clear: the number of another picture is in a_1.png"),
         (two_orders, "numbers 1, 2 of names such as 1_9.png give different orders: give --number, 1 for the first"),
         (
             odd_name,
-            "the order of the pictures is not clear: extra.png do not have 1 numbers in the name like the others",
+            "the order of the pictures is not clear: names without 1 numbers, unlike the others: extra.png",
         ),
-        (unnumbered, "the order of the pictures is not clear: a.png, b.png have no number in the name"),
+        (unnumbered, "the order of the pictures is not clear: names without a number: a.png, b.png"),
         (alone, "pictures without a partner: off_3.png, on_2.png"),
         (sizes, "pictures of different sizes: 2.png 80x60 px, the others 64x48"),
-        (dark_only, "all 2 pictures are without the laser by their names: give --off PATTERN"),
+        (dark_only, "the names mark all 2 pictures as laser-off: give --off PATTERN"),
         (broken, "1.png: not a readable picture (1 bytes), it must be PNG, JPEG, BMP, TIFF or PGM"),
-        (lambda folder: [], "no picture in it"),
+        (lambda folder: [], "contains no picture"),
         (with_options("{}/0.png"), "pictures given twice: 0.png"),
         (with_options("{}/none.png"), "none.png: no such picture"),
-        (with_options("--mode", "standard"), "35 pictures with the laser; allowed: 70 (standard) of robot guara"),
+        (with_options("--mode", "standard"), "35 laser-on pictures; allowed: 70 (standard) of robot guara"),
         (with_options("--indices", "--mode", "coarse"), "--indices: 1.png, 11.png"),
         (with_options("--number", "2"), "--number is 2, allowed: 1 ... 1 or -1 ... -1"),
         (with_options("--posture", "sitting"), "unknown posture 'sitting'"),

@@ -204,7 +204,7 @@ def test_a_second_begin_of_a_gait_without_epochs_is_another_pause(bench: Bench) 
 
 @pytest.mark.parametrize(
     ("position", "expected_text"),
-    [(1e6, "is at 1e+06 rad, half a turn or more beyond its limits"), (3.0, "joints have impossible positions")],
+    [(1e6, "is at 1e+06 rad, half a turn or more beyond its limits"), (3.0, "joints at impossible positions")],
 )
 def test_joints_that_no_robot_can_have_are_refused(bench: Bench, position: float, expected_text: str) -> None:
     """At a million radians, or where no encoder is: reported in the status, not scanned, the next pause is served."""

@@ -92,7 +92,7 @@ def test_a_swaying_robot_with_a_stream_is_scanned_and_its_recording_gives_the_sa
         again = run_scan(scan, calibration, robot).finish()
         np.testing.assert_array_equal(again.elevation, live[scan.step].elevation)
         np.testing.assert_array_equal(again.hazard, live[scan.step].hazard)
-    with pytest.raises(gp.InvalidInput, match="does not fit into a scan folder"):
+    with pytest.raises(gp.InvalidInput, match="which a scan folder cannot contain"):
         convert(tmp_path / "w.mcap", tmp_path / "folder", step=0)
 
 
