@@ -36,7 +36,7 @@ class Journal:
     file.
 
     Attributes:
-        claims: claims found in the files at the start, newest first; empty once they are rejected or a pause is confirmed.
+        claims: claims found in the files at the start, newest first; empty once rejected or once a pause is confirmed.
     """
 
     def __init__(self, folder: Path, robot: RobotModel, seal: Seal) -> None:
