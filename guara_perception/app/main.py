@@ -43,7 +43,7 @@ GROUPS = {
         "info": "Describe a file or folder",
     },
     "Robots and sites": {
-        "robot": "Create, check and accept a robot; install its node as a service",
+        "robot": "Create, check and test a robot; install its node as a service",
         "security": "Create and check certificates and access rules",
     },
 }
@@ -159,7 +159,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; return its exit code. An error that is not expected is raised."""
+    """Run the command line; return its exit code. An unexpected error is raised."""
     for name, value in ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     given = sys.argv[1:] if arguments is None else list(arguments)

@@ -91,7 +91,7 @@ def command(
                 if seen == count:
                     break
         except KeyboardInterrupt:
-            click.echo(f"stopped after {seen} grids", err=True)
+            click.echo(f"stopped; grids received: {seen}", err=True)
 
 
 def list_robots(
@@ -118,7 +118,7 @@ def list_robots(
 def _row(state: RobotState) -> tuple[str, ...]:
     step = "-" if state.step is None else str(state.step)
     if state.standing is False:
-        step += " (moves)"
+        step += " (moving)"
     age = "-" if math.isnan(state.age) else f"{state.age:.1f} s"
     return state.robot, step, age, state.health.name.lower(), str(state.links)
 

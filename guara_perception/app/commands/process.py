@@ -22,8 +22,8 @@ from guara_perception.exceptions import InvalidInput
 )
 @click.option("--figures", type=FILE, help="folder for pictures of every stage")
 @click.option("--robot", help="name or folder of the robot; default: that of the scan")
-@click.option("--step", type=int, help="pause to process, if the recording has several")
-@click.option("--keep-going", is_flag=True, help="leave the ground of a bad or missing frame unknown")
+@click.option("--step", type=int, help="step of the pause to process, if the recording has several")
+@click.option("--keep-going", is_flag=True, help="leave the ground of bad or missing frames unknown instead of failing")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object per grid instead of text")
 def command(
     scan: Path,

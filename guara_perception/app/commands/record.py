@@ -26,7 +26,7 @@ OPTIONS_OF = {
 
 @click.command(name="record")
 @click.argument("session", type=FILE)
-@click.option("--simulated", is_flag=True, help="simulated robot, devices and operator")
+@click.option("--simulated", is_flag=True, help="use a simulated robot, devices and operator")
 @click.option("--devices", type=FILE, help="devices.toml: camera and board to use")
 @click.option("--robot", default="guara", help="name or folder of the robot")
 @click.option("--camera", help="camera as listed by `guara doctor --cameras`; default: that of --devices, or 0")

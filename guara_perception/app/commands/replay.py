@@ -78,7 +78,10 @@ def command(
             click.echo(f"step {scan.step}: withdrawn on the robot, skipped ({scan.withdrawn})")
     walk = [scan for scan in found if not scan.withdrawn]
     if not walk:
-        raise InvalidInput(f"{', '.join(map(str, scans))}: all scans were withdrawn; there is nothing to replay")
+        raise InvalidInput(
+            f"{', '.join(map(str, scans))}: {'all scans were withdrawn' if found else 'no scans'}; there is nothing to "
+            "replay"
+        )
     model = load_robot(robot or walk[0].robot)
     walk_map = WalkMap(model, calibrated)
     last: int | None = None

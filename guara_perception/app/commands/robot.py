@@ -61,7 +61,7 @@ def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
 
 @command.command(name="check")
 @click.argument("folder", type=FILE)
-@click.option("--picture", type=FILE, help="draw robot, scanned area, camera and laser (.png)")
+@click.option("--picture", type=FILE, help="draw robot, scanned area, camera and laser to this .png file")
 @click.option("--walk", is_flag=True, help="also simulate a walk of ten pauses with scans")
 @click.option("--view", is_flag=True, help="show the robot in a browser until Ctrl-C (extra `view`)")
 @click.option("--port", type=click.IntRange(1, 65535), default=8080, help="port of the page of --view")
@@ -70,7 +70,7 @@ def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
 def check(
     context: click.Context, folder: Path, picture: Path | None, walk: bool, view: bool, port: int, as_json: bool
 ) -> None:
-    """Report everything that is wrong or doubtful in a robot folder (or a robot by name).
+    """Report everything that is wrong or doubtful in FOLDER, a robot folder or the name of a robot.
 
     Exit 0: sound; 1: something is wrong; 2: the folder cannot be used. Notes do not affect the exit code.
 

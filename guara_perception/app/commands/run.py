@@ -36,7 +36,11 @@ JPEG_QUALITY = 90
 
 @click.command(name="run")
 @device_options
-@click.option("--simulated", is_flag=True, help="use a simulated robot, world and devices; it walks by itself")
+@click.option(
+    "--simulated",
+    is_flag=True,
+    help="use a simulated robot, world and devices; the robot walks by itself unless --gait is external",
+)
 @click.option(
     "--gait",
     type=click.Choice(["wave", "external"]),
@@ -50,7 +54,11 @@ JPEG_QUALITY = 90
     help="record every scan to this .mcap file (to w-2.mcap if w.mcap exists), or to files of 1 GB in this folder; "
     'with `record_limit` in node.toml, such as "50GB", the oldest files are removed',
 )
-@click.option("--ros2", is_flag=True, help="also publish for ROS 2: grids, clouds, markers, camera and status")
+@click.option(
+    "--ros2",
+    is_flag=True,
+    help="also publish grids, clouds, markers, camera and status for ROS 2, and receive joint states and IMU",
+)
 @click.option("--listen", help="endpoint for clients; default: that of the security folder, or tcp/127.0.0.1:7447")
 @click.option("--security", type=FILE, help="folder made by `guara security init`")
 @click.option("--name", help="instance name in the keys; default: the robot's name")
@@ -298,7 +306,7 @@ def _check(mistakes: list[str], chosen: DeviceOptions, simulated: bool, security
     found = [*mistakes, *mistakes_of(chosen, simulated=simulated, security=security)]
     if found:
         raise FileFormatError(*found)
-    click.echo("the configuration is sound: `guara run` with the same options starts the node")
+    click.echo("the configuration is sound; no device was opened")
 
 
 def _say_as_json(text: str) -> None:

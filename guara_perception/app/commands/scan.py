@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 @click.argument("folder", required=False, type=FILE)
 @device_options
 @click.option("-o", "--out", type=FILE, hidden=True, help="same as FOLDER")
-@click.option("--simulated", is_flag=True, help="simulated robot, world and devices")
+@click.option("--simulated", is_flag=True, help="use a simulated robot, world and devices")
 @click.option(
     "--mode",
     type=click.Choice(["standard", "coarse"]),
     default="standard",
-    help="standard: every stripe; coarse: every n-th stripe, set in robot.toml",
+    help="standard: every stripe; coarse: every n-th stripe (robot.toml)",
 )
 @method_options
 @click.option("--stance", type=FILE, help="JSON file with the stance; default: the scan posture")
@@ -46,7 +46,7 @@ def command(
     no_calibration: bool,
     chosen: DeviceOptions,
 ) -> None:
-    """Scan once with the robot standing still; record to FOLDER (default: scan), draw figures to FOLDER-figures.
+    """Scan once with the robot standing still, record to FOLDER (default: scan), and draw figures to FOLDER-figures.
 
     FOLDER also contains the calibration, if any, so `guara process FOLDER -o terrain.npz` needs nothing else.
     Without --stance, the robot is assumed to stand on all feet in its scan posture, with unknown gravity.

@@ -170,7 +170,7 @@ def add(folder: Path, name: str, role: str) -> None:
 
     made = add_member(folder, name, role)
     if role == "fleet":
-        click.echo(f"{made}: for the new fleet member; copy the folders of the routers again and restart them")
+        click.echo(f"{made}: for the new fleet member; copy the folders of the routers again and restart the routers")
     else:
         click.echo(f"{made}: for the new {role}; copy {made.parent / 'node'} to the robot again and restart the node")
         _print_routers(folder)
@@ -191,7 +191,9 @@ def revoke(folder: Path, name: str) -> None:
 
     changed = ", ".join(map(str, revoke_member(folder, name)))
     if changed:
-        click.echo(f"copy {changed} to the machines again and restart them; until then {name} keeps its access")
+        click.echo(
+            f"copy {changed} to the machines again and restart what runs there; until then {name} keeps its access"
+        )
     else:
         click.echo(f"{name} was already revoked; it has no access where the rules in {folder} are in force")
 
@@ -201,4 +203,4 @@ def _print_routers(folder: Path) -> None:
 
     routers = open_members(folder).routers
     if routers:
-        click.echo(f"also copy the folders of these routers and restart them: {', '.join(routers)}")
+        click.echo(f"also copy the folders of these routers again and restart the routers: {', '.join(routers)}")

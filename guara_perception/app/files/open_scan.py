@@ -16,7 +16,7 @@ def open_scan(path: str | Path, step: int | None = None, *, missing_ok: bool = F
     Args:
         path: scan folder or recording.
         step: step of the pause to open; None = the only one.
-        missing_ok: also open a folder of which frames are missing; the ground of these frames stays unknown.
+        missing_ok: also open a folder with missing frames, whose ground stays unknown.
 
     Raises:
         MissingFile: the path does not exist.

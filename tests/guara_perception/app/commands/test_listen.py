@@ -37,7 +37,7 @@ def test_every_new_grid_is_a_line_until_interrupted(node, start, module_endpoint
     node.tell("publish 9")
     assert ": step 9, " in listener.line()
     assert listener.interrupt() == 0
-    assert [line.strip() for line in listener.errors] == ["stopped after 2 grids"]
+    assert [line.strip() for line in listener.errors] == ["stopped; grids received: 2"]
 
 
 def test_the_compact_encoding_shows_the_same_grid(node, guara, module_endpoint: str):

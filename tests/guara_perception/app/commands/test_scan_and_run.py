@@ -73,7 +73,7 @@ def test_scan_refuses_a_folder_that_is_there(tmp_path: Path, capsys: pytest.Capt
 def test_without_calibration_live_commands_say_what_to_do(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     """No guess is made about a rangefinder that was not calibrated."""
     assert run([command]) == 2
-    assert "`guara calibrate` makes it" in capsys.readouterr().err
+    assert "as written by `guara calibrate`" in capsys.readouterr().err
 
 
 def test_a_real_robot_does_not_walk_on_assumed_values(

@@ -166,7 +166,9 @@ def test_a_router_for_several_robots_says_what_to_do(guara, tmp_path: Path) -> N
     said = guara("security", "add", site, "rex.planner-2")
     assert f"copy {site / 'rex' / 'node'}" in said.out and "also copy the folders of these routers" in said.out
     said = guara("security", "add", site, "desk", "--role", "fleet")
-    expected = f"{site / 'desk'}: for the new fleet member; copy the folders of the routers again and restart them"
+    expected = (
+        f"{site / 'desk'}: for the new fleet member; copy the folders of the routers again and restart the routers"
+    )
     assert said.out.strip() == expected
     assert "contains several robots: write ROBOT.planner-3" in guara("security", "add", site, "planner-3").err
     said = guara("security", "revoke", site, "rex.planner")
