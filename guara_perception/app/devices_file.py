@@ -211,7 +211,7 @@ def load_devices(path: str | Path) -> Devices:
     if camera.has("size"):
         width, height = (int(v) for v in camera.array("size", (2,)))
         if not (64 <= width <= 16384 and 64 <= height <= 16384):
-            raise FileFormatError(f"{camera.path_to('size')} is [{width}, {height}], allowed: 64 ... 16384 px each way")
+            raise FileFormatError(f"{camera.path_to('size')} is [{width}, {height}]; allowed: 64 ... 16384 px each way")
         size = (width, height)
     numbers = {
         name: camera.number(name, *limits, UNITS.get(name, "")) for name, limits in NUMBERS.items() if camera.has(name)

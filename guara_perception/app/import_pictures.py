@@ -118,9 +118,9 @@ def read_joints(path: Path, robot: RobotModel) -> Stance:
         except (IndexError, ValueError):
             if number == 0:
                 continue  # the heading
-            raise FileFormatError(f"{path}: line {number + 1} is {','.join(row)!r}, allowed: joint, angle") from None
+            raise FileFormatError(f"{path}: line {number + 1} is {','.join(row)!r}; allowed: joint, angle") from None
         if not abs(angle) <= LARGEST_ANGLE:
-            raise FileFormatError(f"{path}: {name} is {angle:g}, allowed: -6.28 ... 6.28 rad; give radians")
+            raise FileFormatError(f"{path}: {name} is {angle:g}; allowed: -6.28 ... 6.28 rad; give radians")
         joints[name] = angle
     with errors_as(FileFormatError, path, KinematicsError):
         stance = Stance(joints, robot.legs, None)

@@ -204,7 +204,7 @@ def _warnings_as_lines() -> Iterator[None]:
 
 
 def is_expected(error: Exception) -> bool:
-    """True for errors that the packages raise on purpose, errors of the operating system, and missing libraries."""
+    """True for the error types of the packages, errors of the operating system, and missing shared libraries."""
     roots = ("PerceptionError", "KinematicsError", "TransportError", "DriverError")
     if isinstance(error, ImportError) and "cannot open shared object file" in str(error):
         return True

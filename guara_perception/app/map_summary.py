@@ -49,7 +49,7 @@ class TerrainSummary(Gridded):
     Attributes:
         robot: instance name.
         elevation: height rounded to 1 mm [m], NaN where unknown.
-        hazard: flags of `Hazard`, as in the map.
+        hazard: flags of `Hazard`: those of the map, and those added by rounding and merging (see `summary_payload`).
         traversability: 0 never ... 1 ideal, rounded down to a multiple of 1/255.
         geometry: origin, resolution and shape.
         frame: "base_footprint".

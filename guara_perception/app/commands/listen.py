@@ -60,7 +60,7 @@ def command(
     """Print one line per usable grid of the node, starting with the newest grid.
 
     With --all, print the running robots, each with pause, age of the last grid, health and links, and exit. Only
-    liveliness and status are queried, no grids are transferred.
+    liveliness and status are queried; no grids are transferred.
 
     \b
     Example:

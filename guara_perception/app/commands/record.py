@@ -98,7 +98,7 @@ def command(
     if simulated and (devices is not None or camera is not None):
         raise InvalidInput("--simulated has its own devices: leave --devices and --camera out")
     if not 0.9 * RULER_MM <= printed_150 <= 1.1 * RULER_MM:
-        raise InvalidInput(f"--printed-150 is {printed_150:g} mm, allowed: 135 ... 165; print at 100 %")
+        raise InvalidInput(f"--printed-150 is {printed_150:g} mm; allowed: 135 ... 165; print at 100 %")
     scale = printed_150 / RULER_MM
     spec = parse_board(board, square * scale, pattern)
     spec = replace(spec, first_square=None) if not_mirrored else spec

@@ -65,7 +65,7 @@ def command(
     extents = tuple(dict.fromkeys(name.strip() for name in extent.split(",")))
     for name in extents:
         if name not in EXTENTS:
-            raise InvalidInput(f"--extent has {name!r}, allowed: {', '.join(EXTENTS)}, or both, separated by a comma")
+            raise InvalidInput(f"--extent has {name!r}; allowed: {', '.join(EXTENTS)}, or both, separated by a comma")
     if out is not None:
         check_folder(out)
     if not publish and (listen or connect or security):

@@ -47,7 +47,7 @@ JPEG_QUALITY = 90
     default="wave",
     help="with --simulated: external = your own gait moves the robot by the stance pauses that it announces",
 )
-@click.option("--world", default="demo", help="with --simulated: terrain and light, as demo, sunlit, or a world file")
+@click.option("--world", default="demo", help="with --simulated: demo, sunlit, or a world file (terrain and light)")
 @click.option(
     "--record",
     type=FILE,

@@ -18,7 +18,7 @@ NODE = Path("/etc/guara/node.toml")
 def unit_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options that describe a unit to a command."""
     for option in (
-        click.option("--node", type=FILE, default=NODE, help="node.toml of the node"),
+        click.option("--node", type=FILE, default=NODE, help="node.toml with the options of `guara run`"),
         click.option("--name", default="guara", help="name of the service"),
         click.option("--user", default="guara", help="user account that runs the node"),
     ):

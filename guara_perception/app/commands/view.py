@@ -92,6 +92,7 @@ def show_in_rerun(file: Path | None, rerun: bool, save: Path | None) -> None:
 
     Raises:
         InvalidInput: `save` without `rerun`, or no recording.
+        Exception: as in `open_in_rerun` and `save_rerun_scene`.
     """
     from guara_perception.app.scene.rerun_scene import open_in_rerun, save_rerun_scene
 

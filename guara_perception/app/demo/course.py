@@ -36,7 +36,7 @@ class CourseDrawing:
     """
 
     def __init__(self, world: World, start: float, goal: float) -> None:
-        """Start with unknown ground. The drawing extends from before `start` to beyond `goal`, x in the world [m]."""
+        """Start with unknown ground. The drawing extends from before x = `start` to beyond x = `goal` [m]."""
         self._x, self._y = np.arange(start - BEFORE_M, goal + BEYOND_M, CELL_M), np.arange(-ASIDE_M, ASIDE_M, CELL_M)
         self.cells = np.stack([*np.meshgrid(self._x, self._y), np.zeros((self._y.size, self._x.size))], axis=-1)
         heights = world.height(self.cells[..., 0], self.cells[..., 1])

@@ -1,4 +1,4 @@
-"""Planner of the demo: a separate process that uses only the public client, and reads requests from standard input.
+"""Planner of the demo: a separate process that receives grids through the public client and requests on its stdin.
 
 Each request is a JSON line {step, leg, x, y, extent, is_course}. Each answer is a JSON line with the foothold and the
 swing chosen on the grid of that step, or with the reasons why no foothold was found. On a course, strides are fitted to

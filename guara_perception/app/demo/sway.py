@@ -128,6 +128,7 @@ def scans_beside(robot_name: str | Path, world: str | Path, degrees: float) -> I
 
     Raises:
         InvalidInput: the sway exceeds the reach of the legs.
+        kinematics.KinematicsError: the robot cannot be loaded.
         MissingFile, FileFormatError: the world does not exist or is not valid.
     """
     robot, ground = load_robot(robot_name), load_world(world)

@@ -100,6 +100,7 @@ def demo_walk(
         PlannerFailed: the planner process ended, or did not connect or answer in time.
         transport.ReceiveTimeout: a grid did not arrive in time.
         WalkEnded: the planner found no foothold.
+        kinematics.KinematicsError: the robot cannot be loaded.
         MissingFile, FileFormatError: the world does not exist or is not valid.
         InvalidInput: `is_course` with a world without features.
     """

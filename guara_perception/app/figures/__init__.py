@@ -1,4 +1,4 @@
 """Figures drawn with matplotlib: maps, frames and range images.
 
-Only `app` imports this folder.
+Within the package, only `app` imports this folder.
 """

@@ -36,7 +36,7 @@ def open_session(folder: str | Path, square: float | None = None) -> Calibration
     """
     folder = Path(folder)
     if square is not None and not SQUARES[0] <= square <= SQUARES[1]:
-        raise InvalidInput(f"square is {square:g} m, allowed: {SQUARES[0]:g} ... {SQUARES[1]:g} m (28 mm are 0.028)")
+        raise InvalidInput(f"square is {square:g} m; allowed: {SQUARES[0]:g} ... {SQUARES[1]:g} m (28 mm are 0.028)")
     if not folder.is_dir():
         raise MissingFile(f"{folder}: no such folder; a calibration session is a folder with {SESSION_FILE}")
     if not (folder / SESSION_FILE).is_file():
@@ -77,7 +77,7 @@ def read_board(fields: Fields) -> BoardSpec:
     """
     columns, rows = fields.array("inner_corners", (2,))
     if columns != int(columns) or rows != int(rows):
-        raise FileFormatError(f"{fields.path_to('inner_corners')} is [{columns}, {rows}], allowed: two whole numbers")
+        raise FileFormatError(f"{fields.path_to('inner_corners')} is [{columns}, {rows}]; allowed: two whole numbers")
     pattern = fields.text("pattern", PATTERNS) if fields.has("pattern") else CHECKERBOARD
     first = fields.text("first_square", COLOURS) if fields.has("first_square") else None
     return BoardSpec(int(columns), int(rows), fields.number("square"), pattern, first)

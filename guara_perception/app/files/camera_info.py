@@ -124,7 +124,7 @@ def _coefficients(fields: Fields, name: str) -> Float:
     given = fields.array(name, (None,))
     if len(given) < 4 or given[COEFFICIENTS:].any():
         raise FileFormatError(
-            f"{fields.path_to(name)} has {len(given)} values, allowed: k1, k2, p1, p2 and k3; further ones must be 0"
+            f"{fields.path_to(name)} has {len(given)} values; allowed: k1, k2, p1, p2 and k3; further ones must be 0"
         )
     return np.pad(given, (0, max(COEFFICIENTS - len(given), 0)))[:COEFFICIENTS]
 

@@ -62,7 +62,7 @@ class Recording(AbstractContextManager["Recording"]):
             UnsafeGrid: a grid violates the safety invariant.
         """
         if extent not in EXTENTS:
-            raise InvalidInput(f"extent is {extent!r}, allowed: {', '.join(EXTENTS)}")
+            raise InvalidInput(f"extent is {extent!r}; allowed: {', '.join(EXTENTS)}")
         with file_errors(f"{self.path}: "):
             for message in self._messages.terrains(extent):
                 yield message_to_terrain(message)

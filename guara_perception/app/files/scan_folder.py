@@ -100,7 +100,7 @@ def read_picture(path: Path) -> npt.NDArray[np.generic]:
 def _dark_after(fields: Fields) -> tuple[int, ...]:
     values = fields.sequence("dark_after")
     if any(type(value) is not int or not 0 <= value <= 9999 for value in values):
-        raise FileFormatError(f"{fields.path_to('dark_after')} is {values!r:.80}, allowed: a list of stripe indices")
+        raise FileFormatError(f"{fields.path_to('dark_after')} is {values!r:.80}; allowed: a list of stripe indices")
     return tuple(values)
 
 

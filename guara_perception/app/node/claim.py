@@ -128,7 +128,7 @@ class Claim:
         head, _, body = read_bounded(path, LARGEST_JOURNAL).partition(b"\n")
         kind, _, digest = head.decode(errors="replace").partition(" ")
         if kind != FORMAT:
-            raise FileFormatError(f"{path}: format is {kind[:40]!r}, allowed: {FORMAT!r}")
+            raise FileFormatError(f"{path}: format is {kind[:40]!r}; allowed: {FORMAT!r}")
         if hashlib.sha256(body).hexdigest() != digest:
             raise FileFormatError(f"{path}: the digest does not match; the file is truncated or damaged")
         fields = parse_json(body.partition(b"\n")[0], str(path))

@@ -110,7 +110,7 @@ class PerceptionNode:
             InvalidInput: unknown mode or method, an invalid threshold, or a threshold for a method that has none.
         """
         if mode not in SWEEPS:
-            raise InvalidInput(f"mode is {mode!r}, allowed: {', '.join(SWEEPS)}")
+            raise InvalidInput(f"mode is {mode!r}; allowed: {', '.join(SWEEPS)}")
         check_method(method, threshold)
         self.status = status or NodeStatus(calibration)
         self.status.on_change = lambda: server.status_changed()

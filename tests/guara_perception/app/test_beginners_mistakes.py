@@ -27,7 +27,7 @@ MISTAKES = (
     ("camera upside down", "rolled by 180 degrees", "benchmarks/test_mirrored.py", "no_mirrored_grid_is_called_good"),
     ("camera mirrored", "pictures are mirrored", "benchmarks/test_mirrored.py", "no_mirrored_grid_is_called_good"),
     ("wrong square size", "--square", RECORD, "a_refusal_tells_the_way_on"),
-    ("ruler of 15", "--printed-150 is 15 mm, allowed: 135 ... 165", RECORD, "wrong_options_are_refused"),
+    ("ruler of 15", "--printed-150 is 15 mm; allowed: 135 ... 165", RECORD, "wrong_options_are_refused"),
     ("plates in millimetres", "heights of -0.5 ... 0.5 m", RECORD, "wrong_options_are_refused"),
     ("--plates 0", "allowed: 2 ... 20 heights", RECORD, "wrong_options_are_refused"),
     ("another board", "wrong corner count", REFUSALS, "fault_is_refused"),

@@ -126,7 +126,7 @@ def test_a_foreign_recording_is_reported(guara, calibration_file: Path, tmp_path
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--extent", "world"], "--extent has 'world', allowed: footprint, map"),
+        (["--extent", "world"], "--extent has 'world'; allowed: footprint, map"),
         (["--listen", "tcp/127.0.0.1:1"], "require --publish"),
         (["--method", "fast"], "allowed: "),
         (["-o", "FILE"], "is a file, a folder is needed"),

@@ -419,7 +419,7 @@ def test_damaged_and_foreign_journals_are_refused_by_name(
         with pytest.raises(FileFormatError, match=path.name):
             Claim.read(path, robot, seal)
     for foreign, why in {
-        b"notes": "format is 'notes', allowed: 'guara-journal/1'",
+        b"notes": "format is 'notes'; allowed: 'guara-journal/1'",
         content.replace(b"journal/1", b"journal/2", 1): "format is 'guara-journal/2'",
     }.items():
         path.write_bytes(foreign)

@@ -321,7 +321,7 @@ def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: P
     ("arguments", "reported"),
     [
         (["--simulated", "--camera", "0"], "--simulated has its own devices"),
-        (["--simulated", "--printed-150", "15"], "--printed-150 is 15 mm, allowed: 135 ... 165"),
+        (["--simulated", "--printed-150", "15"], "--printed-150 is 15 mm; allowed: 135 ... 165"),
         (["--simulated", "--plates", "0,0"], "--plates is '0,0', allowed: 2 ... 20 heights"),
         (["--simulated", "--plates", "0,40"], "heights of -0.5 ... 0.5 m"),
         (["--simulated", "--plates", "0"], "--plates is '0', allowed: 2 ... 20 heights"),
