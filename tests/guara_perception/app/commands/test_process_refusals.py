@@ -120,7 +120,7 @@ def bad_options(data: Path, calibration: Path, folder: Path) -> dict[str, tuple[
         ),
         "method unknown": (
             [scan, "-c", calibration, "-o", out, "--method", "precise,exact"],
-            "'exact', allowed: precise",
+            "'exact'; allowed: precise",
         ),
         "method empty": ([scan, "-c", calibration, "-o", out, "--method", ""], "--method has ''; allowed: precise"),
         "resolution": (
