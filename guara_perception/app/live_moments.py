@@ -90,7 +90,7 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
     def missing(self) -> str:
         """Explain why nothing has been shown yet, with the robots on this router.
 
-        The text is empty after the first moment, or if the session is closed. The query of the router can take
+        The text is empty after the first moment, or if the session is closed. Querying the router takes up to
         `ROUTER_TIMEOUT_S`.
         """
         if self._has_shown:

@@ -17,7 +17,7 @@ MOST, WITHIN_S = 10, 60.0
 # Largest number of distinct messages that are tracked. Messages that are formatted before logging are all distinct and
 # would accumulate for months.
 MOST_MESSAGES = 1000
-# Priority of syslog(3) for each level, the prefix of lines on standard error in the format of sd-daemon(3).
+# syslog(3) priority of each level. It prefixes the lines on standard error, in the format of sd-daemon(3).
 PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
 
 
@@ -46,7 +46,7 @@ class JournalFormatter(logging.Formatter):
 
 
 class RateLimit(logging.Filter):
-    """Filter that limits the records of one message within WITHIN_S to MOST.
+    """Filter that passes at most MOST records of one message within WITHIN_S.
 
     The next record that passes reports how many were dropped.
     """
@@ -57,7 +57,7 @@ class RateLimit(logging.Filter):
         self._windows: dict[tuple[str, int, str], list[float]] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Return False to drop a record. A record that passes states the number of records dropped before it."""
+        """Return False to drop a record."""
         now, key = time.monotonic(), (record.name, record.levelno, str(record.msg))
         if len(self._windows) >= MOST_MESSAGES:
             self._windows.clear()

@@ -231,7 +231,7 @@ def _code_of(error: Exception, given: Sequence[str]) -> int:
 
 
 def text_of(error: Exception) -> str:
-    """Text of an error. Errors of the operating system get the form of our own: file first, no error number."""
+    """Text of an error. An error of the operating system is given as file and text, without its number."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"
     return f"{error} (Debian: apt install libgomp1)" if "libgomp" in str(error) else str(error)

@@ -132,7 +132,7 @@ def message_to_stance(message: StanceMessage) -> Stance:
 
 
 def with_stamp(terrain: TerrainGrid, stamp: int, step: int | None = None) -> TerrainGrid:
-    """Copy a grid with another stamp [ns] and, unless `step` is None, another step, for a replay."""
+    """Copy a grid for a replay, with another stamp [ns] and, unless `step` is None, another step."""
     return dataclasses.replace(terrain, stamp=stamp, step=terrain.step if step is None else step)
 
 

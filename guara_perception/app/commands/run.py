@@ -138,7 +138,7 @@ def command(
 ) -> None:
     """Scan and publish at each stance pause that the gait announces, until Ctrl-C; print one line per scan.
 
-    Camera and trigger are set in devices.toml. Any option can be set in node.toml, also those that are not listed here:
+    Camera and trigger are set in devices.toml. Any option can be set in node.toml, including those not listed here:
     size and quality of recordings, routers, ROS 2 domain and TF, a fixed threshold.
 
     \b

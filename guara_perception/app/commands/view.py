@@ -116,7 +116,7 @@ def show_live(
     address: str,
     tell: Callable[[str, bool], None] = lambda text, is_stale: None,
 ) -> None:
-    """Show every new pause until stopped; if nothing has been shown after `SILENCE`, print the reason.
+    """Show every new pause until stopped; if nothing has been shown after `SILENCE` seconds, print why.
 
     `tell` is called once a second with the result of `LiveMoments.state`.
     """

@@ -90,7 +90,7 @@ def median_stripe_frame(scan: Scan) -> Grey:
 def stripes_together(scan: Scan) -> Grey:
     """Maximum of all readable laser-on frames at each pixel, which shows all stripes in one image.
 
-    Frames of another size than the first are skipped.
+    Frames whose size differs from that of the first are skipped.
 
     Raises:
         FileFormatError: no laser-on frame can be read.

@@ -31,9 +31,9 @@ def convert(
         `target`.
 
     Raises:
-        InvalidInput: the target exists, source and target are of the same kind, the recording contains no scan of
-            `step`, or several scans while `step` is None, or a scan folder cannot represent the scan because its grid
-            was withdrawn or it has a joint stream.
+        InvalidInput: the target exists, source and target are of the same kind, the recording does not contain exactly
+            one scan (of `step`, if given), or a scan folder cannot represent the scan because its grid was withdrawn or
+            it has a joint stream.
         MissingFile, FileFormatError: the source cannot be read.
     """
     source, target = Path(source), Path(target)

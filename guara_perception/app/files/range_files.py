@@ -24,9 +24,9 @@ IMAGES = ("range_image_mm", "ortho_image_mm")
 def write_range_images(folder: Path, terrain: TerrainGrid) -> list[Path]:
     """Write the range images of a grid to a folder; return the paths.
 
-    The files are both range images with 16 and with 8 bits, the causes of the unknown pixels of the orthorectified
-    image, and `range_images.json`, which explains the values. As in the grid file, rows are along x and columns along
-    y; images are not flipped for display.
+    Each range image is written with 16 and with 8 bits per pixel. Further files are the causes of the unknown pixels of
+    the orthorectified image, and `range_images.json`, which explains the values. As in the grid file, rows are along x
+    and columns along y; images are not flipped for display.
     """
     paths = []
     shown: dict[str, tuple[float, float]] = {}

@@ -12,7 +12,7 @@ CALIBRATION_FILE = "calibration.json"
 
 
 def carried_calibration(scan: str | Path) -> Calibration | None:
-    """Calibration stored in a scan folder or attached to a recording; None if there is none or no such scan.
+    """Calibration stored in a scan folder or attached to a recording; None if there is no calibration or no scan.
 
     Raises:
         FileFormatError: the calibration is not valid, or the recording cannot be read.

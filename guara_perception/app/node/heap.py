@@ -1,4 +1,4 @@
-"""Trimming of the C library's heap, which returns freed memory to the system."""
+"""Trimming of the C library's heap: freed memory is returned to the system."""
 
 from __future__ import annotations
 

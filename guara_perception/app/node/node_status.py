@@ -97,7 +97,11 @@ class NodeStatus:
         self.on_change()
 
     def withdrawn(self, cause: str) -> None:
-        """Count a withdrawn grid by cause: "moved", "late", or "clock" if the gait's clock is unknown."""
+        """Count a withdrawn grid by cause.
+
+        Causes are "moved" (the robot moved or may have moved), "late" (the confirming joints were read before the last
+        frame) and "clock" (the gait's clock is unknown).
+        """
         with self._lock:
             self._withdrawn[cause] += 1
             self._items["withdrawn"] = StatusItem(

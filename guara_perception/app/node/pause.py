@@ -98,8 +98,8 @@ class Pause:
     def still_until(self) -> float:
         """Instant until which the robot is known to have stood as at BEGIN.
 
-        With a stream, this is the instant until which the pose of the body is known. It is -inf while the gait's clock
-        is not known or the stamp lies in the future.
+        With a stream, this is the instant until which the pose of the body is known. The value is -inf while the
+        gait's clock is not known or the stamp lies in the future.
         """
         stream = self.stream
         stamp, arrival = self._still if stream is None else stream.shown

@@ -94,8 +94,8 @@ class PauseScanner:
             CameraMoved: the robot moved, or may have moved, during the scan; at most a coarse grid was published, which
                 `settle` withdraws.
             MirrorSlipped: the mirror lost steps; the grid was published, then withdrawn, and is not in the map.
-            DriverError: camera or laser board failed.
-            KinematicsError: the stance does not fit the robot.
+            drivers.DriverError: camera or laser board failed.
+            kinematics.KinematicsError: the stance does not fit the robot.
         """
         self._published.begin(pause)
         self._begin_stream(pause)
