@@ -102,7 +102,7 @@ def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> 
 @click.option("--robot", help="instance name of the robot; default: all robots of the folder")
 @click.pass_context
 def check(context: click.Context, folder: Path, robot: str | None) -> None:
-    """Start each node and router on this machine, connect to it in each role, and print the rights of the role.
+    """Start each node and router temporarily on this machine, connect in each role, and print the rights of the role.
 
     Running nodes are not affected. Exits with 1 if the rights differ from the rules.
 

@@ -27,7 +27,7 @@ class CheckedFoothold:
         step: step of the pause at which the foothold was chosen.
         leg: name of the leg that steps there.
         is_hind: True for a hind leg.
-        is_scanned: True if a scan observed the cell; False for ground known only from the gait or from foot contacts.
+        is_scanned: True if a scan observed the cell; False if it is unknown or known only from gait or foot contacts.
         is_hazard: True if the cell has a hazard in the published map or is outside the map.
         is_swing_refused: True if `check_path` rejects the swing to the foothold on the published map.
         height_error: elevation of the map minus the true height [m]; NaN where unknown.
