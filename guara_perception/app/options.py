@@ -154,7 +154,7 @@ def read_node_file(context: click.Context, parameter: click.Parameter, path: Pat
     Unknown options and invalid values are collected for `refuse_mistakes`.
 
     Raises:
-        MissingFile, FileFormatError: the file does not exist, is not TOML, or has another format.
+        MissingFile, FileFormatError: the file does not exist, is too large, is not TOML, or has another format.
     """
     from guara_perception.files import existing_file, read_toml
 
@@ -177,7 +177,7 @@ def read_node_file(context: click.Context, parameter: click.Parameter, path: Pat
         kind = options[name].type
         try:
             if isinstance(value, bool) != isinstance(kind, click.types.BoolParamType):
-                raise click.BadParameter("an option without a value must be true or false, and no other may be")
+                raise click.BadParameter("an option that is a flag must be true or false; other options must not be")
             if isinstance(kind, click.Path | click.types.StringParamType) and not isinstance(value, str):
                 raise click.BadParameter("the value must be text in quotes")
             options[name].type_cast_value(context, value)

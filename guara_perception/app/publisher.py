@@ -1,4 +1,4 @@
-"""Publication of grids as Terrain, OccupancyGrid and GridMap messages, for which a scan never waits."""
+"""Publication of grids, and of the messages derived from them, without delaying a scan."""
 
 from __future__ import annotations
 

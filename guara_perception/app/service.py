@@ -42,7 +42,7 @@ def unit(name: str, node: Path, user: str) -> str:
         if not value.replace("-", "").replace("_", "").isalnum() or not value.isascii():
             raise InvalidInput(f"{what} is {value!r}; allowed: letters, digits, - and _")
     if user == "root":
-        raise InvalidInput("--user is 'root'; allowed: a user of its own, whose groups may use camera and board")
+        raise InvalidInput("--user is 'root'; allowed: a separate user whose groups may use camera and board")
     # The program of this installation; `%` begins a specifier of systemd.
     program = [sys.executable, "-m", "guara_perception.app.main"]
     return UNIT.read_text(encoding="utf-8").format(
@@ -81,8 +81,8 @@ class ServiceManager:
         """Prepare the notifications.
 
         Args:
-            is_well: returns True while the node works. Otherwise no notification is sent, and systemd restarts the
-                node.
+            is_well: returns True while the node works. Otherwise the watchdog is not notified, and systemd restarts
+                the node.
         """
         self._is_well = is_well
         self._ended = threading.Event()

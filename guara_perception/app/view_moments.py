@@ -42,6 +42,7 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
         InvalidInput: the file is of another kind, or there is no calibration for a scan folder or a recording without
             grids.
         FileFormatError: the file is damaged, or contains neither grids nor scans.
+        CalibrationMismatch: the calibration does not match a scan that is processed.
     """
     path = Path(path)
     if not path.exists():

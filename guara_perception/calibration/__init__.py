@@ -1,7 +1,7 @@
 """Calibration of a rangefinder: model, file, and computation from images.
 
-This package imports `stripes`; `ranging`, `simulation`, `app` and the scan processor use it. The only file that it
-reads and writes is the calibration.
+Of the other packages of `guara_perception`, this one imports only `stripes`. `ranging`, `scanning`, `simulation`, `app`
+and `ground_picture` import it. It reads and writes only calibration files; images come from the caller.
 """
 
 from __future__ import annotations

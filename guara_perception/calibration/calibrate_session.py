@@ -89,14 +89,16 @@ def calibrate_session(
         session: images and the geometry of their targets.
         robot: model of the robot, with nominal mounts.
         distortion: lens coefficients to estimate, one of `DISTORTIONS`.
-        camera: known camera, which the images of the board only check; None = estimate the camera from them.
+        camera: known camera, which is then only verified with the images of the board; None = estimate the camera from
+            these images.
         not_mirrored: True if the user states that the images are not mirrored; the colours of the board's squares are
             then not checked.
         progress: called with the number of processed images and the total.
 
     Raises:
         CalibrationRefused: a fault prevents the calibration; the message names it.
-        CalibrationMismatch: the session belongs to another robot, or the images differ in size.
+        CalibrationMismatch: the session belongs to another robot, or the images differ in size from each other or from
+            those of the known camera.
         InvalidInput: unknown distortion model.
         MissingFile, FileFormatError: an image cannot be read.
         kinematics.KinematicsError: the stance does not fit the robot.

@@ -129,7 +129,7 @@ def check_identity(found: str, expected: str, what: str) -> None:
     Args:
         found: identity of the camera; empty if unknown, which is accepted.
         expected: identity of the calibrated camera; empty if unknown, which is accepted.
-        what: what comes from the camera `found`, for the message.
+        what: beginning of the message, such as the file that names `found`.
 
     Raises:
         CalibrationMismatch: the identities differ.
@@ -152,7 +152,9 @@ def check_transform(transform: Float, name: str) -> None:
     rotation = transform[:3, :3]
     rigid = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4) and np.linalg.det(rotation) > 0
     if not rigid or not np.allclose(transform[3], (0, 0, 0, 1)):
-        raise InvalidInput(f"{name} is not a rigid transform: rotation orthonormal with det +1, last row 0 0 0 1")
+        raise InvalidInput(
+            f"{name} is not a rigid transform; its rotation must be orthonormal with det +1, its last row 0 0 0 1"
+        )
 
 
 def format_indices(indices: tuple[int, ...]) -> str:

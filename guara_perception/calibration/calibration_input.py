@@ -96,8 +96,8 @@ class CalibrationSession:
     def __post_init__(self) -> None:
         if min(self.board.columns, self.board.rows) < 3 or not SQUARES[0] <= self.board.square <= SQUARES[1]:
             raise InvalidInput(
-                f"{self.source}: board has {self.board.columns}x{self.board.rows} inner corners of "
-                f"{self.board.square} m; 3 or more each way and squares of 0.001 ... 1 m are allowed"
+                f"{self.source}: board has {self.board.columns}x{self.board.rows} inner corners and "
+                f"squares of {self.board.square} m; allowed: 3 or more corners each way, squares of 0.001 ... 1 m"
             )
         if self.board.pattern == CHARUCO:
             marker_dictionary(self.board)
@@ -112,7 +112,7 @@ class CalibrationSession:
         if len(set(named)) != len(named):
             raise InvalidInput(f"{self.source}: plates name the same scan twice: {', '.join(sorted(named))}")
         if len(cameras := self._cameras()) > 1:
-            raise CalibrationMismatch(f"{self.source}: plates were scanned by cameras {', '.join(cameras)}: use one")
+            raise CalibrationMismatch(f"{self.source}: plates were scanned by cameras {', '.join(cameras)}; use one")
 
     @property
     def camera_identity(self) -> str:
@@ -138,7 +138,7 @@ def _check_stance(plate: Plate, stance: Stance, source: str) -> None:
         if angle > MAX_JOINT_DIFFERENCE:
             raise InvalidInput(
                 f"{source}: plate {plate.name} was scanned with {joint} {np.rad2deg(angle):.2f} degrees away from the "
-                f"session's stance (limit {np.rad2deg(MAX_JOINT_DIFFERENCE):.1f} degrees): scan it again without moving"
+                f"session's stance (limit {np.rad2deg(MAX_JOINT_DIFFERENCE):.1f} degrees): scan the plate again"
             )
 
 

@@ -40,7 +40,7 @@ WINDOW_OF_SQUARE: Final = 0.1
 SMALLEST_WINDOW_PX: Final = 3
 # Least distance of a window from the border of the image.
 RIM_PX: Final = 3
-# Least share of the detected markers that must be at their positions on the board; with fewer, it is another board.
+# Smallest share of the detected markers that must be at their positions on the board; otherwise it is another board.
 BELONGING_SHARE: Final = 0.5
 # Positions along and across an edge between two corners at which grey levels are sampled, in units of the edge length.
 # They are near the middle of the edge and do not reach the markers.
@@ -70,6 +70,9 @@ def find_charuco(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
 
     Returns:
         View of all or part of the board; its sharpness is measured but not judged here.
+
+    Raises:
+        InvalidInput: the board needs more markers than the largest dictionary has.
     """
     layout = _layout(board)
     marks, ids = _markers(grey, layout)

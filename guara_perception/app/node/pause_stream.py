@@ -41,7 +41,7 @@ class PauseStream:
         """Start without samples.
 
         Raises:
-            kinematics.KinematicsError: fewer than three feet carry the body.
+            kinematics.KinematicsError: as in `BodyTrack`.
         """
         self.begin = begin
         self.track = BodyTrack(robot, stance, transform_camera_to_base=transform_camera_to_base)
@@ -82,8 +82,8 @@ class PauseStream:
         sigma = self.instant(*flash)[1]
         if sigma > MOST_TIME_SIGMA:
             return (
-                f"the sigma of flash times is {1e3 * sigma:.0f} ms, allowed: {1e3 * MOST_TIME_SIGMA:.0f} ms: set the "
-                "exposure in devices.toml, or use a faster link to the gait"
+                f"the sigma of flash times is {1e3 * sigma:.0f} ms; allowed: up to {1e3 * MOST_TIME_SIGMA:.0f} ms. Set "
+                "the exposure in devices.toml, or use a faster link to the gait"
             )
         return ""
 

@@ -44,7 +44,7 @@ class Published:
         swept: the scan and its processors.
         terrain: grid of the scan alone.
         fused: map with this scan; None while the scan is not in the map.
-        is_confirmed: True if joint readings after its last frame show that the robot stood still.
+        is_confirmed: True if the last frame is not later than `pause.still_until`.
         was_sent_provisional, was_map_provisional: True if the grid or the map was published as provisional.
         will_be_refined: True if a finer grid of the same pause follows, which is confirmed in its place.
     """
@@ -82,7 +82,7 @@ class PublishedScans:
         self._unseen, self._journal = unseen, journal
         self._unknown_clock = (
             f"the clock of the gait's stamps is not known from {gait_clock_key(server.robot)} (no answer, or stamps "
-            "ahead of that clock), so they confirm no frame: grids stay provisional and none stays in the map. "
+            "ahead of that clock), so the stamps confirm no frame: grids stay provisional and none stays in the map. "
             "Announce pauses with this version's StancePublisher, or answer that key (docs/messages.md); with a "
             "folder of certificates run `guara security renew`"
         )
@@ -267,7 +267,8 @@ class PublishedScans:
 
         Args:
             step: step of the pause.
-            make: function that returns the grid with its images; called only if there is a subscriber or a recorder.
+            make: function that returns the grid with its images; called only if a subscriber, a query, the ROS 2 bridge
+                or the recorder needs them.
         """
         messages = functools.cache(lambda: range_image_messages(make()))
         self._are_images_out = True
@@ -300,5 +301,5 @@ def with_problems(terrain: TerrainGrid, scan: LiveScan, doubts: tuple[str, ...] 
 
 
 def walk_of(pause: Pause, *, is_provisional: bool = False) -> dict[str, object]:
-    """Record fields of a grid: identity of its walk, and True if the grid is provisional."""
+    """Record fields `epoch` and `provisional` of a grid of a pause."""
     return {"epoch": pause.epoch, "provisional": is_provisional}

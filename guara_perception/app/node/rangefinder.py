@@ -70,7 +70,7 @@ class Rangefinder:
 
         Raises:
             CalibrationMismatch: the camera is not the calibrated one.
-            drivers.DriverError: a device cannot be opened.
+            drivers.DriverError: a device cannot be opened, or the camera rejects a setting.
         """
         try:
             if self.clock is not None:
@@ -134,7 +134,7 @@ class Rangefinder:
             return None
         exposure = None if self._locked is None else self._locked.exposure
         if exposure is None:
-            # The time of the flash is uniformly distributed from `lag` before the frame's stamp to the stamp.
+            # Without the exposure, assume a uniform distribution from `lag` before the frame's stamp to the stamp.
             return stamp - lag / 2, math.hypot(lag / math.sqrt(12.0), LAG_SIGMA)
         if self.options is not None and self.options.sweep is not None:
             exposure = min(exposure, self.options.sweep.flash)

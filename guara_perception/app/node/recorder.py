@@ -77,7 +77,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             jpeg_quality: 1 ... 100 stores frames as JPEG of this quality (a ninth of the size at 90); None = lossless.
             scene: source of the messages for 3-D viewers: robot, transforms, clouds, markers, ROS grids; None = none.
             limit: largest total size of the files in a folder [byte], kept by removing the oldest; None = no limit.
-            first: first step that is recorded.
+            first: number of the first step to record.
 
         Raises:
             transport.RecordingError: the file cannot be created.

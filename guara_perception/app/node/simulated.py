@@ -83,7 +83,7 @@ class SimulatedRobot:
         self.stand_at(next(self.walk(cycles=0)))
 
     def stand_at(self, pause: WalkPause, view: SceneView | None = None) -> SceneView:
-        """Move the robot to its pose at a pause, as `place`. Do not call this during a scan."""
+        """Move the robot to its pose at a pause; see `place`. Do not call this during a scan."""
         return self.place(pause.transform_base_to_world, pause.joint_positions, view)
 
     def place(
@@ -91,17 +91,19 @@ class SimulatedRobot:
     ) -> SceneView:
         """Set pose (4, 4) and joint positions [rad] of the robot. Do not call this during a scan.
 
-        Returns the view of the scene; with `view`, that of an earlier call from the same pose, none is computed.
+        Returns the view of the scene. To avoid computing it again, pass the result of an earlier call with the same
+        arguments as `view`.
 
         Raises:
-            InvalidInput: camera or laser would be below the ground.
+            InvalidInput: camera or laser would be below the ground or too close to it.
+            kinematics.KinematicsError: the joint positions do not fit the robot.
         """
         return self._rig.set_pose(transform_base_to_world, joint_positions, view)
 
     def walk(
         self, choose: Callable[[WalkPause], Choice] | None = None, *, cycles: float = 10, number: int = 0
     ) -> Iterator[WalkPause]:
-        """Yield the pauses of a walk along x, as `simulate_walk`, without moving the robot.
+        """Yield the pauses of a walk along x without moving the robot; see `simulate_walk`.
 
         Walks with different `number` have different noise.
         """
@@ -109,7 +111,7 @@ class SimulatedRobot:
 
 
 def standing_pauses(pause: WalkPause, before: Mapping[str, int]) -> dict[str, int]:
-    """Number of previous pauses through which each foot has stood, by leg; `before` is the result of the last pause."""
+    """Number of previous pauses through which each foot has stood, by leg; `before` is that of the last pause."""
     swung = None if pause.last_footstep is None else pause.last_footstep.leg
     return {leg: 0 if leg == swung else before.get(leg, -1) + 1 for leg in pause.stance.support_feet}
 

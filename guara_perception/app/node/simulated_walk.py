@@ -71,7 +71,7 @@ def walk_until_stopped(
 def _stand(
     robot: SimulatedRobot, node: PerceptionNode, gait: SimulatedGait, pause: WalkPause, stop: threading.Event
 ) -> None:
-    """Stand for one pause until its scan and all requested scans are done. After a stop, the robot remains standing.
+    """Stand for one pause until its scan and all requested scans are done. After a stop, END is not announced.
 
     Raises:
         WalkEnded: no scan was done in time; the walk of another gait may have replaced this one.

@@ -44,7 +44,7 @@ class StreamWatch:
     def add(self, batch: StanceStream) -> bool:
         """Add a batch; return False if it is rejected.
 
-        A batch is rejected if it is for another robot, has other joints, or exceeds the highest rate.
+        A batch is rejected if it is for another robot, has other joints or legs, or if the sampling rate is too high.
         """
         now = clock.now()
         problem = self._problem(batch)

@@ -90,7 +90,7 @@ class Swept:
     is_cut: bool = False
 
     def until(self, instant: float) -> Swept | None:
-        """Remove the stripes with frames later than `instant`, as if never fired; return None if no cell is known."""
+        """Copy without the stripes that have frames later than `instant`; None if the copy knows no cell."""
         kept = [index for index, came in self.scan.instants.items() if came <= instant]
         coarse = None if self.coarse is None else self.coarse.restricted(kept)
         processor = self.processor.restricted(kept)
@@ -123,7 +123,7 @@ class Swept:
 
 
 def retry_delay(took: float) -> float:
-    """Random wait before a sweep is repeated [s], so that two robots do not sweep at the same time again.
+    """Random wait before a sweep is repeated [s], so that two robots are unlikely to sweep at the same time again.
 
     Args:
         took: duration of the unusable sweep [s].
@@ -135,7 +135,7 @@ class Sweeper:
     """Sweeper of the stripe patterns at pauses. Its `policy` keeps state from one pause to the next."""
 
     def __init__(self, calibration: Calibration, rangefinder: Rangefinder, settings: Settings, policy: ScanPolicy):
-        """Store the parts; `calibration` must be that of `rangefinder`, for the mirror angles of the stripes."""
+        """Store the parts. The mirror angles are those of `calibration`, which must belong to `rangefinder`."""
         self._angles = {stripe.index: stripe.mirror_angle for stripe in calibration.stripes}
         self._rangefinder, self._settings, self._policy = rangefinder, settings, policy
 
@@ -144,7 +144,7 @@ class Sweeper:
         return [(index, self._angles[index]) for index in sorted(indices) if index in self._angles]
 
     def sweep(self, mode: str, job: SweepJob) -> Swept:
-        """Sweep in a mode of SWEEPS; repeat a sweep refused because of foreign light while the pause leaves time."""
+        """Sweep in a mode of SWEEPS. If foreign light makes it unusable, repeat it while the pause leaves time."""
         for attempt in itertools.count(1):
             start = clock.now()
             swept = self._sweep(mode, job)
@@ -196,7 +196,7 @@ class Sweeper:
         if not between:
             return Swept(coarse, first, processor)
         job.publish(Swept(coarse, first, processor))
-        logger.info("stripes between: %s", "; ".join(decision.reasons) or "an earlier scan found obstacles")
+        logger.info("firing intermediate stripes: %s", "; ".join(decision.reasons) or "an earlier scan found obstacles")
         if job.recording is not None:
             job.recording.extend("standard" if decision.is_whole else None)
         processor = processor.extended()

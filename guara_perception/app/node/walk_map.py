@@ -91,7 +91,8 @@ class WalkMap:
             standing_pauses: by leg, number of previous pauses through which the foot has stayed on the ground.
 
         Raises:
-            kinematics.KinematicsError: the stance does not fit the robot.
+            kinematics.KinematicsError: the stance does not fit the robot, or its pose cannot be computed.
+            InvalidInput: as in `TerrainMap.update`.
         """
         state = self._state
         if state.last is not None and (epoch, step) == (state.epoch, state.step) and stance == state.stance:
@@ -239,7 +240,7 @@ class WalkMap:
         return "", standing
 
     def _slips(self, pose: OdometryPose, fused: TerrainGrid) -> dict[str, float] | None:
-        """Distance that each standing foot slid since the last pause [m]; None if an image did not locate the robot."""
+        """Distance that each standing foot slid since the last pause [m]; None unless images located it both times."""
         told, before = fused.metadata, self._state.soles
         is_shown = self._state.step is None or "visual_corners" in told
         if not is_shown or "visual_refused" in told or "transform_base_to_footprint" not in told:

@@ -16,10 +16,11 @@ ZONES: Final = 3
 WANTED_PICTURES: Final = 12
 # [rad] Below this tilt, focal length and distance of the board cannot be estimated separately.
 TILT: Final = float(np.deg2rad(15))
-# A still board moves by at most STILL_PX from frame to frame. The corners of different views differ by at least
-# SAME_OF_WIDTH of the image width on average.
+# A board counts as still if no corner moves by more than STILL_PX in x or y between two frames. Two views count as the
+# same if their corners differ by less than SAME_OF_WIDTH of the image width on average.
 STILL_PX: Final = 0.5
 SAME_OF_WIDTH: Final = 0.04
+# Largest fraction of clipped pixels in a usable image.
 CLIPPED_SHARE: Final = 0.02
 # Focal length of a typical lens as a fraction of the image width, for estimating tilts before the actual lens is known.
 FOCAL_OF_WIDTH: Final = 0.92
@@ -49,7 +50,7 @@ class BoardAdvice:
         """
         grey = to_grey(picture)
         if float(np.mean(grey >= 254)) > CLIPPED_SHARE:
-            reason = f"too bright: {100 * float(np.mean(grey >= 254)):.0f} % of the picture is clipped: {TOO_BRIGHT}"
+            reason = f"too bright: {100 * float(np.mean(grey >= 254)):.0f} % of the picture is clipped; {TOO_BRIGHT}"
             return BoardView.unusable(name, reason), reason
         view = find_board(picture, self.board, name)
         if not view.is_usable:
@@ -101,7 +102,7 @@ def _moved(view: BoardView, other: BoardView) -> Float:
 
 
 def tilted_sides(view: BoardView, board: BoardSpec, shape: tuple[int, int]) -> set[str]:
-    """Sides of the image at which the board is tilted away from the camera by more than TILT, with a typical lens."""
+    """Sides of the image at which the board is tilted away from the camera by more than TILT, for a typical lens."""
     height, width = shape
     focal = FOCAL_OF_WIDTH * width
     matrix = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])

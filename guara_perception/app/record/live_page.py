@@ -70,12 +70,12 @@ class LivePage:
         self._server.server_close()
 
     def tell(self, task: str) -> None:
-        """Show the name of a new task, without a request or advice."""
+        """Show the name of a new task; remove the request and the advice of the last one."""
         with self._lock:
             self._task, self._request, self._advice = task, "", ""
 
     def ask(self, request: str) -> None:
-        """Show a request to the operator until the next task."""
+        """Show a request to the operator until the next request or task."""
         with self._lock:
             self._request, self._advice = request, ""
 

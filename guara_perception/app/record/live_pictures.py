@@ -30,7 +30,7 @@ SIDE_POINTS = 20
 
 
 def show_while(ask: Callable[[], None], grab: Callable[[], Image], look: Look, watch: Watch) -> None:
-    """Show camera images until `ask`, which runs on its own thread, returns; raise an exception of `ask` here."""
+    """Run `ask` on its own thread, and show camera images until it returns. Exceptions of `ask` are raised here."""
     answer: Future[None] = Future()
 
     def wait_for_answer() -> None:
@@ -71,9 +71,9 @@ def board_look(board: BoardSpec) -> Look:
 
 
 def crosses_look(camera: CameraModel, points: Float, nominals: tuple[Float, ...]) -> Look:
-    """Make a function that finds crosses near their positions expected for the best of several camera poses.
+    """Make a function that finds crosses, and draws found ones green and the expected positions of missing ones red.
 
-    It draws a found cross green, and the expected position of a missing cross red.
+    The positions are expected for that of the camera poses `nominals` at which the most crosses are found.
     """
 
     def look(picture: Image) -> tuple[Image, str]:

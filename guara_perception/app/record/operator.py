@@ -37,7 +37,7 @@ class TextOperator:
     """Operator at the terminal. The live page shows the same requests."""
 
     def __init__(self, ask: Callable[[str], None], settings: Settings) -> None:
-        """Store how requests are shown.
+        """Create the operator.
 
         Args:
             ask: called with the text of every request, which is also printed.
@@ -66,16 +66,16 @@ class TextOperator:
         (x0, x1), (y0, y1) = self._settings.footprint_x, self._settings.footprint_y
         area = f"x {x0:.2f} ... {x1:.2f} m, y {y0:.2f} ... {y1:.2f} m"
         if height == 0:
-            self._ask(f"Clear the floor in front of the robot: {area} and all that the camera sees")
+            self._ask(f"Clear the floor in front of the robot: {area} and everything else in view")
         else:
             self._ask(
-                f"Lay the plate of {1e3 * height:g} mm, {x1 - x0:.2f} x {y1 - y0:.2f} m or larger, over {area}; a "
-                "smaller one, A3 or larger, where it has not been before"
+                f"Lay the plate of {1e3 * height:g} mm, {x1 - x0:.2f} x {y1 - y0:.2f} m or larger, over {area}. A "
+                "smaller plate must be at least A3; lay it where it has not been scanned yet"
             )
 
     def clear(self) -> None:
         """Ask for the bare floor."""
-        self._ask("Robot in its scan posture on a flat floor, nothing in view; it must not move until the end")
+        self._ask("Put the robot in its scan posture on a flat floor, nothing in view. It must not move until the end")
 
     def _ask(self, text: str) -> None:
         self._print(text)

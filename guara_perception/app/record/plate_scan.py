@@ -76,7 +76,7 @@ def scan_uncalibrated(
                 for capture in group:
                     if capture.on is None or not capture.verdict.in_step:
                         raise PlateScanFailed(
-                            f"{folder.name}: stripe {capture.index}: frame {capture.verdict.value}; scan it again"
+                            f"{folder.name}: stripe {capture.index}: frame {capture.verdict.value}; scan again"
                         )
                     light.look(capture, (0, rows))
                     writer.add(capture.index, capture.mirror_angle, capture.on, capture.off, dark=capture.dark)

@@ -31,7 +31,8 @@ from kinematics import RobotModel
 DEVICES_FILE: Final = "devices.toml"
 FIRST_EXPOSURE_S: Final = 0.008
 GRAB_SECONDS: Final = 2.0
-# Number of camera images of the board after which the recording fails (ten minutes at 30 per second).
+# Number of judged images of the board after which the recording fails. Three frames are taken for each, so that this is
+# half an hour at 30 frames per second.
 MOST_PICTURES: Final = 18_000
 MOST_TRIES: Final = 20
 # Largest plausible coordinate of a cross [m]: a robot's camera does not see the floor farther away.
@@ -69,6 +70,8 @@ def record_session(
 
     Raises:
         RecordingFailed: board or crosses were not found after many attempts.
+        CalibrationRefused: the camera cannot be calibrated or located with the recorded images.
+        PlateScanFailed, MirrorSlipped: the scan of a plate failed, as in `scan_uncalibrated`.
         CalibrationMismatch: another camera than that of the interrupted session is connected.
         drivers.DriverError: a device failed; another call with the same folder resumes the session.
     """
@@ -119,7 +122,8 @@ def check_crosses(points: Float, source: str) -> None:
     farthest = float(np.abs(points).max(initial=0.0))
     if farthest > FARTHEST_CROSS_M:
         raise InvalidInput(
-            f"{source}: a cross is {farthest:g} m away, allowed: {FARTHEST_CROSS_M:g} m; give metres, not millimetres"
+            f"{source}: a coordinate of a cross is {farthest:g} m; allowed: up to {FARTHEST_CROSS_M:g} m. Give metres, "
+            "not millimetres"
         )
     with errors_as(InvalidInput, source, CalibrationRefused, InvalidInput):
         check_extent(Fiducials(CROSSES_PICTURE, points).points_in_footprint)

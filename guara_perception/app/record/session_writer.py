@@ -81,11 +81,12 @@ class SessionWriter:
         Args:
             folder: the session's folder.
             plan: planned contents of the session.
-            redo: keys of `PARTS` to record again, possibly with another plan; `clear` removes their files.
+            redo: keys of `PARTS` to record again; `clear` removes their files. The plan may differ in these parts.
 
         Raises:
             InvalidInput: the folder contains something else or, without `redo`, a finished session; or the recording in
                 it has another plan.
+            FileFormatError: `recording.json` cannot be read.
         """
         self.folder, self.plan, self._redo = Path(folder), plan, tuple(redo)
         check_folder(self.folder)

@@ -11,20 +11,20 @@ from guara_perception.exceptions import CalibrationRefused
 
 # Advice by a phrase in the text of the error; the first phrase found counts.
 WAYS = (
-    ("wrong square size", "`guara calibrate {session} -o {out} --square METRES` with the size measured again"),
+    ("wrong square size", "measure a square of the board and run `guara calibrate {session} -o {out} --square METRES`"),
     (
         "heights look swapped",
-        "exchange the heights in {session}/session.json and `guara calibrate {session} -o {out}`, or "
-        "`guara record {session} --redo plates`",
+        "exchange the heights in {session}/session.json and run `guara calibrate {session} -o {out}`, or "
+        "run `guara record {session} --redo plates`",
     ),
     (
         "plate",
-        "`guara record {session} --redo plates`, or correct a height in {session}/session.json and "
+        "run `guara record {session} --redo plates`, or correct a height in {session}/session.json and run "
         "`guara calibrate {session} -o {out}`",
     ),
-    ("fiducial", "`guara record {session} --redo crosses`"),
-    ("crosses", "`guara record {session} --redo crosses`"),
-    ("board", "`guara record {session} --redo board`"),
+    ("fiducial", "run `guara record {session} --redo crosses`"),
+    ("crosses", "run `guara record {session} --redo crosses`"),
+    ("board", "run `guara record {session} --redo board`"),
 )
 
 
@@ -42,4 +42,4 @@ def way_on(session: Path) -> Iterator[None]:
         if not advice or not (session / PLAN_FILE).is_file():
             raise
         said = advice.format(session=session, out=session / "calibration.json")
-        raise CalibrationRefused(f"{error}; to continue and keep everything else: {said}") from None
+        raise CalibrationRefused(f"{error}; to continue with everything else kept, {said}") from None

@@ -84,7 +84,7 @@ def walk_findings(walk: TrialWalk) -> Iterator[Finding]:
     if walk.unknown_called_safe:
         yield wrong("simulated walk", f"{walk.unknown_called_safe} unknown cells were called traversable")
     if walk.feet_on_hazard:
-        yield wrong("simulated walk", f"{walk.feet_on_hazard} of {walk.feet} feet were set on a hazard")
+        yield wrong("simulated walk", f"{walk.feet_on_hazard} of {walk.feet} footholds were on a hazard")
 
 
 def body_findings(robot: RobotModel) -> Iterator[Finding]:
@@ -118,8 +118,8 @@ def _limits(robot: RobotModel, posture: str, state: RobotState) -> Iterator[Find
         if margin < LIMIT_MARGIN and joint in leg_joints:
             yield wrong(
                 f"posture {posture!r}",
-                f"joint {joint!r} is {margin:.3f} rad from its limit; {LIMIT_MARGIN} are needed to follow a tilting "
-                "body: choose another height",
+                f"joint {joint!r} is {margin:.3f} rad inside its limits; {LIMIT_MARGIN} rad are needed to follow a "
+                "tilting body: choose another height",
             )
 
 
@@ -165,8 +165,8 @@ def _balance(robot: RobotModel) -> Iterator[Finding]:
     if margin < BALANCE_M:
         yield wrong(
             f"posture {robot.config.scan_posture!r}",
-            f"the centre of mass is {1e3 * margin:.0f} mm inside the polygon of the soles, {1e3 * BALANCE_M:.0f} are "
-            "needed: are the masses of the URDF right, and do the feet stand below the body?",
+            f"the centre of mass is {1e3 * margin:.0f} mm inside the polygon of the soles; {1e3 * BALANCE_M:.0f} mm "
+            "are needed: are the masses of the URDF right, and do the feet stand below the body?",
         )
     if robot.config.imu_frame is None:
         yield note(

@@ -36,7 +36,7 @@ def touching(state: RobotState, allowed: Iterable[tuple[str, str]]) -> list[tupl
 
     Args:
         state: joint positions of a robot.
-        allowed: pairs of names of links that may touch, in either order.
+        allowed: pairs of link names that may touch, in either order.
     """
     import coal
 

@@ -10,7 +10,7 @@ import numpy as np
 from guara_perception.exceptions import InvalidInput
 from kinematics.urdf import Joint, Urdf
 
-# Smallest number of joints of a leg, with which it can place its foot at any point in reach.
+# Smallest number of joints with which a leg can place its foot at any point within reach.
 LEAST_JOINTS = 3
 LEAST_LEGS = 3
 
@@ -60,16 +60,18 @@ def find_legs(urdf: Urdf) -> tuple[FoundLeg, ...]:
     if len(paired) < LEAST_LEGS:
         names = ", ".join(repr(leg.foot) for leg in legs) or "none"
         raise InvalidInput(
-            f"{urdf.path}: {len(paired)} legs found (chains of {LEAST_JOINTS} moving joints or more with one like "
-            f"it on the other side of the x axis); three are needed. Ends of chains: {names}"
+            f"{urdf.path}: number of legs found: {len(paired)}; allowed: {LEAST_LEGS} or more. A leg is a chain of "
+            f"{LEAST_JOINTS} or more moving joints with a mirror image on the other side of the x axis. Chains end at: "
+            f"{names}"
         )
     return _named(paired)
 
 
 def _leg(urdf: Urdf, chain: tuple[Joint, ...], below: dict[str, list[Joint]]) -> FoundLeg:
     x, y, z = urdf.transform_at_zero(chain[0].child)[:3, 3].tolist()
-    # Follow fixed links down to a branch. The foot is the last of them with a shape. If none has a shape, it is a child
-    # of the last moving link with a shape and a name that contains foot, toe or tip, or else the last moving link.
+    # Follow the fixed links from the last moving link to the first branch. The last one with a shape is the foot. If none
+    # has a shape, the foot is a child of the last moving link that has one and whose name contains foot, toe or
+    # tip. Without such a child, the foot is the last moving link.
     foot, link = chain[-1].child, chain[-1].child
     links = {item.name: item for item in urdf.links}
     while len(below.get(link, [])) == 1:

@@ -9,8 +9,8 @@ from typing import Any
 from guara_perception.app.robot_folder.postures import FoundPosture
 from guara_perception.app.robot_folder.propose import Proposal, kind_of
 
-# Wave gait: advance and number of pauses of a cycle, duration of a cycle at the slowest pace without scans, and
-# duration of a scan.
+# Wave gait: advance of a cycle [m], number of its pauses, its duration at the slowest pace without scans [s], and the
+# duration of a scan [s].
 CYCLE_M, PAUSES, CYCLE_S, SCAN_S = 0.140, 4, 18.7, 7.0
 SWING_HEIGHT_M = 0.060
 
@@ -73,9 +73,9 @@ joints = [{", ".join(f'"{joint}"' for joint in leg.joints)}]
         step=SWING_HEIGHT_M / 2,
         swing=1e3 * SWING_HEIGHT_M,
         minimum=-1.5 * SWING_HEIGHT_M - 0.01,
-        # The body tilts by 3 degrees if a foot drops by this height.
+        # The body tilts by at most 3 degrees if a foot drops by this height.
         drop=min(round(0.055 * p.scan.hip_height, 3), 0.020),
-        # Beside the sole it also covers the rest of a ball, so that nothing below it rises by more than a step.
+        # The disc is at least as large as a round foot, so that no ground below the foot rises by more than a step.
         disc=max(0.015, round(min(p.sole) / 4.0, 3), round(p.sole_radius - min(p.sole) / 2.0, 3)),
         pauses=min(cycles * PAUSES, 255),
         seconds=cycles * (CYCLE_S + PAUSES * SCAN_S),
@@ -130,10 +130,10 @@ def _sole_reason(p: Proposal) -> str:
     foot = p.legs[0].foot
     if not foot.shapes:
         return "the URDF gives the foot no shape: a guess"
-    return "where the round foot rests as it rolls: 0.55 of it" if foot.is_round else "the foot's collision shape"
+    return "where the round foot may rest: 0.55 of its diameter" if foot.is_round else "the foot's collision shape"
 
 
 def _height_reason(p: Proposal) -> str:
     if p.reach >= 1.0:
         return "the highest from which the feet reach 0.13 m fore and aft, 20 mm down and 60 mm up"
-    return f"from no height do the feet reach all positions of the gait; from this one {p.reach:.0%}"
+    return f"of all heights tried, the feet reach the most positions of the gait from this one: {p.reach:.0%}"

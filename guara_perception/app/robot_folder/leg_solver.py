@@ -1,4 +1,4 @@
-"""Inverse kinematics of a leg of which only the joints are known, and detection of its foot."""
+"""Inverse kinematics of a leg, and detection of its foot, before its sole is defined."""
 
 from __future__ import annotations
 
@@ -74,8 +74,8 @@ class LegSolver:
     def stand_over(self, tip: Float) -> Float | None:
         """Joint positions that place the tip at `tip` (3,) in the base [m]; None if not found.
 
-        The search starts from the last result, or else from many positions, of which the result with the least hip roll
-        and the knee towards the body's centre is returned.
+        The search starts from the last result. If that fails, it starts from many positions, and the solution of the
+        lowest cost is returned: little hip roll, and the knee towards the body's centre.
         """
         if self._last is not None:
             again = self.solve(self._last, tip)
@@ -92,7 +92,7 @@ class LegSolver:
         return self._last
 
     def _cost(self, positions: Float, tip: Float) -> float:
-        """Cost of a posture; smallest if the hip does not roll and the knee points to the body's centre."""
+        """Cost of a posture; low if the hip does not roll and the knee points to the body's centre."""
         frames = self.transforms(positions)
         knee = frames[-1][:3, 3] if len(frames) < 4 else frames[2][:3, 3]
         outward = float(np.sign(self.leg.start[0]) * (knee[0] - (tip[0] + self.pitch_joint[0]) / 2.0))
@@ -115,7 +115,7 @@ class LegSolver:
 
 
 def with_frame(urdf: Urdf, parent: str, name: str, transform: Float) -> Urdf:
-    """Add a link fixed to `parent`; its rotation has the roll, pitch and yaw that are written to the file."""
+    """Add a link fixed to `parent`. Its rotation is converted to roll, pitch and yaw and back, as in a URDF file."""
     placed = np.array(transform)
     placed[:3, :3] = rotation_from_rpy(*rpy_from_rotation(placed[:3, :3]))
     link = Link(name, None, np.zeros(3), np.zeros((3, 3)), ())
@@ -124,7 +124,7 @@ def with_frame(urdf: Urdf, parent: str, name: str, transform: Float) -> Urdf:
 
 
 def tree_of(urdf: Urdf, legs: tuple[LegConfig, ...], sole: tuple[float, float] = (0.01, 0.01)) -> KinematicTree:
-    """Kinematic tree with the given legs and soles. Camera and laser frames are still those of the root link."""
+    """Kinematic tree with the given legs and soles. The root link stands in for the frames of camera and laser."""
     root = root_link(urdf)
     config = RobotToml(
         path=Path(urdf.path),
@@ -150,8 +150,8 @@ class Foot:
         link: the last moving link.
         tip: (3,) centre of the foot, or of the round end of the bone [m].
         shapes: shapes that move rigidly with the link, each with transform_shape_to_link (4, 4).
-        is_round: True if the foot has a point contact: a ball, the end of a bone, or any short foot of a leg with
-            fewer than four joints.
+        is_round: True if the foot has a point contact: a ball, the end of a bone, any short foot of a leg with fewer
+            than four joints, or a foot without a shape.
         size: (3,) extents of the foot along its own axes [m]: the diameter of a ball, the width of a bone; zeros if the
             foot has no shape.
     """

@@ -25,8 +25,8 @@ CAMERA_HEIGHT_M, CAMERA_BEFORE_M, BASELINE_M, MIRROR_LOWER_M = 0.5, 0.10, 0.20, 
 VIEW_ACROSS, VIEW_ALONG = 0.95 * 0.5 / 0.921, 0.95 * 0.4 / 0.921
 # Smallest distance of a mount from the collision shapes of the robot.
 MOUNT_MARGIN_M = 0.03
-# The search stops at the first mount of which the robot hides no more than this fraction of the area. Also the least
-# improvement that counts.
+# The search stops at the first mounts from which the robot hides no more than this fraction of the area, and ignores
+# smaller improvements.
 HIDDEN_ENOUGH = 0.01
 HIGHEST_M = 1.4
 SAMPLES = (10, 12)
@@ -41,7 +41,8 @@ class FoundMounts:
         camera: (3,) position of the camera in the base [m].
         camera_pitch: forward tilt of the camera from straight down [rad].
         mirror: (3,) position of the mirror in the base [m].
-        hidden: fraction of the area that the robot itself hides from camera or laser; 1 if no free view was found.
+        hidden: fraction of the area that the robot itself hides from camera or laser, mean of all stances; 1 if no free
+            view was found.
     """
 
     area_x: tuple[float, float]

@@ -28,12 +28,16 @@ def new_robot(source: Path, folder: Path, *, name: str | None = None, hip_height
         hip_height: height of the hips in the scan posture [m]; None = chosen.
 
     Raises:
-        InvalidInput: the folder is not empty, the name is invalid, or no legs that can stand are found.
+        InvalidInput: `folder` is a file or not empty, the name is invalid, or no legs that can stand are found.
+        OSError: the folder cannot be written.
         kinematics.RobotFileError: the URDF is invalid; the message lists all findings with their lines.
     """
     name = name or re.sub(r"[^A-Za-z0-9_-]", "_", folder.resolve().name)
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
-        raise InvalidInput(f"the name of the robot is {name!r}; letters, digits, '_' and '-' are allowed: give --name")
+        raise InvalidInput(
+            f"the name of the robot is {name!r}; allowed: letters, digits, '_' and '-', with a letter or digit first. "
+            "Give another name with --name"
+        )
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InvalidInput(f"{folder} exists and is not overwritten; give another name")
     urdf = read_urdf(source)

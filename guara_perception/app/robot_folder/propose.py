@@ -84,14 +84,14 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
         hip_height: height of the hips above the soles in the scan posture [m]; None = chosen for the reach of the feet.
 
     Raises:
-        InvalidInput: no legs are found, or the legs found cannot stand.
+        InvalidInput: fewer than three legs are found, or the robot cannot stand on them.
     """
     found = find_legs(urdf)
     legs = tuple(LegSolver(urdf, leg, find_foot(urdf, leg)) for leg in found)
     height, reach = choose_height(legs) if hip_height is None else (hip_height, 1.0)
     scan = stand(legs, height)
     if scan is None:
-        raise InvalidInput(f"the legs cannot stand with the hips {height} m over the soles: give another --height")
+        raise InvalidInput(f"the legs cannot stand with the hips {height} m above the soles: give another --height")
     rest = {
         joint.name: float(np.clip(0.0, joint.lower, joint.upper))
         for joint in urdf.joints
@@ -161,8 +161,8 @@ def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> 
 def _sole(feet: list[Foot]) -> tuple[float, float]:
     """Length and width of a sole [m], each the smallest over all feet.
 
-    Length and width of a flat foot are its two longer sides; a round foot has the part of its diameter on which it may
-    come to rest for both.
+    Length and width of a flat foot are its two longer sides. For a round foot, both are the part of its diameter on
+    which it may come to rest.
     """
     lengths: list[tuple[float, ...]] = []
     for foot in feet:

@@ -96,13 +96,15 @@ def scan_findings(robot: RobotModel) -> Iterator[Finding]:
     for link in seen.inside:
         yield wrong(
             "frames",
-            f"camera or laser lies inside the shape of link {link!r}: move it, or list it in [self_filter] ignore",
+            f"camera or laser lies inside the shape of link {link!r}: move the device, or list the link in "
+            "[self_filter] ignore",
         )
     unseen, hidden = float(np.mean(~seen.in_view)), float(np.mean(seen.hidden))
     if unseen > UNSEEN_SHARE:
         yield wrong(
             "frames.camera",
-            f"{unseen:.0%} of the scanned area is out of view of a lens of 57 x 47 degrees: mount it higher or turn it",
+            f"{unseen:.0%} of the scanned area is out of view of a lens of 57 x 47 degrees: mount the camera higher or "
+            "turn it",
         )
     if hidden > HIDDEN_SHARE:
         yield wrong(

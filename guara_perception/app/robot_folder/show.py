@@ -61,9 +61,9 @@ def robot_moment(robot: RobotModel) -> Moment:
 
 
 def _mounts(robot: RobotModel, settings: Settings) -> tuple[Stance, StancePose, Float, Float, list[float]]:
-    """Stance, pose, camera and mirror (3,) of a scan, and x of the outer laser planes on the floor.
+    """Stance and pose of a scan, positions of camera and mirror, and x of the outer laser planes on the floor.
 
-    Positions are in base_footprint [m].
+    Positions (3,) and x are in base_footprint [m].
     """
     stance = Stance(robot.posture(robot.config.scan_posture), robot.legs)
     pose = robot.stance_pose(stance, find_unloaded=False)

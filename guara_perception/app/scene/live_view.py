@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 THINNED = 3
 PICTURE_WIDTH_PX = 480
 JPEG_QUALITY = 80
-# Apart from the first one, only images of stripes within this distance of the median one are copied [stripe indices].
+# After that of the first stripe, only images of stripes within this distance of the median are copied [stripe indices].
 NEAR = 2
 
 
@@ -37,7 +37,7 @@ class LiveView:
 
         Args:
             views: sends the messages.
-            centre: median index of the pattern; the stripe nearest to it within NEAR is shown, or else the first one.
+            centre: median index of the pattern; the stripe nearest to it within NEAR is shown, else the first one.
         """
         self._views, self._centre = views, centre
         self._seen: tuple[int, Image] | None = None

@@ -39,7 +39,7 @@ class SceneMirror:
             server.mirror(lambda: self._named(scene.unchanging(time.time_ns())), lane="robot")
 
     def begin(self, stance: Stance, stamp: int) -> None:
-        """Mirror the robot's frames at the beginning of a scan, and its camera."""
+        """Mirror the camera at the beginning of a scan and, with `with_tf`, the robot's frames."""
         self._server.mirror(lambda: self._named(self._scene.of_stance(stance, stamp)), lane="stance")
 
     def points(self, points: Mapping[int, StripePoints], stamp: int) -> None:

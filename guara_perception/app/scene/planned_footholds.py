@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 def planned_footholds(robot: RobotModel, terrain: TerrainGrid) -> dict[str, tuple[float, float, float]]:
     """Next foothold (x, y, z) [m] by leg, where a simple planner finds one on this grid.
 
-    Empty for a grid without the robot's stance.
+    Empty if the record of the grid lacks the robot, its stance, its limits or its transform to the footprint.
     """
     from guara_perception.simulation.gait import WaveGait
     from guara_perception.simulation.planner import plan_foothold

@@ -39,7 +39,7 @@ def open_in_rerun(path: Path) -> None:
 
     Raises:
         PerceptionError: the viewer failed, for instance without a display.
-        Exception: as in `save_rerun_scene`.
+        MissingExtra, MissingFile, FileFormatError, InvalidInput: as in `save_rerun_scene`.
     """
     with tempfile.TemporaryDirectory(prefix="guara-rerun-") as folder:
         scene = save_rerun_scene(path, Path(folder) / f"{path.stem}.rrd")
@@ -60,7 +60,7 @@ def save_rerun_scene(path: Path, out: Path) -> Path:
 
     Raises:
         MissingExtra: rerun-sdk is not installed.
-        MissingFile: no such recording.
+        MissingFile: the recording or the folder of `out` does not exist.
         FileFormatError: the file is not a recording, or is truncated or damaged.
         InvalidInput: the recording has no scene, `path` is not an .mcap file, or `out` is not an .rrd file.
     """

@@ -1,4 +1,4 @@
 """Printable calibration targets, to scale: checkerboard, crosses, floor mat, labels, ruler.
 
-Only `app` imports it; it writes one PDF and nothing else.
+This package writes one PDF file and nothing else. Only `app` imports it.
 """

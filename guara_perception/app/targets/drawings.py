@@ -110,7 +110,7 @@ def crosses() -> Sheet:
 
 
 def mat(robot: RobotModel) -> Sheet:
-    """Floor mat for a robot in its scan posture, with outlines of the soles and crosses; x up, y to the left.
+    """Floor mat for a robot in its scan posture, with crosses and the outlines of the soles; x up, y to the left.
 
     When the robot stands on the outlines, the crosses are at `cross_points`.
     """

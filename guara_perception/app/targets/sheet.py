@@ -30,7 +30,7 @@ class Sheet:
     Attributes:
         title: printed on every page.
         width_mm, height_mm: size of the drawing.
-        draw: draws it on axes whose units are millimetres, from (0, 0) at the bottom left.
+        draw: function that draws on axes in millimetres, with (0, 0) at the bottom left of the drawing.
     """
 
     title: str

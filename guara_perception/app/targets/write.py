@@ -37,8 +37,8 @@ def write_targets(
 
     Raises:
         InvalidInput: `path` does not end in .pdf or is a folder, the paper size is unknown, or a ChArUco board needs
-            more markers than the dictionary has.
-        MissingFile: the folder does not exist.
+            more markers than the largest dictionary has.
+        MissingFile: the folder of `path` does not exist.
     """
     from matplotlib.backends.backend_pdf import PdfPages
 

@@ -65,7 +65,7 @@ def test_another_unit_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixt
     [
         (["--name", "a b"], "--name is 'a b'; allowed: letters"),
         (["--name", "../x"], "--name is '../x'"),
-        (["--user", "root"], "--user is 'root'; allowed: a user of its own"),
+        (["--user", "root"], "--user is 'root'; allowed: a separate user"),
     ],
 )
 def test_bad_names_are_refused(options: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:

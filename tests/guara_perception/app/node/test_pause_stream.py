@@ -156,7 +156,7 @@ def test_where_instants_are_in_doubt_the_stream_is_not_used(robot: RobotModel, m
     assert "does not report its clock" in stream_of(robot, Clock(known_after=2)).doubt((100.0, 0.002))
     assert "lag is not known" in stream_of(robot).doubt(None)
     text = stream_of(robot, Clock(doubt=0.05)).doubt((100.0, 0.002))
-    assert f"sigma of flash times is 29 ms, allowed: {1e3 * MOST_TIME_SIGMA:.0f} ms" in text
+    assert f"sigma of flash times is 29 ms; allowed: up to {1e3 * MOST_TIME_SIGMA:.0f} ms" in text
 
 
 class Readings:

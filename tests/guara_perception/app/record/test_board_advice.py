@@ -94,4 +94,4 @@ def test_what_is_wrong_with_a_picture_is_reported(show):
 def test_a_picture_that_is_clipped_says_what_to_do():
     """As `guara scan` does in the same light."""
     _, reason = BoardAdvice(BOARD).judge(np.full((512, 640), 255, np.uint8))
-    assert reason.startswith("too bright: 100 % of the picture is clipped: shade the scene or close the iris")
+    assert reason.startswith("too bright: 100 % of the picture is clipped; shade the scene or close the iris")

@@ -217,7 +217,7 @@ REFUSED = [
         "plate plate_40: after stripe index 3 the mirror",
         "{session} --redo plates`, or correct a height in {session}",
     ),
-    ("plate heights look swapped: plate_0", "exchange the heights in {session}/session.json and `guara calibrate"),
+    ("plate heights look swapped: plate_0", "exchange the heights in {session}/session.json and run `guara calibrate"),
     ("fiducials: 3 of 5 crosses were found", "`guara record {session} --redo crosses`"),
     ("2 of 14 board views are usable", "`guara record {session} --redo board`"),
     (
@@ -236,7 +236,7 @@ def test_a_refusal_tells_the_way_on(tmp_path: Path, refusal: str, way: str):
     (tmp_path / "recording.json").write_text("{}")
     with pytest.raises(gp.CalibrationRefused) as told, way_on(tmp_path):
         raise gp.CalibrationRefused(refusal)
-    assert str(told.value).startswith(f"{refusal}; to continue and keep everything else: ")
+    assert str(told.value).startswith(f"{refusal}; to continue with everything else kept, ")
     assert way.format(session=tmp_path) in str(told.value)
 
 
@@ -302,7 +302,7 @@ def test_a_plate_is_scanned_whole_or_not_at_all(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr("drivers.emulator.emulated_camera.EmulatedCamera", BenchCamera)
     workshop = SimulatedWorkshop()
     workshop.rangefinder.camera.faults.append(CameraFault("silence", first=20, count=400))
-    with workshop.rangefinder, pytest.raises(PlateScanFailed, match=r"plate_0: stripe \d+: frame .*; scan it again"):
+    with workshop.rangefinder, pytest.raises(PlateScanFailed, match=r"plate_0: stripe \d+: frame .*; scan again"):
         scan_uncalibrated(workshop.rangefinder, workshop.robot, workshop.stance, tmp_path / "plate_0", mode="coarse")
     assert not (tmp_path / "plate_0").exists()
 
@@ -328,7 +328,7 @@ def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: P
         (["--simulated", "--plates", "0.04,0.045"], "two successive ones 0.01 m or more apart; 0 is the bare floor"),
         (
             ["--simulated", "--crosses", "mm.json"],
-            "mm.json: a cross is 930 m away, allowed: 5 m; give metres, not",
+            "mm.json: a coordinate of a cross is 930 m; allowed: up to 5 m. Give metres, not",
         ),
         (["--simulated", "--crosses", "three.json"], "three.json: fiducials.points_in_footprint: 3 points given; 4 or"),
         (["--simulated", "--crosses", "line.json"], "line.json: fiducials: the points are collinear"),

@@ -118,7 +118,7 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
     ("old", "new", "message"),
     [
         ("<axis xyz", "<axes xyz", "did you mean <axis>?"),
-        ('type="revolute"', 'type="fixed"', "legs found (chains of 3 moving joints or more"),
+        ('type="revolute"', 'type="fixed"', "A leg is a chain of 3 or more moving joints"),
         ('<joint name="', '<joint nam="', "a <joint> has no name"),
     ],
 )
