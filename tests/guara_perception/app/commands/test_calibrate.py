@@ -132,7 +132,7 @@ BROKEN: list[tuple[Edit, str]] = [
     ),
     (lambda c: c["board"].update(inner_corners=[2, 7]), "board has 2x7 inner corners"),
     (lambda c: c["board"].update(square="30 mm"), "session.json: board.square is text, it must be a number"),
-    (lambda c: c["board"].update(square=30), "squares of 0.001 ... 1 m are allowed"),
+    (lambda c: c["board"].update(square=30), "squares of 0.001 ... 1 m"),
     (lambda c: c["board_images"].append("board_99.jpg"), "board_99.jpg does not exist"),
     (lambda c: c["board_images"].append(3), "session.json: board_images: 3 is not a file name"),
     (lambda c: c["fiducials"].update(image="none.jpg"), "none.jpg does not exist"),

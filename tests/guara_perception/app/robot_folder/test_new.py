@@ -139,7 +139,7 @@ def test_a_missing_urdf_and_a_bad_name_are_refused(tmp_path: Path, capsys: pytes
     assert run(["robot", "new", str(tmp_path / "no.urdf"), "-o", str(tmp_path / "mine")]) == 2
     assert "no.urdf: cannot be read" in capsys.readouterr().err
     assert run(["robot", "new", str(SOURCES["guara"]), "-o", str(tmp_path / "mine"), "--name", "a b"]) == 2
-    assert "letters, digits, '_' and '-' are allowed" in capsys.readouterr().err
+    assert "allowed: letters, digits, '_' and '-'" in capsys.readouterr().err
 
 
 def test_a_height_may_be_asked_for(tmp_path: Path) -> None:
