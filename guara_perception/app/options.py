@@ -97,7 +97,7 @@ def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--plates",
             default="0,0.04,0.08",
-            help="heights of the plates [m]; 0 = the bare floor; repeat the height of a small plate that is moved",
+            help="heights of the plates [m]; 0 = the bare floor; give the height of a small plate once per position",
         ),
     )
     return _with_options(command, options)
@@ -112,7 +112,12 @@ def _with_options(
 
 
 def stance_of(path: Path | None, robot: RobotModel) -> Stance:
-    """Stance from a JSON file; if `path` is None, the scan posture on all feet with unknown gravity."""
+    """Stance from a JSON file; if `path` is None, the scan posture on all feet with unknown gravity.
+
+    Raises:
+        MissingFile, FileFormatError: the file does not exist, or is not a JSON object.
+        kinematics.KinematicsError: the file does not contain a stance.
+    """
     from guara_perception.fields import read_json
     from kinematics import Stance
 

@@ -51,13 +51,13 @@ def process_scan(
         TerrainGrid of extent "footprint".
 
     Raises:
-        CalibrationMismatch: robot, stripes or image size of scan and calibration do not match.
+        CalibrationMismatch: robot, camera, stripes or image size of scan, calibration and `robot` do not match.
         InvalidInput: there is no calibration; the method or area is unknown, the threshold or resolution is invalid; a
-            stance or a stripe index does not fit the robot; the node withdrew the grid of the scan; or, with `strict`,
-            a frame is unusable.
+            stance or a stripe index does not fit the robot; the camera moved during the scan; the node withdrew the
+            grid of the scan; the path contains no scan or several; or, with `strict`, a frame is unusable.
         MissingFile, FileFormatError: scan or calibration is missing or invalid; or a frame (with `strict`), or every
             frame, cannot be read.
-        kinematics.KinematicsError: the robot does not exist or cannot be loaded, or the stance does not fit it.
+        kinematics.KinematicsError: the robot does not exist or cannot be loaded.
     """
     check_area(area)
     if not isinstance(calibration, Calibration):

@@ -16,7 +16,7 @@ from transport.messages.stance_stream import ANY_WALK
 from transport.recording import FlashRecord
 from transport.stance_link import GaitClock
 
-# [s] Longest time that a scan waits for the gait's clock, and for the samples around its last flash once these are due.
+# [s] Longest waits of a scan: for the gait's clock, and beyond the time at which the samples of its last flash are due.
 CLOCK_WAIT, SAMPLE_WAIT = 0.5, 0.5
 
 
@@ -60,7 +60,10 @@ class PauseStream:
 
     @property
     def shown(self) -> tuple[int, float]:
-        """Stamp up to which the samples give the body's pose [ns], and arrival of the last batch [s]."""
+        """Stamp up to which the samples give the body's pose [ns], and arrival of the last batch [s].
+
+        Without samples, these are `begin` and -inf.
+        """
         latest = self.track.latest
         if not math.isfinite(latest):
             return self.begin, -math.inf
@@ -88,9 +91,9 @@ class PauseStream:
         return ""
 
     def instant(self, time: float, sigma: float) -> tuple[float, float]:
-        """Time of a flash since BEGIN on the gait's clock, and its sigma [s], both rounded to nanoseconds.
+        """Time of a flash since BEGIN on the gait's clock, and its sigma [s]; NaN and 0 if that clock is not known.
 
-        The result is NaN and 0 if the gait's clock is not known.
+        Both are rounded to nanoseconds, the sigma upwards.
 
         Args:
             time: time of the flash on `transport.clock` [s].

@@ -1,4 +1,4 @@
-"""Published grids of the newest pause, confirmed, cut or withdrawn as the gait's announcements require."""
+"""Published grids of the newest pause, confirmed, cut to confirmed stripes or withdrawn as the gait announces."""
 
 from __future__ import annotations
 

@@ -237,7 +237,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             self._lost += bool(problem)
             self._problem = problem and f"step {step} was only partly recorded: {problem}"
         if problem:
-            logger.error("recording failed: step %d: %s", step, problem)
+            logger.error("step %d was only partly recorded: %s", step, problem)
 
     def _open(self) -> RecordingWriter:
         return RecordingWriter(self._files.next(), robot=self._robot, calibration=self._calibration)

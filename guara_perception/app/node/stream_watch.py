@@ -72,7 +72,7 @@ class StreamWatch:
             return True
 
     def begin(self, make: Callable[[], PauseStream], epoch: str) -> PauseStream | None:
-        """Begin the stream of a new pause with the samples of the last second; return None if no stream is usable.
+        """Begin the stream of a new pause with the samples of the last second; return None if the stream is not usable.
 
         Args:
             make: function that creates the stream without samples, or raises KinematicsError if the pause cannot have a
@@ -162,7 +162,9 @@ class StreamWatch:
         self._lost += lost
         if longest > LONGEST_GAP or pause <= 0.0 or lost:
             self._gaps += 1
-            what = f"{lost} batches were lost" if lost else f"{longest:.2f} s without a sample"
+            what = (
+                f"{lost} batch{'es were' if lost > 1 else ' was'} lost" if lost else f"{longest:.2f} s without a sample"
+            )
             if pause <= 0.0:
                 what = "the stamps did not increase"
             self._trouble = now, f"joint stream: {what}"

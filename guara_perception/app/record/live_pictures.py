@@ -73,7 +73,7 @@ def board_look(board: BoardSpec) -> Look:
 def crosses_look(camera: CameraModel, points: Float, nominals: tuple[Float, ...]) -> Look:
     """Make a function that finds crosses, and draws found ones green and the expected positions of missing ones red.
 
-    The positions are expected for that of the camera poses `nominals` at which the most crosses are found.
+    Of the camera poses `nominals`, the one at which the most crosses are found gives the expected positions.
     """
 
     def look(picture: Image) -> tuple[Image, str]:

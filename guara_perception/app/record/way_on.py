@@ -42,4 +42,4 @@ def way_on(session: Path) -> Iterator[None]:
         if not advice or not (session / PLAN_FILE).is_file():
             raise
         said = advice.format(session=session, out=session / "calibration.json")
-        raise CalibrationRefused(f"{error}; to continue with everything else kept, {said}") from None
+        raise CalibrationRefused(f"{error}; to continue without recording everything again, {said}") from None

@@ -148,7 +148,7 @@ class Foot:
 
     Attributes:
         link: the last moving link.
-        tip: (3,) centre of the foot, or of the round end of the bone [m].
+        tip: (3,) centre of the foot or of the round end of the bone; without a shape, origin of the farthest frame [m].
         shapes: shapes that move rigidly with the link, each with transform_shape_to_link (4, 4).
         is_round: True if the foot has a point contact: a ball, the end of a bone, any short foot of a leg with fewer
             than four joints, or a foot without a shape.

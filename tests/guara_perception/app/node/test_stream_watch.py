@@ -72,7 +72,7 @@ def test_a_hole_and_a_silence_are_gaps_that_are_told(watched: Watched) -> None:
     watched.watch.add(watched.batch())
     watched.batch()
     watched.watch.add(watched.batch())
-    assert watched.said == (Health.WARN, "joint stream: 1 batches were lost")
+    assert watched.said == (Health.WARN, "joint stream: 1 batch was lost")
     watched.now += 0.3
     watched.watch.add(watched.batch())
     assert watched.said == (Health.WARN, "joint stream: 0.30 s without a sample")

@@ -236,7 +236,7 @@ def test_a_refusal_tells_the_way_on(tmp_path: Path, refusal: str, way: str):
     (tmp_path / "recording.json").write_text("{}")
     with pytest.raises(gp.CalibrationRefused) as told, way_on(tmp_path):
         raise gp.CalibrationRefused(refusal)
-    assert str(told.value).startswith(f"{refusal}; to continue with everything else kept, ")
+    assert str(told.value).startswith(f"{refusal}; to continue without recording everything again, ")
     assert way.format(session=tmp_path) in str(told.value)
 
 
