@@ -249,8 +249,8 @@ def calibrate_boards(
     """Intrinsics estimated from the usable views, or those of the known camera.
 
     Raises:
-        CalibrationRefused: views are mirrored, too few are usable, all are parallel, or the view of the board on the
-            floor is not usable.
+        CalibrationRefused: a view is mirrored; the view of the board on the floor is not usable; or, without a known
+            camera, too few views are usable or all are nearly parallel.
     """
     mirrored = [view.name for view in views if view.reason == MIRRORED]
     if mirrored:
@@ -280,8 +280,8 @@ def find_lines(
     """Find the laser lines on all plates, and check them for swapped heights and missed steps.
 
     Raises:
-        CalibrationRefused: too few stripes were found on a plate or cross plates of two heights, the mirror missed a
-            step, or plate heights are swapped.
+        CalibrationRefused: too few stripes were found on a plate, or on plates of two heights; plate heights are
+            swapped; or the laser lines jump, for instance because the mirror missed a step.
         CalibrationMismatch: the size of a frame differs from that of the camera.
     """
     camera, transform = fit.camera, fit.transform_camera_to_footprint

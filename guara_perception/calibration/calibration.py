@@ -110,7 +110,7 @@ class Calibration:
         return tuple(stripe.index for stripe in self.stripes)
 
     def stripe(self, index: int) -> StripePlane:
-        """Laser plane of the stripe with an index.
+        """Laser plane of a stripe, by index.
 
         Raises:
             CalibrationMismatch: the calibration has no stripe with this index.

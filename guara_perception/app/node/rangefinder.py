@@ -148,7 +148,7 @@ class Rangefinder:
     def lost_steps(self, firing_order: FiringOrder) -> int:
         """Home the mirror, move it to the first stripe, and return the motor steps lost since the last homing.
 
-        If steps were lost, stripes since that homing were not at their commanded angles, and their heights are wrong.
+        If steps were lost, some stripes since that homing were not at their commanded angles, and have wrong heights.
 
         Raises:
             drivers.BoardError: the board cannot be reached, or did not find the home position.

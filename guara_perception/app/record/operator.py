@@ -52,12 +52,12 @@ class TextOperator:
             self._print(advice)
 
     def lay_board(self, board: BoardSpec, why_again: str) -> None:
-        """Ask for the board on the floor, with the reason why the last attempt failed."""
+        """Ask for the board on the floor, with the reason why the last attempt failed, if any."""
         again = f"{why_again}. " if why_again else ""
         self._ask(f"{again}Lay the board flat on the floor, entirely in the picture")
 
     def lay_crosses(self, points: str, why_again: str) -> None:
-        """Ask for the crosses, with the reason why the last attempt failed."""
+        """Ask for the crosses, with the reason why the last attempt failed, if any."""
         again = f"{why_again}. " if why_again else ""
         self._ask(f"{again}Remove the board; lay the crosses at {points} m in base_footprint (the mat shows them)")
 
@@ -74,7 +74,7 @@ class TextOperator:
             )
 
     def clear(self) -> None:
-        """Ask for the bare floor."""
+        """Ask for a bare floor, with the robot in its scan posture."""
         self._ask("Put the robot in its scan posture on a flat floor, nothing in view. It must not move until the end")
 
     def _ask(self, text: str) -> None:

@@ -63,7 +63,7 @@ def record_session(
             resumed session uses those of its folder.
         operator: person or program that places board, crosses and plates in front of the camera.
         tell: function that shows a text; called for each task.
-        watch: called with each camera image and the request for the next one, for a live page.
+        watch: called with each camera image and a text about it or a request, for a live page.
 
     Returns:
         Path of `session.json`.
@@ -122,7 +122,7 @@ def check_crosses(points: Float, source: str) -> None:
     farthest = float(np.abs(points).max(initial=0.0))
     if farthest > FARTHEST_CROSS_M:
         raise InvalidInput(
-            f"{source}: a coordinate of a cross is {farthest:g} m; allowed: up to {FARTHEST_CROSS_M:g} m. Give metres, "
+            f"{source}: a coordinate of a cross is {farthest:g} m; allowed: up to {FARTHEST_CROSS_M:g} m; give metres, "
             "not millimetres"
         )
     with errors_as(InvalidInput, source, CalibrationRefused, InvalidInput):

@@ -75,7 +75,7 @@ joints = [{", ".join(f'"{joint}"' for joint in leg.joints)}]
         minimum=-1.5 * SWING_HEIGHT_M - 0.01,
         # The body tilts by at most 3 degrees if a foot drops by this height.
         drop=min(round(0.055 * p.scan.hip_height, 3), 0.020),
-        # The disc is at least as large as a round foot, so that no ground below the foot rises by more than a step.
+        # The sole enlarged by the disc covers a whole round foot, so that no ground below it rises by more than a step.
         disc=max(0.015, round(min(p.sole) / 4.0, 3), round(p.sole_radius - min(p.sole) / 2.0, 3)),
         pauses=min(cycles * PAUSES, 255),
         seconds=cycles * (CYCLE_S + PAUSES * SCAN_S),

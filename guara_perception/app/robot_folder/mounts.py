@@ -25,8 +25,8 @@ CAMERA_HEIGHT_M, CAMERA_BEFORE_M, BASELINE_M, MIRROR_LOWER_M = 0.5, 0.10, 0.20, 
 VIEW_ACROSS, VIEW_ALONG = 0.95 * 0.5 / 0.921, 0.95 * 0.4 / 0.921
 # Smallest distance of a mount from the collision shapes of the robot.
 MOUNT_MARGIN_M = 0.03
-# The search stops at the first mounts from which the robot hides no more than this fraction of the area, and ignores
-# smaller improvements.
+# The search stops at the first mounts from which the robot hides at most this fraction of the area. Improvements by a
+# smaller fraction are ignored.
 HIDDEN_ENOUGH = 0.01
 HIGHEST_M = 1.4
 SAMPLES = (10, 12)

@@ -73,7 +73,7 @@ def choose_height(legs: tuple[LegSolver, ...]) -> tuple[float, float]:
     """Choose the hip height [m] for the gait; return the height and the fraction of foot positions within reach.
 
     The result is the greatest height from which the feet reach all positions, or else the height from which they reach
-    most of them. Only the first and the last leg are tested.
+    the largest number of them. Only the first and the last leg are tested.
 
     Raises:
         InvalidInput: the robot cannot stand at any height.

@@ -27,7 +27,7 @@ class Coverage:
     """Coverage of a flat floor by camera and laser in the scan posture.
 
     Attributes:
-        x, y: centres of the cells in base_footprint [m].
+        x, y: coordinates of the cells in base_footprint [m].
         in_view: (ny, nx) mask of the cells in view of the nominal camera.
         hidden: (ny, nx) mask of the cells that the robot itself hides from camera or laser; all False if `inside` is
             not empty.

@@ -328,7 +328,7 @@ def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: P
         (["--simulated", "--plates", "0.04,0.045"], "two successive ones 0.01 m or more apart; 0 is the bare floor"),
         (
             ["--simulated", "--crosses", "mm.json"],
-            "mm.json: a coordinate of a cross is 930 m; allowed: up to 5 m. Give metres, not",
+            "mm.json: a coordinate of a cross is 930 m; allowed: up to 5 m; give metres, not",
         ),
         (["--simulated", "--crosses", "three.json"], "three.json: fiducials.points_in_footprint: 3 points given; 4 or"),
         (["--simulated", "--crosses", "line.json"], "line.json: fiducials: the points are collinear"),
