@@ -36,8 +36,8 @@ def unit(name: str, node: Path, user: str) -> str:
         user: user that the node runs as; not root.
 
     Raises:
-        InvalidInput: the name or the user is empty or contains characters other than letters, digits, - and _, or the user
-            is root.
+        InvalidInput: the name or the user is empty or contains characters other than letters, digits, - and _, or the
+            user is root.
     """
     for what, value in (("--name", name), ("--user", user)):
         if not value.replace("-", "").replace("_", "").isalnum() or not value.isascii():

@@ -238,7 +238,7 @@ class PublishedScans:
             self._recorder.add_terrains(pause.step, messages)
 
     def _send(self, published: Published, terrain: TerrainGrid) -> TerrainMessage:
-        """Publish a grid as provisional or confirmed. A provisional grid is valid until the deadline of its pause at most."""
+        """Publish a grid as provisional or confirmed. A provisional grid expires by the deadline of its pause."""
         pause, scan = published.pause, published.swept.scan
         is_provisional = published.will_be_refined or pause.still_until < scan.last_frame
         # A map is published as confirmed only after its journal is written, so that a node killed later can continue.

@@ -144,7 +144,10 @@ class Sweeper:
         return [(index, self._angles[index]) for index in sorted(indices) if index in self._angles]
 
     def sweep(self, mode: str, job: SweepJob) -> Swept:
-        """Sweep in a mode of SWEEPS. Repeat a sweep that foreign light made unusable, up to MOST_SWEEPS, if time is left."""
+        """Sweep in a mode of SWEEPS.
+
+        If foreign light makes a sweep unusable, it is repeated while time is left, up to MOST_SWEEPS sweeps in all.
+        """
         for attempt in itertools.count(1):
             start = clock.now()
             swept = self._sweep(mode, job)

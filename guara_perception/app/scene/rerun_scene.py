@@ -62,7 +62,8 @@ def save_rerun_scene(path: Path, out: Path) -> Path:
         MissingExtra: rerun-sdk is not installed.
         MissingFile: the recording or the folder of `out` does not exist.
         FileFormatError: the file is not a recording, or is truncated or damaged.
-        InvalidInput: the recording has no scene, `path` is not an .mcap file, or `out` is a folder or does not end in .rrd.
+        InvalidInput: the recording has no scene, `path` is not an .mcap file, or `out` is a folder or lacks the
+            ending .rrd.
     """
     rerun = optional_library("rerun", "rerun", PURPOSE)
     check_target(out, ".rrd")
