@@ -23,7 +23,7 @@ SCAN_TIMEOUT_S = 60.0
 STOP_POLL_S = 0.2
 # Rest after each scan, for planners that are slow to subscribe.
 REST_S = 1.0
-# Number of gait cycles that fit into the demo's world.
+# Number of gait cycles of a walk, which stays within the demo's world.
 CYCLES = 11
 
 
@@ -35,7 +35,7 @@ def walk_until_stopped(
     stop: threading.Event,
     tell: Callable[[str], None] = logger.info,
 ) -> None:
-    """Walk to the end of the world with a scan at each pause, and start again as another walk, until stopped.
+    """Walk with a scan at each pause; start again from the origin after each walk, until stopped.
 
     Args:
         robot: simulated robot with open devices.
