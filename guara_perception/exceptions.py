@@ -9,7 +9,10 @@ from typing import Any
 
 
 class PerceptionError(Exception):
-    """Root of the errors of this package; `guara_perception.Errors` adds those of the packages that it uses."""
+    """Base class of the errors of this package.
+
+    `guara_perception.Errors` also contains those of `kinematics`, `transport` and `drivers`.
+    """
 
 
 class InvalidInput(PerceptionError, ValueError):
@@ -65,11 +68,11 @@ class MissingExtra(PerceptionError, ImportError):
 
 
 def optional_library(name: str, extra: str | None, purpose: str) -> Any:
-    """Import a library that belongs to an extra of this package, or that guara-client does not depend on.
+    """Import a library that may be missing: one of an extra, or one that guara-client does not depend on.
 
     Args:
         name: name of the module.
-        extra: extra of this package that includes the library; None = the package itself includes it.
+        extra: extra of guara-perception that includes the library; None = guara-perception itself depends on it.
         purpose: what needs the library, for the message.
 
     Raises:

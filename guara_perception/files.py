@@ -154,7 +154,7 @@ def check_target(path: str | Path, *endings: str) -> Path:
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path`, which replaces `path` on success and is removed on any error.
+    """Yield a temporary path beside `path`; the file there replaces `path` on success and is removed on any error.
 
     The temporary name keeps the suffix, because some writers choose the format by it.
 

@@ -93,7 +93,7 @@ class Scan:
         """
         if self.withdrawn:
             raise InvalidInput(
-                f"{self.source}: its grid was withdrawn on the robot ({self.withdrawn}), so it is not processed"
+                f"{self.source}: its grid was withdrawn on the robot ({self.withdrawn}); the scan is not processed"
             )
 
     @property

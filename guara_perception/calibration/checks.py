@@ -66,26 +66,26 @@ TEXTS = {
     ),
     "mirror steps": (
         "Standard deviation of the laser planes' angles relative to an ideal mirror.",
-        "check coupling, speed and dwell time of the mirror's motor",
+        "check the coupling, the speed and the dwell time of the mirror's motor",
     ),
     "stripes filled in": (
         "Share of stripes whose laser plane was not fitted but computed from the mirror model.",
-        "check exposure and that the plates fill the view",
+        "check the exposure, and that the plates fill the view",
     ),
     "height sigma near": (
-        "Predicted error of a single height at the near edge of the area, due to noise and calibration.",
-        "expose less, focus the laser line",
+        "Predicted standard deviation of a single height at the near edge of the area, due to noise and calibration.",
+        "reduce the exposure, focus the laser line",
     ),
     "height sigma far": (
-        "Predicted error at the far edge, where the laser plane and the line of sight meet at a small angle.",
-        "expose less, focus the laser line",
+        "Predicted standard deviation at the far edge, where laser plane and line of sight meet at a small angle.",
+        "reduce the exposure, focus the laser line",
     ),
     "mount by joints and gravity": (
         "Angle between the mount computed with the joint angles and that computed with gravity.",
         "level the floor; check that all soles lie flat on it, and check the joints' zeros and the mount of the IMU",
     ),
 }
-# Number of soles that define a plane.
+# Least number of soles that define a plane.
 LEAST_FEET = 3
 
 
@@ -98,7 +98,7 @@ def camera_checks(
     halves_px: Float | None,
     floor_sigma: Float,
 ) -> list[Check]:
-    """Checks of camera and mount. A given lens is not checked by itself, only against the images.
+    """Checks of camera and mount. A given lens is checked only by its agreement with the images.
 
     Args:
         intrinsics: lens and views.
@@ -107,8 +107,8 @@ def camera_checks(
         square_ratio: size of the ground board's squares measured relative to the fiducials, divided by the given size;
             None without a ground board.
         corners_by_cell: number of corners in each cell of the image.
-        halves_px: (n, 2) differences between the lenses of the cross-validation [px]; None for too few views.
-        floor_sigma: (n,) projection uncertainty on the floor [m].
+        halves_px: (n, 2) projection differences between the lenses of the cross-validation [px]; None if not computed.
+        floor_sigma: (n,) standard deviations of the floor points seen by pixels all over the image [m].
     """
     residual = np.concatenate([np.empty(0), *(r.ravel() for r in fit.residuals_px)])
     marks = float(np.sqrt((fit.mark_residuals_px**2).sum(axis=1).mean()))
@@ -161,7 +161,7 @@ def laser_checks(laser: LaserFit, near: float, far: float, filled: int, stripes:
         laser: fit of the planes.
         near, far: sigma of a single height on the floor at the near and the far edge of the area [m].
         filled: number of stripes whose plane comes from the mirror model.
-        stripes: number of stripes of the whole pattern.
+        stripes: number of stripes in the plate scans.
     """
     errors = laser.line_errors
     left_out = max((one.rms for one in laser.leave_one_out), default=np.nan)
@@ -177,7 +177,7 @@ def laser_checks(laser: LaserFit, near: float, far: float, filled: int, stripes:
 
 
 def stance_checks(robot: RobotModel, stance: Stance) -> list[Check]:
-    """Check of the angle between the mount computed with the joint angles and the one computed with gravity.
+    """Check of the angle between the mount computed with the joint angles and that computed with gravity.
 
     The mount follows from the pose of the camera over the floor, known from the images, and the pose of `base_link`,
     known either from the plane of the soles or from gravity. On a level floor, both give the same mount. Because the

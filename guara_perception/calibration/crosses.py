@@ -12,23 +12,23 @@ from guara_perception.arrays import Float, Float32, Grey
 from guara_perception.calibration.calibration import CameraModel, floor_pixels, to_floor
 from kinematics.arrays import FrozenArrays
 
-# Offset [m] of a spot from the expected position of a cross, and its score.
+# Offset [m] of a spot from the predicted position of a cross, and correlation score of the spot.
 Candidate = tuple[Float, float]
-# Half length of the bars of a cross (docs/calibration.md), and the initial half width of their fit.
+# Half length of the bars of a cross (docs/calibration.md), and their half width in the template and at the start of the
+# fit.
 ARM_M = 0.012
 BAR_M = 0.0015
-# Search radius around the predicted position of a cross. It covers an error of the mount of 3 degrees and 20 mm at a
-# distance of 0.6 m.
+# Half side of the square that is searched around the predicted position of a cross. It covers an error of the mount of
+# 3 degrees and 20 mm at a distance of 0.6 m.
 SEARCH_M = 0.060
 RASTER_M = 0.0005
-# Least normalised correlation: crosses reach 0.8 and more, floor texture 0.3.
+# Least normalised correlation: crosses reach 0.8 and more, floor texture usually 0.3.
 MIN_SCORE = 0.5
 ANGLES = np.deg2rad((0.0, 15.0, -15.0, 30.0, -30.0, 45.0))
 CANDIDATES = 3
-# Misfit that has the same weight in the choice between candidates as a decrease of the correlation by 1.
+# Misfit [m] that counts as much in the choice of candidates as a decrease of the mean correlation by 1.
 SCORE_WEIGHT_M = 0.02
-# Factor by which the fit's sigma is enlarged. The fit underestimates it, because the pixels of a mark share blur and
-# texture.
+# Factor applied to the sigma of the fit, which is too small, because the pixels of a mark share blur and texture.
 SIGMA_FACTOR = 2.0
 SIGMA_FLOOR_PX = 0.02
 # Largest number of function evaluations of a fit: a cross needs 10 to 30, floor texture needs more.
@@ -80,7 +80,7 @@ def find_crosses(
 
 
 def _candidates(grey: Grey, camera: CameraModel, transform: Float, point: Float) -> list[Candidate]:
-    """Offsets [m] from `point` and scores of the most cross-like spots around it."""
+    """Most cross-like spots around `point`, best first, at most CANDIDATES."""
     half = SEARCH_M + 1.5 * ARM_M
     line = np.arange(-half, half + RASTER_M / 2, RASTER_M)
     x, y = np.meshgrid(point[0] + line, point[1] + line, indexing="ij")
@@ -116,7 +116,7 @@ def _template(angle: float) -> Float32:
 
 
 def _consistent(found: list[list[Candidate]], points: Float) -> tuple[Candidate, ...]:
-    """Choose one candidate per mark, so that the marks together best fit a rigid motion on the floor."""
+    """Choose one candidate per mark, for a high correlation and a good fit of all marks to a rigid motion."""
 
     def cost(choice: tuple[Candidate, ...]) -> float:
         moved = points + np.array([offset for offset, _ in choice])
@@ -126,7 +126,7 @@ def _consistent(found: list[list[Candidate]], points: Float) -> tuple[Candidate,
         misfit = np.linalg.norm(b - a @ rotation.T, axis=1).mean()
         return float(misfit) + SCORE_WEIGHT_M * sum(1 - score for _, score in choice) / len(choice)
 
-    # With more than six marks of three candidates each, combinations are too many: the best score of each mark decides.
+    # More combinations than those of six marks with three candidates each would take too long to compare.
     if np.prod([len(candidates) for candidates in found]) > 3**6:
         return tuple(candidates[0] for candidates in found)
     return min(product(*found), key=cost)

@@ -14,29 +14,30 @@ import numpy.typing as npt
 from guara_perception.arrays import Float, Index, Mask
 from kinematics.arrays import FrozenArrays
 
-# Number of parts into which a stripe is divided along y. The height of a part is the median of its points; it is
-# unknown if the part has fewer than LEAST_POINTS.
+# Number of equal intervals of y that divide each stripe into parts. The height of a part is the median of its points;
+# it is unknown if the part has fewer than LEAST_POINTS.
 PARTS = 12
 PAIRS = np.array(list(combinations(range(PARTS), 2)))
 LEAST_POINTS = 4
-# Largest distance of a part from the line on which it lies: fifteen times the scatter of medians on a flat floor.
+# Largest distance at which a part counts as on a line: fifteen times the scatter of medians on a flat floor.
 LINE_TOLERANCE_M = 0.0005
 # A stripe is straight if at least this many of its parts, and this share of its known parts, are on one line.
 LEAST_PARTS = 6
 LEAST_SHARE = 0.7
 HOLDS, DRIFTING, UNKNOWN = "holds", "drifting", "unknown"
-# A scan shows a floor if at least this many of its stripes, and this share of the stripes with returns, are straight.
+# A scan shows a floor if at least this many stripes, and this share of the stripes with enough points, are straight.
 MIN_STRIPES = 8
 MIN_FLOOR_SHARE = 0.6
-# Least depth of the floor along x. Rough ground also has straight stripes, but over at most 0.23 m in 36 scans.
+# Least extent of the floor along x. Rough ground also has straight stripes, but they extended over at most 0.23 m in 36
+# scans.
 MIN_DEPTH_M = 0.30
 # Largest median roughness of a flat floor along the stripes. Flat floors have 0.02 to 0.08 mm. Ground that undulates by
 # 2 mm has at least 0.14 mm where it looks flat, and a floor with glare, which must be rejected, has 0.16 mm.
 MAX_ROUGHNESS_M = 0.00012
 # Straight stripes farther than this from the plane of the others are on something else, such as a box or a threshold.
 APART_M = 0.008
-# Largest rms distance from one plane over centres and ends of the stripes, and largest distance of a single stripe. A
-# good calibration has 0.01 to 0.06 mm rms. A median roughness along the stripes above the first limit replaces it.
+# Largest rms distance of the stripes (centres and ends) from one plane, and largest distance of the centre of a single
+# stripe, which is also the smallest jump. A good calibration has 0.01 to 0.06 mm rms.
 MAX_STRIPE_RMS_M = 0.00012
 MAX_STRIPE_M = 0.0006
 # Largest rms of the smooth part of these distances: a bend along x and a twist. A moved mount causes such a part;
@@ -46,14 +47,14 @@ MAX_FORM_M = 0.00003
 FORM_SIGMAS = 3.0
 # Half width of the floor at which stripe ends are evaluated.
 HALF_WIDTH_M = 0.2
-# Largest height and tilt of the floor relative to the soles, added to the uncertainty of the stance.
+# Largest height and tilt of the floor relative to the soles. The uncertainty of the stance is added in quadrature.
 MAX_FLOOR_HEIGHT_M = 0.003
 MAX_FLOOR_TILT = float(np.deg2rad(0.6))
 STANCE_SIGMAS = 3.0
 # Standard deviation of a sole's height relative to the plane of the others, due to joints and ground [m].
 SOLE_SIGMA_M = 0.0012
-# A jump between two stripes, at least JUMP_STRIPES from both ends, explains the deviations if it removes this share of
-# their sum of squares. Stripes farther than HIGHEST_JUMP_M from the floor are assumed to be on an object and ignored.
+# A jump with at least JUMP_STRIPES stripes on each side explains the deviations if it removes this share of their sum
+# of squares. Stripes farther than HIGHEST_JUMP_M from the floor are assumed to be on an object and ignored.
 JUMP_SHARE = 0.8
 JUMP_STRIPES = 2
 HIGHEST_JUMP_M = 0.030
@@ -158,7 +159,8 @@ def _largest_agreement(y: Float, z: Float) -> Mask:
 class Drift:
     """Outcome of a drift check.
 
-    All numbers are NaN for the verdict "unknown", except `floor_share`, which is NaN if too few stripes have points.
+    For the verdict "unknown", `worst_stripe` is -1 and all other numbers are NaN, except `floor_share`, which is NaN
+    only if too few stripes have points.
 
     Attributes:
         verdict: "holds", "drifting", or "unknown" if the scan shows no flat floor to compare with.
@@ -167,7 +169,7 @@ class Drift:
         floor_height: height of the floor at the mean x of its visible part [m].
         floor_tilt: angle of the floor relative to the horizontal [rad].
         stripe_rms: rms distance of the stripes' centres and ends from one plane [m].
-        worst_stripe: index of the stripe whose centre deviates most, -1 if unknown.
+        worst_stripe: index of the stripe on the floor whose centre deviates most.
         worst_distance: signed distance of this centre from the plane [m].
     """
 
@@ -209,7 +211,7 @@ def check_drift(
         pose_covariance: (6, 6) covariance of the stance (x y z [m], rotations [rad]), which widens the limits of height
             and tilt of the floor. None = the stance is exact.
         soles_in_footprint: (n, 3) supporting soles [m]. With three or more, the floor may agree with the plane of the
-            soles instead of z = 0, so that a slope on which both robot and stripes stand is not taken for drift. If the
+            soles instead of z = 0, so that a slope under both the robot and the stripes is not taken for drift. If the
             soles are not in one plane, height and tilt are not judged. None = compare the floor with z = 0 only.
     """
     lines = find_floor_lines(points)
@@ -218,14 +220,18 @@ def check_drift(
     share = len(lines.index) / lines.seen
     rough = float(np.median(lines.roughness)) if len(lines.index) else np.inf
     if len(lines.index) < MIN_STRIPES or share < MIN_FLOOR_SHARE or rough > MAX_ROUGHNESS_M:
-        return _unknown(f"no flat floor in view: {len(lines.index)} of {lines.seen} stripes run straight", share)
+        roughness = f", with a roughness of {1e3 * rough:.2f} mm" if MAX_ROUGHNESS_M < rough < np.inf else ""
+        straight = f"{len(lines.index)} of {lines.seen} stripes run straight"
+        return _unknown(f"no flat floor in view: {straight}{roughness}", share)
     plane, on_floor = _plane(lines)
     stray = lines.offset - plane[0] * lines.x - plane[2]
     near = np.abs(stray) < HIGHEST_JUMP_M
     share, depth = int(near.sum()) / lines.seen, float(np.ptp(lines.x[near]))
     if on_floor.sum() < MIN_STRIPES or share < MIN_FLOOR_SHARE or depth < MIN_DEPTH_M:
         return _unknown(
-            f"no flat floor in view: {int(near.sum())} of {lines.seen} stripes run over it, {depth:.2f} m deep", share
+            f"no flat floor in view: {int(near.sum())} of {lines.seen} stripes are near one plane, "
+            f"over {depth:.2f} m along x",
+            share,
         )
     ends = HALF_WIDTH_M * (lines.slope - plane[1])
     rms = float(np.sqrt(np.mean(stray[on_floor] ** 2 + ends[on_floor] ** 2)))
@@ -375,7 +381,7 @@ def _unknown(reason: str, share: float = float("nan")) -> Drift:
 
 
 class DriftWatch:
-    """Drift verdict over the pauses of a walk; a single drifting scan is not enough.
+    """Drift verdict over the pauses of a walk; one scan is not enough for the verdict "drifting".
 
     Example:
         watch = DriftWatch()
@@ -395,7 +401,10 @@ class DriftWatch:
 
     @property
     def verdict(self) -> str:
-        """Verdict on the walk: "drifting" if two of the last three scans with a floor drift, "unknown" without any."""
+        """Verdict on the walk: "unknown" before the first scan with a floor.
+
+        Later, it is "drifting" if two of the last three scans with a floor drifted, and "holds" otherwise.
+        """
         if not self._with_floor:
             return UNKNOWN
         return DRIFTING if sum(drift.verdict == DRIFTING for drift in self._with_floor) >= NEEDED else HOLDS

@@ -22,14 +22,16 @@ MIN_HEIGHT_DIFFERENCE_M = 0.010
 # Largest deviation of the laser plane's rotation between neighbouring stripes from the commanded one [rad]. The
 # periodic error of a stepper causes 0.01 to 0.02 degrees; a full step of the Guara causes 0.7 degrees.
 MISSED_STEP = float(np.deg2rad(0.10))
-# Least share of the stripes on a plate that must be found, and of all stripes that must be on plates of two heights.
+# Least share of the stripes on a plate that must be found, and least share of all stripes that must be found on plates
+# of two heights.
 MIN_LINES = 0.8
-# Height below which a plate is the floor itself.
+# Absolute height below which a plate counts as the floor itself.
 BARE_FLOOR_M = 0.001
-# Largest number of stripes that fall on the front or across the edge of a plate, next to stripes on the floor beside
-# it.
+# Largest number of stripes between the floor beside a plate and the top of the plate: they fall on its front or across
+# its edge.
 BORDER_STRIPES = 6
-# A plate is named as wrong if the remaining plates agree this many times better than after leaving out any other plate.
+# One of four or more plates is named as wrong if the remaining plates agree this many times better than after leaving
+# out any other plate.
 CLEARLY = 2.0
 # Largest deviation of the laser from its nominal mount, in standard deviations of PARAMETERS.
 MAX_DEVIATION = 2.5
@@ -133,7 +135,8 @@ def check_covered(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
 def refuse_jumps(jumps: Sequence[Jump], plates: Sequence[Plate], has_floor: bool) -> None:
     """Refuse a session with jumps of the laser plane.
 
-    The mirror missed a step, frames were swapped or, without a scan of the bare floor, a stripe fell beside the plate.
+    A jump means that the mirror missed a step, that frames were swapped or, without a scan of the bare floor, that a
+    stripe fell beside the plate.
 
     Raises:
         CalibrationRefused: there are jumps; the message names plate, stripe and angle of the first ones.
@@ -152,7 +155,7 @@ def refuse_jumps(jumps: Sequence[Jump], plates: Sequence[Plate], has_floor: bool
 
 
 def check_order(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
-    """Refuse plates whose heights are swapped, which shows in stripes that move the wrong way with increasing height.
+    """Refuse plates whose heights are swapped, so that their stripes move the wrong way with increasing height.
 
     The mirror is ahead of the camera, so each stripe appears farther ahead in the image on a higher plate.
 
@@ -172,7 +175,7 @@ def check_order(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
             swapped.append(" and ".join(named))
     if swapped:
         raise CalibrationRefused(
-            f"plate heights look swapped: {'; '.join(swapped)}: the stripes are in the opposite order"
+            f"plate heights look swapped: {'; '.join(swapped)}: stripes must be farther ahead on the higher plate"
         )
 
 
@@ -180,7 +183,7 @@ def check_lines(plate: Plate, found: int, lost: Sequence[LostLine]) -> None:
     """Refuse a plate if too few of the stripes that meet it were found.
 
     Raises:
-        CalibrationRefused: too few stripes, or none that meet the plate.
+        CalibrationRefused: too few stripes were found, or no stripe meets the plate.
     """
     faults = [one for one in lost if not one.is_beside]
     wanted = len(plate.scan.stripes) - (len(lost) - len(faults))

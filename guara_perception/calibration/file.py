@@ -1,4 +1,4 @@
-"""Reading and writing of `calibration.json`, versioned and with a content hash."""
+"""Reading and writing of `calibration.json`, which has a format version and a content hash."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def load_calibration(path: str | Path) -> Calibration:
     warning is logged.
 
     Raises:
-        MissingFile: there is no such file.
-        FileFormatError: the content is not a calibration; the message names the field.
+        MissingFile: there is no such file, or `path` is a folder.
+        FileFormatError: the file cannot be read or is too large, or the content is not a calibration.
     """
     return _validated(read_json(path), str(path))
 
@@ -65,6 +65,7 @@ def save_calibration(calibration: Calibration, path: str | Path) -> Calibration:
         MissingFile: the folder of `path` does not exist.
         InvalidInput: `path` is a folder.
         FileFormatError: a value is NaN or infinite.
+        OSError: the file cannot be written.
     """
     created = calibration.created or datetime.now(UTC).isoformat(timespec="seconds")
     dated = dataclasses.replace(calibration, created=created)
@@ -95,7 +96,7 @@ def to_dict(calibration: Calibration) -> dict[str, Any]:
             "size": list(camera.size),
             "matrix": camera.matrix.tolist(),
             "distortion": camera.distortion.tolist(),
-            # The field is absent if unknown, so that files older than the field keep their content hash.
+            # Omitted if unknown, so that the content hash of files older than this field stays valid.
             **({"identity": camera.identity} if camera.identity else {}),
         },
         "transform_camera_to_base": calibration.transform_camera_to_base.tolist(),

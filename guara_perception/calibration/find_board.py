@@ -11,8 +11,8 @@ from guara_perception.calibration.checkerboard import find_checkerboard
 
 # Contrast below which an image counts as blank [grey levels].
 BLANK_CONTRAST = 12
-# Largest width of an edge between black and white (10 to 90 %). A sharp lens gives 2 to 3 px; wider edges than this
-# displace corners.
+# Largest width of an edge between black and white (10 to 90 %). A sharp lens gives 2 to 3 px; wider edges than
+# MAX_EDGE_WIDTH_PX displace the corners.
 MAX_EDGE_WIDTH_PX = 5.0
 
 

@@ -47,7 +47,8 @@ class HeightUncertainty:
     def of(calibration: Calibration) -> HeightUncertainty | None:
         """Read the uncertainty from a calibration.
 
-        Returns None if the calibration stores no covariance, for example if it contains nominal dimensions only.
+        Returns:
+            The uncertainty; None without a stored covariance, for example in a calibration of nominal dimensions.
 
         Raises:
             FileFormatError: the stored covariance does not follow docs/calibration.md.
@@ -95,7 +96,7 @@ class HeightUncertainty:
         return variance
 
     def plane_covariances(self, indices: Sequence[int]) -> Float:
-        """Covariances (s, 4, 4) of stripes' planes; without one, that of the nearest stripe by index that has one."""
+        """Covariances (s, 4, 4) of the planes of stripes, each from the nearest index that has a covariance."""
         known = np.array(list(self.planes))
         nearest = np.abs(known - np.asarray(indices)[:, None]).argmin(axis=1)
         return np.array(list(self.planes.values()))[nearest]
@@ -123,7 +124,7 @@ def field_covariance(offsets: Float, errors: Sequence[Float], parameters: Float)
 
     Args:
         offsets: (n, 3) points relative to the field's origin [m].
-        errors: (n,) derivatives of the heights with respect to each of p parameters.
+        errors: p arrays (n,), the derivatives of the heights with respect to each parameter.
         parameters: (p, p) covariance of the parameters.
     """
     effect = np.linalg.lstsq(field_terms(offsets.T).T, np.column_stack(errors), rcond=None)[0]

@@ -1,4 +1,4 @@
-"""Intrinsic calibration from board views, with standard deviations, errors of the views and removal of outliers."""
+"""Intrinsic calibration from board views, with removal of outliers, standard deviations and errors of the views."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from guara_perception.exceptions import CalibrationRefused
 from kinematics.arrays import FrozenArrays
 
 MIN_VIEWS = 5
-# Least value of the largest angle between two boards; below this, focal length and distance cannot be separated.
+# Least value of the largest angle between the boards of two views; below it, focal length and distance cannot be
+# separated.
 MIN_TILT = float(np.deg2rad(12.0))
-# A view is an outlier, for instance of a bent board, if its error exceeds both this multiple of the median and this
-# many pixels.
+# A view (for instance of a bent board) is an outlier if its error exceeds both this multiple of the median error and
+# this many pixels.
 OUTLIER_OF_MEDIAN = 3.0
 OUTLIER_PX = 0.15
 DISTORTIONS = ("k1k2", "k1k2p1p2", "k1k2p1p2k3")
@@ -30,7 +31,7 @@ GIVEN_FOCAL, GIVEN_CENTRE, GIVEN_DISTORTION = 4e-4, 3e-4, (5e-4, 1.1e-3)
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics(FrozenArrays):
-    """Camera model with its uncertainty, and the board views to which it was fitted.
+    """Camera model with its uncertainty, and the board views to which it was fitted or with which it was verified.
 
     Attributes:
         camera: camera model.
@@ -40,7 +41,7 @@ class Intrinsics(FrozenArrays):
         poses: (n, 6) transforms from board to camera in these views: rotation vector [rad] and translation [m].
         errors_px: (n,) rms corner error of each of these views [px].
         outliers: names of the omitted views, with the reasons.
-        is_given: True if the model was given and the views only check it.
+        is_given: True if the model was given and the views only verify it.
     """
 
     camera: CameraModel
@@ -59,12 +60,12 @@ class Intrinsics(FrozenArrays):
 
     @property
     def tilt(self) -> float:
-        """Largest angle between the normals of two boards [rad]."""
+        """Largest angle between the board normals of two views [rad]."""
         return largest_tilt(self.poses)
 
 
 def free_parameters(distortion: str) -> tuple[str, ...]:
-    """Names of the estimated parameters of a distortion model."""
+    """Names of the parameters that are estimated with a distortion model, one of DISTORTIONS."""
     return ("fx", "fy", "cx", "cy", *[distortion[i : i + 2] for i in range(0, len(distortion), 2)])
 
 
@@ -112,7 +113,7 @@ def calibrate_intrinsics(
 
 
 def given_intrinsics(camera: CameraModel, views: Sequence[BoardView], board: BoardSpec) -> Intrinsics:
-    """Intrinsics of a known lens, with the poses of the boards in the views, if any, that check the lens."""
+    """Intrinsics of a known lens, with the poses and corner errors of the board in the views, if any."""
     poses, errors = np.empty((len(views), 6)), np.empty(len(views))
     for i, view in enumerate(views):
         points = view.points(board)
@@ -135,7 +136,7 @@ def given_intrinsics(camera: CameraModel, views: Sequence[BoardView], board: Boa
 
 
 def largest_tilt(poses: Float) -> float:
-    """Largest angle between the normals of two boards [rad], from their poses (n, 6)."""
+    """Largest angle between the board normals of two views [rad], from the poses (n, 6) of the board."""
     normals = np.array([cv2.Rodrigues(pose[:3])[0][:, 2] for pose in poses])
     cosines = np.clip(np.abs(normals @ normals.T), 0, 1)
     return float(np.arccos(cosines.min()))

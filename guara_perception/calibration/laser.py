@@ -19,7 +19,7 @@ from guara_perception.calibration.sweep import Sweep, fit_sweep, line_points
 from kinematics.arrays import FrozenArrays
 from kinematics.transforms import transform_points
 
-# Samples of the field of height errors: values of y, heights, and number of stripes.
+# Points at which the field of height errors is sampled: values of y, heights, and number of stripes.
 FIELD_Y_M = np.linspace(-0.27, 0.27, 7)
 FIELD_HEIGHTS_M = (-0.02, 0.04, 0.10)
 FIELD_STRIPES = 18
@@ -88,7 +88,7 @@ def fit_laser(
         plates: plates of the session.
         fit: camera and mount.
         nominal: nominal mirror in base_footprint.
-        transform_footprint_to_base: (4, 4) pose at the session's stance.
+        transform_footprint_to_base: (4, 4) transform at the session's stance.
     """
     points = [line_points(fit.camera, fit.transform_camera_to_footprint, line) for line in lines]
     sweep = fit_sweep(lines, points, nominal)
@@ -120,7 +120,7 @@ def height_sigmas(
     Args:
         fit: camera and mount.
         laser: mirror model and laser planes.
-        lines: lines on plates; the median of their stripe sigmas is assumed for a scan.
+        lines: lines on plates; the median of their `sigma_px` is assumed for a scan.
         transform_base_to_footprint: (4, 4) pose of the body.
         x: range of the area in base_footprint [m].
     """

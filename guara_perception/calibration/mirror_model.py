@@ -15,7 +15,7 @@ from kinematics.arrays import FrozenArrays
 
 @dataclass(frozen=True, slots=True)
 class MirrorModel(FrozenArrays):
-    """Fixed laser plane, and a mirror that rotates about an axis in its own face, in one frame.
+    """Fixed laser plane, and a mirror that rotates about an axis approximately in its face, in one frame.
 
     At mirror angle theta, the fixed laser plane is reflected in a mirror with the normal m = Rot(axis, gain theta) m0.
     The reflected plane is n = (I - 2 m m') n0, d = d0 + 2 (n0 . m)(m . q), which rotates by twice the mirror angle.
@@ -78,7 +78,8 @@ def nominal_mirror(point: Float) -> MirrorModel:
     )
 
 
-# Deviations from the nominal mirror (see `perturbed_mirror`), each with a generous prior standard deviation.
+# Parameters of the deviation from the nominal mirror (see `perturbed_mirror`), and their generous prior standard
+# deviations.
 PARAMETERS = {
     "laser_pitch": 0.15,
     "laser_roll": 0.05,
@@ -97,7 +98,8 @@ def perturbed_mirror(nominal: MirrorModel, parameters: Float) -> MirrorModel:
 
     laser_pitch rotates the incoming plane about the axis [rad], laser_roll tilts this plane relative to the axis [rad],
     and laser_offset shifts it off the axis [m]. axis_yaw and axis_roll rotate the axis about z and x [rad]; axis_x and
-    axis_z shift it [m]. mirror_tilt tilts the mirror's face relative to the axis [rad]. gain is a relative change.
+    axis_z shift it [m]. mirror_tilt tilts the mirror's face relative to the axis [rad]. gain is the relative change of
+    the model's gain.
     """
     pitch, roll, offset, yaw, tip, x, z, tilt, gain = parameters
     axis = nominal.axis + _cross(np.array([tip, 0.0, yaw]), nominal.axis)

@@ -24,7 +24,7 @@ ROLLED_CAMERA = (
     "the camera is rolled by 180 degrees relative to its mount in the URDF: the driver delivers bottom-up pictures, "
     "or the camera is mounted upside down"
 )
-# Quarter turn of an image, as a transform of the camera axes; reflections along x and y, of the camera or the scene.
+# Transforms of the axes of the camera or the scene: quarter turn of the image, reflection along x, reflection along y.
 _QUARTER = np.eye(4)[[1, 0, 2, 3]] * [1.0, -1.0, 1.0, 1.0]
 _MIRROR_X, _MIRROR_Y = np.diag([-1.0, 1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 1.0, 1.0])
 TELL_HANDEDNESS = (
@@ -34,14 +34,14 @@ TELL_HANDEDNESS = (
 # Largest rms misfit of correct points: detected crosses fit within 0.1 px, pixels given by hand within 1 or 2 px.
 MAX_RESIDUAL_PX = {"found": 1.0, "given": 3.0}
 GIVEN_SIGMA_PX = 0.5
-# Any three crosses fit some pose, so a wrong cross can be identified only among five or more: without it, the misfit
-# must be CLEARER times smaller than without any other cross.
+# Any three crosses fit some pose, so a wrong cross can be identified only among five or more. It is named if the misfit
+# without it is CLEARER times smaller than without any other cross.
 LEAST_OTHERS = 4
 CLEARER = 2.0
 # Crosses reach a correlation of 0.8; the texture of a floor hardly reaches 0.6.
 SURE_SCORE = 0.7
 # Largest deviation from the nominal mount. A larger one means another robot, points measured from another origin, or
-# exchanged marks.
+# swapped marks.
 MAX_SHIFT_M = 0.050
 MAX_TURN = float(np.deg2rad(8.0))
 # Marks are collinear if the ratio of their extents across and along their longest direction is below this.
@@ -87,8 +87,8 @@ def locate_camera(
         nominal_camera_to_footprint: (4, 4) pose from the robot model and the session's stance.
 
     Raises:
-        CalibrationRefused: the marks are collinear, not found, permuted, mirrored, or not at the positions that the
-            session states; or the camera is too far from its nominal mount.
+        CalibrationRefused: the marks are collinear, not found, permuted, or not at the positions that the session
+            states; the image is mirrored or turned; or the camera is too far from its nominal mount.
     """
     check_extent(fiducials.points_in_footprint)
     if fiducials.points_px is not None:
@@ -120,7 +120,7 @@ def _named(points: Float, numbers: list[int]) -> str:
 def _misplaced(camera: CameraModel, points: Float, pose: FloorPose, nominal: Float) -> str:
     """Advice for a message: lay down missing crosses, or measure one cross or all crosses again.
 
-    One cross is named if the others contradict it, which is tested by leaving out each cross.
+    One cross is named if the others contradict it, which is tested by leaving out each cross in turn.
     """
     missing = [i for i, mark in enumerate(pose.marks) if mark.score < SURE_SCORE]
     if missing:
@@ -143,7 +143,7 @@ def _misplaced(camera: CameraModel, points: Float, pose: FloorPose, nominal: Flo
 
 
 def _find(grey: Grey, camera: CameraModel, points: Float, nominal: Float) -> tuple[FloorPose | None, list[int]]:
-    """Pose that fits the crosses best, and the numbers of the crosses that were not found; the pose is then None."""
+    """Pose that fits the crosses best, or None if crosses were not found; and the indices of those crosses."""
     poses: list[FloorPose] = []
     fewest = list(range(len(points)))
     for mount, turn in MOUNTS.items():
@@ -181,7 +181,7 @@ def check_extent(points: Float) -> None:
     """Refuse collinear marks.
 
     Raises:
-        CalibrationRefused: the marks are on one line.
+        CalibrationRefused: the marks are nearly on one line.
     """
     extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if extent[1] < MIN_EXTENT_RATIO * extent[0]:
@@ -195,7 +195,7 @@ def told_by(session: CalibrationSession, not_mirrored: bool) -> str:
     """Name of the evidence that the images of a session are not mirrored; empty if there is none.
 
     Args:
-        session: session whose board and marks were found.
+        session: session whose marks, and board if there is one, were found.
         not_mirrored: True if the user states that the images are not mirrored.
     """
     evidence = {
@@ -233,7 +233,8 @@ def check_ground_board(
     if abs(square / board.square - 1) > MAX_SQUARE_ERROR:
         raise CalibrationRefused(
             f"wrong square size: relative to the fiducials, the squares of the ground board measure "
-            f"{square * 1e3:.2f} mm, but the session states {board.square * 1e3:.2f} mm: measure both again"
+            f"{square * 1e3:.2f} mm, but the session states {board.square * 1e3:.2f} mm: measure the board and the "
+            "fiducials again"
         )
     if misfit > MAX_BOARD_LIFT_M:
         raise CalibrationRefused(
@@ -281,7 +282,7 @@ def _fit(camera: CameraModel, points: Float, marks: list[Mark], start: Float, mo
 
 
 def _from_given(camera: CameraModel, fiducials: Fiducials, nominal: Float) -> FloorPose:
-    """Pose from the pixels that the user gave, in that order; other orders are tried only to explain a misfit."""
+    """Pose from the pixels that the user gave; other orders of up to six of them are tried only to explain a misfit."""
     points = fiducials.points_in_footprint
     given = [Mark(pixel, GIVEN_SIGMA_PX, np.nan) for pixel in np.asarray(fiducials.points_px, dtype=np.float64)]
     best = _best_mount(camera, points, given, nominal)
@@ -296,8 +297,9 @@ def _from_given(camera: CameraModel, fiducials: Fiducials, nominal: Float) -> Fl
                     f"fiducials: points_px are not in the order of points_in_footprint: numbers {wrong} are permuted "
                     f"or mirrored; the order {', '.join(str(i + 1) for i in order)} fits"
                 )
+    order = " in any order" if len(points) <= 6 else ""
     raise CalibrationRefused(
-        "fiducials: points_px and points_in_footprint do not match in any order (permuted, mirrored or wrong points): "
+        f"fiducials: points_px and points_in_footprint do not match{order} (permuted, mirrored or wrong points): "
         f"no mount within {MAX_SHIFT_M * 1e3:.0f} mm and {np.rad2deg(MAX_TURN):.0f} degrees of the nominal one fits "
         f"them within {MAX_RESIDUAL_PX['given']:.0f} px"
     )

@@ -1,4 +1,4 @@
-"""Interpolation of stripes that were not calibrated, for instance the standard pattern from a coarse calibration."""
+"""Laser planes of stripes that were not calibrated, for instance to use a coarse calibration for standard scans."""
 
 from __future__ import annotations
 
@@ -42,8 +42,9 @@ def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Cal
     spacing = int(np.diff(known).max())
     outside = tuple(i for i in wanted if i < known[0] - spacing or i > known[-1] + spacing)
     if outside or not wanted:
+        given = f"stripe index {format_indices(outside)}" if outside else "a pattern without stripes"
         raise CalibrationMismatch(
-            f"stripe index {format_indices(outside) if outside else '(none)'} cannot be derived from a calibration of "
+            f"{given} cannot be derived from a calibration of "
             f"{format_indices(calibration.indices)}; allowed: indices at most {spacing} outside"
         )
     missing = [i for i in wanted if i not in set(calibration.indices)]

@@ -22,7 +22,7 @@ from kinematics.arrays import FrozenArrays
 BAND_SHARE = 0.12
 # Number of groups of columns, each averaged into one point of a line.
 BINS = 40
-# Points farther than this many standard deviations from the straight line are dust, an edge or another surface.
+# Points farther than this many standard deviations from the straight line are omitted: dust, an edge, another surface.
 OUTLIER_SIGMAS = 3.5
 MIN_COLUMNS = 30
 # MIN_SPAN: a line must be found in this share of its visible length on the plate. MIN_WIDTH: a line whose stripe is
@@ -96,6 +96,9 @@ def plate_lines(
             plate. Empty for the scan of the bare floor itself, or if there is no such scan.
         on_stripe: called after each stripe, for a progress bar.
 
+    Returns:
+        Lines that were found, and stripes for which no line was found.
+
     Raises:
         CalibrationMismatch: the size of a frame differs from that of the camera.
         MissingFile, FileFormatError: a frame cannot be read.
@@ -154,7 +157,7 @@ def _beside(profile: StripeProfile, floor: PlateLine | None, tolerance: float) -
 def _line(
     profile: StripeProfile, beside: Mask, camera: CameraModel, transform: Float, height: float
 ) -> tuple[Float, Float, float] | str:
-    """Averaged points [px], weights and sigma [px] of a straight line on a level plane, or the reason for no line."""
+    """Averaged points [px], weights and sigma [px] of a straight line on a level plane, or why there is none."""
     border = np.convolve(beside, np.ones(2 * BORDER_COLUMNS + 1), mode="same") > 0
     columns = np.flatnonzero(np.isfinite(profile.position_px) & ~border)
     if columns.size < MIN_COLUMNS and beside.sum() > columns.size:

@@ -122,8 +122,8 @@ def projection_uncertainty(fit: CameraFit) -> tuple[Float, Float]:
     The joint covariance of lens and mount is propagated to the floor.
 
     Returns:
-        Pixels (63, 2), and the standard deviation (63,) of the floor point seen by each pixel [m], which is meaningless
-        for pixels above the horizon.
+        Pixels (63, 2), and the standard deviation (63,) of the floor point seen by each pixel [m]: the root of the
+        summed variances of x and y. It is meaningless for pixels above the horizon.
     """
     pixels = picture_grid(fit.camera.size)
     floor = to_floor(fit.camera, fit.transform_camera_to_footprint, pixels)

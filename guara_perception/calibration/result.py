@@ -29,7 +29,7 @@ class CalibrationResult:
         calibration: calibration ready to be saved; its `quality` contains verdict and reasons.
         session: the calibrated session.
         transform_base_to_footprint: (4, 4) pose at the session's stance.
-        intrinsics: lens from the boards alone.
+        intrinsics: lens from the boards alone, or the given lens.
         floor: mount from the fiducials alone.
         fit: lens and mount from boards and fiducials.
         surface: the paper's homography.
@@ -40,7 +40,7 @@ class CalibrationResult:
         coverage: (6, 8) number of board corners in each cell of the image.
         cross_validation: pixels (n, 2), and differences (n, 2) at these pixels between the lenses calibrated from the
             two halves of the views [px]; None if not computed.
-        floor_sigma: pixels (n, 2), and standard deviations (n,) of the floor points that they see [m].
+        floor_sigma: pixels (n, 2), and standard deviations (n,) of the floor points seen by these pixels [m].
     """
 
     calibration: Calibration
@@ -72,7 +72,7 @@ class CalibrationResult:
 def stripe_records(
     laser: LaserFit, session: CalibrationSession, missing: Sequence[int], fit: CameraFit
 ) -> tuple[StripePlane, ...]:
-    """Plane of each stripe; a stripe with too few points gets the plane of the mirror model."""
+    """Plane of each stripe; a stripe without a line on any plate gets the plane of the mirror model."""
     found = zip(laser.stripes.indices, laser.stripes.mirror_angles, laser.planes_in_camera, strict=True)
     stripes = [StripePlane(index, float(angle), plane) for index, angle, plane in found]
     if missing:
@@ -113,7 +113,7 @@ def covariance_record(fit: CameraFit, laser: LaserFit) -> dict[str, Any]:
 def paper_record(surface: SurfaceMap, fit: CameraFit, lines: Sequence[PlateLine]) -> dict[str, Any]:
     """Object `paper` of calibration.json, in rectified floor coordinates.
 
-    It contains homography, camera height, nadir, and the constants n, d, k of each stripe seen at two or more heights
+    It contains homography, camera height, nadir, and the constants n, d, k of each stripe found on two or more plates
     (eqs. 17 to 19).
     """
     camera_position = fit.transform_camera_to_footprint[:3, 3]

@@ -9,8 +9,8 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import CameraModel, plane_in_frame
 
-# Half length of the line at which a laser plane intersects a horizontal plane; from a distance of half a metre, such a
-# line extends beyond the image.
+# Half length of the sampled part of the line in which a laser plane and a horizontal plane intersect. Seen from half a
+# metre, it extends beyond the image.
 HALF_LENGTH_M = 1.2
 SAMPLES = 49
 
@@ -35,7 +35,8 @@ def row_bands(
     u, v = np.moveaxis(np.take_along_axis(lines, order, axis=-2), -1, 0)
     width, height = camera.size
     with np.errstate(divide="ignore", invalid="ignore"):
-        # The line is straight between two samples, so its extreme rows there are in the first or the last column.
+        # The line is taken as straight between two samples, so its extreme rows there are in the first or the last
+        # column.
         steepness = np.diff(v) / np.diff(u)
         columns = np.stack((np.maximum(np.ceil(u[..., :-1]), 0), np.minimum(np.floor(u[..., 1:]), width - 1)))
         rows = steepness * (columns - u[..., :-1]) + v[..., :-1]

@@ -61,7 +61,9 @@ def surface_map(pixels: npt.ArrayLike, points: npt.ArrayLike) -> SurfaceMap:
     singular, vectors = np.linalg.svd(rows)[1:]
     condition = float(singular[0] / max(singular[7], 1e-15))
     if condition > 1e6:
-        raise InvalidInput(f"the marks do not determine a surface map (condition number {condition:.1g}): collinear?")
+        raise InvalidInput(
+            f"the marks do not determine a surface map (condition number {condition:.1g}): they may be collinear"
+        )
     homography = np.linalg.inv(from_points) @ vectors[-1].reshape(3, 3) @ from_pixels
     homography = homography / homography[2, 2]
     return SurfaceMap(homography, condition, apply_homography(homography, u) - x)

@@ -56,8 +56,8 @@ class Triangulator:
 
         Args:
             plane_in_camera: (..., 4) calibrated laser planes, one for each set of n rows.
-            position_px: (..., n) rows.
-            columns: (..., n) column of each row; None = all columns of the image, in order.
+            position_px: (..., n) rows at which the stripes were found.
+            columns: (..., n) image column of each of these rows; None = all columns of the image, in order.
         """
         rays = self._rays.at(position_px, columns)
         return self._at_depth(self._directions(rays), plane_depth(rays, plane_in_camera)[0])
@@ -131,7 +131,7 @@ def locator(
     transform_camera_to_footprint: Float,
     area: tuple[tuple[float, float], tuple[float, float]],
 ) -> Locator:
-    """Return the paper's equations if `literal` is given, triangulation if it is None."""
+    """Return a locator by the paper's equations if `literal` is given, by triangulation if it is None."""
     if literal is None:
         return Triangulator(camera, transform_camera_to_footprint)
     return PaperRangefinder(camera, transform_camera_to_footprint, area, literal)

@@ -28,7 +28,8 @@ MOST_BETWEEN = 5
 class RangeImages(FrozenArrays):
     """Heights as images (512, 640) float32 [mm above z = 0], NaN where unknown.
 
-    Pixel (r, c) is x = x_min + (r + 0.5) * depth / 512, y = y_min + (c + 0.5) * width / 640 in base_footprint.
+    The centre of pixel (r, c) is x = x_min + (r + 0.5) * depth / 512, y = y_min + (c + 0.5) * width / 640 in
+    base_footprint.
 
     Attributes:
         ortho_image_mm: orthorectified image, with each height at its true position.
@@ -86,7 +87,7 @@ def range_images(
 
 
 def _lines_between(points: Mapping[int, StripePoints], width: float) -> int:
-    """Number of lines to add between neighbouring image columns so that no pixel of this width [m] is left empty."""
+    """Number of lines to add between neighbouring image columns so that pixels of this width [m] are not left empty."""
     apart = [np.nanmax(np.abs(np.diff(stripe.points[:, 1])), initial=0.0) for stripe in points.values()]
     return min(math.ceil(max(apart, default=0.0) * LARGEST_STRETCH / width) - 1, MOST_BETWEEN) if any(apart) else 0
 
@@ -160,7 +161,7 @@ class _Picture:
         """Mean height (ROWS, COLUMNS) of the top layer of each pixel [mm], NaN in pixels without a sample."""
         total, count = np.zeros((2, self._highest.size))
         bottom = self._highest - TOP_LAYER_M
-        # Outside the image the top layer does not matter.
+        # In the column of pixels outside the image, the top layer does not matter.
         bottom[:: COLUMNS + 2] = -np.inf
         for first, pixel, heights in self._samples:
             is_top = heights > bottom[first:].take(pixel)

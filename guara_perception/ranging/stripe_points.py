@@ -71,7 +71,7 @@ class StripePoints:
         object.__setattr__(self, "status", read_only(self.status))
 
 
-# Shared by stripes, most of which have no points set apart.
+# Shared by all stripes without points set apart, which are most of them.
 NO_POINTS = ColumnPoints(np.empty(0, np.int32), np.empty((0, 3), np.float32))
 
 

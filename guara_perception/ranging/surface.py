@@ -1,7 +1,7 @@
 """Surface of a scan: points of stripes that both neighbours confirm, and lines between neighbours that agree.
 
 Two neighbouring stripes of the pattern are linked in an image column if their heights differ by less than
-`join_height`. A stripe can confirm returns of another stripe but never create them: fewer stripes give less surface.
+`join_height`. A stripe can confirm returns of another stripe but never create them, so fewer stripes give less surface.
 """
 
 from __future__ import annotations
@@ -185,7 +185,7 @@ def _links(
 ) -> tuple[Mask, Mask]:
     """Masks (s, w) of the columns in which each stripe is linked to the previous one and to the next one.
 
-    No column is linked if the neighbour was lost or the two are parted. At an end of the pattern all columns are
+    No column is linked if the neighbour is missing or the two are parted. At an end of the pattern all columns are
     linked, because no stripe beyond it could contradict the surface.
     """
     stride = pattern.step

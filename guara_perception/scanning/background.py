@@ -1,8 +1,8 @@
 """Camera motion during a scan, estimated from the background of its images.
 
 Corners of a laser-off image are tracked (Lucas-Kanade) into the other images of the scan, outside the rows of the laser
-line. In dim light, where one image is too noisy, laser-off images are tracked too, and the images of neighbouring
-stripes are pooled, as a longer exposure would. Ground without texture gives no estimate.
+line. In dim light, a single image is too noisy. Laser-off images are then tracked too, and the estimates of
+neighbouring stripes are averaged, which acts like a longer exposure. Ground without texture gives no estimate.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from kinematics.transforms import inverse, transform_points
 
 CAMERA_MOVED = "camera moved"
 MOVED = f"{CAMERA_MOVED}: the ground in its image is not where it should be if the body moved as the joints report"
-# Motion is seen where heights change by more than this [m] and this many sigmas. Stripes whose heights change by more
-# than this are then not used, nor those that may be off by WRONG_M, SURE_SIGMAS counted in.
+# Motion is detected if heights change by more than MOST_RISE_M [m] and more than LEAST_SIGMAS sigmas. A stripe is then
+# not used if its heights change by more than MOST_RISE_M, or if the change plus SURE_SIGMAS sigmas exceeds WRONG_M [m].
 MOST_RISE_M, LEAST_SIGMAS = 0.003, 5.0
 WRONG_M, SURE_SIGMAS = 0.005, 2.0
-# Stripes before and after a stripe that are pooled with it in dim light: 0.18 s in all at 35 ms a stripe, which leaves
-# 0.95 of a sway of 1 Hz.
+# Number of stripes before and after a stripe that are averaged with it. At 35 ms per stripe, they span 0.18 s; the mean
+# keeps 0.95 of the amplitude of a sway of 1 Hz.
 NEIGHBOURS = 2
 # Images are reduced to about this width before tracking [px].
 FOLLOWED_PX = 320
 # Mean level up to which an image counts as dim, mean level to which it is then brightened [grey levels of 255], and
 # largest gain.
 DIM_LEVEL, BRIGHT_LEVEL, MOST_GAIN = 32.0, 100.0, 16.0
-# Corners: largest number, quality relative to the best one, least distance [px]. An estimate needs LEAST_CORNERS, of
-# which LEAST_SHARE must agree.
+# Corners: largest number, quality relative to the best one, least distance [px]. An estimate needs LEAST_CORNERS, and
+# LEAST_SHARE of all, that were tracked and agree.
 MOST_CORNERS, QUALITY, APART_PX, LEAST_CORNERS, LEAST_SHARE = 48, 0.01, 14, 16, 0.6
 WINDOW_PX, LEVELS = 13, 2
-# Of so many corners or up to twice as many, only the surroundings are searched at first.
+# Number of corners that are tracked first, only within their surroundings; up to twice as many are used.
 FEW_CORNERS = 20
 # Largest error of a corner that agrees with the homography, and median motion below which an image has not moved [px].
 AGREE_PX, STILL_PX = 0.7, 0.15
@@ -72,7 +72,7 @@ def grey(picture: Image, gain: float) -> Image:
 def _reduction(picture: Image, gain: float) -> tuple[Picture, int, int, float]:
     """Image, channel, factor and gain of `grey`, for the kernel."""
     given, factor = pictures_of(picture, None)[0], max(round(picture.shape[1] / FOLLOWED_PX), 1)
-    # The green one of three channels, because it has the least noise.
+    # Of three channels, green is used, because it has the least noise.
     return given, given.channels // 2, factor, gain / 256 if given.size == 2 else gain
 
 
@@ -83,7 +83,7 @@ def corners(picture: Image) -> Float:
 
 
 def aligned(picture: Image, to: Image) -> Image | None:
-    """Warp an image to the view of another; None if no motion between the two is detected.
+    """Warp an image to the view of another; None if no motion is detected, or too few corners are found.
 
     Args:
         picture: laser-off image, (h, w) or (h, w, 3).
@@ -115,7 +115,7 @@ def motion_text(moved: Mapping[int, float], parted: int, count: int, *, has_trac
     """Describe motion of the body during a scan; empty if all stripes are used and joined.
 
     Args:
-        moved: stripes that are not used, with the error of their heights [m].
+        moved: stripe index -> error of the heights of a stripe that is not used [m].
         parted: number of pairs of neighbouring stripes that are not joined, because of motion between them.
         count: number of stripes.
         has_track: True if the motion of the body was measured with the joints.
@@ -141,9 +141,9 @@ class _Seen:
     """Camera motion since the reference image.
 
     Attributes:
-        rise: (4,) rise of the corners of the scanned area by it [m].
-        sigma: (4,) their standard deviations due to the noise of its own image or images [m]; that of the reference is
-            in all estimates.
+        rise: (4,) rise of the corners of the scanned area due to this motion [m].
+        sigma: (4,) standard deviations of `rise` due to the noise of the images, without that of the reference image,
+            which all estimates share [m].
         shift: median motion of the corners of the image [px of the reduced image].
     """
 
@@ -153,17 +153,17 @@ class _Seen:
 
     @property
     def is_sure(self) -> bool:
-        """True if the error is about normal; noisier estimates have larger errors than their sigmas say."""
+        """True if the sigmas can be trusted; the errors of noisier estimates are larger than their sigmas."""
         return bool(self.sigma.max() <= MOST_RISE_M)
 
     def is_beyond(self, expected: Float | float, common: Float | float) -> bool:
-        """Test that the rise is significantly other than expected [m], given the sigma of what all estimates share."""
+        """Test if the rise differs significantly from `expected` [m]; `common` is the shared sigma [m]."""
         limit = np.maximum(MOST_RISE_M, LEAST_SIGMAS * np.hypot(self.sigma, common))
         return bool((np.abs(self.rise - expected) > limit).any())
 
 
 def _estimates(looks: Mapping[int, Sequence[_Seen]], common: Float) -> dict[int, _Seen]:
-    """Rise at each stripe, pooled with its neighbours where its own images do not tell."""
+    """Estimate for each stripe, averaged with those of its neighbours if its own images are inconclusive."""
     groups, found = list(looks.values()), {}
     for number, (index, own) in enumerate(looks.items()):
         seen = _pooled(own)
@@ -187,7 +187,7 @@ def _pooled(looks: Sequence[_Seen]) -> _Seen | None:
 
 
 class BackgroundWitness:
-    """Camera motion from image to image of a scan, estimated from the background."""
+    """Camera motion during a scan, relative to its first laser-off image, estimated from the background."""
 
     def __init__(self, camera: CameraModel, transform_camera_to_footprint: Float, ends: Float) -> None:
         """Start a scan.
@@ -203,7 +203,7 @@ class BackgroundWitness:
         self._dark: Image | None = None
         self._points = self._rays = np.zeros((0, 2))
         self._flow: Float = np.zeros((0, 2, 6))
-        # Change (n, 2, 2) of the ray of each corner by a pixel along x and along y.
+        # Change (n, 2, 2) of the ray of each corner per pixel along x and along y.
         self._turn: Float = np.zeros((0, 2, 2))
         self._seen: dict[int, list[_Seen]] = {}
         self._pixel = self._gain = 0.0
@@ -235,7 +235,7 @@ class BackgroundWitness:
         self._seen[index] = [look for look in looks if look is not None]
 
     def _look(self, picture: Image, rows: tuple[float, float], scale: float) -> _Seen | None:
-        """Motion since the reference from an image without the corners within some rows of the reduced image."""
+        """Motion since the reference image; corners within `rows` of the reduced image are not used."""
         assert self._reference is not None
         given, channel, factor, gain = _reduction(picture, self._gain)
         outside = (self._points[:, 1] < rows[0]) | (self._points[:, 1] >= rows[1])
@@ -249,9 +249,9 @@ class BackgroundWitness:
         return found
 
     def _still(self, picture: Picture, outside: Mask, how: tuple[int, int, float]) -> _Seen | None:
-        """Estimate from a few corners, each close to its place; None if they do not show that the camera stands still.
+        """Estimate from a few corners; None if they do not show that the camera stands still.
 
-        Only the surroundings of these corners are read.
+        Only the surroundings of these corners in the image are read.
         """
         used = np.flatnonzero(outside)[:: max(np.count_nonzero(outside) // FEW_CORNERS, 1)]
         points, moved = self._points[used], np.empty((len(used), 2), np.float32)
@@ -288,16 +288,16 @@ class BackgroundWitness:
         )
 
     def is_still(self, index: int) -> bool:
-        """Test that the image of a stripe shows the background where the reference image shows it."""
+        """Test that the images of a stripe show the background where the reference image shows it."""
         looks = self._seen.get(index, [])
         return bool(looks) and all(look.shift < STILL_PX for look in looks)
 
     def _motion(self, flow: Float, rows: Float, moved: Array) -> _Seen | None:
-        """Rise of the corners of the area from the flow of image corners; None if it is not determined.
+        """Camera motion from the flow of image corners; None if the flow does not determine it.
 
         Args:
-            flow: (n, 2) change of their rays, NaN where a corner was lost.
-            rows: (n, 2, 6) its derivatives with respect to the motion.
+            flow: (n, 2) change of the rays of the corners, NaN where a corner was lost.
+            rows: (n, 2, 6) derivatives of `flow` with respect to the motion.
             moved: (n, 2) motion of the corners [px of the reduced image].
         """
         seen = np.isfinite(flow[:, 0])
@@ -321,7 +321,7 @@ class BackgroundWitness:
     def is_blind(self) -> bool:
         """True if a motion that makes heights wrong by `WRONG_M` could be missed: no texture, or too little light.
 
-        Not of a scan without laser-off images, whose motion is never looked for.
+        False for a scan without laser-off images, in which motion is not looked for.
         """
         if self._reference is None:
             return False
@@ -330,15 +330,15 @@ class BackgroundWitness:
         return not sigmas or LEAST_SIGMAS * float(np.median(sigmas)) > WRONG_M
 
     def _told(self) -> dict[int, list[_Seen]]:
-        """Estimates that tell something; none in the dark, where those that seem to do so are chance."""
+        """Estimates that are sure; none if at most half of all are sure, as in the dark, where these are accidental."""
         told = {index: [look for look in looks if look.is_sure] for index, looks in self._seen.items()}
         count, whole = (sum(map(len, looks.values())) for looks in (told, self._seen))
         return told if 2 * count > whole else {}
 
     def moved(self, stripes: Collection[int], places: Mapping[int, Float] | None) -> dict[int, float]:
-        """Stripes whose camera pose contradicts the joints, with the largest error of their heights [m].
+        """Stripes whose images contradict the poses from the joints, with the largest error of their heights [m].
 
-        If any did, stripes whose images do not tell are among them, with 0.
+        If motion is detected, stripes without an estimate are included, with error 0.
 
         Args:
             stripes: indices of the stripes.
@@ -358,7 +358,7 @@ class BackgroundWitness:
             return {}
         middle = np.median([each.rise for each in found.values()], axis=0)
         if places is not None:
-            # The camera pose of the reference image is unknown, and all motion is relative to this pose.
+            # All motion is relative to the camera pose of the reference image, which is unknown.
             found = {index: replace(each, rise=each.rise - middle) for index, each in found.items()}
             middle = np.zeros_like(middle)
         if not any(each.is_beyond(0.0, common) or each.is_beyond(middle, 0.0) for each in found.values()):
@@ -371,7 +371,7 @@ class BackgroundWitness:
         return moved
 
     def _reference_sigma(self) -> Float:
-        """Sigma (4,) of the rises due to the noise of the reference: as large as that of one other image."""
+        """Sigma (4,) of the rises due to the noise of the reference image, taken as that of a typical other image."""
         sigmas = [look.sigma for looks in self._seen.values() for look in looks] or [np.zeros(len(self._ends))]
         return np.asarray(np.median(sigmas, axis=0))
 

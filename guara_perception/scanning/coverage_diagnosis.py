@@ -13,14 +13,14 @@ from guara_perception.ranging.scan_geometry import ScanGeometry
 from guara_perception.scanning.light_diagnosis import FrameSamples
 from guara_perception.stripes.band import StripeStatus
 
-# If fewer than this share of the columns show any light, the laser was practically off.
+# If less than this share of the columns shows any light, the laser was practically off.
 NO_LIGHT = 0.01
 # Least number of stripes from which a missing half of the pattern can be inferred.
 FEWEST_OF_PATTERN = 8
 # Half length of a stripe's line on z = 0 [m].
 HALF_LENGTH_M = 0.6
 # Largest distance of light from a stripe's line, as a fraction of the image height, below half the stripe spacing. A
-# frame fits a stripe if at least half of its light is within it.
+# frame fits a stripe if at least half of its light is within this distance.
 FIT_PX_OF_HEIGHT = 0.008
 # Least share of the sampled frames that must fit for a cause to be named, and least number of sampled frames.
 FITTING_SHARE = 0.6
@@ -178,8 +178,8 @@ def _order_words(index: Index, stripe: Index) -> str:
     off = stripe - index
     usual = int(np.median(off))
     if (np.abs(off - usual) <= 1).mean() > FITTING_SHARE:
-        direction = "ahead" if usual > 0 else "behind"
-        return f"the frames are {direction} by {abs(usual)} in stripe index: a frame was lost or the camera lags"
+        shift = f"{'ahead' if usual > 0 else 'behind'} by {abs(usual)}" if usual else "partly off by one"
+        return f"the frames are {shift} in stripe index: a frame was lost or the camera lags"
     if np.corrcoef(index, stripe)[0, 1] < -0.8:
         return "the frames are in reverse order"
     return "the frames do not match their stripe indices: they are out of order or were taken with another pattern"

@@ -25,7 +25,7 @@ LEAST_ODD_SHARE, ODD = 0.2, 2.5
 REFUSED_SHARE, REFUSED_STRIPES = 0.2, 4
 FOREIGN_LIGHT = "foreign laser light"
 OTHER_INSTANT = "frames are not of their flash"
-# Images are reduced by an integer factor until they are narrower than twice COMPARED_PX. MEAN_PX is the edge of the
+# Images are reduced by an integer factor so that they are narrower than twice COMPARED_PX. MEAN_PX is the edge of the
 # averaging window. Light narrower than LARGEST_PX is a line or a spot [px].
 COMPARED_PX, MEAN_PX, LARGEST_PX = 640, 5, 25
 # Least excess of averaged light [grey levels of 255], and the same in sigmas of the noise.
@@ -51,9 +51,10 @@ BESIDE_PX = 6
 def second_line(
     pair: FramePair, profile: StripeProfile, align: Callable[[Image, Image], Image | None] | None = None
 ) -> float:
-    """Brightness of a second line relative to a stripe, as the median of the columns; 1 if the two lines merge.
+    """Brightness of a second line relative to a stripe, as the median over the columns; 1 if the two lines merge.
 
-    It is 0 without a laser-off image, because a bright edge of the scene would look like a line.
+    It is 0 if too few columns show the stripe, and without a laser-off image, because a bright edge of the scene would
+    look like a line.
 
     Args:
         pair: images of the stripe.
@@ -196,7 +197,8 @@ class FlashProof:
         for shift in (each * sign for each in range(1, MOST_SHIFT + 1) for sign in (1, -1)):
             if self._explains(shots, lines, shift):
                 return (
-                    f"{OTHER_INSTANT}: they are {abs(shift)} frames {'late' if shift > 0 else 'early'}, and show a "
+                    f"{OTHER_INSTANT}: they are {abs(shift)} frame{'s' if abs(shift) > 1 else ''} "
+                    f"{'late' if shift > 0 else 'early'}, and show a "
                     f"line in the dark flash after stripe {listed}: restart the camera, and check its driver and "
                     "trigger"
                 )
@@ -237,7 +239,7 @@ def _share_of_light(profile: StripeProfile) -> float:
 
 
 def lit_pixels(dark: Image, reference: Image, *, within: int = 0) -> Mask:
-    """Mask of light in a laser-off frame that `reference` lacks and that is narrower than LARGEST_PX in any direction.
+    """Mask of light in a laser-off frame that `reference` lacks and that is narrower than LARGEST_PX in some direction.
 
     If the frame is at least twice as wide as COMPARED_PX, the mask is smaller than the frame by an integer factor.
 
@@ -283,11 +285,11 @@ def _noise(mean: Float32) -> float:
 
 
 def without_spoilt(profile: StripeProfile, spoilt: Mask) -> StripeProfile:
-    """Profile without the returns in or close to pixels that are lit while the laser is off.
+    """Profile without the returns in the pixels of a mask, which become AMBIGUOUS.
 
     Args:
         profile: profile of a usable frame.
-        spoilt: (h, w) mask of these pixels, in the size of the frame or smaller by an integer factor.
+        spoilt: (h, w) mask as in `Proof`, in the size of the frame or smaller by an integer factor.
     """
     rows = np.where(np.isfinite(profile.position_px), profile.position_px, profile.doubtful_px)
     columns = np.flatnonzero(np.isfinite(rows))

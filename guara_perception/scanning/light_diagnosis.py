@@ -25,7 +25,7 @@ GLANCED_ROWS_OF_HEIGHT = 1 / 256
 USUAL_ROWS_APART = 8
 # Largest share of the pixels that may be clipped in a laser-off image; above it there is too much light.
 MOST_CLIPPED = 0.15
-# Largest relative change of the brightness between laser off and on, or from frame to frame.
+# Largest relative change of the brightness between laser off and laser on, or from frame to frame.
 MOST_CHANGE = 0.06
 # Changes in darker images are taken relative to this level, because they are too small to affect a stripe [grey levels
 # of 255].
@@ -49,7 +49,7 @@ class FrameSample:
     """Light of one frame.
 
     Attributes:
-        clipped: share of the pixels that are clipped without the laser.
+        clipped: share of the pixels that are clipped in the laser-off image; without one, in the laser-on image.
         level: mean level of the laser-on image without its brightest pixels [grey levels of 255].
         change: relative difference in brightness from the laser-off image, 0 without one.
         core: number of rows clipped by the stripe, median over the columns that have any; 0 if none has.
@@ -91,7 +91,7 @@ class FrameSamples:
         self._unused: dict[int, str] = {}
 
     def add(self, pair: FramePair, profile: StripeProfile) -> None:
-        """Sample a frame if it was chosen, and record why its laser-off image was not used."""
+        """Sample a frame if it was chosen, and record the reason if its laser-off image was not used."""
         if profile.remark and pair.off is not None:
             self._unused[pair.index] = profile.remark
         if pair.index in self._chosen:

@@ -41,7 +41,7 @@ def cause_image(terrain: TerrainGrid) -> Image:
 
 
 def sigma_image_mm(terrain: TerrainGrid) -> Float32:
-    """Standard deviation (512, 640) of the cell under each pixel of the orthorectified image [mm], or NaN."""
+    """Standard deviation (512, 640) of the cell under each orthorectified pixel [mm]; NaN where it is unknown."""
     sigma = np.sqrt(_under_pixels(terrain, terrain.variance)) * 1e3
     return np.where(np.isnan(terrain.pictures["ortho_image_mm"]), np.nan, sigma).astype(np.float32)
 

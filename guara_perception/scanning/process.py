@@ -19,8 +19,9 @@ from kinematics.stillness import check_camera_still
 logger = logging.getLogger(__name__)
 
 NO_CODE = "no dark flashes were recorded: foreign laser light and frames of another instant cannot be detected"
-# Largest difference of a mirror angle from the calibrated one [rad]. Commanded angles of one rangefinder repeat to
-# 2e-5 rad; this difference turns the light by 1 mrad, which shifts the stripe by half a millimetre.
+# Difference of a mirror angle from the calibrated one above which a warning is logged [rad]. Commanded angles of one
+# rangefinder repeat to 2e-5 rad; this difference turns the light by 1 mrad, which shifts the stripe by half a
+# millimetre.
 MIRROR_TOLERANCE = 5e-4
 
 
@@ -100,7 +101,7 @@ def run_scan(
     if len(unreadable) == len(scan.stripes):
         raise unreadable[0]
     if not fitting:
-        why = "the frames are turned by 90 degrees" if turned else "another camera's calibration?"
+        why = "the frames are turned by 90 degrees" if turned else "use the calibration of their camera"
         raise CalibrationMismatch(f"{scan.source}: no frame has the calibrated camera's {width}x{height} px: {why}")
     if processor.track_fault:
         _check_still(scan, calibration, robot)

@@ -94,7 +94,8 @@ class ScanProcessor:
             InvalidInput: unknown mode or method, a threshold that the method does not accept, a resolution that does
                 not divide the footprint, or a track with a method other than 'precise'.
             CalibrationMismatch: the calibration belongs to another robot or holds no stripe of this mode.
-            MissingFile, FileFormatError: the calibration's file is missing or invalid.
+            MissingFile, FileFormatError: the calibration's file is missing or invalid, or its covariance is not as
+                documented.
             kinematics.KinematicsError: unknown robot, or a stance that does not fit the robot.
         """
         check_method(method, threshold)
@@ -189,7 +190,7 @@ class ScanProcessor:
 
     @property
     def refused(self) -> str:
-        """Reason why the dark flashes rule out the whole scan; empty if they do not."""
+        """Reason why no stripe of the scan may be used (see `Proof.refused`); empty if there is none."""
         return self._what_is_proved().proof.refused
 
     @property
@@ -334,7 +335,7 @@ class ScanProcessor:
         return self.add_all([FramePair(index, on, off, dark)])[0]
 
     def add_all(self, pairs: Sequence[FramePair]) -> list[StripeProfile]:
-        """Process frame pairs, in any order if they have laser-off frames.
+        """Process frame pairs; with laser-off frames and without dark flashes, their order does not matter.
 
         One call with several pairs is faster than a call for each pair, with the same result.
 

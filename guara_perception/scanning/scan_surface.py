@@ -136,7 +136,7 @@ class ScanSurface:
         self._pattern = pattern
         # The functions below hold no reference to this surface: a cycle would delay the release of its memory.
         self._shared, self._attitude_sigma = shared, attitude_sigma
-        # Heights and what `_shared_of` gave for them, by grid.
+        # Heights of the last call of `_shared_of` and the variance that it returned, by grid.
         self._shared_before: dict[GridGeometry, tuple[Float, Float]] = {}
         self._limits, self._origins = settings.limits, (origins := geometry.sensor_origins)
         planes, size = geometry.planes_in_footprint, geometry.calibration.camera.size
@@ -363,7 +363,7 @@ class SurfaceRaster:
         Args:
             geometry: geometry of the raster.
             pattern: indices of the stripes of the scan's mode.
-            join_height: largest height difference between points that are joined to a surface [m].
+            join_height: limit of the height difference between neighbouring points of one surface [m].
             parted: pairs of neighbouring stripes between which there is no surface.
         """
         self._parted = frozenset(parted)

@@ -18,7 +18,8 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 
-# Fixed-point iterations of eq. 8: 8 leave an error below 0.001 px at the corner for k = -0.3; more cost little.
+# Fixed-point iterations of eq. 8. Eight of them leave an error below 0.001 px at the corner for k = -0.3; more cost
+# little.
 UNDISTORT_ITERATIONS = 12
 
 Number = float | Float
@@ -70,7 +71,7 @@ def stripe_constants(v1: Number, z1: float, v2: Number, z2: float) -> StripeCons
         InvalidInput: the depths are equal, or a stripe has the same position at both: eq. 17 is singular.
     """
     if z1 == z2 or np.any(v1 == v2):
-        raise InvalidInput(f"eq. 17 needs two depths and two positions, given z = {z1}, {z2} and v = {v1}, {v2}")
+        raise InvalidInput(f"eq. 17 needs two depths and two positions, not z = {z1}, {z2} and v = {v1}, {v2}")
     return StripeConstants(n=z1 * z2 * (v1 - v2), d=z2 - z1, k=v2 * z2 - v1 * z1)
 
 

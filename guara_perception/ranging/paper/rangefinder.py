@@ -110,8 +110,8 @@ class PaperRangefinder:
 
         Args:
             plane_in_camera: (..., 4) calibrated laser planes, one for each set of n rows.
-            position_px: (..., n) rows.
-            columns: (..., n) column of each row; None = every column of the image, in order.
+            position_px: (..., n) rows at which the stripes were found.
+            columns: (..., n) image column of each of these rows; None = all columns of the image, in order.
         """
         rows = np.asarray(position_px, dtype=np.float64)
         matrix = self._camera.matrix
