@@ -57,7 +57,7 @@ def parse_json(content: bytes, source: str) -> Fields:
     except (ValueError, RecursionError) as error:  # ValueError: not JSON, not UTF-8, a number of thousands of digits
         raise FileFormatError(f"{source}: not a JSON file ({error})") from None
     if not isinstance(data, dict):
-        raise FileFormatError(f"{source}: the top level is {_kind(data)}, it must be a JSON object")
+        raise FileFormatError(f"{source}: the top level is {_kind(data)}; it must be a JSON object")
     refuse_not_finite(data, source)
     return Fields(data, source)
 
@@ -75,7 +75,7 @@ def refuse_not_finite(data: Any, source: str, path: str = "") -> None:
         for i, value in enumerate(data):
             refuse_not_finite(value, source, f"{path}[{i}]")
     elif isinstance(data, float) and not math.isfinite(data):
-        raise FileFormatError(f"{source}: {path} is {data}, it must be finite")
+        raise FileFormatError(f"{source}: {path} is {data}; it must be finite")
 
 
 class Fields:
@@ -109,7 +109,7 @@ class Fields:
             raise FileFormatError(f"{self.path_to(name)} is missing")
         value = self.data[name]
         if value is None:
-            raise FileFormatError(f"{self.path_to(name)} is null, a value is needed")
+            raise FileFormatError(f"{self.path_to(name)} is null; a value is needed")
         return value
 
     def text(self, name: str, allowed: tuple[str, ...] | None = None) -> str:
@@ -132,7 +132,7 @@ class Fields:
         except OverflowError:
             number = math.inf
         if not math.isfinite(number):
-            raise FileFormatError(f"{self.path_to(name)} is {number}, it must be finite")
+            raise FileFormatError(f"{self.path_to(name)} is {number}; it must be finite")
         self._check_bounds(name, number, minimum, maximum, unit)
         return number
 
@@ -148,10 +148,11 @@ class Fields:
             raise FileFormatError(f"{self.path_to(name)} is not an array of {wanted} numbers") from None
         fits = array.ndim == len(shape) and all(w is None or w == n for w, n in zip(shape, array.shape, strict=False))
         if not fits:
-            given = "x".join(map(str, array.shape)) or "a single value"
-            raise FileFormatError(f"{self.path_to(name)} has shape {given}, it must be {wanted}")
+            given = f"has shape {'x'.join(map(str, array.shape))}" if array.ndim else "is a single number"
+            needed = wanted if array.ndim else f"an array of {wanted} numbers"
+            raise FileFormatError(f"{self.path_to(name)} {given}; it must be {needed}")
         if not np.isfinite(array).all():
-            raise FileFormatError(f"{self.path_to(name)} holds NaN or infinity, all values must be finite")
+            raise FileFormatError(f"{self.path_to(name)} holds NaN or infinity; all values must be finite")
         return array
 
     def sub(self, name: str) -> Fields:
@@ -165,7 +166,7 @@ class Fields:
             raise FileFormatError(f"{self.path_to(name)} has {len(values)} items, allowed: up to {MOST_ITEMS}")
         for i, value in enumerate(values):
             if not isinstance(value, dict):
-                raise FileFormatError(f"{self.path_to(name)}[{i}] is {_kind(value)}, it must be an object")
+                raise FileFormatError(f"{self.path_to(name)}[{i}] is {_kind(value)}; it must be an object")
             yield Fields(value, self.source, f"{self._below(name)}[{i}]")
 
     def sequence(self, name: str) -> list[Any]:
@@ -177,7 +178,7 @@ class Fields:
         """Value of a field, checked to be of a type. Integers count as numbers; booleans do not."""
         value = self.raw(name)
         if isinstance(value, bool) or not isinstance(value, (int, float) if kind is float else kind):
-            raise FileFormatError(f"{self.path_to(name)} is {_kind(value)}, it must be {KINDS[kind]}")
+            raise FileFormatError(f"{self.path_to(name)} is {_kind(value)}; it must be {KINDS[kind]}")
         return value
 
     def _check_bounds(

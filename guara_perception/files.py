@@ -128,7 +128,7 @@ def check_folder(path: Path) -> None:
         InvalidInput: `path` is a file.
     """
     if path.exists() and not path.is_dir():
-        raise InvalidInput(f"{path} is a file, a folder is needed")
+        raise InvalidInput(f"{path} is a file; a folder is needed")
 
 
 def check_target(path: str | Path, *endings: str) -> Path:
@@ -146,9 +146,9 @@ def check_target(path: str | Path, *endings: str) -> Path:
     if endings and path.suffix.lower() not in endings:
         raise InvalidInput(f"{path}: it must end in {', '.join(endings)}")
     if path.is_dir():
-        raise InvalidInput(f"{path} is a folder, give the name of a file")
+        raise InvalidInput(f"{path} is a folder; give the name of a file")
     if not path.parent.is_dir():
-        raise MissingFile(f"{path}: the folder {path.parent} does not exist, create it first")
+        raise MissingFile(f"{path}: the folder {path.parent} does not exist; create it first")
     return path
 
 

@@ -30,7 +30,7 @@ def decode_picture(content: bytes, source: str) -> Image:
     picture = _decode(content, AS_STORED) if _is_bounded(content, source) else None
     if picture is None:
         raise FileFormatError(
-            f"{source}: not a readable picture ({len(content)} bytes), it must be PNG, JPEG, BMP, TIFF or PGM"
+            f"{source}: not a readable picture ({len(content)} bytes); it must be PNG, JPEG, BMP, TIFF or PGM"
         )
     if picture.dtype not in (np.uint8, np.uint16):
         raise FileFormatError(f"{source}: pixel type is {picture.dtype}; allowed: uint8 or uint16")
@@ -57,11 +57,13 @@ def _is_bounded(content: bytes, source: str) -> bool:
         with Image.open(io.BytesIO(content), formats=PICTURE_FORMATS) as header:
             width, height = header.size
     except Image.DecompressionBombError as error:
-        raise FileFormatError(f"{source}: {error}, allowed: {MOST_PIXELS} px in all") from None
+        raise FileFormatError(f"{source}: {str(error).rstrip('.')}; allowed: up to {MOST_PIXELS} px") from None
     except Exception:  # the readers of the formats raise errors of many types
         return False
     if not 0 < width * height <= MOST_PIXELS:
-        raise FileFormatError(f"{source}: a picture of {width} x {height} px, allowed: {MOST_PIXELS} px in all")
+        raise FileFormatError(
+            f"{source}: the picture has {width} x {height} px; allowed: 1 ... {MOST_PIXELS} px in all"
+        )
     return True
 
 

@@ -86,7 +86,7 @@ def test_every_finite_object_is_read_as_it_was_written(tmp_path_factory: pytest.
 def test_missing_and_null_are_distinguished(reader: str):
     """A field that is not there is missing; one that is null is reported as null."""
     assert refusal(lambda: getattr(fields(), reader)("x")) == "some.json: entry.x is missing"
-    assert refusal(lambda: getattr(fields(x=None), reader)("x")) == "some.json: entry.x is null, a value is needed"
+    assert refusal(lambda: getattr(fields(x=None), reader)("x")) == "some.json: entry.x is null; a value is needed"
 
 
 def test_has_is_false_for_null():
@@ -99,16 +99,16 @@ def test_has_is_false_for_null():
 @pytest.mark.parametrize(
     ("reader", "value", "reported"),
     [
-        ("text", 1, "is a whole number, it must be text"),
-        ("integer", 1.5, "is a number, it must be a whole number"),
-        ("integer", True, "is true or false, it must be a whole number"),
-        ("integer", "1", "is text, it must be a whole number"),
-        ("number", "1", "is text, it must be a number"),
-        ("number", False, "is true or false, it must be a number"),
-        ("number", float("nan"), "is nan, it must be finite"),
-        ("number", 10**400, "is inf, it must be finite"),
-        ("sub", [], "is a list, it must be an object"),
-        ("sequence", {}, "is an object, it must be a list"),
+        ("text", 1, "is a whole number; it must be text"),
+        ("integer", 1.5, "is a number; it must be a whole number"),
+        ("integer", True, "is true or false; it must be a whole number"),
+        ("integer", "1", "is text; it must be a whole number"),
+        ("number", "1", "is text; it must be a number"),
+        ("number", False, "is true or false; it must be a number"),
+        ("number", float("nan"), "is nan; it must be finite"),
+        ("number", 10**400, "is inf; it must be finite"),
+        ("sub", [], "is a list; it must be an object"),
+        ("sequence", {}, "is an object; it must be a list"),
     ],
 )
 def test_wrong_kind_is_named(reader: str, value: object, reported: str):
@@ -151,16 +151,16 @@ def test_array_has_the_shape_that_was_asked_for():
 @pytest.mark.parametrize(
     ("value", "reported"),
     [
-        ([1, 2], "has shape 2, it must be 3"),
-        (5, "has shape a single value, it must be 3"),
-        ([[1, 2, 3]], "has shape 1x3, it must be 3"),
+        ([1, 2], "has shape 2; it must be 3"),
+        (5, "is a single number; it must be an array of 3 numbers"),
+        ([[1, 2, 3]], "has shape 1x3; it must be 3"),
         ([1, [2], 3], "is not an array of 3 numbers"),
         (["1", "2", "3"], "is not an array of 3 numbers"),
         ([True, False, True], "is not an array of 3 numbers"),
         ([1, None, 3], "is not an array of 3 numbers"),
         ([1, {}, 3], "is not an array of 3 numbers"),
         ([1, 10**400, 3], "is not an array of 3 numbers"),
-        ([1, float("nan"), 3], "holds NaN or infinity, all values must be finite"),
+        ([1, float("nan"), 3], "holds NaN or infinity; all values must be finite"),
     ],
 )
 def test_bad_arrays_are_refused(value: object, reported: str):
@@ -175,4 +175,4 @@ def test_nested_fields_are_named_by_their_path():
     assert next(items).integer("c") == 1
     second = next(items)
     assert refusal(lambda: second.integer("c")).startswith("some.json: a.b[1].c is text")
-    assert refusal(lambda: next(items)) == "some.json: a.b[2] is a whole number, it must be an object"
+    assert refusal(lambda: next(items)) == "some.json: a.b[2] is a whole number; it must be an object"

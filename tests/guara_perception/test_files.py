@@ -57,14 +57,14 @@ def test_permissions_are_those_of_any_new_file(tmp_path: Path, mask: int):
 @pytest.mark.parametrize("use", [check_target, lambda path: whole_file(path).__enter__()])
 def test_folder_that_does_not_exist_is_refused_at_once(tmp_path: Path, use):
     """The message names the file and the folder to create."""
-    with pytest.raises(MissingFile, match="out.npz: the folder .*nowhere does not exist, create it first"):
+    with pytest.raises(MissingFile, match="out.npz: the folder .*nowhere does not exist; create it first"):
         use(tmp_path / "nowhere" / "out.npz")
 
 
 @pytest.mark.parametrize("use", [check_target, lambda path: whole_file(path).__enter__()])
 def test_folder_in_place_of_a_file_is_refused(tmp_path: Path, use):
     """A folder is not overwritten."""
-    with pytest.raises(InvalidInput, match="is a folder, give the name of a file"):
+    with pytest.raises(InvalidInput, match="is a folder; give the name of a file"):
         use(tmp_path)
 
 

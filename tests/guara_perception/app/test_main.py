@@ -114,7 +114,7 @@ def test_no_command_at_all_shows_the_help_and_is_bad_usage(guara):
         (["process", "x", "-o", "y.npz"], "x: no such scan"),
         (["process", "x", "-c", "c.json", "-o", "y.npz", "--resolution", "fine"], "'fine' is not a valid float"),
         (["listen", "--extent", "world"], "'world' is not one of 'footprint', 'map'"),
-        (["demo", "--out", __file__], "is a file, a folder is needed"),
+        (["demo", "--out", __file__], "is a file; a folder is needed"),
         (["listen", "--count", "0"], "0 is not in the range x>=1"),
         (["--nonsense"], "No such option"),
     ],

@@ -115,16 +115,16 @@ BAD = {
     "another version": (lambda c: c.update(format="guara-calibration/9"), "allowed: 'guara-calibration/1'"),
     "a scan": (lambda c: c.update(format="guara-scan/1"), "format is 'guara-scan/1'"),
     "no camera": (lambda c: c.pop("camera"), "camera is missing"),
-    "camera a list": (lambda c: c.update(camera=[]), "camera is a list, it must be an object"),
-    "size of one": (lambda c: c["camera"].update(size=[640]), "camera.size has shape 1, it must be 2"),
+    "camera a list": (lambda c: c.update(camera=[]), "camera is a list; it must be an object"),
+    "size of one": (lambda c: c["camera"].update(size=[640]), "camera.size has shape 1; it must be 2"),
     "half a pixel": (lambda c: c["camera"].update(size=[640.5, 512]), "it must be (width, height), integers"),
     "matrix 3x2": (lambda c: c["camera"].update(matrix=[[1, 0], [0, 1], [0, 0]]), "camera.matrix has shape 3x2"),
-    "matrix NaN": (lambda c: nan(c, "camera", "matrix", 0, 0), "camera.matrix[0][0] is nan, it must be finite"),
+    "matrix NaN": (lambda c: nan(c, "camera", "matrix", 0, 0), "camera.matrix[0][0] is nan; it must be finite"),
     "matrix of texts": (lambda c: c["camera"].update(matrix=[["1"] * 3] * 3), "camera.matrix is not an array of 3x3"),
     "matrix zero": (lambda c: c["camera"].update(matrix=[[0] * 3] * 3), "must have positive focal lengths"),
     "four distortions": (
         lambda c: c["camera"].update(distortion=[0] * 4),
-        "camera.distortion has shape 4, it must be 5",
+        "camera.distortion has shape 4; it must be 5",
     ),
     "no transform": (lambda c: c.pop("transform_camera_to_base"), "transform_camera_to_base is missing"),
     "not rigid": (
@@ -139,24 +139,24 @@ BAD = {
     "stripe twice": (lambda c: c["stripes"][1].update(index=0), "stripe index [0] more than once"),
     "index negative": (lambda c: c["stripes"][1].update(index=-1), "stripes[1].index is -1, allowed: 0 ... inf"),
     "angle in degrees": (lambda c: c["stripes"][1].update(mirror_angle=45), "stripes[1].mirror_angle is 45"),
-    "plane of three": (lambda c: c["stripes"][1].update(plane=[0, 0, 1]), "stripes[1].plane has shape 3, it must be 4"),
-    "plane NaN": (lambda c: nan(c, "stripes", 1, "plane", 2), "stripes[1].plane[2] is nan, it must be finite"),
+    "plane of three": (lambda c: c["stripes"][1].update(plane=[0, 0, 1]), "stripes[1].plane has shape 3; it must be 4"),
+    "plane NaN": (lambda c: nan(c, "stripes", 1, "plane", 2), "stripes[1].plane[2] is nan; it must be finite"),
     "normal of length 2": (
         lambda c: c["stripes"][1].update(plane=[0, 0, 2, 1]),
         "plane of stripe 2: the normal has length 2",
     ),
     "unknown verdict": (lambda c: c["quality"].update(verdict="fine"), "quality.verdict is 'fine', allowed: 'good'"),
-    "reasons a text": (lambda c: c["quality"].update(reasons="x"), "quality.reasons is text, it must be a list"),
+    "reasons a text": (lambda c: c["quality"].update(reasons="x"), "quality.reasons is text; it must be a list"),
     "NaN in the paper's constants": (
         lambda c: c.update(paper={"H": [1, float("nan")]}),
-        "paper.H[1] is nan, it must be finite",
+        "paper.H[1] is nan; it must be finite",
     ),
     "NaN in a covariance": (
         lambda c: c.update(covariance={"a": float("inf")}),
-        "covariance.a is inf, it must be finite",
+        "covariance.a is inf; it must be finite",
     ),
-    "hash a number": (lambda c: c.update(hash=5), "hash is a whole number, it must be text"),
-    "robot null": (lambda c: c.update(robot=None), "robot is null, a value is needed"),
+    "hash a number": (lambda c: c.update(hash=5), "hash is a whole number; it must be text"),
+    "robot null": (lambda c: c.update(robot=None), "robot is null; a value is needed"),
 }
 
 
@@ -181,12 +181,12 @@ def test_nan_is_not_saved(calibration: gp.Calibration, tmp_path: Path):
     target = tmp_path / "calibration.json"
     target.write_text("old")
     broken = dataclasses.replace(calibration, covariance={"camera": [1.0, float("nan")]})
-    with pytest.raises(gp.FileFormatError, match=r"covariance.camera\[1\] is nan, it must be finite"):
+    with pytest.raises(gp.FileFormatError, match=r"covariance.camera\[1\] is nan; it must be finite"):
         gp.save_calibration(broken, target)
     assert target.read_text() == "old" and list(tmp_path.iterdir()) == [target]
 
 
 def test_saving_into_a_missing_folder_is_refused(calibration: gp.Calibration, tmp_path: Path):
     """The folder to create is named."""
-    with pytest.raises(gp.MissingFile, match="the folder .*nowhere does not exist, create it first"):
+    with pytest.raises(gp.MissingFile, match="the folder .*nowhere does not exist; create it first"):
         gp.save_calibration(calibration, tmp_path / "nowhere" / "calibration.json")

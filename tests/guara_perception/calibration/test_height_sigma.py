@@ -113,7 +113,7 @@ def broken(covariance: dict[str, Any], change: str) -> dict[str, Any]:
     ("change", "reason"),
     [
         ("terms", "height_field.terms must be 1, x, y"),
-        ("matrix", "calibration: covariance.height_field.matrix has shape 1x1, it must be 10x10"),
+        ("matrix", "calibration: covariance.height_field.matrix has shape 1x1; it must be 10x10"),
         ("stripes", "calibration: covariance.stripes is missing"),
     ],
 )

@@ -54,8 +54,8 @@ BAD = {
     "stamp a fraction": (changed(stamp=1.5), "stamp is float64 of shape (); it must be one number"),
     "frame a number": (changed(frame=1), "frame is int64 of shape (); it must be one text"),
     "metadata no JSON": (changed(metadata="{"), "metadata: not a JSON file"),
-    "metadata a list": (changed(metadata="[]"), "metadata: the top level is a list, it must be a JSON object"),
-    "metadata with NaN": (changed(metadata='{"a": [NaN]}'), "metadata: a[0] is nan, it must be finite"),
+    "metadata a list": (changed(metadata="[]"), "metadata: the top level is a list; it must be a JSON object"),
+    "metadata with NaN": (changed(metadata='{"a": [NaN]}'), "metadata: a[0] is nan; it must be finite"),
     "unknown extent": (changed(metadata='{"extent": "world"}'), "extent is 'world', allowed: footprint, map"),
     "picture of one row": (
         changed(ortho_image_mm=np.zeros(3)),

@@ -123,7 +123,7 @@ BROKEN: list[tuple[Edit, str]] = [
     (drop("stance"), "session.json: stance is missing"),
     (lambda c: c.update(format="guara-scan/1"), "session.json: format is 'guara-scan/1', allowed"),
     (lambda c: c.update(robot="nobody"), "plate_00 was scanned by robot 'guara', but the session is from 'nobody'"),
-    (lambda c: c["board"].update(inner_corners=[9]), "session.json: board.inner_corners has shape 1, it must be 2"),
+    (lambda c: c["board"].update(inner_corners=[9]), "session.json: board.inner_corners has shape 1; it must be 2"),
     (lambda c: c["board"].update(inner_corners=[9.5, 7]), "board.inner_corners is [9.5, 7.0]; allowed: two whole"),
     (lambda c: c["board"].update(pattern="dots"), "board.pattern is 'dots', "),
     (
@@ -131,7 +131,7 @@ BROKEN: list[tuple[Edit, str]] = [
         "a ChArUco board of 44x44 inner corners needs 1012 markers; allowed: up to 1000: use fewer and larger",
     ),
     (lambda c: c["board"].update(inner_corners=[2, 7]), "board has 2x7 inner corners"),
-    (lambda c: c["board"].update(square="30 mm"), "session.json: board.square is text, it must be a number"),
+    (lambda c: c["board"].update(square="30 mm"), "session.json: board.square is text; it must be a number"),
     (lambda c: c["board"].update(square=30), "squares of 0.001 ... 1 m"),
     (lambda c: c["board_images"].append("board_99.jpg"), "board_99.jpg does not exist"),
     (lambda c: c["board_images"].append(3), "session.json: board_images: 3 is not a file name"),
@@ -213,7 +213,7 @@ def test_report_folder_that_is_a_file(data: Path, tmp_path: Path, capsys: pytest
         str(tmp_path / "report"),
     ]
     assert run(arguments) == 2
-    assert "is a file, a folder is needed" in capsys.readouterr().err
+    assert "is a file; a folder is needed" in capsys.readouterr().err
 
 
 def test_camera_info_as_ros_writes_it(tmp_path: Path) -> None:
@@ -383,7 +383,7 @@ def test_square_other_than_the_session_says(session_copy: Callable[..., Path], t
         ("distortion_model: plumb_bob", "image_width is missing"),
         (
             "{distortion_model: plumb_bob, image_width: 64, image_height: 64, camera_matrix: {data: [1, 2]}}",
-            "camera_matrix.data has shape 2, it must be 9",
+            "camera_matrix.data has shape 2; it must be 9",
         ),
     ],
 )

@@ -186,7 +186,7 @@ def with_options(*options: str) -> Callable[[Path], list[str]]:
         (alone, "pictures without a partner: off_3.png, on_2.png"),
         (sizes, "pictures of different sizes: 2.png 80x60 px, the others 64x48"),
         (dark_only, "the names mark all 2 pictures as laser-off: give --off PATTERN"),
-        (broken, "1.png: not a readable picture (1 bytes), it must be PNG, JPEG, BMP, TIFF or PGM"),
+        (broken, "1.png: not a readable picture (1 bytes); it must be PNG, JPEG, BMP, TIFF or PGM"),
         (lambda folder: [], "contains no picture"),
         (with_options("{}/0.png"), "pictures given twice: 0.png"),
         (with_options("{}/none.png"), "none.png: no such picture"),

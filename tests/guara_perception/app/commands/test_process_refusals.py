@@ -48,11 +48,11 @@ BAD_SCANS: dict[str, tuple[Change, str]] = {
     ),
     "NaN in a joint": (
         scan_json(lambda c: c["stance"]["joint_positions"].update(lf_haa_joint=float("nan"))),
-        "stance.joint_positions.lf_haa_joint is nan, it must be finite",
+        "stance.joint_positions.lf_haa_joint is nan; it must be finite",
     ),
     "NaN in gravity": (
         scan_json(lambda c: c["stance"].update(gravity_in_base=[0, float("nan"), -1])),
-        "stance.gravity_in_base[1] is nan, it must be finite",
+        "stance.gravity_in_base[1] is nan; it must be finite",
     ),
     "unknown robot": (scan_json(lambda c: c.update(robot="tapir")), "scan.json: robot: no robot 'tapir'"),
     "frame gone": (lambda f: (f / "on_003.jpg").unlink(), "names frame on_003.jpg, which does not exist"),
@@ -134,7 +134,7 @@ def bad_options(data: Path, calibration: Path, folder: Path) -> dict[str, tuple[
         ),
         "figures a file": (
             [scan, "-c", calibration, "-o", out, "--figures", calibration],
-            "is a file, a folder is needed",
+            "is a file; a folder is needed",
         ),
         "robot unknown": ([scan, "-c", calibration, "-o", out, "--robot", "tapir"], "no robot 'tapir'"),
     }

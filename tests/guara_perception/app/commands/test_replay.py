@@ -129,7 +129,7 @@ def test_a_foreign_recording_is_reported(guara, calibration_file: Path, tmp_path
         (["--extent", "world"], "--extent has 'world'; allowed: footprint, map"),
         (["--listen", "tcp/127.0.0.1:1"], "require --publish"),
         (["--method", "fast"], "allowed: "),
-        (["-o", "FILE"], "is a file, a folder is needed"),
+        (["-o", "FILE"], "is a file; a folder is needed"),
         (["--robot", "tapir"], "tapir"),
     ],
 )

@@ -142,7 +142,7 @@ def test_what_cannot_be_drawn_is_refused(processor, paper_scan, calibration, pap
         draw_figures(tmp_path, paper_scan, calibration, processor, processor.finish())
     taken = tmp_path / "taken"
     taken.write_text("")
-    with pytest.raises(gp.InvalidInput, match="is a file, a folder is needed"):
+    with pytest.raises(gp.InvalidInput, match="is a file; a folder is needed"):
         draw_figures(taken, paper_scan, calibration, processor, paper_terrain)
 
 

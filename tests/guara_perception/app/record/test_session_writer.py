@@ -71,7 +71,7 @@ def test_folders_with_other_things_are_refused(plan: SessionPlan, tmp_path: Path
     with pytest.raises(gp.InvalidInput, match="contains a finished session"):
         SessionWriter(data / "calibration", plan)
     (tmp_path / "file").write_text("x")
-    with pytest.raises(gp.InvalidInput, match="is a file, a folder is needed"):
+    with pytest.raises(gp.InvalidInput, match="is a file; a folder is needed"):
         SessionWriter(tmp_path / "file", plan)
     with pytest.raises(gp.InvalidInput, match="exists and is not a recording"):
         SessionWriter(tmp_path, plan)
