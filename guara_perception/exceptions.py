@@ -24,7 +24,7 @@ class MissingFile(PerceptionError, FileNotFoundError):
 
 
 class FileFormatError(PerceptionError, ValueError):
-    """A file whose content the format does not allow; the message names file and field.
+    """A file that cannot be read, or whose content its format does not allow; the message names file and fault.
 
     Attributes:
         findings: one or more faults of the file.
@@ -68,7 +68,7 @@ class MissingExtra(PerceptionError, ImportError):
 
 
 def optional_library(name: str, extra: str | None, purpose: str) -> Any:
-    """Import a library that may be missing: one of an extra, or one that guara-client does not depend on.
+    """Import a library that belongs to an extra or is not a dependency of guara-client.
 
     Args:
         name: name of the module.

@@ -44,7 +44,7 @@ class Mark(FrozenArrays):
     Attributes:
         centre_px: (2,) centre (u, v) [px].
         sigma_px: standard deviation of the centre per axis [px].
-        score: correlation with an ideal cross, 0 ... 1; NaN if the user gave the position.
+        score: correlation with an ideal cross, MIN_SCORE ... 1; NaN if the user gave the position.
     """
 
     centre_px: Float

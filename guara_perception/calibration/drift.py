@@ -37,15 +37,15 @@ MAX_ROUGHNESS_M = 0.00012
 # Straight stripes farther than this from the plane of the others are on something else, such as a box or a threshold.
 APART_M = 0.008
 # Largest rms distance of the stripes (centres and ends) from one plane, and largest distance of the centre of a single
-# stripe, which is also the smallest jump. A good calibration has 0.01 to 0.06 mm rms.
+# stripe; the latter is also the smallest jump. A good calibration has 0.01 to 0.06 mm rms.
 MAX_STRIPE_RMS_M = 0.00012
 MAX_STRIPE_M = 0.0006
-# Largest rms of the smooth part of these distances: a bend along x and a twist. A moved mount causes such a part;
-# errors of single stripes average out. A good calibration has 0.001 to 0.012 mm; a laser turned by 0.2 degrees about
-# the vertical causes 0.08 mm.
+# Largest rms of the smooth part of these distances, a bend along x and a twist; FORM_SIGMAS times its uncertainty is
+# added. A moved mount causes such a part; errors of single stripes average out. A good calibration has 0.001 to 0.012
+# mm; a laser turned by 0.2 degrees about the vertical causes 0.08 mm.
 MAX_FORM_M = 0.00003
 FORM_SIGMAS = 3.0
-# Half width of the floor at which stripe ends are evaluated.
+# Distance from y = 0 at which the ends of the stripes are evaluated.
 HALF_WIDTH_M = 0.2
 # Largest height and tilt of the floor relative to the soles. The uncertainty of the stance is added in quadrature.
 MAX_FLOOR_HEIGHT_M = 0.003

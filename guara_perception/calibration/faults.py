@@ -60,10 +60,10 @@ def check_heights(plates: Sequence[Plate]) -> None:
     """
     heights = sorted(plate.height for plate in plates)
     if not any(b - a >= MIN_HEIGHT_DIFFERENCE_M for a, b in pairwise(heights)):
-        listed = ", ".join(f"{1e3 * h:.0f} mm" for h in heights) or "no plate"
+        listed = ", ".join(f"{1e3 * h:.0f} mm" for h in heights) or "none"
         raise CalibrationRefused(
             f"plates at two or more heights, two successive ones {1e3 * MIN_HEIGHT_DIFFERENCE_M:.0f} mm or more apart, "
-            f"are needed to find the laser planes; the session has {listed}"
+            f"are needed to find the laser planes; heights in the session: {listed}"
         )
 
 

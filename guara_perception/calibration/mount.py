@@ -282,7 +282,7 @@ def _fit(camera: CameraModel, points: Float, marks: list[Mark], start: Float, mo
 
 
 def _from_given(camera: CameraModel, fiducials: Fiducials, nominal: Float) -> FloorPose:
-    """Pose from the pixels that the user gave; other orders of up to six of them are tried only to explain a misfit."""
+    """Pose from the pixels that the user gave. Other orders are tried only to explain a misfit of up to six marks."""
     points = fiducials.points_in_footprint
     given = [Mark(pixel, GIVEN_SIGMA_PX, np.nan) for pixel in np.asarray(fiducials.points_px, dtype=np.float64)]
     best = _best_mount(camera, points, given, nominal)

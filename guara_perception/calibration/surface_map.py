@@ -49,7 +49,10 @@ def surface_map(pixels: npt.ArrayLike, points: npt.ArrayLike) -> SurfaceMap:
     """
     u, x = np.asarray(pixels, dtype=np.float64), np.asarray(points, dtype=np.float64)
     if u.shape != x.shape or u.ndim != 2 or len(u) < 4:
-        raise InvalidInput(f"a surface map needs four or more marks; pixels {u.shape} and points {x.shape} were given")
+        raise InvalidInput(
+            f"a surface map needs pixels and points, (n, 2), of four or more marks; pixels {u.shape} and points "
+            f"{x.shape} were given"
+        )
     from_pixels, from_points = _normaliser(u), _normaliser(x)
     a = apply_homography(from_pixels, u)
     b = apply_homography(from_points, x)
@@ -83,7 +86,7 @@ def stripe_constants(
 
     Let H be the height of the optical centre, h that of a plate, and v the rectified x [m] in the column through the
     nadir. Then z = H - h = n / (v d - k) is exact (eqs. 17 to 19). Two heights determine n and k; more heights leave a
-    residual. The scale d is the difference between the smallest and the largest z, as in eq. 17. The equation
+    residual. The scale d is the smallest minus the largest z, as in eq. 17. The equation
     z v d - z k = n is then linear in k and n.
 
     Args:

@@ -38,7 +38,7 @@ DIM_LEVEL, BRIGHT_LEVEL, MOST_GAIN = 32.0, 100.0, 16.0
 # LEAST_SHARE of all, that were tracked and agree.
 MOST_CORNERS, QUALITY, APART_PX, LEAST_CORNERS, LEAST_SHARE = 48, 0.01, 14, 16, 0.6
 WINDOW_PX, LEVELS = 13, 2
-# Number of corners that are tracked first, only within their surroundings; up to twice as many are used.
+# Number of corners that are tracked at first, each near its position in the reference; up to twice as many are used.
 FEW_CORNERS = 20
 # Largest error of a corner that agrees with the homography, and median motion below which an image has not moved [px].
 AGREE_PX, STILL_PX = 0.7, 0.15
@@ -55,7 +55,7 @@ def gain_of(picture: Image) -> float:
 
 
 def grey(picture: Image, gain: float) -> Image:
-    """Convert one channel of an image to 8 bits and reduce its size.
+    """Brighten one channel of an image, convert it to 8 bits and reduce its size.
 
     Args:
         picture: (h, w) or (h, w, 3).

@@ -60,7 +60,7 @@ def second_line(
         pair: images of the stripe.
         profile: stripe found in them.
         align: warps the laser-off image to the view of the laser-on image, so that moving texture is not taken for a
-            line; returns None if the camera did not move. None = compare without warping.
+            line; returns None if it detects no motion. None = compare without warping.
     """
     share = _second_line(pair, profile)
     if align is not None and pair.off is not None and share > LEAST_ODD_SHARE:
@@ -137,7 +137,7 @@ class FlashProof:
         Args:
             index: index of the stripe.
             dark: frame of the dark flash.
-            reference: a frame without the laser; None = compare the dark frames with each other.
+            reference: a frame without the laser; None = the first dark frame that was added without a reference.
         """
         self._planned.add(index)
         if reference is None:

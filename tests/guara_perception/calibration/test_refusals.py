@@ -99,8 +99,8 @@ REFUSED = [
     (fiducial_points(lambda p: np.column_stack((p[:, 0], np.zeros(4)))), r"the points are collinear"),
     (fiducial_points(lambda p: p + [[0.02, 0], [0, 0], [0, 0], [0, 0]]), r"are not at points_in_footprint \(misfit"),
     (fiducial_points(lambda p: p + [0.2, 0.0]), r"of 4 crosses were found near where the nominal mount predicts them"),
-    (lambda s: dataclasses.replace(s, plates=s.plates[:1]), r"two or more heights, .* the session has 0 mm"),
-    (lambda s: dataclasses.replace(s, plates=()), r"the session has no plate"),
+    (lambda s: dataclasses.replace(s, plates=s.plates[:1]), r"two or more heights, .* heights in the session: 0 mm"),
+    (lambda s: dataclasses.replace(s, plates=()), r"heights in the session: none"),
 ]
 # Found only once the camera is calibrated, or after many tries; and cases that resemble one above.
 REFUSED_LATE = [

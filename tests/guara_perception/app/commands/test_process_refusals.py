@@ -116,7 +116,7 @@ def bad_options(data: Path, calibration: Path, folder: Path) -> dict[str, tuple[
         "out of another kind": ([scan, "-c", calibration, "-o", folder / "out.txt"], "out.txt: it must end in .npz"),
         "out in no folder": (
             [scan, "-c", calibration, "-o", folder / "no" / "out.npz"],
-            "no does not exist, create it",
+            "no does not exist; create it",
         ),
         "method unknown": (
             [scan, "-c", calibration, "-o", out, "--method", "precise,exact"],
