@@ -79,7 +79,7 @@ def refuse_not_finite(data: Any, source: str, path: str = "") -> None:
 
 
 class Fields:
-    """JSON object whose fields are checked when they are read; each method raises FileFormatError for a wrong value.
+    """JSON object whose fields are checked when they are read; a wrong value raises FileFormatError.
 
     Attributes:
         data: the parsed object.

@@ -166,7 +166,7 @@ class ScanProcessor:
 
     @property
     def grid(self) -> GridGeometry:
-        """Geometry of the grid that `finish` returns."""
+        """Geometry of the grid that `finish` returns for the area "footprint"."""
         return self._surface.grids["footprint"]
 
     @property
@@ -208,7 +208,7 @@ class ScanProcessor:
 
     @property
     def track_fault(self) -> str:
-        """Fault of the joint stream because of which the track cannot be used; empty if there is none, or no track."""
+        """Fault of the joint stream that rules out the use of the track; empty without a fault or without a track."""
         return "" if self._places is None else self._places.missing
 
     def leave_track(self) -> None:

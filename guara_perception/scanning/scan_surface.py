@@ -393,7 +393,7 @@ class SurfaceRaster:
             self._mark_out_of_range(group)
 
     def raster(self) -> Raster:
-        """Heights of all stripes added so far; a cell with a return above the height limits is unknown.
+        """Raster of all stripes added so far; a cell with a return above the height limits is unknown.
 
         A return below the limits does not make a cell unknown: below a measured surface it is a stray reflection.
         Only the columns of swaths made since the last call are merged again.

@@ -1,4 +1,4 @@
-"""Equations of the paper's chain, each under its number: lens (8), floor (9, 10), heights (16 to 19), ortho image.
+"""Equations of the paper's chain by number: lens (8), floor (9, 10), heights (16 to 19), ortho image (20, 21).
 
 Eqs. 1 to 7 and 11 to 13 are solved by the calibration (`CameraModel`, `surface_map`).
 
@@ -18,8 +18,7 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 
-# Fixed-point iterations of eq. 8. Eight of them leave an error below 0.001 px at the corner for k = -0.3; more cost
-# little.
+# Fixed-point iterations of eq. 8. They leave an error below 0.001 px at a radius of 0.7 focal lengths for k = -0.3.
 UNDISTORT_ITERATIONS = 12
 
 Number = float | Float
