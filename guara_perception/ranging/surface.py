@@ -35,7 +35,9 @@ OPEN_END_M = 0.0005
 
 
 def pair_relief(points: Array, variance: Array) -> Float:
-    """Variance (w,) of the ground halfway between two stripes relative to the straight line between them [m^2].
+    """Variance (w,) of the ground halfway between two stripes about the straight line between them [m^2].
+
+    The ground is assumed to be as rough across the stripes as along them.
 
     Args:
         points: (3, 2, w) points of both stripes, NaN where there is none.

@@ -40,7 +40,8 @@ MOST_CORNERS, QUALITY, APART_PX, LEAST_CORNERS, LEAST_SHARE = 48, 0.01, 14, 16, 
 WINDOW_PX, LEVELS = 13, 2
 # Number of corners that are tracked at first, each near its position in the reference; up to twice as many are used.
 FEW_CORNERS = 20
-# Largest error of a corner that agrees with the homography, and median motion below which an image has not moved [px].
+# Largest error of a corner that agrees with the homography, and median motion below which an image counts as unmoved
+# [px].
 AGREE_PX, STILL_PX = 0.7, 0.15
 # Distance to which the glow of the line reaches beyond its rows, and least noise of a corner [px].
 GLOW_PX, LEAST_NOISE_PX = 6, 0.03

@@ -28,7 +28,7 @@ OTHER_INSTANT = "frames are not of their flash"
 # Images are reduced by an integer factor so that they are narrower than twice COMPARED_PX. MEAN_PX is the edge of the
 # averaging window. Light narrower than LARGEST_PX is a line or a spot [px].
 COMPARED_PX, MEAN_PX, LARGEST_PX = 640, 5, 25
-# Least excess of averaged light [grey levels of 255], and the same in sigmas of the noise.
+# Least excess of the averaged light, in grey levels of 255 and in sigmas of the noise.
 LEAST_LEVEL, LEAST_SIGMAS = 5.0, 8.0
 # Displacement that may remain between aligned images, because the ground is not flat [px].
 WITHIN_PX = 1

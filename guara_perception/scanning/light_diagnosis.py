@@ -10,8 +10,8 @@ import numpy as np
 from guara_perception.arrays import Float, Image, Index, Mask
 from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus, is_clipped
 
-# Approximate number of sampled frames, spread over the scan, and spacing of the sampled rows and of their pixels [px]:
-# few rows, because reading a picture from memory takes most of the time of a sample.
+# Approximate number of sampled frames, spread over the scan, and spacing of the sampled rows and of the pixels in them
+# [px]. Few rows are sampled, because reading a picture from memory takes most of the time.
 SAMPLED_FRAMES = 12
 ROWS_APART, PIXELS_APART = 32, 8
 # Number of evenly spaced columns of a frame in which the brightest row and a clipped core are searched for.
@@ -27,10 +27,10 @@ USUAL_ROWS_APART = 8
 MOST_CLIPPED = 0.15
 # Largest relative change of the brightness between laser off and laser on, or from frame to frame.
 MOST_CHANGE = 0.06
-# Changes in darker images are taken relative to this level, because they are too small to affect a stripe [grey levels
-# of 255].
+# Changes in images darker than this level are taken relative to it, because such changes are too small to affect a
+# stripe [grey levels of 255].
 DARKEST_LEVEL = 32.0
-# Share of the brightest pixels, including the stripe, that the mean level excludes.
+# Share of the pixels that the mean level excludes: the brightest ones, including the stripe.
 STRIPE_SHARE = 0.05
 # Widest clipped core, as a fraction of the image height: a wider one leaves no flanks to measure. 8 px of 512.
 WIDEST_CORE_OF_HEIGHT = 8 / 512
@@ -40,7 +40,7 @@ WEAKEST_LINE = 50.0
 MOST_TEXTURE = 3.0
 # Percentiles that bound the darkest and the brightest tenth of a scene [%].
 TENTHS = (10, 90)
-# Least share of the columns with a stripe at which the stripe can be called weak.
+# Least share of the columns that must show a stripe before the stripe is called weak.
 LEAST_SEEN = 0.01
 
 
