@@ -169,7 +169,7 @@ class FlashProof:
         order, count = list(self._seen), len(self._darks) if self._planned else None
         doubled = doubled_stripes(self._second)
         if len(doubled) >= max(REFUSED_STRIPES, REFUSED_SHARE * len(order)):
-            text = f"{FOREIGN_LIGHT}: {SECOND_LINE} of {len(doubled)} stripes of {len(order)}: another robot, or a "
+            text = f"{FOREIGN_LIGHT}: {SECOND_LINE} for {len(doubled)} of {len(order)} stripes: another robot, or a "
             return Proof(text + "reflection of the robot's own line in a window or mirror", darks=count)
         if not self._planned:
             return Proof(doubled=doubled)
