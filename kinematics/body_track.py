@@ -64,7 +64,7 @@ class BodyTrack:
         """Start with the stance of BEGIN, to which all poses are relative.
 
         Args:
-            robot: the model.
+            robot: model of the robot.
             stance: stance of BEGIN.
             transform_camera_to_base: (4, 4) calibrated pose of the camera; None = the pose in the URDF.
 
@@ -102,7 +102,7 @@ class BodyTrack:
             raise ArgumentError("times and joint_positions must be finite")
         with self._lock:
             if (np.diff(np.append(self._rows[: self._end, 0][-1:], times)) <= 0.0).any():
-                raise ArgumentError("times must ascend: each sample is later than the one before")
+                raise ArgumentError("times must ascend: each sample must be later than the one before")
             end = self._end + len(times)
             if end > len(self._rows):
                 kept = self._rows[: self._end][-MOST_SAMPLES:]
@@ -119,13 +119,13 @@ class BodyTrack:
             return float(self._rows[self._end - 1, 0]) if self._end else -math.inf
 
     def covers(self, time: float) -> bool:
-        """Test that the pose at a time [s] is final: later samples can no longer change it."""
+        """Test if the pose at a time [s] is final, so that later samples cannot change it."""
         return self.latest >= time + HALF_WINDOW
 
     def longest_gap(self, start: float, end: float) -> float:
         """Longest gap between samples from `start` to `end`, including the smoothing windows around both [s].
 
-        Infinite if the samples begin after this interval begins or end before it ends.
+        Infinite if the samples do not extend over the interval and both windows.
         """
         with self._lock:
             times = self._rows[: self._end, 0]

@@ -48,7 +48,7 @@ def foothold_clearance(
     """Compute the clearances of a leg that stands on a foothold with a level sole, for a stance pose of the body.
 
     Args:
-        pose: the stance pose.
+        pose: pose of the body and of all joints; the joints of `leg` are replaced.
         leg: name of the leg.
         sole_in_footprint: (3,) sole centre [m].
         height_at: function that returns the heights of the ground at given points.

@@ -17,7 +17,7 @@ class KinematicsError(Exception):
 
 
 class RobotNotFound(KinematicsError, FileNotFoundError):
-    """A name or path of a robot folder that does not exist."""
+    """There is no robot folder with the given name or path."""
 
 
 class LibraryMissing(KinematicsError, ImportError):
@@ -25,10 +25,10 @@ class LibraryMissing(KinematicsError, ImportError):
 
 
 class RobotFileError(KinematicsError, ValueError):
-    """A file of a robot folder that is invalid or contradicts another; the message names the file and line or entry.
+    """A file of a robot folder is invalid or contradicts another; the message names the file and the line or entry.
 
     Attributes:
-        findings: one or more errors, each described in one text.
+        findings: descriptions of the errors, one or more.
     """
 
     findings: tuple[str, ...]
@@ -44,19 +44,19 @@ class RobotFileError(KinematicsError, ValueError):
 
 
 class UnknownName(KinematicsError, KeyError):
-    """A frame, joint, leg or posture that the robot does not have; the message lists those that exist."""
+    """The robot has no such frame, joint, leg or posture; the message lists those that exist."""
 
 
 class JointPositionError(KinematicsError, ValueError):
-    """Joint positions that are missing, not finite, not in radians, or of the wrong length."""
+    """Joint positions are missing, not finite, obviously not in radians, or of the wrong length."""
 
 
 class StanceError(KinematicsError, ValueError):
-    """A stance that is malformed or cannot support the body; the message names the field."""
+    """A stance is malformed or cannot support the body, or a leg cannot reach a foothold."""
 
 
 class ArgumentError(KinematicsError, ValueError):
-    """An argument of wrong shape or value; the message states what was given and what is allowed."""
+    """An argument has a wrong shape or value; the message states what was given and what is allowed."""
 
 
 class CameraMoved(KinematicsError, RuntimeError):

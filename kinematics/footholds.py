@@ -3,8 +3,7 @@
 A foothold is four numbers: x, y, z of the sole's centre and the sole's pitch, which does not change while the foot
 stands. Each foot stands for several pauses, so its foothold is known better than from one reading. At each pause, the
 footprint (heading a, position t) is fitted so that the readings p_i of the feet that stayed fall on their footholds
-x_i.
-With R the rotation by a:
+x_i. With R the rotation by a, and index s for the rows or columns of the feet that stayed:
 
     e_i = x_i - (R p_i + t),   V = P_ss + R C R'          P: covariance of the footholds, C: of the readings
     S = (H' V^-1 H)^-1                                    covariance of the footprint; H: d(R p + t) / d(t, a)
@@ -91,11 +90,11 @@ class Footholds:
 
         Args:
             stayed: two or more feet that stayed in place.
-            instead: feet of which each may be the one that stayed, while `stayed` slid alike: the covariance of the
-                footprint includes the way by which the two explanations differ.
             legs: all feet that carry the body now, including those that stayed.
             readings: (n, 4) sole centres and pitches of all these feet in the new footprint [m, rad].
             covariances: (n, 4, 4) covariance of each reading.
+            instead: other feet that may have stayed, if the feet in `stayed` slid together. The covariance of the
+                footprint includes the largest displacement between the two explanations.
         """
         now = [legs.index(leg) for leg in stayed]
         kept = np.concatenate([np.arange(4) + 4 * self.legs.index(leg) for leg in stayed])
@@ -117,8 +116,8 @@ class Footholds:
         unweighted = _blocks(rotation @ covariances[now] @ rotation.T)
         misfit = _misfit(errors, prior + unweighted)
         if misfit > 1.0:
-            # Feet slipped in this motion. The noise of its readings, not the drift of the walk so far, is scaled until
-            # it explains the residuals.
+            # Feet slipped in this motion. The noise of this pause's readings, not the drift of the walk so far, is
+            # scaled until it explains the residuals.
             growth = misfit
             for _ in range(ITERATIONS):
                 growth *= _chi_square(errors, prior + growth * unweighted)
@@ -127,7 +126,7 @@ class Footholds:
         residual_weight = inverse - inverse @ by_pose @ pose_covariance @ by_pose.T @ inverse
         transform = np.eye(4)
         transform[:3, :3], transform[:3, 3] = _turn(angle)[:3, :3], shift[:3]
-        # A slide common to the feet that seem to have stayed shifts the footprint and leaves the residuals as they are.
+        # If all feet in `stayed` slide together, the footprint shifts by this slide, and the residuals do not show it.
         slides = [
             self.positions[self.legs.index(leg)] - rotation @ readings[legs.index(leg)] - shift for leg in instead
         ]

@@ -34,7 +34,8 @@ class Controls:
     """Controls of the page, shared by all browsers.
 
     Attributes:
-        colouring, extent: viser controls that select colouring and grid of the terrain.
+        colouring: viser control that selects how the terrain is coloured.
+        extent: viser control that selects the grid shown, "map" or "footprint".
         follow: viser control that makes the camera follow the robot.
     """
 
@@ -45,7 +46,7 @@ class Controls:
             gui: `gui` of viser, to which the controls are added.
             go_to: called with the number of a moment when the slider moves.
             play: called when the play button is pressed.
-            redraw: called when the colouring, the terrain or a check box of `SHOWN` changes.
+            redraw: called when the colouring, the extent or a check box of `SHOWN` changes.
         """
         gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         gui.set_panel_label("Guará")
@@ -81,7 +82,7 @@ class Controls:
         return bool(self._shown[name].value)
 
     def has_stripes(self, available: bool) -> None:
-        """Enable the box of the stripes if there are any."""
+        """Enable the check box "stripes" if there are stripes to show."""
         self._shown["stripes"].disabled = not available
 
     def timeline(self, count: int, number: int, *, playing: bool) -> None:
@@ -93,7 +94,7 @@ class Controls:
         self._play.label = "stop" if playing else "play"
 
     def live(self, text: str, is_stale: bool) -> None:
-        """Show a line about the newest grid of a node, in red if the grid is stale."""
+        """Show a line about the newest grid of a node, in red if the grid is stale; an empty text removes it."""
         content = f'<p style="{STALE_STYLE if is_stale else LIVE_STYLE}">{html.escape(text)}</p>' if text else ""
         if self._live.content != content:
             self._live.content = content
@@ -121,7 +122,7 @@ def for_page(image: Image) -> Image:
 
 
 def legend_html(mesh: TerrainMesh) -> str:
-    """Legend of a mesh: hazards in three groups, or a colour bar; regions, and cells that are not drawn."""
+    """Legend of a mesh as HTML: hazards in three groups or a colour bar, then regions and cells that are not drawn."""
     rows = _scale_rows(mesh.scale) if mesh.scale is not None else _hazard_rows(mesh.legend)
     rows.append(_row("regions", REGION, f"border:2px solid rgb{REGION_COLOUR}".replace(" ", "")))
     rows.append(_row("not drawn", NEVER_OBSERVED, "border:1px dashed #888"))

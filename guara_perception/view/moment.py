@@ -50,7 +50,7 @@ class Moment:
 
     @property
     def any_grid(self) -> TerrainGrid:
-        """First grid: the scan if present, otherwise the map."""
+        """First entry of `grids`, which provides step, record and walk of the moment."""
         return next(iter(self.grids.values()))
 
     @property
@@ -75,13 +75,13 @@ class Moment:
 
     @property
     def transform_base_to_footprint(self) -> Float:
-        """Pose (4, 4) of the body, the identity if absent."""
+        """Pose (4, 4) of the body in base_footprint, the identity if absent."""
         placed = self.record.transform_base_to_footprint
         return np.eye(4) if placed is None else placed
 
     @property
     def transform_footprint_to_odom(self) -> Float:
-        """Pose (4, 4) of the map, or else of the scan; the identity if absent."""
+        """Pose (4, 4) of base_footprint in odom, from the map if there is one; the identity if absent."""
         return pose_of(self.grids.get("map", self.any_grid))
 
 
@@ -116,7 +116,7 @@ class Timeline:
         self._moments, self.number = list(moments), 0
 
     def add(self, moment: Moment) -> None:
-        """Append a moment, or replace the last one if it is of the same pause."""
+        """Append a moment, or replace the last one if it is of the same pause; keep the last KEPT moments."""
         follow = self.is_newest
         last = self._moments[-1] if self._moments else None
         if last is not None and (last.step, last.walk) == (moment.step, moment.walk):

@@ -1,4 +1,4 @@
-"""Coloured triangles of a robot's URDF, link by link."""
+"""Coloured triangle meshes of the links of a robot, from its URDF."""
 
 from __future__ import annotations
 
@@ -36,9 +36,10 @@ class VisualShape:
 
 
 def visual_shapes(robot: RobotModel) -> dict[str, tuple[VisualShape, ...]]:
-    """Shapes by link, for links that have any.
+    """Visible shapes of each link that has any, by name of the link.
 
-    A link is drawn with its visuals if all are boxes, cylinders or spheres, otherwise with its collision shapes.
+    A link is drawn with its visuals if it has any and all are boxes, cylinders or spheres, otherwise with its collision
+    shapes.
     """
     root = ElementTree.fromstring(robot.tree.urdf.text)
     named = {str(found.get("name")): colour for found in root.findall("material") if (colour := _colour(found))}
@@ -108,7 +109,7 @@ def primitive(kind: str, size: tuple[float, ...]) -> tuple[Float, Faces]:
 
 
 def _revolved(outline: list[tuple[float, float]]) -> tuple[Float, Faces]:
-    """Vertices and triangles of the solid of revolution about z of an outline with points (radius, z)."""
+    """Vertices and triangles of the solid that an outline of points (radius, z) describes by revolution about z."""
     angles = np.arange(ROUND_SIDES) * (2 * np.pi / ROUND_SIDES)
     rings = [np.column_stack((r * np.cos(angles), r * np.sin(angles), np.full(ROUND_SIDES, z))) for r, z in outline]
     index = np.arange(ROUND_SIDES)

@@ -25,7 +25,7 @@ LIFT_M = 0.002
 LINE_PX = 2.0
 # Tolerance of simplified outlines, slightly more than a cell [m].
 OUTLINE_M = 0.006
-# Size of the points of stripes [m], largest number of points, and height above the ground [m].
+# Size of the points of stripes [m], largest number of points drawn, and their height above the ground [m].
 STRIPE_SIZE_M, STRIPE_POINTS, STRIPE_LIFT_M = 0.0007, 12_000, 0.001
 EVEN_LIGHT = 2.2
 # Height of the ground plane, below the reach of the legs [m].
@@ -37,7 +37,7 @@ Picked = Callable[[Float, Float], None]
 class SceneDrawing:
     """Drawing of moments in one viser scene.
 
-    The shapes of the robot are sent once, its poses with every moment.
+    The shapes of the robot are sent once, and its pose with every moment.
     """
 
     def __init__(self, scene: Any, robot: RobotModel, picked: Picked) -> None:

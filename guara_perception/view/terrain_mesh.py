@@ -20,7 +20,7 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
 COLOURINGS = ("hazard", "elevation", "traversability")
-# Sampling step of a ray relative to a cell, and its largest length [m].
+# Sampling step of a ray relative to a cell, and largest length of a ray [m].
 SHARE_OF_CELL = 0.5
 FAR_M = 20.0
 # Margin above the highest and below the lowest cell within which a ray is sampled [m].
@@ -62,7 +62,7 @@ class TerrainMesh:
         texture_positions: (n, 2) float32, position of each vertex in `picture`, 0 ... 1 to the right and upwards; the
             first row of `picture` is at the top.
         legend: (name, colour) of the hazards shown; empty for other colourings.
-        scale: colour scale of the other colourings.
+        scale: colour scale of the other colourings; None for "hazard".
     """
 
     vertices: Float32
@@ -74,10 +74,10 @@ class TerrainMesh:
 
 
 def terrain_mesh(terrain: TerrainGrid, colouring: str = "hazard") -> TerrainMesh:
-    """Make a mesh over all cells that are known or were observed.
+    """Make a mesh over all cells except those whose only unknown flag is UNSCANNED.
 
     Unknown cells are drawn at the height of the nearest known cell: in the colour of their cause if the colouring is
-    "hazard", otherwise in grey. Cells that were never observed are not drawn.
+    "hazard", otherwise in grey.
 
     Raises:
         InvalidInput: no such colouring.
@@ -140,7 +140,7 @@ def drawn_heights(terrain: TerrainGrid) -> Float32:
 
 
 def met_by_ray(terrain: TerrainGrid, origin: npt.ArrayLike, direction: npt.ArrayLike) -> Float | None:
-    """First sampled position (3,) of a ray at or below the height of its cell, None if there is none.
+    """First sampled position (3,) on a ray that is at or below the height of its cell, None if there is none.
 
     Args:
         terrain: grid; cells have the heights of `drawn_heights`, even if they are not drawn.

@@ -27,9 +27,9 @@ MEMORY: dict[str, tuple[Any, Any]] = {
     "pause": (np.int64, NEVER),  # number of the pause when last seen
     "stamp": (np.int64, 0),  # time when last seen [ns]
     "looks": (np.uint8, 0),  # number of scans that saw the cell
-    "rise": (np.float64, 0.0),  # drift of the odometry when last seen: variance of z [m^2]
-    "shift": (np.float64, 0.0),  # upper bound of the horizontal variance [m^2]
-    "turn": (np.float64, 0.0),  # variance of the heading [rad^2]
+    "rise": (np.float64, 0.0),  # variance of the drift of odometry in z when last seen [m^2]
+    "shift": (np.float64, 0.0),  # upper bound of the variance of horizontal drift when last seen [m^2]
+    "turn": (np.float64, 0.0),  # variance of heading drift when last seen [rad^2]
 }
 # Squares are shrunk by this length, so that a square that only shares an edge with a cell does not touch the cell.
 SHRUNK_M = 1e-7
@@ -44,7 +44,7 @@ class OdomCells:
     Attributes:
         resolution: cell edge [m].
         side: number n of rows and columns of the window.
-        memory: arrays (n * n,) of MEMORY by name.
+        memory: arrays (n * n,) by the names in MEMORY.
         first: cell (cy, cx) of the window with the smallest indices, None before the window is placed.
     """
 
@@ -53,7 +53,7 @@ class OdomCells:
 
         Args:
             resolution: cell edge [m].
-            reach: distance from the centre that the window must always cover [m].
+            reach: least distance from the centre to every edge of the window [m].
         """
         self.resolution = resolution
         self.side = 2 * (int(np.ceil(reach / resolution)) + 1)
@@ -61,7 +61,7 @@ class OdomCells:
         self.first: tuple[int, int] | None = None
 
     def indices(self, x: Float, y: Float) -> tuple[Index, Index]:
-        """Cells (cy, cx) under points in `odom` [m]."""
+        """Cells (cy, cx) that contain points in `odom` [m]."""
         cx = np.floor(x / self.resolution + 1e-6).astype(np.int64)
         cy = np.floor(y / self.resolution + 1e-6).astype(np.int64)
         return cy, cx
@@ -107,7 +107,10 @@ class OdomCells:
         return values
 
     def _pieces(self, first: int, count: int, window: int) -> list[tuple[slice, slice]]:
-        """Ranges of rows (or columns) in the rectangle and in memory, as one or two pairs for those in the window."""
+        """Slices of rows (or columns) into the rectangle and into memory, for the part of the rectangle in the window.
+
+        There are two pairs if this part wraps around in memory, and none if it is empty.
+        """
         low, high = max(first, window), min(first + count, window + self.side)
         turn = low + -low % self.side
         runs = ((low, min(turn, high)), (max(low, turn), high))
@@ -118,7 +121,7 @@ class OdomCells:
         ]
 
     def restore(self, memory: Mapping[str, Array], first: tuple[int, int] | None) -> None:
-        """Copy the memory and `first` of another window of the same size."""
+        """Copy memory and `first` from another window of the same size."""
         for name, values in self.memory.items():
             np.copyto(values, memory[name])
         self.first = first
@@ -164,7 +167,7 @@ class Squares:
 
     @classmethod
     def of(cls, grid: HasIndices, x: Float, y: Float, half: float) -> Squares:
-        """Axis-aligned squares with half edge `half` around points (n,), n >= 1; bounding squares of rotated cells."""
+        """Axis-aligned squares of edge 2 * `half` around n >= 1 points, such as bounding squares of rotated cells."""
         reach = half - SHRUNK_M
         low_y, low_x = grid.indices(x - reach, y - reach)
         high_y, high_x = grid.indices(x + reach, y + reach)

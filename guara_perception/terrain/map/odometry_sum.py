@@ -7,12 +7,16 @@ with the square root. So, for each earlier pause j, two sums since j are compare
     d = T_j^-1 T                        corrections of the map, where T is the correction of the drift
     d = sum of the motions from scan to scan minus those of odometry
 
-The second sum detects slow ground first: if few heights show the motion, corrections follow the ground only in small
-part. Let w be the displacement since j, s the fraction of w by which odometry may err along w, always with the same
-sign (feet that all slide back keep their distances), P_j the covariance of drift or noise at j, and N the covariance of
-the heights and of the noise now, for the second sum only. Then the covariance of d is
+The second sum detects slow ground first: if few heights show the motion, the corrections follow only a small part of
+it. Let w be the displacement since j, s the fraction of w by which odometry may err along w, always with the same
+sign: if all feet slide back together, the distances between them do not change, so odometry cannot detect the slide.
+Let P_j be the covariance at j, of the drift for the first sum and of the noise for the second, F the transition from
+footprint j to the present one (`transition_between`), and N the covariance of the heights and of the present noise, for
+the second sum only. Then the covariance of d is
 
     S = F P_j F' + drift of odometry since + N + s^2 w w'
+
+plus the slip that is accepted where texture shows it (`shown_slip`).
 
 If d' S^-1 d exceeds a bound for any j, either the ground moved or odometry is worse than it states. It cannot be
 decided which, so all corrections since the earliest such j are discarded. Earlier corrections are kept: had the ground
@@ -38,10 +42,10 @@ EARLIER_PAUSES = 24
 # Bound of a sum. A walk over still ground that exceeds it loses its corrections and continues with odometry; with 2
 # sigmas this happened in one of six walks.
 MOST_SIGMAS = 3.0
-# Accepted sigma of slip along and across the displacement, relative to it, if texture over the whole view shows the
-# slip; and distance of the feet, which converts slip to yaw. In a simulation with physics, robots with position servos
-# without feed-forward slip by 4 to 13 % along the path and by less than 1 % across it. Ground that fills the view and
-# moves sideways by more is not followed.
+# Sigmas of slip along and across the displacement, relative to its length, that are accepted if texture over the whole
+# view shows the slip; and distance between the feet, which converts slip to yaw. In a simulation with physics, robots
+# with position servos without feed-forward slip by 4 to 13 % along the path and by less than 1 % across it. The
+# correction does not follow ground that fills the view and moves sideways by more than that.
 SHOWN_SLIP_ALONG, SHOWN_SLIP_ASIDE, LEVER_M = 0.06, 0.02, 0.3
 
 
@@ -76,7 +80,7 @@ class OdometrySum(FrozenArrays):
         seen: (k, 3) x, y, yaw by which the motion since the pause, as shown by scans, exceeds that of odometry, about
             the current position of the robot.
         seen_covariances: (k, 3, 3) covariances of `seen`.
-        shown: (k,) length of the path since the pause that texture over the whole view showed [m].
+        shown: (k,) length of that part of the path since the pause which texture over the whole view confirmed [m].
     """
 
     transforms: Float = field(default_factory=partial(np.empty, (0, 4, 4)))
@@ -111,7 +115,7 @@ class OdometrySum(FrozenArrays):
             drift: (3, 3) covariance of the drift of odometry in this motion.
             seen: (3,) x, y, yaw by which the motion shown by scans exceeds that of odometry.
             seen_covariance: (3, 3) covariance of `seen` due to the heights alone.
-            shown: length of the motion if texture over the whole view shows it, otherwise 0 [m].
+            shown: length of the motion if texture over the whole view confirms it, otherwise 0 [m].
         """
         return OdometrySum(
             self.transforms,
@@ -150,8 +154,8 @@ class OdometrySum(FrozenArrays):
         reason = (
             f"{('registration has moved the walk', 'scans show that the ground moved')[kind]} by "
             f"{1e3 * np.hypot(x, y):.0f} mm and {1e3 * yaw:+.0f} mrad in "
-            f"{len(self.transforms) - first} pauses, {np.sqrt(squares[kind, first]):.1f} sigma of what odometry adds "
-            "up to: ground that is seen may move, so it is not used"
+            f"{len(self.transforms) - first} pauses, {np.sqrt(squares[kind, first]):.1f} sigma of the error "
+            "accumulated by odometry: the ground in view may be moving, so it is not used"
         )
         moved_by = np.stack((corrected[first], self.seen[first]))
         to_scans = _squares(self.seen - corrected, covariances)[first]
@@ -175,7 +179,7 @@ class OdometrySum(FrozenArrays):
         return np.column_stack((aside, np.arctan2(since[:, 1, 0], since[:, 0, 0])))
 
     def _slip(self, odometry: Float, slip_share: float) -> Float:
-        """Covariances (k, 3, 3) of slip since each pause: along the displacement, plus what texture may show."""
+        """Covariances (k, 3, 3) of slip since each pause, including the slip accepted where texture shows it."""
         way = odometry[:2, 3] - self.positions
         slip = np.zeros_like(self.covariances)
         slip[:, :2, :2] = slip_share**2 * way[:, :, None] * way[:, None, :]

@@ -1,21 +1,22 @@
 """Registration of a scan to the map or to the previous scan, from the heights of their common cells.
 
-The error of odometry is estimated by Gauss-Newton iteration on heights. Let q = (x, y, z) be the scan's points in odom,
-relative to the footprint, and H the height of the map. The cost
+The error of odometry is estimated by Gauss-Newton iteration on heights. Let q = (x, y, z) be the scan's points and H
+the height of the map, both relative to the footprint and along the axes of odom. The cost
 
     sum w r^2 / s^2 / n + m' P^-1 m    with    r = H(R q + d) - (z + dz + rx y - ry x)
 
-is minimised over m = (dx, dy, dz, rx, ry, turn), where s^2 is the variance of both heights and of a cell's height on a
-slope, w Huber's weight, and P the prior covariance of m from odometry. Errors of neighbouring cells are correlated, so
-the information of the heights is divided by n.
+is minimised over m = (dx, dy, dz, rx, ry, turn). R is the rotation by `turn`, d = (dx, dy), w Huber's weight, and P the
+prior covariance of m from odometry. s^2 is the variance of r: the variances of both heights, and the effect of a
+horizontal position error on a slope. Errors of neighbouring cells are correlated, so the information of the heights is
+divided by n.
 
 Both height fields are smoothed in the same way, and the slope is the mean of both slopes (Malis, Improving vision-based
 control using efficient second-order minimization techniques, ICRA 2004). A slope that may be noise must not be used for
 x and y: a cell whose slope in the scan is below SLOPE_SIGMAS of its error counts as level, and a level cell observes
 only height and tilt. The slope of the map is not used for this decision, because the map has seams of a millimetre or
-two at the ends of scans. On level ground and on slopes that are hardly steeper, x, y and yaw therefore keep their
-priors. Slopes this small cannot be used: the map's heights are off by a millimetre over areas as large as a ramp, which
-is equivalent to a shift of 20 mm on a ramp of slope 0.05.
+two at the ends of scans. On level ground and gentle slopes, x, y and yaw therefore keep their priors. Slopes this small
+cannot be used: the map's heights are off by a millimetre over areas as large as a ramp, which is equivalent to a shift
+of 20 mm on a ramp of slope 0.05.
 
 Across its stripes, a laser scan shows an edge at the first stripe behind the true edge. This error is up to the spacing
 of the stripes, which grows with the distance, and has the same sign for all edges that face the robot. Registration to
@@ -62,8 +63,9 @@ LARGEST_DIFFERENCE_M = 0.05
 LEAST_CELLS = 50
 # Rows of x, y and yaw in REP-103 order.
 PLANAR = [0, 1, 5]
-# A registration is refused if more than MOST_CONTRADICTING of its cells exceed Huber's limit, or if its motion is more
-# than MOST_SIGMAS from the prior, in directions in which it reduces the prior's variance by at least LEAST_SHRUNK.
+# A registration is refused if it compares fewer than LEAST_CELLS cells, if the residuals of more than the fraction
+# MOST_CONTRADICTING of them exceed Huber's limit, or if its motion is more than MOST_SIGMAS from the prior in a
+# direction in which it reduces the prior's variance by more than the fraction LEAST_SHRUNK.
 MOST_CONTRADICTING = 0.3
 MOST_SIGMAS = 4.0
 LEAST_SHRUNK = 0.01
@@ -107,13 +109,13 @@ def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom
     ground = _Ground.around(cells, seen.about[:, :2] + base[:2])
     motion, covariance, weights = _fit(ground, seen, base, prior, CELLS_THAT_COUNT_AS_ONE)
     if weights.size < LEAST_CELLS:
-        return _refused(prior, weights, f"only {weights.size} cells of the scan lie on known ground")
+        return _refused(prior, weights, f"only {weights.size} of the {LEAST_CELLS} cells needed lie on known ground")
     contradicting = float((weights < 1).mean())
     if contradicting > MOST_CONTRADICTING:
         return _refused(prior, weights, f"{100 * contradicting:.0f} % of {weights.size} cells differ from the map")
     sigmas = _surprise(motion, prior, covariance)
     if sigmas > MOST_SIGMAS:
-        return _refused(prior, weights, f"map and odometry contradict each other by {sigmas:.1f} sigma of both")
+        return _refused(prior, weights, f"map and odometry contradict each other by {sigmas:.1f} combined sigma")
     return Registration(motion, covariance, weights.size, None)
 
 
@@ -185,8 +187,9 @@ def _refused(prior: Float, weights: Float, reason: str) -> Registration:
 def _surprise(motion: Float, prior: Float, covariance: Float) -> float:
     """Deviation of a motion from its prior in sigmas, in the worst direction.
 
-    If prior and heights are consistent, the covariance of the motion is the reduction of the prior covariance by the
-    heights. Directions in which it is hardly reduced are omitted.
+    `prior` and `covariance` are the covariances (6, 6) of the motion before and after the registration. If prior and
+    heights are consistent, the estimated motion is distributed with covariance `prior - covariance`. Directions in
+    which this reduction is negligible are omitted.
     """
     root = np.linalg.cholesky(prior)
     half = np.linalg.solve(root, covariance)
@@ -268,7 +271,7 @@ class _Ground:
         return _Ground(np.stack((*_smooth(heights, cells.resolution), variance)), at, cells.resolution)
 
     def at(self, x: Float, y: Float) -> Float:
-        """Layers (4, n) interpolated bilinearly at points in odom; NaN where the height is unknown."""
+        """Layers (4, n) interpolated bilinearly at points in the frame of `first`; the height is NaN where unknown."""
         u, v = x / self.resolution - 0.5 - self.first[1], y / self.resolution - 0.5 - self.first[0]
         ny, nx = self.layers.shape[1:]
         j, i = np.floor(u).astype(np.intp), np.floor(v).astype(np.intp)

@@ -6,8 +6,9 @@ to one pose of the camera, an error of this pose moves all corners in the same w
 
     d = (x, y) + yaw * (-py, px),        minimised: sum |r|^2 / s^2 / n + m' P^-1 m
 
-where p is the corner relative to the footprint, s the spread of the corners that agree, and P the prior covariance from
-odometry. Errors of neighbouring corners are correlated, so their information is divided by n.
+where p is the corner relative to the footprint, m = (x, y, yaw), r the measured shift of a corner minus d, s the spread
+of the corners that agree, and P the prior covariance from odometry. Errors of neighbouring corners are correlated, so
+their information is divided by n.
 
 A pixel keeps the texture with which it was first seen, at the pose of the walk at that time. Errors therefore
 accumulate only as texture leaves the view. Let f be the fraction of the ground in view that is new at each pause. The
@@ -57,9 +58,9 @@ WHOLE, LEAST_EXTENT_M = 0.8, 0.08
 # Largest deviation of an agreeing corner, in units of the spread, and bounds of the spread: above half a pixel of an
 # image, the agreement would be accidental.
 AGREEING_SIGMAS, LEAST_SPREAD_M, MOST_SPREAD_M = 3.0, 0.0003, 0.0006
-# Least sigma of a corner per axis, a thirtieth of a pixel, and number of corners that count as one. Motions from every
-# other corner differ by 1.2 times as much as with independent corners; beyond that, errors of neighbours are
-# correlated.
+# Least sigma of a corner per axis, a thirtieth of a pixel, and number of corners that count as one. Two motions, each
+# estimated from every other corner, differ by 1.2 times as much as with independent corners. This comparison does not
+# show the errors that neighbouring corners share.
 LEAST_SIGMA_M, CORNERS_THAT_COUNT_AS_ONE = 0.0001, 2.0
 # Sigmas of a view as a whole, due to heights and lens [m, m, rad].
 VIEW_SIGMA = np.array([5e-5, 5e-5, 5e-5])
@@ -78,8 +79,8 @@ class VisualMotion:
         motion: (3,) x, y [m] and yaw [rad] from odometry to the texture, about the footprint; zero if refused.
         covariance: (6, 6) covariance of the pose, the prior if refused.
         corners: number of corners that agree.
-        is_whole: True if nearly all corners of the view agree, which means that either the robot or all ground in view
-            moved.
+        is_whole: True if nearly all corners agree and they extend over the view, which means that either the robot or
+            all ground in view moved.
         inherited: fraction of the covariance that later pauses inherit.
         refused: reason why the motion is not used, None if it is used.
         denied: (3,) motion shown by most corners but contradicted by odometry, zero if there is none.
@@ -127,7 +128,7 @@ class GroundView:
         picture: laser-off image.
         terrain: grid of the scan.
         places: (ny, nx, 2) position of each cell in the image [px], or a position outside the image where unknown.
-        known: (ny, nx) 255 where a cell and its neighbours are known and level, otherwise 0.
+        known: (ny, nx) 255 where a cell and its neighbours are known, level and inside the image, otherwise 0.
         level: median height [m].
         median: median grey level of the ground in the image.
     """
@@ -161,7 +162,7 @@ class GroundView:
         return GroundView(picture, terrain, placed, np.asarray(255 * known, np.uint8), level, median)
 
     def pixels(self, transform: Float) -> tuple[Index, tuple[int, int]]:
-        """First pixel (y, x) in odom and number of pixels (y, x) of the ground in view from a pose (4, 4)."""
+        """First pixel and number of pixels, (y, x) each, of the rectangle in odom around the grid at a pose (4, 4)."""
         ny, nx = self.terrain.geometry.shape
         origin = np.array(self.terrain.geometry.origin)
         size = np.array((nx, ny)) * self.terrain.resolution
@@ -229,7 +230,7 @@ def visual_motion(
     new = 1.0 - float(np.mean(before[now > 0] > 0)) if now.any() else 1.0
     found, shifts = _found_again(now, before)
     if len(found) < LEAST_CORNERS:
-        return refused(f"only {len(found)} corners of the texture were found again", len(found))
+        return refused(f"only {len(found)} of the {LEAST_CORNERS} corners needed were found again", len(found))
     about = (found + first[::-1] + 0.5) * PIXEL_M - transform[:2, 3]
     motion, sigma, agreeing = _agreed(about, shifts * PIXEL_M)
     count = int(agreeing.sum())
@@ -247,7 +248,7 @@ def visual_motion(
         believed = believed + slip
     sigmas = float(np.sqrt(motion @ np.linalg.solve(believed, motion)))
     if sigmas > MOST_SIGMAS:
-        reason = f"texture and odometry contradict each other by {sigmas:.1f} sigma of both"
+        reason = f"texture and odometry contradict each other by {sigmas:.1f} combined sigma"
         return VisualMotion(np.zeros(3), prior, count, False, 1.0, reason, motion)
     gain = np.linalg.solve(before_it + measured, prior[SIDEWAYS]).T
     covariance = prior - gain @ prior[SIDEWAYS]
@@ -268,7 +269,7 @@ def seen_after(
             texture replaces it when little of it is in view.
 
     Returns:
-        Texture, None if no image has shown any; and True if a new reference texture was taken at this pause.
+        Texture (None if no image has shown any), and True if a new reference texture was taken at this pause.
     """
     if isinstance(view, str) or view.median <= DARK_LEVEL:
         return seen, False

@@ -11,8 +11,9 @@ import numpy as np
 from guara_perception.arrays import Float, Mask
 from guara_perception.terrain.map.support_feet import SoleError
 
-# Depth below the map beyond which a sole counts as sunk, in metres and in sigmas of legs and map; both must be
-# exceeded. Legs bend and maps drift by less; snow, foam and loose gravel give way by more.
+# Depth below the map beyond which a sole counts as sunk, in metres and in sigmas of legs and map. The larger limit
+# applies, plus the height range of the map under the sole. Legs bend and maps drift by less; snow, foam and loose
+# gravel give way by more.
 SINK_M, SINK_SIGMAS = 0.008, 4.0
 # A standing foot slid if it moved farther than the others by more than CREEP_M, plus SLIP_SIGMAS of two readings of its
 # position; soles that rock on stiff ankles creep by as much in MuJoCo.
@@ -80,7 +81,7 @@ def slid_feet(slips: Mapping[str, float], slipped: tuple[str, ...], variances: M
         slips: leg -> distance by which each standing foot moved since the last pause [m].
         slipped: feet that, according to odometry, moved relative to the others.
         variances: leg -> variance of its horizontal position in one pause [m^2]; feet without an entry did not carry
-            the body and are ignored.
+            the body and are not returned.
     """
     common = float(np.median([distance for leg, distance in slips.items() if leg not in slipped] or [0.0]))
     ways = {leg: slips[leg] - common for leg in slipped if leg in slips and leg in variances}
@@ -88,7 +89,7 @@ def slid_feet(slips: Mapping[str, float], slipped: tuple[str, ...], variances: M
 
 
 def remembered(soft: tuple[SoftFoothold, ...], centres: list[Float]) -> tuple[SoftFoothold, ...]:
-    """Add footholds at centres in odom to those in memory, newest last."""
+    """Add footholds at centres in odom, newest last; skip near duplicates, and drop the oldest beyond the limit."""
     for x, y, *_ in centres:
         if all(np.hypot(x - each.x, y - each.y) > APART_M for each in soft):
             soft = (*soft, SoftFoothold(float(x), float(y)))

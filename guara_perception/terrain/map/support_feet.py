@@ -39,8 +39,8 @@ class FootMeasurement:
         centre: (3,) sole centre in odom [m].
         arm: (2,) changes of the sole's height with roll and pitch of the footprint [m].
         variance, aside: variances of the sole's height, and of its horizontal position in the worst direction [m^2].
-        slot, distance: map cells wholly under the sole, and the distance of the sole from the robot, repeated for each
-            cell [m].
+        slot: slots of the map cells wholly under the sole.
+        distance: distance of the sole from the robot, repeated for each of these cells [m].
     """
 
     leg: str
@@ -63,7 +63,11 @@ def support_feet(
     transform_footprint_to_odom: Float,
     limits: TraversabilityLimits,
 ) -> list[FootMeasurement]:
-    """Supporting soles at a scan; none if the scan's record contains no stance or no pose."""
+    """Supporting soles at a scan; none if the scan's record contains no stance or no pose.
+
+    Raises:
+        InvalidInput: the record contains an unreadable stance, pose or list of supporting feet.
+    """
     record = terrain.record
     record.check("stance", "transform_base_to_footprint", "support_feet_used")
     stance, transform_base_to_footprint = record.stance, record.transform_base_to_footprint

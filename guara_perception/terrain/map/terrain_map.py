@@ -65,6 +65,7 @@ class TerrainMap:
 
         Raises:
             InvalidInput: the resolution does not divide the area.
+            kinematics.KinematicsError: no such robot.
         """
         self._robot = robot_model(robot)
         self._settings = Settings.of(self._robot)
@@ -89,7 +90,7 @@ class TerrainMap:
 
     @property
     def pause(self) -> int:
-        """Number of the newest pause, counted from the first scan."""
+        """Number of the newest pause: 1 for the first scan, 0 before it."""
         return self._state.pause
 
     @property
@@ -262,6 +263,7 @@ class TerrainMap:
 
         Raises:
             MissingFile: the folder does not exist.
+            InvalidInput: the path is a folder.
         """
         with whole_file(path) as temporary, temporary.open("wb") as stream:
             self.write(stream)
@@ -285,7 +287,7 @@ class TerrainMap:
     ) -> VisualMotion:
         """Estimate the error of a pause's pose from texture alone, without odometry as a prior; the map is not changed.
 
-        Arguments are those of `update`; of their checks, only those of the pose are made.
+        The arguments are those of `update`. Only the pose is checked.
         """
         transform = self._state.walk.transform @ checked_pose(terrain, pose).transform
         transform[2, 3] += self._state.anchor.offset

@@ -10,8 +10,8 @@ Without W all of m would count as drift: the noise of one pause, which is larger
 move all later pauses. The map's record contains the correction and its sigmas.
 
 Ground that moves drags the registered poses along, a little at each pause. The sum of the corrections is therefore
-compared with the accumulated drift of odometry (`OdometrySum`). If they contradict each other, these corrections are
-undone, registrations at the following pauses are not used, and all sigmas grow by the correction that was undone.
+compared with the accumulated drift of odometry (`OdometrySum`). If they contradict each other, registrations at the
+following pauses are not used. Unless texture confirms the corrections, they are undone, and all sigmas grow by them.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class WalkCorrection:
         off_texture: (3, 3) covariance of the pose relative to the texture, due to motions since texture last corrected
             the walk or a new reference texture was taken.
         off_way: (2,) displacement since texture last corrected the walk or a new reference texture was taken [m].
-        unseen: number of future pauses whose texture is not used, because corrections were undone.
+        unseen: number of future pauses whose texture is not used, because the ground in view may be moving.
         slip: (2,) sigma of the displacement by slip since the start [m], without the part that texture corrected. Slip
             is assumed to act along the path, always with the same sign.
         begun: (2,) `slip` at the pause at which the reference texture was taken [m].

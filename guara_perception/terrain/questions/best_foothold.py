@@ -81,12 +81,13 @@ def best_foothold(
         x, y: nominal position in base_footprint [m].
         radius: radius of the search [m].
         leg, robot: as in `check_foothold`.
-        previous: previous choice, in base_footprint of this grid. It is kept while it is safe and within the radius
-            and no other position has a value a third higher.
+        previous: previous choice, in base_footprint of this grid. It is kept while it is safe and within the radius,
+            unless another position has a value that is at least a third higher.
 
     Raises:
-        InvalidInput: x or y is not a finite number, the radius is not 0 ... 1 m, `previous` is neither a Foothold nor a
-            pair of finite numbers, or as in `check_foothold`.
+        InvalidInput: x or y is not a finite number, the radius is not 0 ... 1 m, or `previous` is neither a Foothold
+            nor a pair of finite numbers. Also as in `check_foothold`.
+        kinematics.KinematicsError: no such leg or robot.
     """
     terrain = asked(terrain, allow_stale)
     px, py = _candidates(terrain, x, y, radius)
@@ -148,15 +149,15 @@ def best_refused(
 ) -> RefusedFoothold | None:
     """Find the candidate that came closest to being a foothold; None if no candidate is refused.
 
-    Safe ground that is only out of the leg's reach comes first, by the smallest excess of the joints; then the largest
-    clearance; ties are decided as in `best_foothold`. Use the result in messages only: no foot may be set at this
-    position.
+    Safe ground that is only out of the leg's reach comes first, ordered by the excess of the joints. Other ground
+    follows, ordered by clearance, largest first. Ties are decided as in `best_foothold`. Use the result in messages
+    only: no foot may be set at this position.
 
     Args:
         x, y, radius, leg, robot: as in `best_foothold`.
 
     Raises:
-        InvalidInput: as in `best_foothold`.
+        InvalidInput, kinematics.KinematicsError: as in `best_foothold`.
     """
     terrain = asked(terrain, allow_stale)
     px, py = _candidates(terrain, x, y, radius)

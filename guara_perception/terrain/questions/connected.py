@@ -18,7 +18,7 @@ def connected_to(cells: Mask, iy: int, ix: int) -> Mask:
         iy, ix: indices of the cell.
     """
     ny, nx = cells.shape
-    # With an empty column at the end, so that no run continues in the next row.
+    # An empty column at the end keeps runs from continuing in the next row.
     width = nx + 1
     flat = np.zeros(ny * width + 1, np.int8)
     flat[:-1].reshape(ny, width)[:, :nx] = cells
@@ -26,7 +26,7 @@ def connected_to(cells: Mask, iy: int, ix: int) -> Mask:
     if flat[0]:
         change = np.concatenate(([0], change))
     starts, ends = change[::2], change[1::2]
-    # Runs [first, after) of the row above and of the row below that overlap with each run.
+    # For each run, the range [first, after) of the runs that overlap it in the row above, and in the row below.
     neighbours = [
         (np.searchsorted(ends, starts + step, "right").tolist(), np.searchsorted(starts, ends + step, "left").tolist())
         for step in (-width, width)

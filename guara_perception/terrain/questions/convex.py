@@ -2,7 +2,7 @@
 
 Half-planes and an ellipse are computed in turn, as in IRIS (Deits and Tedrake, Computing large convex regions of
 obstacle-free space through semidefinite programming, WAFR 2014): each half-plane excludes the square that is nearest in
-the metric of the ellipse, and the next ellipse is computed from the polygon of the half-planes. Unlike in IRIS, this is
+the metric of the ellipse, and the next ellipse is computed from the polygon of the half-planes. Unlike in IRIS, it is
 the ellipse of the polygon's second moments, not the largest inscribed ellipse.
 """
 
@@ -18,7 +18,8 @@ from guara_perception.arrays import Float, Index
 MOST_ROUNDS = 4
 # Least relative gain in area after which another round follows.
 LEAST_GAIN = 0.01
-# Distance of the half-planes from the squares; it covers rounding errors, and the lower edges that belong to a cell.
+# Distance of the half-planes from the squares. It covers rounding errors, and excludes the lower edges of cells, which
+# belong to the cells.
 OFF_M = 2e-6
 # Length below which a side is removed.
 LEAST_SIDE_M = 1e-9
@@ -59,7 +60,7 @@ def grow_polygon(seed: Float, bounds: Float, squares: Float, half: float) -> Con
 
 
 def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float) -> Float:
-    """Half-planes (n, 3) that contain the seed and exclude every square, the nearest square in the metric first."""
+    """Half-planes (n, 3) that contain the seed and exclude all squares, beginning with the nearest in the metric."""
     cuts: list[tuple[float, float, float]] = []
     reach = half + OFF_M
     x, y = np.ascontiguousarray(squares.T)
@@ -84,12 +85,12 @@ def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float
 
 
 def _nearest(offset: Float, reach: float) -> Float:
-    """Coordinate along one axis of each square's point nearest to the origin; `offset` is that of its centre."""
+    """Coordinates (n,), along one axis, of the points of squares nearest to the origin, from those of the centres."""
     return np.asarray(offset - np.minimum(np.maximum(offset, -reach), reach))
 
 
 def _side(normal_x: float, normal_y: float, x: float, y: float, reach: float) -> tuple[float, float, float]:
-    """Half-plane (a, b, c) with an outward normal that touches the square at (x, y); c is -inf for a zero normal."""
+    """Half-plane (a, b, c) with this outward normal, touching the square at (x, y); c is -inf for a zero normal."""
     length = math.hypot(normal_x, normal_y)
     if length == 0:
         return 0.0, 0.0, -math.inf
@@ -101,8 +102,8 @@ def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
     """Bounded polygon of half-planes that all contain a point.
 
     Relative to that point, a line at distance c with normal n has the dual point n / c. The lines of the dual points on
-    the convex hull of all dual points are the sides, in order. Dual points are rounded to float32 to merge lines that
-    hardly differ. This moves the border by less than 1e-6 of its distance from the point, which is below OFF_M for
+    the convex hull of all dual points are the sides, in order. Dual points are rounded to float32 to merge nearly
+    equal lines. This moves the border by less than 1e-6 of its distance from the point, which is below OFF_M for
     polygons within 2 m of it.
     """
     normals, offsets = halfspaces[:, :2], halfspaces[:, 2] - halfspaces[:, :2] @ inside

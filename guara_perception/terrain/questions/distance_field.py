@@ -61,7 +61,9 @@ def distance_field(terrain: LayeredGrid, low: float, high: float, *, allow_stale
     grid are solid at every height. Distances are lower bounds. The result is not cached.
 
     Raises:
-        InvalidInput: the heights are not finite or in the wrong order, or there are more than MOST_VOXELS voxels.
+        InvalidInput: the heights are not finite or in the wrong order, there are more than MOST_VOXELS voxels, or the
+            metadata of the grid lacks limits.
+        MissingExtra: SciPy is not installed.
     """
     terrain = asked(terrain, allow_stale)
     # Imported here, because few programs need it and it takes as long to load as everything else that a grid needs.
@@ -72,7 +74,8 @@ def distance_field(terrain: LayeredGrid, low: float, high: float, *, allow_stale
     layers = int(np.ceil((high - low) / spacing - 1e-9))
     if layers * terrain.hazard.size > MOST_VOXELS:
         raise InvalidInput(
-            f"{layers} x {terrain.hazard.size} voxels, allowed: {MOST_VOXELS}; ask for fewer heights or a coarser grid"
+            f"{layers} x {terrain.hazard.size} voxels, allowed: {MOST_VOXELS}; reduce the height range, or use a "
+            "coarser grid"
         )
     unreliable = (terrain.hazard & (UNKNOWN_MASK | np.uint16(Hazard.STALE))) != 0
     margin = terrain.record.required_limits.confidence * np.sqrt(terrain.variance.astype(np.float64))

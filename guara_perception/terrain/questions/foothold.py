@@ -127,8 +127,8 @@ def check_foothold(
         A FootholdVerdict if x and y are numbers; FootholdVerdicts if they are arrays.
 
     Raises:
-        InvalidInput: the shapes of x and y cannot be broadcast together, or the metadata of the grid lacks limits, or
-            lacks the stance although a leg is given.
+        InvalidInput: x and y are not numbers, their shapes cannot be broadcast together, or the metadata of the grid
+            lacks limits. With a leg, also if the metadata lacks robot, stance or pose, or names another robot.
         kinematics.KinematicsError: no such leg or robot.
     """
     terrain = asked(terrain, allow_stale)
@@ -197,10 +197,10 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
         yield Reason("conflict", disputed, 0.0, "cells", "observations disagree")
     if terrain.hazard_at(x, y) & Hazard.EDGE and not count:
         clearance = float(look_up(terrain, "clearance", x, y, np.float32(np.nan))[()])
-        detail = "too close to something unknown, hazardous or off the grid; the clearance allowed is always enough"
+        detail = "too close to something unknown, hazardous or off the grid; a larger clearance always suffices"
         yield Reason("edge", clearance, enough_clearance(terrain, limits), "m", detail)
     if leg is not None and beyond != 0:
-        yield Reason("reach", beyond, 0.0, "rad", f"of {leg} beyond its joints' limits")
+        yield Reason("reach", beyond, 0.0, "rad", f"joints of {leg} beyond their limits")
 
 
 def enough_clearance(terrain: LayeredGrid, limits: TraversabilityLimits) -> float:
@@ -261,7 +261,7 @@ def _covered(centre: Float, origin: float, length: float, resolution: float) -> 
 
 
 def explain(terrain: LayeredGrid, x: float, y: float, *, allow_stale: bool = False) -> str:
-    """Describe the ground at a point in one sentence, with the reasons for or against a foothold."""
+    """Describe the ground at a point in one sentence, with the score of a foothold or the reasons against it."""
     terrain = asked(terrain, allow_stale)
     flags = terrain.hazard_at(float(x), float(y))
     point = f"x={float(x):.3f} y={float(y):.3f}"
@@ -274,7 +274,7 @@ def explain(terrain: LayeredGrid, x: float, y: float, *, allow_stale: bool = Fal
     if int(flags) & int(UNKNOWN_MASK):
         return f"{point} is unknown: {causes}; not traversable"
     layer = {name: float(values[iy, ix]) for name, values in terrain.layers.items()}
-    slope = "slope not known (too little around it)"
+    slope = "slope unknown (too few known cells around it)"
     if np.isfinite(layer["slope"]):
         slope = f"slope {np.degrees(layer['slope']):.1f} deg, roughness {layer['roughness'] * 1e3:.1f} mm"
     looks, age = int(layer["looks"]), int(layer["age"])

@@ -39,7 +39,7 @@ def leg_clearance(
     """
     terrain = asked(terrain, allow_stale)
     pose = pose_of(terrain, robot)
-    # A height that was rounded counts with the least value that it may have had.
+    # A rounded height is taken as the least value that it may have had before rounding.
     sole = np.array([x, y, float(terrain.height_at(x, y)) - terrain.record.checked_rounding.elevation])
     ground = swing_ground(terrain, np.nan_to_num(sole))
     if not np.isfinite(sole).all():

@@ -12,11 +12,11 @@ from guara_perception.exceptions import optional_library
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from kinematics.arrays import FrozenArrays
 
-# Least height of an object; lower things are relief of the floor. The paper's lowest object is 10 mm high.
+# Least height of an object; anything lower is relief of the floor. The paper's lowest object is 10 mm high.
 LEAST_HEIGHT_M = 0.006
 # Least height of an object in standard deviations of cell and floor.
 LEAST_SIGMAS = 4.0
-# Least area of an object, 2 x 2 cells on the default grid; smaller things are noise.
+# Least area of an object: 2 x 2 cells on the default grid. Smaller objects are considered noise.
 LEAST_AREA_M2 = 1e-4
 # Quantile of an object's heights that counts as its highest point, because noise may raise one cell in ten.
 TOP_QUANTILE = 0.9
@@ -30,9 +30,10 @@ FLOOR_SHARE = 0.35
 # Reciprocal of the FLOOR_SHARE quantile of |noise| in standard deviations. Boxes make the resulting sigma too large, so
 # it is refined.
 QUANTILE_TO_SIGMA = 1 / 0.4538
-# Largest number of cells, evenly distributed, to which a floor is fitted: its error is a thirtieth of their noise.
+# Largest number of cells, evenly distributed, to which a floor is fitted. The error of the floor is a thirtieth of the
+# noise of these cells.
 CELLS = 2000
-# Approximate number of these cells with which the trials are scored.
+# Approximate number of these cells that are used to score the trials.
 JUDGES = 250
 # Least tolerance within which heights belong to the floor; otherwise it is three robust standard deviations.
 LEAST_TOLERANCE_M = 0.002
@@ -69,6 +70,7 @@ class Obstacle(FrozenArrays):
 def obstacles(terrain: LayeredGrid, *, allow_stale: bool = False) -> list[Obstacle]:
     """Find connected objects more than 6 mm and 4 sigma above or below the floor, sorted by x, then y.
 
+    Objects smaller than 1 cm^2 are omitted as noise.
     The floor is the plane that minimises the 35 % quantile of the distances of known heights from it, refined by least
     squares. Unknown ground is not an obstacle, but it is never traversable either.
     """

@@ -21,7 +21,7 @@ from kinematics import KinematicsError
 
 # Largest distance between the start of a path and the centre of the standing sole from which the path starts.
 SAME_PLACE_M = 0.010
-# Depth by which a swing may be lower than the map at its ends, where it touches the ground.
+# Depth by which the ends of a swing, which touch the ground, may be below the map.
 TOUCH_M = 0.005
 # Flags of known cells whose heights are not an upper bound of the ground. CONFLICT is not among them, because
 # `elevation_max` is then the highest sample of all observations, and `variance` the larger variance.
@@ -67,7 +67,8 @@ def check_path(
     confidence, which is the clearance of a vertical lift. If the path starts at a sole that carried the body when the
     grid was made, cells wholly under that sole may be unknown, because they are no higher than the sole.
 
-    A path without z is a track on the ground: every cell within `clearance` must be known and free of hazards.
+    A path without z is a track on the ground: every cell within `clearance` must be known and free of hazards other
+    than EDGE.
 
     Args:
         points: (n, 3) or (n, 2) corners of the path in base_footprint [m].
@@ -99,8 +100,8 @@ def check_over(ground: SwingGround, path: Float, clearance: float) -> PathVerdic
         distance = np.where(over >= 0, np.hypot(cells.aside, over), np.where(cells.aside > 0, cells.aside, over))
         distance = np.where(cells.used, distance, np.inf)
         from_ends = np.minimum(*(np.linalg.norm(samples - end, axis=1) for end in (path[0], path[-1])))
-        # The clearance of a vertical lift is smaller over less certain ground, so a variance that was rounded up counts
-        # with the least value that it may have had.
+        # The clearance of a vertical lift is smaller over less certain ground, so a rounded variance is taken as the
+        # least value that it may have had before rounding.
         least_confidence = confidence / np.sqrt(1 + ground.rounding)
         wanted = np.minimum(clearance, from_ends[:, None] - TOUCH_M - least_confidence)
         lack = np.where(cells.used, wanted - distance, -np.inf)
@@ -160,17 +161,18 @@ def _flagged(terrain: LayeredGrid | SwingGround, iy: Index, ix: Index, test: str
 
 
 def _ground_verdict(terrain: LayeredGrid, iy: Index, ix: Index) -> PathVerdict:
-    """Verdict on cells that must be known and free of hazards."""
+    """Verdict on cells that must be known and free of hazards other than EDGE."""
     reasons = _flagged(terrain, iy, ix, "unknown", UNKNOWN_MASK)
     reasons += _flagged(terrain, iy, ix, "hazard", ALL_BUT_EDGE & ~UNKNOWN_MASK)
     return PathVerdict(not reasons, np.nan, tuple(reasons))
 
 
 def checked_points(points: npt.ArrayLike, columns: tuple[int, ...], least: int, name: str) -> Float:
-    """Convert points to an array (n, columns), finite and within LONGEST_PATH_M.
+    """Convert the points of a path to an array (n, columns), and check shape, number, length and coordinates.
 
     Raises:
-        InvalidInput: the points have the wrong shape, are too few, are not finite or extend beyond LONGEST_PATH_M.
+        InvalidInput: the points are too few, not finite or of the wrong shape, the path is longer than LONGEST_PATH_M,
+            or a coordinate is beyond it.
     """
     wanted = " or ".join(f"(n, {c})" for c in columns)
     array = numbers(points, name)
@@ -268,7 +270,7 @@ def bounded_ground(terrain: LayeredGrid) -> SwingGround:
     limits = terrain.record.required_limits
     rounding = terrain.record.checked_rounding.variance
     bounded = ((hazard & UNKNOWN_MASK) != 0) & np.isfinite(terrain.ceiling)
-    # The variance of a ceiling was not rounded, so it is raised by the fraction that users of `variance` remove again.
+    # The variance of a ceiling was not rounded, so it is raised by the factor that `check_over` removes again.
     hazard[bounded], top[bounded], variance[bounded] = 0, terrain.ceiling[bounded], CEILING_SIGMA_M**2 * (1 + rounding)
     return SwingGround(terrain.geometry, hazard, top, variance, limits.confidence, rounding)
 
@@ -302,10 +304,11 @@ def highest_ground(ground: SwingGround, x: Float, y: Float) -> Float:
 
 
 def highest_at(terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Float:
-    """Find how high the ground may be at positions in base_footprint [m], by which paths of many swings can be priced.
+    """Upper bound of the ground at positions in base_footprint [m], for planners that compare many swing paths.
 
-    Highest samples, or the ceiling of unknown ground, plus confidence; NaN where nothing bounds it, STALE or off the
-    grid. `check_path` and `swing` decide by the same heights.
+    The bound is the highest sample, or the ceiling of unknown ground, plus confidence. It is NaN where the ground is
+    unknown without a ceiling, STALE or off the grid. `check_path` and `swing` use the same heights, except under the
+    sole at the start.
     """
     return highest_ground(bounded_ground(asked(terrain, allow_stale)), *coordinates(x, y))
 

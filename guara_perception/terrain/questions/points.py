@@ -92,8 +92,8 @@ def height_scan(
         frame: "base_footprint", or "base_link" at its pose in the pause.
 
     Raises:
-        InvalidInput: the points have the wrong shape, the frame is unknown, or the frame is base_link and the metadata
-            lacks its pose.
+        InvalidInput: the points are not numbers or have the wrong shape, the frame is unknown, or the frame is
+            base_link and the metadata lacks its pose.
     """
     terrain = asked(terrain, allow_stale)
     if frame not in FRAMES:
@@ -116,10 +116,11 @@ def height_scan(
 
 
 def coarser(terrain: Grid, factor: int) -> Grid:
-    """Grid with cells `factor` times as long, each with the worst values of its fine cells.
+    """Grid with cells `factor` times as long, each with the mean height and the worst other values of its fine cells.
 
-    One unknown fine cell makes the coarse cell unknown; flags are combined; a coarse cell has the largest slope, step,
-    roughness, variance and age, and the smallest score, clearance and number of looks.
+    One unknown fine cell makes the coarse cell unknown, and cells beside unknown cells become EDGE. Flags are combined.
+    A coarse cell has the mean elevation, the largest slope, step, roughness, variance and age, and the smallest score,
+    clearance and number of looks.
 
     Raises:
         InvalidInput: the factor does not divide the grid; the message lists the factors that do.

@@ -1,4 +1,4 @@
-"""Writer of the NumPy file of a grid."""
+"""Writing of grids to NumPy files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def save_terrain(terrain: LayeredGrid, path: str | Path) -> None:
     """Write the grid to an .npz file; `load_terrain` reads it back.
 
     Raises:
-        InvalidInput: the name does not end in .npz.
+        InvalidInput: the name does not end in .npz, or is that of a folder.
         MissingFile: the folder does not exist.
     """
     if Path(path).suffix != ".npz":

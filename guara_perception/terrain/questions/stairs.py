@@ -21,8 +21,8 @@ from kinematics.arrays import FrozenArrays
 # Largest slope and smallest area of a tread.
 STEEPEST_TREAD_RAD = 0.12
 LEAST_TREAD_M2, LEAST_TREAD_CELLS = 0.0015, 20
-# Level regions belong to one tread if their mean heights differ by less than SAME_OF_RISE of the rise; a first rise
-# must be at least SAME_SIGMAS standard deviations of the height difference of both regions.
+# Level regions belong to one tread if their mean heights differ by at most SAME_OF_RISE of the rise. The first rise of
+# a flight must be at least SAME_SIGMAS standard deviations of the height difference between its regions.
 SAME_SIGMAS, SAME_OF_RISE = 3.0, 0.2
 # On a noisy grid, the slope of a tread may be larger by SLOPE_SIGMAS standard deviations of the slope, and the step
 # within it may reach STEP_SIGMAS standard deviations of the height.
@@ -48,7 +48,7 @@ LEAST_RISERS = 2
 # Largest number of flights whose edges are tested: the longest, and among equals those with the largest treads.
 MOST_FLIGHTS = 20
 
-# Cells and mean height [m] of each tread, lowest first.
+# Cells and mean height [m] of each tread, lowest tread first.
 Flight: TypeAlias = list[tuple[Mask, float]]
 
 
@@ -105,10 +105,10 @@ class Stairs(FrozenArrays):
 def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:
     """Detect stairs with two or more risers; None if there are none.
 
-    Treads are level regions of known ground at even rises of up to 0.3 m. There must be a straight edge between
-    neighbouring treads, and all edges must be parallel. An edge is in the middle of the gap between the known cells of
-    both treads, or at the border of the upper tread if the gap is wider than 30 mm (or 2.2 cells, if that is more).
-    `check_foothold` decides if a foot may be set on a tread.
+    Treads are level regions of known ground at similar rises of 12 mm to 0.3 m. There must be a straight edge between
+    neighbouring treads, and all edges must be nearly parallel. An edge is in the middle of the gap between the known
+    cells of both treads, or at the border of the upper tread if the gap is wider than 30 mm (or 2.2 cells, if that is
+    more). `check_foothold` decides if a foot may be set on a tread.
     """
     terrain = asked(terrain, allow_stale)
     height = np.asarray(terrain.elevation, np.float64)
@@ -131,7 +131,7 @@ class _Region:
 
 
 def _as_stairs(x: Float, y: Float, height: Float, cell: float, flight: Flight) -> Stairs | None:
-    """Stairs with the treads of a flight; None if their edges are not straight, parallel and one behind the other."""
+    """Stairs with the treads of a flight; None if the edges are not straight and nearly parallel, or include a landing."""
     direction, heights = _climb(x, y, flight), list(pairwise(mean for _, mean in flight))
     for _ in range(2):
         found = []
@@ -160,7 +160,7 @@ def _as_stairs(x: Float, y: Float, height: Float, cell: float, flight: Flight) -
 
 
 def _flights(regions: list[_Region]) -> list[Flight]:
-    """Sequences of treads with even rises, sorted by number of treads, then by total area, largest first.
+    """Sequences of treads with similar rises, sorted by number of treads, then by total area, largest first.
 
     Each pair of regions gives a first rise. The next tread is the largest region one rise higher, merged with all
     regions at about its height, so that fragments of a tread and artefacts beside the stairs do not end a flight.

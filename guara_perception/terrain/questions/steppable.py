@@ -25,9 +25,9 @@ PLANE_TOLERANCE_M = 0.006
 SEED_RADIUS_M = 0.03
 # Least relative gain in area that replaces the region around the previous choice; it keeps the choice from alternating.
 HYSTERESIS = 1 / 3
-# Distance by which the corners that a leg must reach are outside the cell.
+# Distance outside a cell of the points near its corners that a leg must reach.
 CORNER_OUTSIDE_M = 1e-4
-# Largest distance of a region from its seed, and least area, in a search over a whole grid.
+# Largest extent of a region from its seed along each axis, and least area, in a search over a whole grid.
 REGION_REACH_M = 0.4
 LEAST_AREA_M2 = 4e-4
 
@@ -95,8 +95,9 @@ def steppable_region(
             is safe and within the radius, unless the new region is at least a third larger.
 
     Raises:
-        InvalidInput: x or y is not finite, the radius is not above 0 and at most 1 m, `previous` is of another type, or
-            as in `check_foothold`.
+        InvalidInput: x or y is not finite, the radius is not above 0 and at most 1 m, or `previous` is of another type.
+            Also as in `check_foothold`.
+        kinematics.KinematicsError: no such leg or robot.
     """
     terrain = asked(terrain, allow_stale)
     if not np.isfinite([x, y]).all():
@@ -128,8 +129,8 @@ def steppable_regions(
 ) -> list[SteppableRegion]:
     """Find convex regions of safe footholds over the whole grid, largest first; they may overlap.
 
-    Each region is like one of `steppable_region`, with an area of 4 cm^2 or more; smaller pieces of safe ground are
-    omitted.
+    Regions have the properties of a `steppable_region` and extend about 0.4 m from their seeds at most. Safe ground
+    that is narrower than about 20 mm, and regions of less than 4 cm^2, are omitted.
 
     Raises:
         InvalidInput, kinematics.KinematicsError: as in `check_foothold`.

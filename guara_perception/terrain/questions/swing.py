@@ -26,7 +26,7 @@ from guara_perception.terrain.questions.path import (
 from guara_perception.terrain.questions.reason import Reason, Verdict
 from kinematics.arrays import FrozenArrays
 
-# Corners of detours around a blocked straight path: fractions of its length, and distances beside it [m].
+# Corners of detours: fractions of the length of the straight track, and distances beside it [m].
 CORNER_SHARES = (0.25, 0.5, 0.75)
 ASIDE_M = (0.03, -0.03, 0.06, -0.06, 0.09, -0.09, 0.12, -0.12)
 # Rises above the least height, in the order of trial; the first one covers what samples half a cell apart may miss.
@@ -54,7 +54,8 @@ class Swing(Verdict, FrozenArrays):
     reasons: tuple[Reason, ...]
 
     def _ok_text(self) -> str:
-        return f"ok, {len(self.points)} corners, clearance {1e3 * self.clearance:.0f} mm"
+        clearance = "" if np.isnan(self.clearance) else f", clearance {1e3 * self.clearance:.0f} mm"
+        return f"ok, {len(self.points)} corners{clearance}"
 
 
 def swing(
@@ -71,8 +72,8 @@ def swing(
 
     The path goes straight up, along the upper hull of the ground between start and end (highest samples plus
     confidence plus clearance), and straight down. If this is refused, a horizontal path at the height of the hull's
-    highest point is tried, and then both some millimetres higher. If the straight track is blocked, for instance by
-    unknown ground, tracks around a corner up to 0.12 m beside it are tried.
+    highest point is tried, and then both some millimetres higher. If no path over the straight track is accepted,
+    tracks around a corner up to 0.12 m beside it are tried.
 
     Args:
         start, end: (3,) positions of the sole's centre on the ground, in base_footprint [m].
@@ -180,5 +181,5 @@ def _out_of_reach(terrain: LayeredGrid, path: Float, leg: str | None, robot: Rob
         return ()
     worst = int(np.where(np.isnan(beyond), np.inf, beyond).argmax())
     x, y, z = samples[worst]
-    detail = f"of {leg} beyond its joints' limits, at x={x:.3f} y={y:.3f} z={z:.3f} m"
+    detail = f"joints of {leg} beyond their limits, at x={x:.3f} y={y:.3f} z={z:.3f} m"
     return (Reason("reach", float(beyond[worst]), 0.0, "rad", detail),)

@@ -36,18 +36,18 @@ def assess_terrain(
     """Assess any elevation array as if the rangefinder had measured it.
 
     Args:
-        elevation: (ny, nx) heights [m], a[iy, ix], x fastest; NaN = unknown (becomes UNSCANNED).
+        elevation: (ny, nx) heights [m], a[iy, ix], x fastest; NaN = unknown, flagged UNSCANNED.
         resolution: cell edge [m].
         origin: corner of cell (0, 0) [m].
         variance: (ny, nx) variances of the heights [m^2]; None = exact.
-        limits: traversability limits; None = those of the Guara's robot.toml.
+        limits: traversability limits; None = those of the Guará's robot.toml.
         lowest, highest: (ny, nx) lowest and highest height measured in each cell [m]; None = `elevation`. They show
             edges within coarse cells.
 
     Raises:
-        InvalidInput: an array has the wrong shape, the resolution is not positive, a height is infinite or beyond 10
-            km, a variance is NaN, infinite or negative, or a lowest or highest height is missing or on the wrong side
-            of `elevation`.
+        InvalidInput: an array is not numeric or has the wrong shape; resolution or origin is invalid; a height is
+            infinite or beyond 10 km; or, where the height is known, the variance is NaN, infinite or negative, or the
+            lowest or highest height is missing or on the wrong side of `elevation`.
     """
     heights, variances = check_heights(elevation, variance)
     low, high = _bound(lowest, "lowest", heights, -1), _bound(highest, "highest", heights, 1)
@@ -80,7 +80,7 @@ def _bound(bound: npt.ArrayLike | None, name: str, heights: Float, side: int) ->
 
 @cache
 def default_limits() -> TraversabilityLimits:
-    """Limits of the Guara, cached because reading them takes longer than assessing a grid."""
+    """Limits of the Guará, cached because reading them takes longer than assessing a grid."""
     from guara_perception.settings import Settings
 
     return Settings.of(load_robot("guara")).limits
@@ -91,7 +91,7 @@ def check_heights(elevation: npt.ArrayLike, variance: npt.ArrayLike | None) -> t
 
     Raises:
         InvalidInput: the values are not numbers or have the wrong shape, a height is infinite or beyond HIGHEST_M, or
-            the variance of a known height is missing or negative.
+            the variance of a known height is NaN, infinite or negative.
     """
     heights = numbers(elevation, "elevation")
     if heights.ndim != 2 or heights.size == 0:

@@ -24,8 +24,8 @@ from kinematics.transforms import inverse, transform_points
 Area = tuple[tuple[float, float], tuple[float, float]]
 # Number of rays per cell along each axis. With cells of 5 mm they may miss relief narrower than 2.5 mm.
 RAYS = 2
-# Height above the height limit at which the rays start; a ray that starts inside a geom would meet its bottom. Rays
-# meet a ceiling over the robot first, so the ground below it is unknown.
+# Height above the height limit at which the rays start; a ray that starts inside a geom would meet its bottom. If there
+# is a ceiling over the robot, the rays meet it first, so the ground below it is unknown.
 ABOVE_M = 20.0
 
 
@@ -58,7 +58,8 @@ def terrain_from_mujoco(
 
     Raises:
         InvalidInput: there is no such body or joint, the scene has no ground, its state is not finite, the robot does
-            not stand, or the area is invalid.
+            not stand, or the area is invalid or not divisible by the resolution.
+        kinematics.KinematicsError: no such robot.
         MissingExtra: MuJoCo is not installed (extra `sim`).
     """
     mujoco = optional_library("mujoco", "sim", "a grid of a MuJoCo scene")
@@ -128,7 +129,7 @@ def _stance(
     missing = sorted(set(robot.joint_names) - set(named))
     if missing:
         raise InvalidInput(
-            f"the scene lacks joint {', '.join(missing)} of robot {robot.name!r}; pass its robot's folder as `robot`"
+            f"the scene lacks joints of robot {robot.name!r}: {', '.join(missing)}; pass the scene's robot as `robot`"
         )
     positions = {name: float(data.qpos[model.jnt_qposadr[named[name]]]) for name in robot.joint_names}
     transform_base_to_world = np.eye(4)

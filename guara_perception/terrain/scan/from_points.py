@@ -54,8 +54,9 @@ def terrain_from_points(
         metadata: further metadata fields, for instance `stance` and `transform_base_to_footprint` of the pause.
 
     Raises:
-        InvalidInput: an array has the wrong shape, sigma is negative or not finite, the origin is not finite, or the
-            resolution does not divide the area.
+        InvalidInput: an array is not numeric or has the wrong shape, sigma is negative or not finite, the origin is
+            not finite, or the resolution does not divide the area.
+        kinematics.KinematicsError: no such robot.
     """
     robot = robot_model("guara" if robot is None else robot)
     settings = Settings.of(robot)
@@ -115,7 +116,7 @@ def judged_grid(
 
 
 def _causes(raster: Raster, geometry: GridGeometry, origin: Float, beyond: Mask, rays: Float) -> Flags:
-    """Causes of unknown cells, and of cells with points outside the height limits; 0 elsewhere."""
+    """Flags of unknown cells and of cells with points outside the height limits; 0 elsewhere."""
     unknown = np.isnan(raster.elevation)
     flags = np.zeros(geometry.shape, np.uint16)
     known = ~unknown

@@ -18,7 +18,7 @@ from guara_perception.terrain.map.fuse_scan import scan_flags
 
 # Consecutive clear pauses before coarse scans resume: one cycle, in which every foot swings once.
 CLEAR_PAUSES = 4
-# Margin of the corridor beside the tracks of the soles, because the feet sway and may hit boxes from the side.
+# Margin of the corridor beside the tracks of the soles, because swinging feet sway and may hit boxes from the side.
 CORRIDOR_MARGIN_M = 0.03
 
 
@@ -28,8 +28,8 @@ class ScanDecision:
 
     Attributes:
         mode: "coarse" (the scan is done) or "standard" (fire `stripes` too).
-        stripes: indices still to be fired, ascending; if time is short, only the most important ones. Empty for
-            "coarse".
+        stripes: indices still to be fired, ascending; if time is short, those that cross the most obstacle cells. Empty
+            for "coarse".
         is_whole: True if `stripes` complete the standard pattern.
         reasons: obstacles found, or lack of time; empty if the path is clear.
     """
@@ -41,7 +41,7 @@ class ScanDecision:
 
 
 class ScanPolicy:
-    """Choice of the stripes of each pause, from the obstacles of this pause and the recent ones.
+    """Choice of the stripes to fire at each pause, from obstacles found at this pause and at recent ones.
 
     Example:
         processor = ScanProcessor(calibration, robot, stance, mode="coarse")
@@ -64,6 +64,7 @@ class ScanPolicy:
 
         Raises:
             InvalidInput: the height limit is not a finite number above 0.
+            kinematics.KinematicsError: no such robot.
         """
         robot = robot_model(robot)
         self._settings = Settings.of(robot)
@@ -78,7 +79,7 @@ class ScanPolicy:
 
     @property
     def mode(self) -> str:
-        """Mode of the next scan if nothing new is found."""
+        """Mode that the last decision called for; "coarse" before the first decision."""
         return "coarse" if self._clear >= CLEAR_PAUSES else "standard"
 
     @property
@@ -128,11 +129,11 @@ class ScanPolicy:
         return ScanDecision("standard", chosen, len(chosen) == len(between), tuple(reasons))
 
     def _obstacles(self, coarse: TerrainGrid) -> tuple[Mask, list[str]]:
-        """Mask of the obstacle cells in the corridor, and their description."""
+        """Mask of the obstacle cells in the corridor, and a list of texts that describe them."""
         _, y = coarse.geometry.centres()
         corridor = np.repeat((np.abs(y) <= self._half_width)[:, None], coarse.shape[1], axis=1)
         flags = scan_flags(coarse) & ALL_BUT_EDGE
-        # Unscanned cells beyond the ends of the rows, which no stripe of this mode reaches, do not count.
+        # Unscanned cells beyond the known ends of each row do not count, because no stripe of this mode reaches them.
         known = np.isfinite(coarse.elevation)
         inside = np.logical_or.accumulate(known, axis=1) & np.logical_or.accumulate(known[:, ::-1], axis=1)[:, ::-1]
         hazardous = corridor & (flags != 0) & (inside | (flags != np.uint16(Hazard.UNSCANNED)))
@@ -147,7 +148,7 @@ class ScanPolicy:
         return hazardous | high, reasons
 
     def _between(self, pairs: Index, found: Mask) -> tuple[int, ...]:
-        """Stripes missing in a coarse scan, those above most obstacle cells first, then from near to far."""
+        """Stripes missing from a coarse scan, those that cross the most obstacle cells first, then by index."""
         lacking = sorted(set(self._settings.pattern("standard")) - set(self._settings.pattern("coarse")))
         every = self._settings.coarse_every
         passed = {index: int(((pairs == index - index % every) & found).sum()) for index in lacking}

@@ -73,7 +73,7 @@ def test_what_is_refused() -> None:
     terrain = ground(0)
     with pytest.raises(gp.InvalidInput, match="the second the larger one"):
         terrain.distance_field(0.1, 0.0)
-    with pytest.raises(gp.InvalidInput, match="ask for fewer heights"):
+    with pytest.raises(gp.InvalidInput, match="reduce the height range"):
         terrain.distance_field(0.0, 1000.0)
     with pytest.raises(gp.InvalidInput, match=r"\(n, 3\)"):
         terrain.distance_field(0.0, 0.1).at([1.0, 2.0, 3.0])

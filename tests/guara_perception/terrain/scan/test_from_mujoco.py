@@ -98,7 +98,7 @@ def test_bad_scenes_are_refused(robot: RobotModel) -> None:
     model, data = scene(robot, FLOOR)
     with pytest.raises(gp.InvalidInput, match="body is 'trunk'; allowed: a body of the scene"):
         gp.terrain_from_mujoco(model, data, body="trunk")
-    with pytest.raises(gp.InvalidInput, match="the scene lacks joint .* of robot 'tapir'"):
+    with pytest.raises(gp.InvalidInput, match="the scene lacks joints of robot 'tapir': "):
         gp.terrain_from_mujoco(model, data, robot="tests/robots/tapir", body="base_link")
     with pytest.raises(gp.InvalidInput, match="area is"):
         gp.terrain_from_mujoco(model, data, area=((0.9, 0.5), (-0.2, 0.2)))
