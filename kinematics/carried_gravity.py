@@ -3,8 +3,8 @@
 Three or more soles that stayed in place give the rotation of the body since the last pause. This rotation transforms
 the vertical of that pause to the new one. The error of the carried vertical grows from pause to pause and is bounded by
 the support plane: if the plane's normal agrees with the carried vertical within noise, the plane is assumed to be
-level. Otherwise the plane is ignored. On a long slope, all planes tilt in the same direction, and each would pull the
-vertical a little further towards its normal.
+level. Otherwise the plane is ignored, because on a long slope all planes tilt in the same direction, and each would
+pull the vertical a little further towards its normal.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def carry_gravity(
         soles_before: (n, 3) the same soles in `base_link` of the previous pause [m].
         support_now: (m, 3) all supporting soles in `base_link` of this pause [m], m >= 3.
         covariances_now: (m, 3, 3) covariances of `support_now` [m^2].
-        noise: standard deviations.
+        noise: noise of stances, of which only `terrain_slope_sigma` is used.
     """
     rotation = turn_between(soles_now, soles_before)
     up = -rotation.T @ unit_vector(before.gravity_in_base)

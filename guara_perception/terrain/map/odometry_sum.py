@@ -39,8 +39,8 @@ from kinematics.arrays import FrozenArrays
 # Number of earlier pauses that are compared. After so many pauses, the hind feet reach ground that was first seen at
 # the oldest of them.
 EARLIER_PAUSES = 24
-# Bound of a sum. A walk over still ground that exceeds it loses its corrections and continues with odometry; with 2
-# sigmas this happened in one of six walks.
+# Bound of a sum. If a walk over still ground exceeds it, the corrections are lost and the walk continues with odometry;
+# with 2 sigmas this happened in one of six walks.
 MOST_SIGMAS = 3.0
 # Sigmas of slip along and across the displacement, relative to its length, that are accepted if texture over the whole
 # view shows the slip; and distance between the feet, which converts slip to yaw. In a simulation with physics, robots

@@ -85,8 +85,8 @@ class Registration:
             about the footprint, in REP-103 order.
         covariance: (6, 6) covariance of the motion.
         cells: number of compared cells.
-        refused: reason why the registration was refused, with zero motion and the prior as covariance; None if it was
-            not refused.
+        refused: reason why the registration was refused, None if it was not. If it was refused, the motion is zero and
+            the covariance is the prior.
     """
 
     motion: Float

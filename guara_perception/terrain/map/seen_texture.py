@@ -40,7 +40,7 @@ MARGIN_PX = 33
 # Size of the neighbourhood whose mean is the reference of a pixel's contrast, grey level of zero contrast, and grey
 # levels per unit of contrast; soil and concrete vary by 5 to 15 %.
 NEIGHBOURHOOD_PX, GREY, LEVELS_OF_CONTRAST = 27, 128, 400.0
-# Median grey level of 255 up to which sensor noise is as strong as texture.
+# Median grey level, from 0 to 255, up to which sensor noise is as strong as texture.
 DARK_LEVEL = 10.0
 # Largest height difference between a cell and its neighbours; steeper ground looks different from each side.
 MOST_RISE_M = 0.008

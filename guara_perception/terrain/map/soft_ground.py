@@ -16,7 +16,7 @@ from guara_perception.terrain.map.support_feet import SoleError
 # gravel give way by more.
 SINK_M, SINK_SIGMAS = 0.008, 4.0
 # A standing foot slid if it moved farther than the others by more than CREEP_M, plus SLIP_SIGMAS of two readings of its
-# position; soles that rock on stiff ankles creep by as much in MuJoCo.
+# position; soles that rock on stiff ankles creep by about CREEP_M in MuJoCo.
 CREEP_M, SLIP_SIGMAS = 0.020, 4.0
 # The surface continues up to REACH_M from the foothold, over neighbouring cells that differ in height by less than
 # STEP_M.

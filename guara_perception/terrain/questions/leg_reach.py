@@ -28,7 +28,7 @@ class StandingSole:
     covariance: Float
 
 
-# Cache of the four robots used last, by name or folder.
+# Load a robot by name or folder; the four robots used last are cached.
 _loaded = lru_cache(maxsize=4)(robot_model)
 # Bound on the amount by which a joint position between two tested heights can exceed its values at both heights [rad].
 BETWEEN_HEIGHTS = 1e-6

@@ -35,7 +35,8 @@ QUANTILE_TO_SIGMA = 1 / 0.4538
 CELLS = 2000
 # Approximate number of these cells that are used to score the trials.
 JUDGES = 250
-# Least tolerance within which heights belong to the floor; otherwise it is three robust standard deviations.
+# Heights belong to the floor if they are within three standard deviations of it, or within this distance if it is
+# larger.
 LEAST_TOLERANCE_M = 0.002
 REFINEMENTS = 10
 SEED = 2024

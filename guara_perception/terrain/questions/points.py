@@ -19,7 +19,7 @@ from kinematics.arrays import FrozenArrays
 from kinematics.transforms import transform_points
 
 FRAMES = ("base_footprint", "base_link")
-# Layers in which a coarse cell has the largest, or the least, value of its fine cells.
+# Layers of which a coarse cell takes the largest value of its fine cells, and layers of which it takes the least.
 LARGEST = ("variance", "variance_local", "elevation_max", "slope", "step_height", "roughness", "age")
 LEAST = ("elevation_min", "clearance", "traversability", "looks")
 Grid = TypeVar("Grid", bound=LayeredGrid)

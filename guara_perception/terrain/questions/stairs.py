@@ -131,7 +131,7 @@ class _Region:
 
 
 def _as_stairs(x: Float, y: Float, height: Float, cell: float, flight: Flight) -> Stairs | None:
-    """Stairs with the treads of a flight; None if the edges are not straight and nearly parallel, or include a landing."""
+    """Stairs with the treads of a flight; None if the edges are not straight or parallel, or a tread is a landing."""
     direction, heights = _climb(x, y, flight), list(pairwise(mean for _, mean in flight))
     for _ in range(2):
         found = []

@@ -95,7 +95,7 @@ class ScanPolicy:
         time_left: float | None = None,
         stripe_time: float = 1 / 30,
     ) -> ScanDecision:
-        """Decide from the coarse scan of a pause; call once per pause.
+        """Decide which further stripes to fire, from the coarse scan of a pause; call once per pause.
 
         Args:
             coarse: grid of the coarse stripes.

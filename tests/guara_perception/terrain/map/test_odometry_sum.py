@@ -204,7 +204,7 @@ def test_ground_that_moves_does_not_take_the_map_along(robot: RobotModel, make_s
         if record.registration_refused:
             told, moved_by = record.registration_refused, 0.003 * step
             break
-    assert told is not None and "ground that is seen may move" in told
+    assert told is not None and "the ground in view may be moving" in told
     assert record.sideways_correction[1] == pytest.approx(0.0, abs=1e-9)
     seen_at_first = terrain_map.sideways_drift.variances(np.array([1]), np.array([0.7]), np.array([0.0]), np.eye(4))
     assert np.sqrt(seen_at_first[1, 0]) > 0.7 * moved_by
