@@ -46,7 +46,7 @@ class Fit:
         transform_footprint_to_odom: (4, 4), a rotation about z and a translation.
         covariance: (4, 4) covariance of the footprint's x, y, z [m] and heading [rad].
         residual: rms horizontal distance of the soles from their footholds [m].
-        misfit: chi-square per degree of freedom if noise does not explain the residuals, else 1.
+        misfit: chi-square per degree of freedom if noise does not explain the residuals, otherwise 1.
         last_covariance: (4, 4) covariance of the previous footprint's x, y, z and heading.
         with_last: (4, 4) cross-covariance of the previous footprint's x, y, z and heading with those of this one.
     """

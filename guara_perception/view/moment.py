@@ -37,10 +37,11 @@ class Moment:
 
     Attributes:
         grids: grids by extent, "footprint" and "map"; at least one, all of one pause.
-        stripes: returns the measured points (n, 3) of each stripe in base_footprint [m]; called each time they are
-            drawn again.
+        stripes: function that returns the measured points (n, 3) of each stripe in base_footprint [m]; called each
+            time they are drawn.
         footholds: planned footholds by leg, (3,) in base_footprint [m].
-        picture: returns the camera image of one stripe, (h, w) or (h, w, 3) BGR; called whenever the moment is drawn.
+        picture: function that returns the camera image of one stripe, (h, w) or (h, w, 3) BGR, or None; called whenever
+            the moment is drawn.
     """
 
     grids: Mapping[str, TerrainGrid]

@@ -23,7 +23,7 @@ SOLE_THICKNESS_M = 0.004
 # Height of lines above the ground [m].
 LIFT_M = 0.002
 LINE_PX = 2.0
-# Tolerance of simplified outlines, slightly more than a cell [m].
+# Tolerance of simplified outlines, slightly more than a cell of the default grid [m].
 OUTLINE_M = 0.006
 # Size of the points of stripes [m], largest number of points drawn, and their height above the ground [m].
 STRIPE_SIZE_M, STRIPE_POINTS, STRIPE_LIFT_M = 0.0007, 12_000, 0.001

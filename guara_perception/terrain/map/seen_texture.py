@@ -78,7 +78,7 @@ class VisualMotion:
     Attributes:
         motion: (3,) x, y [m] and yaw [rad] from odometry to the texture, about the footprint; zero if refused.
         covariance: (6, 6) covariance of the pose, the prior if refused.
-        corners: number of corners that agree.
+        corners: number of corners that agree; if too few were found, the number of those.
         is_whole: True if nearly all corners agree and they extend over the view, which means that either the robot or
             all ground in view moved.
         inherited: fraction of the covariance that later pauses inherit.

@@ -85,7 +85,7 @@ def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float
 
 
 def _nearest(offset: Float, reach: float) -> Float:
-    """Coordinates (n,), along one axis, of the points of squares nearest to the origin, from those of the centres."""
+    """Coordinates, along one axis, of the points nearest to the origin in squares centred at `offset` (n,)."""
     return np.asarray(offset - np.minimum(np.maximum(offset, -reach), reach))
 
 

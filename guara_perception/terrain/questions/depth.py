@@ -40,7 +40,7 @@ class Depth:
 
 
 def _squares(cells: Mask, reach: int) -> Index32:
-    """Squared distances (ny, nx) int32 from the nearest cell of a mask; inexact, but above reach^2, beyond `reach`."""
+    """Squared distances (ny, nx) int32 from the nearest cell of a mask; beyond `reach`, any value above reach^2."""
     ny, nx = cells.shape
     row = np.arange(ny, dtype=np.int32)[:, None]
     # Distances along y to the nearest cell of the mask at or before this row, and at or after it.

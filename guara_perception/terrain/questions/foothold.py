@@ -249,7 +249,7 @@ def sole_window(
 
 
 def _covered(centre: Float, origin: float, length: float, resolution: float) -> Index:
-    """Indices (n, w) of covered cells along one axis; a sole that covers fewer than w cells repeats the last one."""
+    """Indices (n, w) of the cells covered by each sole along one axis; shorter rows repeat their last index."""
     at = (centre - origin) / resolution
     half = length / 2 / resolution
     # Clipped to avoid overflow; such positions are off the grid anyway.

@@ -63,9 +63,9 @@ def check_path(
     A path with z must stay `clearance` away from the ground. The height of the ground in a cell is the highest sample
     plus the confidence; where observations disagree, the highest of all observations counts. Every cell within
     `clearance` of the path, seen from above, must be known and not STALE, or have a ceiling, which then bounds the
-    ground. Near its ends, where a foot stands, less is required: at a distance d from the nearer end at most d - 5 mm -
-    confidence, which is the clearance of a vertical lift. If the path starts at a sole that carried the body when the
-    grid was made, cells wholly under that sole may be unknown, because they are no higher than the sole.
+    ground. Near the ends of the path, where a foot stands, less is required: at a distance d from the nearer end at
+    most d - 5 mm - confidence, which is the clearance of a vertical lift. If the path starts at a sole that carried the
+    body when the grid was made, cells wholly under that sole may be unknown, because they are no higher than the sole.
 
     A path without z is a track on the ground: every cell within `clearance` must be known and free of hazards other
     than EDGE.
@@ -150,7 +150,7 @@ def _too_near(samples: Float, distance: Float, wanted: Float, lack: Float) -> It
 
 
 def _flagged(terrain: LayeredGrid | SwingGround, iy: Index, ix: Index, test: str, mask: np.uint16) -> list[Reason]:
-    """List with one Reason if cells carry a flag of a mask, otherwise empty; cells off the grid are unknown."""
+    """List with one Reason if cells carry a flag of the mask, else empty; test "unknown" also fails off the grid."""
     inside = terrain.geometry.contains(iy, ix)
     flags = terrain.hazard[iy[inside], ix[inside]] & mask
     off = int((~inside).sum()) if test == "unknown" else 0
@@ -279,8 +279,8 @@ def swing_ground(terrain: LayeredGrid, start: Float) -> SwingGround:
     """Bounded ground under a path that begins at `start` (3,).
 
     A sole that stands at `start` rests on the ground, so nothing below it is higher than the sole. Unknown cells wholly
-    under that sole, reduced by its error, therefore count as being as high as the sole. This does not make them
-    footholds, and does not extend to cells beside the sole.
+    under the sole, even if it is displaced by the error of its position, therefore count as being as high as the sole.
+    They do not become footholds, and cells beside the sole stay unknown.
     """
     ground, limits = bounded_ground(terrain), terrain.record.required_limits
     unknown = (terrain.hazard & UNKNOWN_MASK) != 0

@@ -89,7 +89,7 @@ def height_scan(
 
     Args:
         points: (n, 2) or (n, 3) in `frame` [m]; points without z are in the plane z = 0 of the frame.
-        frame: "base_footprint", or "base_link" at its pose in the pause.
+        frame: "base_footprint", or "base_link" at its pose in the scan.
 
     Raises:
         InvalidInput: the points are not numbers or have the wrong shape, the frame is unknown, or the frame is

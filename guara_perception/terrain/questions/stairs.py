@@ -1,4 +1,4 @@
-"""Detection of stairs, as treads (planes) and risers (edges), in the level regions of a grid."""
+"""Detection of stairs as treads (planes) and risers (edges), from the level regions of a grid."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ LANDING = 2.0
 STRIP_M = 0.010
 LEAST_STRIPS = 8
 OF_TREAD = 0.35
-# Widest gap between the known cells of two treads, at least 2.2 cells, that has the edge in its middle; across a wider
-# gap, the edge is the border of the upper tread.
+# Widest gap between the known cells of two treads (2.2 cells if that is more) that has the edge in its middle; across a
+# wider gap, the edge is the border of the upper tread.
 WIDEST_GAP_M = 0.030
-# Largest rms deviation of an edge from a straight line, at least one cell.
+# Largest rms deviation of an edge from a straight line; one cell if that is more.
 EDGE_STRAIGHT_M = 0.010
 LEAST_RISERS = 2
 # Largest number of flights whose edges are tested: the longest, and among equals those with the largest treads.
@@ -254,7 +254,7 @@ class _Edge:
 
 def _edge(x: Float, y: Float, height: Float, cell: float, lower: float, upper: float, direction: Float) -> _Edge | None:
     """Edge between treads at two heights; None if there is no straight edge."""
-    # Seen diagonally, neighbouring rows of cells are up to 1.4 cells apart.
+    # Along a diagonal climb, neighbouring cell centres in a strip are up to 1.4 cells apart.
     width, straight, widest = max(STRIP_M, cell), max(EDGE_STRAIGHT_M, cell), max(WIDEST_GAP_M, 2.2 * cell)
     along = direction[0] * x + direction[1] * y
     strip = np.floor((direction[0] * y - direction[1] * x) / width).astype(int)

@@ -72,7 +72,7 @@ def swing(
 
     The path goes straight up, along the upper hull of the ground between start and end (highest samples plus
     confidence plus clearance), and straight down. If this is refused, a horizontal path at the height of the hull's
-    highest point is tried, and then both some millimetres higher. If no path over the straight track is accepted,
+    highest point is tried, and then both up to 20 mm higher. If no path over the straight track is accepted,
     tracks around a corner up to 0.12 m beside it are tried.
 
     Args:

@@ -37,9 +37,10 @@ def terrain_from_points(
 ) -> TerrainGrid:
     """Assess measured points like a scan; return a grid of extent "footprint" that `TerrainMap` accepts.
 
-    A cell is known if it contains a point. Nothing is interpolated, so cells must not be smaller than the spacing of
-    the points. Cells hidden from the sensor by something higher are OCCLUDED, cells with points outside the height
-    limits of the robot OUT_OF_RANGE, cells observed without a return DROPOUT, all other unknown cells UNSCANNED.
+    A cell is known if it contains points, all of them within the height limits of the robot. Nothing is interpolated,
+    so cells must not be smaller than the spacing of the points. An unknown cell is OUT_OF_RANGE if it contains points,
+    OCCLUDED if something higher hides it from the sensor, DROPOUT if it was observed without a return, and otherwise
+    UNSCANNED.
 
     Args:
         points: (n, 3) in base_footprint [m]; rows with NaN are ignored. Remove points of the robot itself beforehand.

@@ -50,7 +50,7 @@ def terrain_from_range_image(
 
     Raises:
         InvalidInput: the shape does not fit the area (pixels must be nearly square); heights are infinite or
-            implausibly large; causes or sigma have another shape or values that are not allowed; causes contradict the
+            beyond 10 km; causes or sigma have another shape or values that are not allowed; causes contradict the
             heights; the area is invalid or not divisible by the resolution.
         kinematics.KinematicsError: no such robot.
     """
