@@ -23,7 +23,7 @@ from kinematics.stillness import MOST_NOISE, StandingFeet, most_apart
 from kinematics.transforms import transform_points
 from kinematics.tree import RobotState
 
-# Half width of the smoothing window [s]. For a sway at 2 Hz, the error of the parabola is 0.4 % of the amplitude.
+# Half width of the smoothing window [s]. For a sway at 2 Hz, the error of the parabola is 0.13 % of the amplitude.
 HALF_WINDOW = 0.08
 # Longest allowed gap between the samples before and after an instant [s]: three lost samples at 50 Hz.
 LONGEST_GAP = 0.08

@@ -130,7 +130,7 @@ def steppable_regions(
     """Find convex regions of safe footholds over the whole grid, largest first; they may overlap.
 
     Regions have the properties of a `steppable_region` and extend about 0.4 m from their seeds at most. Safe ground
-    that is narrower than about 20 mm, and regions of less than 4 cm^2, are omitted.
+    that is narrower than about 15 mm, and regions of less than 4 cm^2, are omitted.
 
     Raises:
         InvalidInput, kinematics.KinematicsError: as in `check_foothold`.
