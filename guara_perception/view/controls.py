@@ -24,7 +24,7 @@ LIVE_STYLE, STALE_STYLE = "margin:0 1em", "margin:0 1em;color:#b00020;font-weigh
 # Regions are hidden at first, because they put many lines on the ground.
 HIDDEN_AT_FIRST = ("regions",)
 COLOURS_OF_A_BAR = 9
-FREE = "a foot may be set here"
+FREE = "a foot may be placed here"
 REGION = 'tick "regions" to show them; the sole centre may be placed anywhere inside'
 NEVER_OBSERVED = "unknown because never observed: never safe"
 UNKNOWN = "observed, but without a reliable height: never safe"

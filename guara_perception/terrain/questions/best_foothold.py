@@ -151,7 +151,7 @@ def best_refused(
 
     Safe ground that is only out of the leg's reach comes first, ordered by the excess of the joints. Other ground
     follows, ordered by clearance, largest first. Ties are decided as in `best_foothold`. Use the result in messages
-    only: no foot may be set at this position.
+    only: no foot may be placed at this position.
 
     Args:
         x, y, radius, leg, robot: as in `best_foothold`.

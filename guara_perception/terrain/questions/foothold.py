@@ -30,7 +30,7 @@ class FootholdVerdict(Verdict):
     """Result of a foothold check.
 
     Attributes:
-        ok: True if a sole may be set at the position.
+        ok: True if a sole may be placed at the position.
         score: traversability of the position, 0 if not ok.
         reasons: each failed test with value and limit; empty if ok.
     """
@@ -50,7 +50,7 @@ class FootholdVerdicts(FrozenArrays):
     Attributes:
         terrain: grid that was queried.
         x, y: (...) positions in base_footprint [m].
-        ok: (...) mask of the positions where a sole may be set.
+        ok: (...) mask of the positions where a sole may be placed.
         score: (...) float64 traversability, 0 where not ok.
         leg: leg of the query, or None.
         beyond: (...) excess of the leg's joints over their limits [rad], NaN if no joint positions reach; zeros without

@@ -108,7 +108,7 @@ def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:
     Treads are level regions of known ground at similar rises of 12 mm to 0.3 m. There must be a straight edge between
     neighbouring treads, and all edges must be nearly parallel. An edge is in the middle of the gap between the known
     cells of both treads, or at the border of the upper tread if the gap is wider than 30 mm (or 2.2 cells, if that is
-    more). `check_foothold` decides if a foot may be set on a tread.
+    more). `check_foothold` decides if a foot may be placed on a tread.
     """
     terrain = asked(terrain, allow_stale)
     height = np.asarray(terrain.elevation, np.float64)

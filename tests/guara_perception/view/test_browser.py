@@ -72,7 +72,7 @@ def test_the_page_shows_robot_and_terrain(page: Chromium, robot: RobotModel, gri
         view.show_recording([moment(grid), moment(grid, 8)])
         open_page(page, view.address, "step 7")
         for expected_text in (
-            "a foot may be set here",
+            "a foot may be placed here",
             "Known, not traversable",
             "not drawn: unknown because never observed",
         ):
@@ -259,7 +259,7 @@ def test_robot_check_shows_the_robot_and_what_it_would_see(page: Chromium, robot
             pytest.fail(f"the command ended with {process.wait(10)}: {''.join(said)}")
         assert "guara: sound, 1 note\n" in "".join(said)
         page.call("Page.navigate", url=address)
-        page.wait_for("document.body.innerText.includes('a foot may be set here')")
+        page.wait_for("document.body.innerText.includes('a foot may be placed here')")
         deadline = time.monotonic() + 60
         while True:
             picture = page.screenshot()[:, :650]

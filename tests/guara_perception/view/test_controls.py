@@ -40,7 +40,13 @@ def test_hazards_stand_in_three_groups(grid: gp.TerrainGrid) -> None:
     traversability[0, :2] = 0
     layers = {**grid.layers, "hazard": hazard, "elevation": elevation, "traversability": traversability}
     html = legend_html(terrain_mesh(dataclasses.replace(grid, layers=layers)))
-    known = ("a foot may be set here", "Known, not traversable", "<b>edge</b>", "Unknown, never safe", "<b>dropout</b>")
+    known = (
+        "a foot may be placed here",
+        "Known, not traversable",
+        "<b>edge</b>",
+        "Unknown, never safe",
+        "<b>dropout</b>",
+    )
     ranks = [
         html.index(word) for word in (*known, "<b>out of range</b>", "<b>not drawn</b>: unknown because never observed")
     ]
