@@ -28,13 +28,13 @@ from kinematics.exceptions import StanceError
 BASE_FOOTPRINT = "base_footprint"
 # Equal to `base_footprint` of the first pause; tracked by leg odometry.
 ODOM = "odom"
-# Soles with a smaller rms distance from a line than this span no plane [m]: an error of 1 mm would tilt the plane by 6
-# degrees.
+# Least rms distance of the soles from a line for which they define a plane [m]. At this distance, an error of 1 mm
+# tilts the plane by 6 degrees.
 LEAST_WIDTH = 0.010
 
 
 def transform_base_to_footprint(soles_in_base: Float, up: Float) -> Float:
-    """Transform (4, 4) to the footprint, from supporting soles (n, 3) [m] and unit vertical (3,) in `base_link`."""
+    """Transform (4, 4) from base to footprint for supporting soles (n, 3) [m] and unit vertical (3,) in `base_link`."""
     x = np.array([1.0, 0.0, 0.0]) - up[0] * up
     x /= np.linalg.norm(x)
     transform = np.eye(4)
@@ -102,7 +102,7 @@ def fit_support_plane(soles_in_base: Float) -> SupportPlane:
         soles_in_base: (n, 3) sole centres [m], n >= 3.
 
     Raises:
-        StanceError: there are fewer than three soles, or they are on one line.
+        StanceError: there are fewer than three soles, or they are within `LEAST_WIDTH` of one line, seen along z.
     """
     count = len(soles_in_base)
     if count < 3:

@@ -8,13 +8,13 @@ errors of the joints, every reading of a standing leg satisfies
 where e is noise and p is the same in all pauses in which the foot stays. A flat sole also measures the slope of its
 foothold, as the z component of its x axis in the world, and an IMU gives the vertical of R_k. Poses, footholds and
 slopes are unknown and eliminated by least squares. The residual is then compared with the residual that an error of
-each joint would cause. With A and B the Jacobians with respect to the unknowns and to one joint, r the residual, all
-whitened, and P the projection onto the orthogonal complement of the range of A,
+each joint alone would cause. With A and B the Jacobians with respect to the unknowns and to one joint, r the residual,
+all whitened, and P the projection onto the orthogonal complement of the range of A, the error of that joint is
 
     b = -(P B) . r / |P B|^2,   sigma_b = 1 / |P B|.
 
 A joint that jumped has such an error in the newest pause only; a joint with a wrong zero has one in all pauses. A wrong
-zero is observable only if the legs move between pauses; flat soles make it better observable (`JointCheck.sigmas`).
+zero is observable only if the legs move between pauses; flat soles reduce its sigma (`JointCheck.sigmas`).
 """
 
 from __future__ import annotations
@@ -35,33 +35,33 @@ from kinematics.stance import Stance
 from kinematics.transforms import unit_vector
 from kinematics.tree import RobotState
 
-# Longest and shortest window in which wrong zeros are sought [pauses]: two cycles of four legs, and one cycle.
+# Longest and shortest window in which wrong zeros are searched for [pauses]: two cycles of four steps, and one cycle.
 LONGEST, SHORTEST = 9, 5
-# Creep of a standing foot between two pauses, per horizontal axis [m]: 4 % of the 35 mm by which the body moves
-# (cycle of 140 mm).
+# Sigma of the creep of a standing foot between two pauses, per horizontal axis [m]: 4 % of the 35 mm by which the body
+# moves in one of the four steps of a cycle.
 SLIP_SIGMA = 0.0015
-# Sinkage of a standing foot between two pauses [m].
+# Sigma of the sinkage of a standing foot between two pauses [m].
 SINK_SIGMA = 0.0005
 # Errors below either limit are not reported: one limit in radians, one in standard deviations.
 LEAST_ERROR, LEAST_SIGMAS = 0.045, 4.5
 # A wrong zero is also reported above this many standard deviations of the noise stated in robot.toml, a limit that
-# noise exceeds once in 10,000 tests. LEAST_SIGMAS refers to the noise estimated over one cycle and must be larger,
-# because that estimate is uncertain by a sixth.
+# noise exceeds once in 10,000 tests. LEAST_SIGMAS refers to the noise estimated from the window itself. It must be
+# larger, because over one cycle that estimate is uncertain by a sixth.
 STATED_SIGMAS = 3.9
-# Largest jump that is sought, and largest zero error below the reporting threshold that is named as an alternative
-# [rad]: a foot that swings along the arc of its leg looks like a larger jump.
+# Jumps of this size or more are not reported [rad]: a foot that swings along the arc of its leg looks like one. Also
+# the limit of zero errors that are below their reporting threshold and named as alternatives.
 LARGEST_JUMP = 0.35
 # A foot that moved by more than this multiple of `swing_least` was lifted, if the other feet are consistent without it.
 MOST_SWING = 1.25
 # Joints whose chi^2 exceeds the least one by more than this are not named.
 AS_LIKELY = 9.0
-# The noise variance of a walk, as a fraction of that stated in robot.toml, is learned over LEARNED pauses and is at
-# least LEAST_SCALE.
+# The noise variance of a walk is estimated over the last LEARNED pauses. As a fraction of the variance stated in
+# robot.toml, it is at least LEAST_SCALE.
 LEAST_SCALE, LEARNED = 0.2, 36
-# A wrong zero is reported only if its standard deviation is below this [rad].
+# A wrong zero is reported only if its standard deviation, from the window or as stated, is below this [rad].
 LARGEST_SIGMA = 0.03
-# Joints beyond their limits by more than this are reported [rad]; smaller excesses are due to encoder offsets or
-# nominal limits.
+# Joints beyond their limits by more than this are reported [rad]; smaller excesses are attributed to encoder offsets or
+# to nominal limits.
 BEYOND_LIMIT = 0.1
 # Sigma of an unknown position and heading in `odom` [m, rad].
 UNKNOWN = 10.0
@@ -99,8 +99,8 @@ class JointReport:
     """Verdict on the joints at one pause.
 
     Attributes:
-        residual: rms residual of the closed chains between this pause and the last, in standard deviations; NaN at the
-            first pause or if fewer than three feet stayed.
+        residual: rms residual of the closed chains between this pause and the last, in standard deviations; NaN if
+            fewer than three feet stayed or there is no earlier pause to compare with.
         faults: faults found; empty if all joints are consistent.
     """
 
@@ -130,7 +130,7 @@ class _Reading:
 
 @dataclass(frozen=True, slots=True)
 class _Placed:
-    """Reading with an approximate pose of the body and the number of the foothold of each leg in use."""
+    """Reading with an approximate pose of the body, and a foothold number for each leg in use."""
 
     reading: _Reading
     rotation: Float
@@ -261,7 +261,8 @@ class JointCheck:
         """Check the joints at a new pause.
 
         Raises:
-            UnknownName, JointPositionError: the stance does not fit this robot.
+            UnknownName, JointPositionError: the joints or legs of the stance are not those of this robot, or a position
+                is invalid.
         """
         state = self._robot.state(stance.joint_positions)
         reading = _Reading(self._robot, stance, state)
@@ -331,7 +332,7 @@ class JointCheck:
     def _since_last(self, reading: _Reading) -> tuple[tuple[str, ...], float, JointFault | None]:
         """Feet that stayed since the last pause, residual of their chains, and fault of a joint that jumped, if any.
 
-        If fewer than three feet stayed, none are returned and the residual is NaN.
+        If fewer than three feet stayed, no feet are returned and the residual is NaN.
         """
         last = self._pauses[-1]
         common = [leg for leg in last.reading.legs if leg in reading.legs]
@@ -356,12 +357,12 @@ class JointCheck:
         return (), math.nan, self._jumped(tried)
 
     def _scale(self) -> float:
-        """Upper bound (two sigmas) of this walk's noise variance, as a fraction, at most 1, of that in robot.toml."""
+        """Noise variance of this walk as a fraction of that in robot.toml: two-sigma upper bound, LEAST_SCALE ... 1."""
         chi2, degrees = (sum(of) for of in zip(*self._noise, strict=True)) if self._noise else (0.0, 0)
         return min(max(chi2 / degrees * (1.0 + 2.0 * math.sqrt(2.0 / degrees)), LEAST_SCALE), 1.0) if degrees else 1.0
 
     def _jumped(self, tried: Sequence[tuple[tuple[str, ...], _Chains]]) -> JointFault | None:
-        """Find a joint whose jump explains why chains do not close; `tried` are sets of feet that may have stayed."""
+        """Find a joint whose jump explains the open chains; `tried`: feet that may have stayed, with their chains."""
         tree, scale = self._robot.tree, self._scale()
         found: dict[str, tuple[float, float, float]] = {}
         for legs, chains in tried:
@@ -388,7 +389,7 @@ def _is_error(error: float, sigma: float) -> bool:
 
 
 def _likeliest(found: Mapping[str, tuple[float, float, float]], kind: str) -> JointFault | None:
-    """Fault of the joint with the least chi^2, from (chi^2, error, sigma) by joint; None without joints."""
+    """Fault of the joint with the least chi^2, from (chi^2, error, sigma) by joint; None if there are no joints."""
     if not found:
         return None
     names = sorted(found, key=lambda name: found[name])

@@ -1,8 +1,9 @@
 """Kinematics of one leg: closed form for hip roll and two or three pitch joints, else numeric.
 
-The leg is recognised by its geometry, not by its names: the first axis along x, the others along y, the second at the
-height of the first. Thigh, shank and foot are vectors in the plane across the pitch axes, which is `aside` of the first
-axis, and may have any direction. With r the sole relative to the hip, d aside, and phi the sole's pitch in the plane:
+Such a leg is recognised by its geometry, not by names: the first axis is parallel to x, the others are parallel to y,
+and the second is at the height of the first. Thigh, shank and foot are vectors of any direction in the leg's plane,
+which is perpendicular to the pitch axes at the distance d (`aside`) from the first axis. With r the sole relative to
+the hip and phi the sole's pitch in the plane:
 
     hip roll     in the plane the sole is at (r_x, -h), h^2 = r_y^2 + r_z^2 - d^2
                  q1 = atan2(r_z, r_y) - atan2(-h, d)
@@ -11,12 +12,12 @@ axis, and may have any direction. With r the sole relative to the hip, d aside, 
     thigh        at the angle psi(a) - atan2(l2 sin b, l1 + l2 cos b) from straight down
     ankle pitch  q4 = phi - q2 - q3
 
-psi(v) is the angle about y that turns "straight down" onto v. Everything is vectorised over soles. A leg of three
-joints has no foot and no phi; its shank ends at the ball of a round foot. The ball lies above the sole, and a little
-beside it when it has rolled (`RobotState.soles_in_base`), which a few iterations find.
+psi(v) is the angle about y from straight down to v. Everything is vectorised over soles. A leg of three joints has no
+foot and no phi; its shank ends at a point, or at the centre of the ball of a round foot. This centre is above the sole,
+slightly to one side when the ball has rolled (`RobotState.soles_in_base`); its position is found by iteration.
 
-For other legs, `NumericLeg` runs damped Gauss-Newton on a Pinocchio model of that leg alone. Three joints can only
-place the sole centre; legs of four joints or more also solve for the sole's pitch. Soles are solved one at a time, each
+For other legs, `NumericLeg` runs damped Gauss-Newton on a Pinocchio model of that leg alone. Legs of up to three joints
+can only place the sole centre; longer legs also solve for the sole's pitch. Soles are solved one at a time, each
 starting from the solution of the previous one, so a grid takes seconds instead of milliseconds.
 """
 
@@ -43,10 +44,10 @@ TOLERANCE = 1e-9
 LARGEST_STEP = 0.3
 # Tolerance of lengths [m] and axes [-] in recognising a leg: the closed form must match the URDF up to rounding.
 GEOMETRY_TOLERANCE = 1e-9
-# The place of a ball changes about a tenth as much with each iteration, and the last time by less than this [m]; where
-# it does not, the knee is straight.
+# Most iterations for the centre of a ball, and the change at which they end [m]. Each change is about a tenth of the
+# previous one, unless the knee is straight; soles without convergence count as out of reach.
 BALL_ITERATIONS, BALL_TOLERANCE = 12, 1e-7
-# Rounding may take the cosine of a straight knee this far beyond 1.
+# By rounding, the cosine of a straight knee may exceed 1 by this much.
 ROUNDING = 1e-12
 
 
@@ -55,11 +56,11 @@ class LegGeometry:
     """Lengths and axis directions of a leg of three or four joints.
 
     Attributes:
-        hip: (3,) place on the first axis at the x of the second, in `base_link` [m].
-        aside: from there to the leg's plane along y at zero roll [m].
-        senses: (joints,) +1 where an axis points along x, y, y, y of `base_link`, -1 where it is opposite.
-        thigh, shank, foot: (2,) vectors (x, z) in the leg's plane at zero angles [m]; no foot on three joints.
-        radius: of the ball of a round foot at the end of a leg of three joints, else 0 [m].
+        hip: (3,) point of the first axis at the x of the second, in `base_link` [m].
+        aside: y from the hip to the leg's plane at zero roll [m].
+        senses: (joints,) +1 for an axis along x (first joint) or y (others) of `base_link`, -1 for the opposite axis.
+        thigh, shank, foot: (2,) vectors (x, z) in the leg's plane at zero angles [m]; with three joints, foot is zero.
+        radius: radius of the ball of a round foot at the end of a leg of three joints [m]; else 0.
         up: (3,) z axis of the sole frame at zero angles.
         knee_sign: sign of the knee bend b in the standing posture.
         lower, upper: (joints,) joint limits [rad].
@@ -78,12 +79,12 @@ class LegGeometry:
     upper: Float
 
     def soles_in_base(self, joint_positions: npt.ArrayLike) -> Float:
-        """Forward kinematics: joint positions (..., joints) [rad] -> sole centres (..., 3) in `base_link` [m]."""
+        """Compute sole centres (..., 3) in `base_link` [m] from joint positions (..., joints) [rad]."""
         turns = np.asarray(joint_positions, dtype=np.float64) * self.senses
         return self._end(turns, (self.thigh, self.shank, self.foot)) - self._ball(turns)
 
     def shanks_in_base(self, joint_positions: npt.ArrayLike) -> tuple[Float, Float]:
-        """Knees, and ankles or balls (..., 3) in `base_link` [m], for joint positions (..., joints) [rad]."""
+        """Compute positions (..., 3) in `base_link` [m] of knees, and of ankles or ball centres."""
         turns = np.asarray(joint_positions, dtype=np.float64) * self.senses
         return self._end(turns, (self.thigh,)), self._end(turns, (self.thigh, self.shank))
 
@@ -91,11 +92,11 @@ class LegGeometry:
         """Compute the joint positions that place the sole at given points with a given pitch.
 
         Args:
-            soles_in_base: (n, 3) sole centres [m].
+            soles_in_base: (n, 3) sole centres in `base_link` [m].
             sole_pitch: (n,) pitch of the sole in the leg's plane [rad]; ignored by a leg of three joints.
 
         Returns:
-            (n, joints) joint positions [rad], not checked against limits; NaN where the sole is too far or too near.
+            (n, joints) joint positions [rad], not checked against limits; NaN where no solution was found.
         """
         ball = np.array([0.0, 0.0, self.radius])
         turns = self._solve(soles_in_base + ball, sole_pitch)
@@ -110,7 +111,7 @@ class LegGeometry:
         return np.asarray(turns * self.senses)
 
     def _solve(self, ends: Float, sole_pitch: Float) -> Float:
-        """Turns (n, joints) about x, y, y, y [rad] that bring the end of the leg to places (n, 3)."""
+        """Angles (n, joints) about x, y, y, y [rad] that bring the end of the leg to points (n, 3) in `base_link`."""
         reach = ends - self.hip
         with np.errstate(invalid="ignore"):
             down = np.sqrt(reach[:, 1] ** 2 + reach[:, 2] ** 2 - self.aside**2)
@@ -130,7 +131,7 @@ class LegGeometry:
         return np.asarray(np.remainder(turns + np.pi, 2.0 * np.pi) - np.pi)
 
     def _end(self, turns: Float, bones: tuple[Float, ...]) -> Float:
-        """Where bones in the leg's plane lead to (..., 3) [m], by turns (..., joints) [rad]."""
+        """End (..., 3) in `base_link` [m] of bones joined in the leg's plane, for angles (..., joints) [rad]."""
         plane, angle = np.zeros((*turns.shape[:-1], 2)), np.zeros(turns.shape[:-1])
         for joint, bone in zip(range(1, turns.shape[-1]), bones, strict=False):
             angle = angle + turns[..., joint]
@@ -138,14 +139,14 @@ class LegGeometry:
         return self.hip + _rolled(plane, self.aside, turns[..., 0])
 
     def _ball(self, turns: Float) -> Float:
-        """From the sole to the centre of the ball (..., 3) [m]."""
+        """Vectors (..., 3) from the sole to the centre of the ball [m]."""
         leaning = _rolled(_turned(self.up[::2], turns[..., 1:].sum(axis=-1)), self.up[1], turns[..., 0])
         leaning[..., 2] = 1.0
         return self.radius * leaning
 
 
 def _rolled(plane: Float, aside: float, roll: Float) -> Float:
-    """Vectors (x, z) in the leg's plane and y beside it, turned about x by angles (...), as an array (..., 3)."""
+    """Convert points (x, z) of the leg's plane, at y = `aside`, to (..., 3) and rotate them about x by `roll` (...)."""
     z, c, s = plane[..., 1], np.cos(roll), np.sin(roll)
     return np.stack([plane[..., 0], c * aside - s * z, s * aside + c * z], axis=-1)
 
@@ -162,7 +163,7 @@ def _angle(vectors: Float) -> Float:
 
 
 def find_leg_geometry(tree: KinematicTree, leg: str) -> LegGeometry | None:
-    """Geometry of a leg for the closed form; None for a leg that does not fit it.
+    """Geometry of a leg for the closed form; None if the closed form does not apply to the leg.
 
     Raises:
         UnknownName: the robot has no such leg.
@@ -180,7 +181,7 @@ def find_leg_geometry(tree: KinematicTree, leg: str) -> LegGeometry | None:
         return None
     wanted = np.array([[1.0, 0.0, 0.0], *[[0.0, 1.0, 0.0]] * (count - 1)])
     senses = np.sign(np.einsum("ij,ij->i", wanted, axes))
-    # A foot with an ankle is level at zero pitch; one without is a ball, or a point.
+    # A foot with an ankle is level at zero pitch; a foot without one is a ball or a point.
     radius = tree.config.sole_radius if count == 3 else 0.0
     points = np.array([*origins, transform[:3, 3] + radius * transform[:3, 2]])
     aside = points[-1, 1] - points[0, 1]
@@ -215,7 +216,7 @@ def _close(a: npt.ArrayLike, b: npt.ArrayLike) -> bool:
 
 
 class NumericLeg:
-    """Numeric inverse kinematics of a leg of any structure; interchangeable with `LegGeometry`.
+    """Numeric inverse kinematics of a leg of any structure; `solve` takes the arguments of `LegGeometry.solve`.
 
     Args:
         tree: the robot's kinematic tree.

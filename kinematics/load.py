@@ -55,8 +55,8 @@ def load_robot(name_or_path: str | Path) -> RobotModel:
         LibraryMissing: Pinocchio is not installed, for example because only the distribution guara-client is.
         ArgumentError: `name_or_path` is empty or neither a string nor a path.
         RobotNotFound: there is neither a robot of this name nor such a robot folder; the message lists the names.
-        RobotFileError: a file is missing or invalid, or contradicts another; `findings` lists the errors of all three
-            files, each with file, line and remedy.
+        RobotFileError: a file is missing or invalid, or contradicts another; `findings` lists the errors of all files
+            that could be read, each with its file and, if known, its line.
 
     Warns:
         RobotFileWarning: one warning lists all unused content of the files, and each of `RobotModel.doubts` has its
@@ -165,7 +165,7 @@ def robot_from_description(text: str) -> RobotModel:
 
     Raises:
         LibraryMissing: as in `load_robot`.
-        RobotFileError: the description is corrupt or too long, or a text in it has errors.
+        RobotFileError: the description is corrupt or too long, or a text in it has errors or refers to mesh files.
     """
     _check_pinocchio()
     if len(text) > LARGEST_TEXT:
@@ -183,7 +183,7 @@ def robot_from_description(text: str) -> RobotModel:
 
 
 def plain_urdf(urdf: Urdf) -> str:
-    """Write a URDF as text, with everything that was read from the file, in the same order."""
+    """Write a URDF as text, with the content that is used, in the order of the file."""
     root = Element("robot", name=urdf.name)
     for link in urdf.links:
         _add_link(root, link)

@@ -1,4 +1,4 @@
-"""Collision meshes: search for their files, and bounding shapes.
+"""Collision meshes: their files, and the simple shapes that replace them.
 
 A mesh is replaced by the smallest box, cylinder or sphere, of those tried, that contains the mesh. Points on the robot
 are therefore never taken for terrain. Files are read by coal (Assimp), which comes with Pinocchio.
@@ -20,15 +20,15 @@ from kinematics.exceptions import RobotFileError
 # Largest mesh file that is read [bytes].
 LARGEST_MESH = 256 * 1024 * 1024
 
-# Number of faces of the convex hull, the largest ones, that are tried as a side of the box.
+# Number of the largest faces of the convex hull whose orientations are tried for box and cylinder.
 DIRECTIONS = 80
 
 
 def find_mesh(filename: str, urdf: Path) -> Path:
     """Find the file named by a `<mesh filename>`.
 
-    `package://NAME/rest` is searched in every folder NAME that contains the URDF or is beside a folder that does, then
-    in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH. Other names are relative to the URDF's folder.
+    `package://NAME/rest` is searched in every folder NAME that is above the URDF or in a folder above it, then in
+    ROS_PACKAGE_PATH and AMENT_PREFIX_PATH. Other names are paths relative to the URDF's folder, or absolute.
 
     Raises:
         RobotFileError: the file was not found; the message lists the first paths searched.
@@ -81,7 +81,7 @@ def read_mesh(path: Path, scale: tuple[float, ...]) -> Float:
         reason = str(error).strip().splitlines()
         raise RobotFileError(f"the mesh {path} cannot be read: {reason[-1] if reason else error}") from error
     if vertices.ndim != 2 or len(vertices) < 4 or not np.all(np.isfinite(vertices)):
-        raise RobotFileError(f"the mesh {path} holds {len(vertices)} finite points; four or more are needed")
+        raise RobotFileError(f"the mesh {path} has {len(vertices)} points; four or more, all finite, are needed")
     return vertices
 
 
@@ -134,7 +134,7 @@ def bounding_shape(vertices: Float) -> tuple[str, tuple[float, ...], Float]:
 
 
 def _rotations(points: Float, hull: Any) -> Iterator[Float]:
-    """Yield candidate axes (3, 3) of box and cylinder: the file's own, the principal axes, one for each large face."""
+    """Yield candidate axes (3, 3) of box and cylinder: the file's own, the principal ones, one set per large face."""
     yield np.eye(3)
     axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2].T
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])

@@ -147,19 +147,19 @@ class RobotModel:
         return reach_in_base(self.tree, leg, soles_in_base, sole_pitch)
 
     def reach_from(self, leg: str, soles: npt.ArrayLike, transforms_base_to_ground: npt.ArrayLike) -> Reach:
-        """As `reach`, for level soles on the ground below bodies anywhere; see `kinematics.reach.reach_from_bodies`."""
+        """As `reach`, for level soles on the ground and given body poses; see `kinematics.reach.reach_from_bodies`."""
         return reach_from_bodies(self.tree, leg, soles, transforms_base_to_ground)
 
     def shanks(self, leg: str, joint_positions: npt.ArrayLike) -> tuple[Float, Float]:
-        """Knees, and ankles or balls of the feet, (..., 3) each in `base_link` [m], for a leg's joints (..., n) [rad].
+        """Positions (..., 3) in `base_link` [m] of knees, and of ankles or balls, for joints (..., n) [rad] of a leg.
 
         Raises:
             UnknownName: no such leg.
-            ArgumentError: the leg is not of hip roll and two or three pitch joints.
+            ArgumentError: the leg does not consist of a hip roll joint and two or three pitch joints.
         """
         solver = leg_kinematics(self.tree, leg)
         if isinstance(solver, NumericLeg):
-            raise ArgumentError(f"leg {leg!r} of {self.name!r} is of another build; allowed: roll, 2 or 3 pitch joints")
+            raise ArgumentError(f"leg {leg!r} of {self.name!r} does not consist of roll and 2 or 3 pitch joints")
         return solver.shanks_in_base(joint_positions)
 
     def reachable(self, leg: str, soles_in_base: npt.ArrayLike, sole_pitch: npt.ArrayLike = 0.0) -> Mask:

@@ -19,8 +19,8 @@ HEIGHT_TOLERANCE = 0.0005
 # Tolerance of differences between left and right legs [m]; a larger difference is a mistake in the file.
 PAIR_TOLERANCE = 0.0005
 
-# Largest difference in height between a sole frame and the lowest point of its foot [m]. Every foothold is wrong by
-# this difference. On a round foot of 20 mm, a frame aligned with a tilted shank is wrong by 4 mm.
+# Largest accepted difference in height between a sole frame and the lowest point of its foot [m]. Every foothold is
+# wrong by this difference. On a round foot of 20 mm, a frame aligned with a tilted shank is wrong by 4 mm.
 SOLE_TOLERANCE = 0.005
 
 
@@ -59,7 +59,7 @@ def check_names(config: RobotToml, urdf: Urdf, findings: Findings) -> None:
 def check_legs(tree: KinematicTree, findings: Findings) -> None:
     """Check chains, soles and left-right pairs of the legs; soles and pairs only if all chains are correct.
 
-    A sole whose foot has no collision shape cannot be checked and is noted as unused.
+    A foot without collision shapes cannot be checked; this is noted.
     """
     before = len(findings.texts)
     for leg in tree.legs.values():
@@ -72,7 +72,7 @@ def check_legs(tree: KinematicTree, findings: Findings) -> None:
 
 
 def check_postures(tree: KinematicTree, postures: Mapping[str, Posture], findings: Findings) -> None:
-    """Check every posture of robot.toml against the URDF and the SRDF: limits, soles in one plane, stated heights."""
+    """Check every posture of robot.toml against the URDF and the SRDF: limits, soles at one height, stated heights."""
     for config in tree.config.postures:
         if config.name in postures:
             _check_posture(tree, config, postures[config.name], findings)
@@ -101,9 +101,9 @@ def _check_chain(tree: KinematicTree, leg: LegConfig, findings: Findings) -> Non
 
 
 def frames_fixed_to(urdf: Urdf, link: str, transform: Float | None = None) -> Iterator[tuple[str, Float]]:
-    """Iterate over a link and all links fixed below it, each with its transform (4, 4) to that link.
+    """Iterate over a link and all links fixed to it further down the tree, each with its transform (4, 4) to that link.
 
-    With `transform`, the transform (4, 4) of the link to another frame, all transforms lead to that frame instead.
+    If `transform` (4, 4) from the link to another frame is given, all transforms lead to that frame instead.
     """
     open_links = [(link, np.eye(4) if transform is None else transform)]
     while open_links:
@@ -168,7 +168,7 @@ def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
         if len(twins) != 1:
             findings.wrong(
                 f"[legs.{name}]: its hip is at {_text(hips[name])}; {len(twins) or 'no'} legs have their hip at the "
-                f"mirror image {_text(image)}, allowed: one. Correct the joint that carries it",
+                f"mirror image {_text(image)}, exactly one must. Correct the origin of the joint that carries the hip",
                 tree.config.root.line(f"legs.{name}"),
             )
             continue
@@ -186,7 +186,7 @@ def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
 
 
 def _check_limits(tree: KinematicTree, leg: LegConfig, twin: LegConfig, findings: Findings) -> None:
-    """Check that joints of the same kind whose axes are parallel after mirroring, at zero, have mirrored limits."""
+    """Check that paired joints of the same kind have mirrored limits, if their mirrored axes at zero are parallel."""
     joints = {joint.name: joint for joint in tree.urdf.joints}
     for joint, twin_joint in zip(leg.joints, twin.joints, strict=True):
         a, b = joints[joint], joints[twin_joint]
@@ -269,7 +269,7 @@ def _check_sole_height(tree: KinematicTree, leg: LegConfig, state: RobotState, f
         side = "above" if above > 0.0 else "below"
         findings.wrong(
             f"[legs.{leg.name}] sole: the frame {leg.sole!r} is {1e3 * abs(above):.1f} mm {side} the lowest point "
-            "of its foot in the scan posture; every foothold is off by that: put it where the foot touches the ground",
+            "of its foot in the scan posture: move the frame to where the foot touches the ground",
             tree.config.root.line(f"legs.{leg.name}.sole"),
         )
 

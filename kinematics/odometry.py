@@ -28,7 +28,7 @@ EXACT = read_only(np.zeros((6, 6)))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseInOdom:
-    """Pose of the footprint of one pause in `odom`, from any odometry; `LegOdometry` gives an `OdometryPose`.
+    """Pose of the footprint of one pause in `odom`, from any odometry; `LegOdometry` returns an `OdometryPose`.
 
     Attributes:
         transform_footprint_to_odom: (4, 4) pose of the base_footprint of the pause's scan.
@@ -55,8 +55,8 @@ class OdometryPose(PoseInOdom):
         covariance: (6, 6) covariance relative to the first pause, REP-103 order. Roll and pitch are exact by
             definition, because both frames are gravity-aligned; `pose.covariance` contains the error of this alignment.
         covariance_since_last: (6, 6) covariance of the motion since the last pause, expressed in the last footprint,
-            REP-103 order; zeros at the first pause. The two poses share errors, so this covariance cannot be computed
-            from theirs.
+            REP-103 order; zeros at the first pause. The errors of the two poses are correlated, so this covariance
+            cannot be computed from theirs.
         own_covariance: (6, 6) covariance of the part of this footprint's error that no other pause shares (noise of the
             readings and the vertical), along the axes of `odom`, REP-103 order; zeros at the first pause. The rest of
             the error is drift, which later pauses inherit.
@@ -232,7 +232,8 @@ class LegOdometry:
         more accurate.
 
         Raises:
-            UnknownName, JointPositionError: the stance does not fit this robot.
+            UnknownName, JointPositionError: the joints or legs of the stance are not those of this robot, or a position
+                is invalid.
         """
         if self._last is None:
             return None
@@ -276,11 +277,11 @@ class LegOdometry:
         return [common[row] for row in rows]
 
     def _instead(self, common: list[str], stayed: list[str], moved: Mapping[str, float]) -> tuple[str, ...]:
-        """Feet of which each may be the one that stood while the two that seem to have stayed slid alike."""
+        """Feet of which one may have stood, if the two feet that seem to have stayed slid by the same vector."""
         others = {leg: moved[leg] for leg in common if leg not in stayed}
         if len(stayed) > 2 or not others:
             return ()
-        # A foot that moved by half as much as the one that swung, or less, may not have been lifted.
+        # A foot that moved less than half as far as the one that swung may not have been lifted.
         farthest, least = max(others.values()), self._limits.swing_least
         return tuple(leg for leg, way in others.items() if way < least or (way < 2 * least and 2 * way < farthest))
 

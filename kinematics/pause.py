@@ -44,7 +44,7 @@ class PauseDetector:
         """Process one reading.
 
         Args:
-            time: time of the reading on a clock with any epoch [s]; later than that of the last reading.
+            time: time of the reading on a clock with any epoch [s]; must be later than that of the last reading.
             joint_velocities: joint name -> velocity [rad/s], every joint.
             support_feet: legs whose soles carry the body.
 
@@ -73,7 +73,8 @@ class PauseDetector:
             self._still_since = time
         still_for = time - self._still_since
         if len(feet) < limits.minimum_feet:
-            return PauseReport(False, f"{len(feet)} feet carry the body, {limits.minimum_feet} are needed", still_for)
+            carry = "foot carries" if len(feet) == 1 else "feet carry"
+            return PauseReport(False, f"{len(feet)} {carry} the body, {limits.minimum_feet} are needed", still_for)
         if still_for < limits.hold_time:
             return PauseReport(False, f"still for {still_for:.3f} s, {limits.hold_time:g} s are needed", still_for)
         return PauseReport(True, "", still_for)

@@ -31,7 +31,7 @@ class Reach:
 
 @lru_cache(maxsize=64)
 def leg_kinematics(tree: KinematicTree, leg: str) -> LegGeometry | NumericLeg:
-    """Inverse kinematics in closed form if it fits the leg's geometry, else the numeric solver; cached.
+    """Closed-form solver of a leg if its geometry allows it, else the numeric solver; cached.
 
     Raises:
         UnknownName: the robot has no such leg.
@@ -98,7 +98,7 @@ def reach_from_pose(pose: StancePose, leg: str, soles_in_footprint: npt.ArrayLik
 def reach_from_bodies(
     tree: KinematicTree, leg: str, soles: npt.ArrayLike, transforms_base_to_ground: npt.ArrayLike
 ) -> Reach:
-    """Inverse kinematics of one leg for level soles on the ground, for bodies that stand anywhere over it.
+    """Compute the joint positions of a leg that place its level sole on the ground, for given poses of the body.
 
     Args:
         tree: the robot's kinematic tree.
@@ -107,8 +107,8 @@ def reach_from_bodies(
         transforms_base_to_ground: (..., 4, 4) poses of the body in that frame, broadcast against the soles.
 
     Raises:
-        UnknownName: no such leg.
-        ArgumentError: wrong shape.
+        UnknownName: the robot has no such leg.
+        ArgumentError: an array has the wrong shape.
     """
     points = checked_points(soles, "soles")
     bodies = np.asarray(transforms_base_to_ground, dtype=np.float64)

@@ -24,7 +24,7 @@ from kinematics.untrusted import Element, finite_numbers, parse_xml, read_xml
 from kinematics.urdf import SIZES, Joint, Link, Shape, Urdf, rotation_from_rpy
 
 Numbers = tuple[float, ...]
-# Tolerance of the triangle inequality of moments of inertia, relative to the largest, for values of seven digits.
+# Tolerance of the triangle inequality of moments of inertia, relative to the largest; for values of seven digits.
 TRIANGLE_TOLERANCE = 1e-6
 READ = {
     "robot": ("link", "joint"),
@@ -206,7 +206,7 @@ class _Reader:
             path = find_mesh(name, self.path)
             kind, size, placed = mesh_shape(path, scale, path.stat().st_mtime_ns)
         except RobotFileError as error:
-            self.findings.unused(f"{where} has no shape, so the self-filter ignores it: {error}")
+            self.findings.unused(f"{where}: a mesh is not used, so the self-filter ignores it: {error}")
             return None
         return Shape(kind, size, np.asarray(transform @ placed))
 
@@ -235,7 +235,7 @@ class _Reader:
 
 
 def check_words(element: Element, where: str, findings: Findings) -> None:
-    """Check the names of attributes and elements in an element and its descendants, except in links and joints below.
+    """Check names of attributes and elements in an element and its descendants, except inside child links and joints.
 
     Args:
         element: an element that is read.

@@ -20,7 +20,7 @@ class RobotSettings:
 
     @classmethod
     def from_table(cls, root: Table, links: Collection[str] | None) -> RobotSettings:
-        """Read the tables of robot.toml; `links` are the link names that they may contain, None = any."""
+        """Read the tables of robot.toml; `links`: names of links that may be ignored, None = any."""
         return cls(
             StanceNoise.from_table(root.table("stance")),
             root.table("odometry").record(OdometryLimits),
@@ -47,7 +47,7 @@ class OdometryLimits:
     slip_share: float = field(default=0.04, metadata={"least": 0.0, "most": 1.0})
 
 
-# Largest sway of a standing body [rad], 2 degrees.
+# Largest `stance_sway` that robot.toml may state [rad]: 2 degrees.
 MOST_SWAY = 0.035
 
 
@@ -61,7 +61,7 @@ class PauseLimits:
         minimum_feet: least number of feet that carry the body.
         camera_translation_limit: largest translation of the camera during a scan [m].
         camera_rotation_limit: largest rotation of the camera during a scan [rad].
-        time_limit: time after the last message about a pause without an announced end at which the pause is over [s].
+        time_limit: time without a message after which a pause of unannounced length is over [s].
         grace_share, grace_least, grace_most: allowed delay of the message that ends a pause: a fraction of the
             announced length [-], and lower and upper bound of the delay [s]. No frame is taken during the delay.
         stance_sway: largest amplitude of a sway of the body about its feet during a scan, around any horizontal axis,
@@ -100,7 +100,7 @@ class SelfFilterSettings:
     def from_table(cls, table: Table, links: Collection[str] | None) -> SelfFilterSettings:
         """Read the table [self_filter].
 
-        The margin must not be negative, and ignored links must be among `links`, unless `links` is None.
+        The margin must not be negative. If `links` is not None, it must contain every ignored link.
         """
         settings = cls(table.number("margin", least=0.0), table.texts("ignore"))
         for link in settings.ignore:

@@ -61,7 +61,7 @@ class RobotToml:
         legs: the legs, in the order of the file.
         postures: the postures, in the order of the file.
         root: the whole file.
-        assumed: table [assumed]: name of a value that has not been measured -> instruction for measuring it.
+        assumed: name of each value that has not been measured -> how to measure it (table [assumed]).
     """
 
     path: Path
@@ -128,7 +128,10 @@ def read_robot_toml(root: Table, findings: Findings) -> RobotToml:
         sole_radius=table.number("sole_radius", least=0.0, most=0.1) if "sole_radius" in table.values else 0.0,
     )
     if legs.values and len(config.legs) < 3:
-        findings.wrong(f"{len(config.legs)} tables [legs.<name>]; a support plane needs three legs", root.line("legs"))
+        findings.wrong(
+            f"tables [legs.<name>]: {len(config.legs)} given; a support plane needs three legs or more",
+            root.line("legs"),
+        )
     if config.scan_posture and config.scan_posture not in [posture.name for posture in config.postures]:
         table.wrong("scan_posture", "the name of a table [postures.<name>]")
     _check_joints_once(config, findings)

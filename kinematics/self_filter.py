@@ -20,12 +20,12 @@ from kinematics.urdf import Shape
 
 # Margin of the coarse tests [m^2] for the rounding error of squared lengths computed as differences of larger squares.
 ROUNDING = 1e-12
-# Replaces a zero component of a ray's direction, so that the ray's interval in that slab becomes infinite or empty.
+# Replaces a zero component of a ray's direction, so that the interval of the ray inside a slab is infinite or empty.
 NO_DIRECTION = 1e-300
 
 
 class SelfFilter:
-    """Shapes of the robot in one state, created once per pause and queried for many points.
+    """Shapes of the robot in one state, for tests of many points.
 
     Args:
         state: the robot's state.
@@ -114,7 +114,7 @@ class SelfFilter:
             points_in_base: (n, 3) in `base_link` [m]; a point with NaN is not blocked.
 
         Returns:
-            (n,) True if an enlarged shape lies on the segment, including its end.
+            (n,) True if the segment, including its ends, meets an enlarged shape.
 
         Raises:
             ArgumentError: wrong shape of an array, or an origin inside an enlarged shape (if that link carries the
@@ -161,7 +161,7 @@ def _may_meet(along: Float, apart: Float, lengths: Float, reach: float) -> Mask:
     """Conservative mask (n,) of the segments that may come within `reach` of a centre; includes all that do.
 
     With c the vector from a segment's origin to the centre and w the segment, the arguments are w . c,
-    |c|^2 - reach^2 and |w|, each (n or 1,).
+    |c|^2 - reach^2 and |w|, each (n,) or (1,).
     """
     # The squared distance of the centre from the line is |c|^2 - (w . c)^2 / |w|^2; compared here without dividing.
     beside = apart * lengths**2 <= along**2
@@ -176,15 +176,15 @@ def _box(columns: Float) -> tuple[Float, Float]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedShape:
-    """Collision shape of a link, placed in `base_link`.
+    """Collision shape of a link, placed in `base_link` or in the filter's other frame.
 
     Attributes:
         link: name of the link.
         kind: "box", "cylinder" (axis z) or "sphere".
         half: (3,) half extents along the shape's own axes, margin included [m]; x and y of a cylinder, and all three of
             a sphere, are the radius.
-        centre: (3,) position in `base_link` [m].
-        rotation: (3, 3) rotation from the shape's axes to `base_link`.
+        centre: (3,) position in that frame [m].
+        rotation: (3, 3) rotation from the shape's axes to that frame.
         reach: radius of the bounding sphere [m].
     """
 

@@ -33,7 +33,7 @@ def read_srdf(path: Path, urdf: Urdf, text: str | None = None) -> tuple[Posture,
 
     Raises:
         RobotFileError: the file cannot be read or is not XML, names unknown joints or links, omits or repeats a joint,
-            has a value that is not finite, or has two postures of the same name.
+            has a value that is not finite or the wrong number of values, or repeats a posture.
     """
     root = read_xml(path)[0] if text is None else parse_xml(text, path)
     findings = Findings(path)
@@ -50,7 +50,7 @@ def allowed_pairs(path: Path) -> list[tuple[str, str]]:
     """Pairs of links for which an SRDF disables collision checks.
 
     Raises:
-        RobotFileError: the file cannot be read.
+        RobotFileError: the file cannot be read or is not XML.
     """
     root, _ = read_xml(path)
     return [(str(pair.get("link1")), str(pair.get("link2"))) for pair in root.iter("disable_collisions")]
@@ -93,7 +93,7 @@ def _posture(state: Element, urdf: Urdf, findings: Findings) -> Posture:
         elif joint == ROOT_JOINT and root is not None:
             findings.wrong(f"{where}: {ROOT_JOINT} is given twice", line)
         elif joint in positions or (joint != ROOT_JOINT and len(values) != 1):
-            findings.wrong(f"{where}: joint {joint!r} needs one value, once", line)
+            findings.wrong(f"{where}: joint {joint!r} must be given once, with one value", line)
         if joint == ROOT_JOINT:
             root = values
         else:

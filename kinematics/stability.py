@@ -41,7 +41,8 @@ def polygon_margin(corners: npt.ArrayLike, point: npt.ArrayLike) -> float:
 def stability_margin(pose: StancePose, *, lifted: str | None = None) -> float:
     """Static stability margin [m]: signed distance of the projected centre of mass from the support polygon's border.
 
-    Positive inside. The polygon is spanned by the centres of the soles, so it is half a sole smaller than the contacts.
+    Positive inside. The polygon is spanned by the centres of the soles, so it lies inside the true polygon of contacts,
+    which extends about half a sole further.
 
     Args:
         pose: the stance pose, whose used soles span the polygon.

@@ -23,8 +23,8 @@ class Stance:
             unknown.
 
     Raises:
-        StanceError: a value has the wrong type or is not finite, a foot is named twice, or gravity does not point down
-            (its z is 0 or more); the message names the field.
+        StanceError: a value has the wrong type or is not finite, a foot is named twice, or gravity does not have three
+            components or does not point down (its z is 0 or more); the message names the field.
     """
 
     joint_positions: Mapping[str, float]

@@ -4,9 +4,9 @@ The covariance of the transform from base to footprint is
 
     s^2 B (I - u u') B' + sum A_i C_i A_i'
 
-where u is the vertical in `base_link` (variance s^2 per axis, across u) and C_i the covariance of sole i. B and A_i are
-the derivatives of the transform with respect to the vertical and to sole i, including the effect of the sole on the
-vertical (`footprint_jacobians`).
+where u is the vertical in `base_link` (variance s^2 per axis perpendicular to u) and C_i the covariance of sole i. B
+and A_i are the derivatives of the transform with respect to the vertical and to sole i, including the effect of the
+sole on the vertical (`footprint_jacobians`).
 
 Points measured in `base_link` do not depend on this pose. The pose is needed to align the points with gravity and to
 relate the scans of different pauses.
@@ -40,7 +40,7 @@ ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
 LEAST_UP_Z = 0.5
 
 # Default white noise of a joint [rad]: 0.05 degrees, plus the quantisation of a 12-bit encoder. With a true noise
-# several times larger, scans are withdrawn; with a smaller one, motions of 1.5 mm are still detected.
+# several times larger, scans are withdrawn; with smaller noise, motions of 1.5 mm are still detected.
 ENCODER_NOISE = 0.001
 
 

@@ -1,8 +1,8 @@
 """Readings of standing soles, and the feet that stayed in place between two pauses.
 
-Feet that stay keep their distances from each other however the body moves, so the feet that stayed are the largest set
-whose mutual distances did not change. A swing can preserve a distance by chance, if a foot passes another. The line
-between two feet must therefore not have rotated by more than the body can turn.
+Feet that stay keep their distances from each other however the body moves. The largest set of feet whose mutual
+distances did not change is therefore taken as the feet that stayed. A swing can preserve a distance by chance, if a
+foot passes another. The line between two feet must therefore not have rotated by more than the body can turn.
 
 A flat sole that carries the body keeps its pitch to within a degree or two; a larger change is noise of the leg's
 joints. The same noise displaces the sole, and the covariance of pitch and position relates the two. A round foot has no
@@ -38,7 +38,7 @@ def find_stayed_feet(
     slip_sigmas: float,
     turn_limit: float,
 ) -> list[int]:
-    """Find the rows of the feet that stayed, in ascending order; empty if no two feet kept their distance.
+    """Find the rows of the feet that stayed, in ascending order; empty if no two feet stayed.
 
     Args:
         soles_now: (n, 3) sole centres at this pause, in a frame of the body [m].

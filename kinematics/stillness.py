@@ -97,11 +97,11 @@ class StandingFeet:
         """Linearise at the stance of BEGIN.
 
         Raises:
-            StanceError: fewer than three feet, or feet on a line.
+            StanceError: there are fewer than three feet, or they are on a line.
         """
         if len(feet) < 3:
             raise StanceError(
-                f"support_feet: {len(feet)} feet carried the body in all readings ({', '.join(feet) or 'none'}); "
+                f"support_feet: {len(feet)} carried the body in all readings ({', '.join(feet) or 'none'}); "
                 "three are needed to test whether the camera moved"
             )
         state = robot.state(begin.joint_positions)
@@ -153,7 +153,8 @@ class Stillness:
 
         Raises:
             ArgumentError: `time` is not finite, or the matrix is not a transform.
-            UnknownName, JointPositionError: the stance does not fit this robot.
+            UnknownName, JointPositionError: the joints of the stance are not those of this robot, or a position is
+                invalid.
         """
         self._robot, self._begin = robot, stance
         self._camera = robot.optical_centre(transform_camera_to_base)
@@ -181,7 +182,8 @@ class Stillness:
         Raises:
             ArgumentError: `time` is not finite.
             StanceError: fewer than three feet carried the body in all readings, or these feet are on a line.
-            UnknownName, JointPositionError: the stance does not fit this robot.
+            UnknownName, JointPositionError: the joints of the stance are not those of this robot, or a position is
+                invalid.
         """
         positions, time = checked_positions(self._robot.tree, stance.joint_positions), _checked_time(time)
         names = tuple(foot for foot in self._names if foot in stance.support_feet)
@@ -363,7 +365,7 @@ def camera_motion(
     Raises:
         ArgumentError: the matrix is not a transform.
         StanceError: fewer than three feet carried the body at both readings, or these feet are on a line.
-        UnknownName, JointPositionError: a stance does not fit this robot.
+        UnknownName, JointPositionError: the joints of a stance are not those of this robot, or a position is invalid.
     """
     return _of_two(robot, begin, end, transform_camera_to_base).between_first_and_last()
 

@@ -71,7 +71,7 @@ class Table:
         return int(self._value(key, is_within, needed, least))
 
     def record(self, kind: type[T]) -> T:
-        """Dataclass whose fields are numbers, each from the key of the same name; keys with a default may be missing.
+        """Dataclass whose fields are numbers, each from the key of the same name; fields with a default need no key.
 
         Each number must be within the bounds in the field's metadata; without metadata, it must be above 0, and a whole
         number at least 1.
@@ -86,12 +86,12 @@ class Table:
 
     def text(self, key: str) -> str:
         """Non-empty string; "" replaces a wrong value."""
-        return str(self._value(key, _is_text, "a string", ""))
+        return str(self._value(key, _is_text, "a non-empty string", ""))
 
     def texts(self, key: str) -> tuple[str, ...]:
         """List of different non-empty strings; the list may be empty."""
         value = self._value(
-            key, lambda given: isinstance(given, list) and all(map(_is_text, given)), "a list of strings", []
+            key, lambda given: isinstance(given, list) and all(map(_is_text, given)), "a list of non-empty strings", []
         )
         if len(set(value)) != len(value):
             self.wrong(key, "a list of different names")
@@ -116,7 +116,7 @@ class Table:
         return (1.0, 1.0)
 
     def table(self, key: str) -> Table:
-        """Table of a name inside this table."""
+        """Table of the given name inside this table; a missing or wrong one is replaced by an empty table."""
         name = self._dotted(key)
         value = self.values.get(key)
         if isinstance(value, Mapping):

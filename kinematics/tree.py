@@ -23,7 +23,7 @@ from kinematics.robot_toml import LegConfig, RobotToml
 from kinematics.urdf import Joint, Link, Urdf
 from kinematics.urdf_checks import root_link
 
-# Tolerance of joint limits [rad]: a position exactly at a limit is not beyond it.
+# Tolerance of joint limits [rad or m]: a position exactly at a limit is not beyond it.
 LIMIT_TOLERANCE = 1e-9
 # Number of joints named in one warning; further ones are only counted.
 NAMED = 3
@@ -38,7 +38,7 @@ class KinematicTree:
         joint_names: all moving joints: those of the legs, from hip to sole in robot.toml's order, then any others.
         legs: leg name -> configuration of the leg, in robot.toml's order.
         links: link name -> the link with its inertia and shapes.
-        lower_limits, upper_limits: (n,) [rad], in the order of `joint_names`.
+        lower_limits, upper_limits: (n,) [rad], for prismatic joints [m], in the order of `joint_names`.
         pinocchio_model: Pinocchio's model; do not modify it.
         velocity_indices: (n,) columns of Pinocchio's Jacobians, in the order of `joint_names`.
         nominal: (n,) joint positions of a standing posture, in the order of `joint_names`; defines the side to which
@@ -178,7 +178,7 @@ class RobotState:
 
     Attributes:
         tree: the robot's kinematic tree.
-        positions: (n,) joint positions [rad] in the order of `tree.joint_names`, read-only.
+        positions: (n,) joint positions [rad], of prismatic joints [m], in the order of `tree.joint_names`; read-only.
         beyond_limits: joint name -> distance beyond its limits [rad]; empty if all joints are within their limits.
 
     Raises:
@@ -321,7 +321,7 @@ def refuse_not_finite(values: Float, names: Sequence[str], kind: str) -> None:
 
 
 def _refuse_other_units(tree: KinematicTree, positions: Float) -> None:
-    """Reject a position half a turn or more beyond the limits of a revolute joint: it is not in radians.
+    """Reject a position more than half a turn beyond the limits of a revolute joint: it is not in radians.
 
     Joints whose limits span a full turn or more are not checked.
     """

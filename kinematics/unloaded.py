@@ -100,7 +100,7 @@ def _others_level(feet: FourFeet, row: int, sigmas: float) -> bool:
 
 
 def _balance_away_from(feet: FourFeet, row: int) -> float:
-    """Distance [m] of the centre of mass beyond the diagonal next to a foot, as seen from that foot.
+    """Distance [m] of the centre of mass beyond the diagonal between a foot's neighbours, as seen from that foot.
 
     If the vertical is unknown, the normal of the plane of the other feet is used, as if this foot hung.
     """

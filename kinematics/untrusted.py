@@ -18,9 +18,9 @@ from kinematics.exceptions import RobotFileError
 
 # Largest XML file that is read [bytes]. The URDF of the stock robot guara has 31 kB.
 LARGEST_XML = 16 * 1024 * 1024
-# Largest TOML file that is read [bytes]. The robot.toml of the stock robot guara has 6.5 kB.
+# Largest TOML file that is read [characters]. The robot.toml of the stock robot guara has 6,500.
 LARGEST_FILE = 1024 * 1024
-# Largest number of parts of a dotted key, and largest number of nested tables or lists.
+# Largest number of parts of a dotted key, and greatest depth of nested tables and lists.
 DEEPEST = 16
 BETWEEN_KEYS = re.compile(r"[,=\[\]{}#]")
 BRACKET = re.compile(r"[\[\]{}]")

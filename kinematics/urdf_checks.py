@@ -28,8 +28,7 @@ def check_urdf(urdf: Urdf, root: str | None = None) -> None:
         root: link that must be the root of the tree; None = any link.
 
     Raises:
-        RobotFileError: there are faults; the message lists each with the file, its line if known, link or joint, and
-            what is allowed.
+        RobotFileError: there are faults; the message lists each with file, line if known, and link or joint.
     """
     findings = Findings(urdf.path)
     moving = sum(joint.kind != "fixed" for joint in urdf.joints)
@@ -87,8 +86,8 @@ def _check_tree(urdf: Urdf, root: str | None, findings: Findings) -> None:
         )
         return
     if not roots or (root is not None and roots != [root]):
-        given = repr(roots[0]) if roots else "a loop of joints"
-        findings.wrong(f"the root is {given}; robot.toml names {root!r} as frames.base")
+        given = repr(roots[0]) if roots else "missing: the joints form a loop"
+        findings.wrong(f"the root is {given}" + (f"; robot.toml names {root!r} as frames.base" if root else ""))
         return
     parents = {joint.child: joint.parent for joint in urdf.joints}
     for link in urdf.links:

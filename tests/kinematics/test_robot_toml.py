@@ -66,7 +66,7 @@ FAULTS = {
     "text for list": (
         '["lf_haa_joint", "lf_hfe_joint", "lf_kfe_joint", "lf_afe_joint"]',
         '"lf_haa_joint"',
-        "a list of strings is needed",
+        "a list of non-empty strings is needed",
     ),
     "scan posture unknown": (
         'scan_posture = "scan"',
@@ -90,7 +90,7 @@ FAULTS = {
     ),
     "base is no root": ('base = "base_link"', 'base = "imu_link"', "robot.toml names 'imu_link' as frames.base"),
     "no TOML": ("[frames]", "[frames", "is not valid TOML"),
-    "name empty": ('name = "guara"', 'name = ""', "name is ''; a string is needed"),
+    "name empty": ('name = "guara"', 'name = ""', "name is ''; a non-empty string is needed"),
     "feet half": (
         "minimum_feet = 3",
         "minimum_feet = 2.5",
@@ -121,7 +121,7 @@ def test_two_legs_are_refused(broken_folder: Callable[..., Path], guara: RobotMo
     """A robot of two legs has no support plane: refused."""
     text = (guara.folder / "robot.toml").read_text(encoding="utf-8")
     hind = text[text.index("[legs.lh]") : text.index("# Heights over")]
-    with pytest.raises(RobotFileError, match="2 tables .* needs three legs"):
+    with pytest.raises(RobotFileError, match="tables .* 2 given; a support plane needs three legs"):
         load_robot(broken_folder("robot.toml", hind, ""))
 
 

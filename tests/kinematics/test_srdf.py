@@ -19,7 +19,7 @@ FAULTS = {
     "joint twice": (
         '"rf_haa_joint" value="0"',
         '"lf_haa_joint" value="0"',
-        "joint 'lf_haa_joint' needs one value, once",
+        "joint 'lf_haa_joint' must be given once, with one value",
     ),
     "no number": (
         '"lf_haa_joint" value="0"',

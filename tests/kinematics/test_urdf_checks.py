@@ -162,7 +162,7 @@ NOT_USED = {
     "a mesh that is not there": (
         '<box size="0.60 0.40 0.05"/></geometry>\n    </collision>',
         '<mesh filename="package://a/b.stl"/></geometry>\n    </collision>',
-        "link 'base_link' has no shape, so the self-filter ignores it: no mesh 'package://a/b.stl'",
+        "link 'base_link': a mesh is not used, so the self-filter ignores it: no mesh 'package://a/b.stl'",
     ),
     "tags of a vendor": (
         '<link name="imu_link"/>',

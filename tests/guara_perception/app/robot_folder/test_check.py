@@ -103,7 +103,7 @@ SPOILED = {
         "urdf/guara.urdf",
         r'<box size="0.60 0.40 0.05"/></geometry>\s*</collision>',
         '<mesh filename="body.stl"/></geometry></collision>',
-        "link 'base_link' has no shape, so the self-filter",
+        "link 'base_link': a mesh is not used, so the self-filter",
         Weight.WRONG,
     ),
     "limits of nothing": (
