@@ -54,7 +54,8 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
             encoding: encoding of the grids: "lossless" or "compact" (`transport.messages.terrain_message`).
 
         Raises:
-            KeyNameError: unknown encoding.
+            KeyNameError: the encoding is unknown, or the robot name cannot be part of a key.
+            SessionClosed: the session is closed.
         """
         self.robot = robot
         self._encoding = check_encoding(encoding)
@@ -72,8 +73,8 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         """Return the receiver of an extent, with counts of messages received, superseded, missed and rejected.
 
         Raises:
-            MessageError: unknown extent.
-            SessionClosed: the client is closed.
+            MessageError: the extent is unknown.
+            SessionClosed: the client is closed, and this is the first call for this extent.
         """
         if extent not in EXTENTS:
             raise MessageError(f"extent is {extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
@@ -102,7 +103,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         return self._judge.clock.offset
 
     def age(self, received: Received[TerrainMessage]) -> float:
-        """Return the time since the end of the scan of a received grid [s]; see `GridJudge.age`."""
+        """Return an upper bound of the time since the end of the scan of a received grid [s]; see `GridJudge.age`."""
         return self._judge.age(received)
 
     def latest(self, *, extent: str = "footprint", **accepted: Unpack[Accepted]) -> TerrainMessage:
@@ -116,7 +117,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         Raises:
             StaleTerrain: the newest grid may not be used, or the node has not published one yet.
             ScannerUnavailable: there is no grid and no node.
-            MessageError: the newest sample is not a valid grid.
+            MessageError: the newest sample is not a valid grid, or the extent is unknown.
         """
         receiver = self.receiver(extent)
         received = receiver.latest() or self._first(extent, SETTLE)
@@ -197,7 +198,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         """Wait until the newest grid may be used and `predicate` accepts it; return the grid with its time of arrival.
 
         Args:
-            predicate: called with each new grid (of several, with the newest alone); returns True to accept it.
+            predicate: called with each new grid, or the newest of several; returns True to accept it.
             timeout: longest wait [s]; None = no limit.
             extent: "footprint" or "map".
             after: number of a sample; only samples with larger numbers are considered.
@@ -205,8 +206,8 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
             accepted: as in `latest`.
 
         Raises:
-            ReceiveTimeout: no such grid arrived in time although the node is alive; the error message reports stale
-                grids that arrived.
+            ReceiveTimeout: no such grid arrived in time although the node is alive; if stale grids arrived, the error
+                message says why the last one could not be used.
             ScannerGone: no such grid arrived, and the node has disappeared.
             ScannerUnavailable: no such grid arrived, and no node was ever seen.
         """
@@ -249,7 +250,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         extent: str = "footprint",
         **accepted: Unpack[Accepted],
     ) -> None:
-        """Call `callback` with each new grid, on a separate thread; of several, with the newest alone.
+        """Call `callback` with each new grid, on a separate thread; grids superseded during a call are left out.
 
         A grid that may not be used is skipped, except one that withdraws another grid: it is always passed on, with the
         reasons why it is stale.
@@ -280,7 +281,8 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
 
         Raises:
             ReceiveTimeout: the scan is complete, but no usable grid of this scan arrived in time.
-            ScannerGone, ScannerUnavailable: the node has disappeared, or was never seen.
+            ScannerUnavailable: the node is not alive at the start.
+            ScannerGone: the node disappeared after the request.
         """
         receiver, start = self.receiver(), time.monotonic()
         if not self.wait_until_alive(min(timeout, SETTLE)):
@@ -316,7 +318,8 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
 
         Raises:
             StaleTerrain: the newest grid may not be used, or there is none yet.
-            MessageError: the reply is for another robot, extent or frame, or from an earlier run of the node.
+            MessageError: the reply is for another robot, extent or frame, or from another run of the node
+                than the current one.
         """
         asked = time.time_ns(), clock.now()
         terrain = query_terrain(

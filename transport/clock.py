@@ -16,7 +16,8 @@ def now() -> float:
 class JumpDetector:
     """Detector of jumps of the wall clock relative to the monotonic clock."""
 
-    # Smallest jump [s]; a smaller one is slewing by a time server, or a delay between two readings.
+    # Change of the offset above which the wall clock has jumped [s]; smaller changes come from slewing by a time server
+    # or from delays between readings.
     LEAST = 0.1
 
     def __init__(self) -> None:

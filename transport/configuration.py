@@ -17,9 +17,9 @@ LEASE_MS = 2000
 # Longest wait for room on a link before a sample is dropped for this link [us]; all other readers wait meanwhile.
 WAIT_BEFORE_DROP_US = 20_000
 
-# The same wait for a client, which has a single link, and for a site router, because a robot's planner usually runs
-# next to its node [us]. It includes the time that a busy machine needs to run the threads of a hundred links; with a
-# shorter wait, maps sent in bursts were lost between router and planner.
+# The same wait for clients and site routers [us]. It may be longer: a client has a single link, and a robot's planner
+# usually runs next to its node, not behind a site router. It includes the time that a busy machine needs to run the
+# threads of a hundred links; with a shorter wait, maps sent in bursts were lost between router and planner.
 PATIENT_WAIT_US = 100_000
 
 # Length of a link's queue by priority, in batches of 64 KiB (default 2, maximum 16). The grid of a scan, the largest
@@ -65,7 +65,11 @@ def tls_endpoint(host: str, port: str) -> str:
 
 
 def is_local(endpoint: str) -> bool:
-    """Return True if an endpoint can be reached only from this machine."""
+    """Return True if an endpoint can be reached only from this machine.
+
+    Raises:
+        ConfigurationError: the endpoint is not valid.
+    """
     protocol, _, address = check_endpoint(endpoint).partition("/")
     if protocol == "unixsock-stream":
         return True
@@ -82,7 +86,7 @@ def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:
     """Reject unprotected endpoints that other machines can reach, unless explicitly allowed.
 
     Raises:
-        ConfigurationError: an endpoint can be reached from other machines, or is not valid.
+        ConfigurationError: an endpoint is not valid, or can be reached from other machines without `allow_insecure`.
     """
     for endpoint in endpoints:
         if not (is_local(endpoint) or allow_insecure):
@@ -106,7 +110,7 @@ def _base(*, shared_memory: bool, patient: bool = False) -> dict[str, Any]:
 
 
 def dialling(endpoint: str) -> dict[str, Any]:
-    """Return the section `connect` of a router that connects to another router, again after each loss of the link."""
+    """Return the section `connect` of a router that connects to another router, and reconnects after losses."""
     return {
         "endpoints": [check_endpoint(endpoint)],
         "timeout_ms": -1,

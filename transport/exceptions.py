@@ -53,8 +53,8 @@ class ScannerGone(TransportError, ConnectionError):
 class StaleTerrain(TransportError, LookupError):
     """No usable grid: none is published yet, or the newest one may not be used.
 
-    It is too old, from another pause or walk, withdrawn, provisional although a confirmed one is required, or its node
-    is not alive.
+    A grid may not be used if it is too old, from another pause, walk or run of the node, withdrawn, provisional
+    although a confirmed one is required, or no longer confirmed by a live node.
 
     Attributes:
         is_final: True if no later message can make the same grid usable again.

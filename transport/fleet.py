@@ -27,7 +27,7 @@ class RobotState:
         standing: True during a pause, False after it; None if unknown.
         age: time since the last grid was published [s]; NaN if there was none.
         health: worst level of all items of the status; STALE if the node is alive but did not reply.
-        message: messages of the status items that are not OK; empty if all are OK.
+        message: messages of the status items that are not OK; empty if all are OK; a note if there was no reply.
         links: number of Zenoh links of the node.
         run: identity of the node's run.
     """
@@ -64,9 +64,9 @@ def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float
         found |= {state.robot: state for state in _answers(session, asked, timeout) if state.robot in living}
     if not found:
         raise ScannerUnavailable(
-            f"{'none of ' + ', '.join(robots) if robots else 'no robot'} was found: none is alive on this router, or "
-            "this client has no permission: with certificates, the role `fleet` sees all robots, other roles only "
-            "their own robot, by its name"
+            f"{'none of ' + ', '.join(robots) if robots else 'no robot'} was found. None is alive on this router, or "
+            "this client lacks permission: with certificates, the role `fleet` sees all robots; other roles see only "
+            "their own robot, if its name is given"
         )
     return tuple(found[robot] for robot in sorted(found))
 

@@ -105,7 +105,7 @@ def test_a_confirmed_grid_is_used_in_the_swings_after_its_pause(extent: str) -> 
     world.begin()
     world.pass_time(0.1)
     assert [o.text for o in world.against(extent)] == (
-        ["is 1 pauses old; allowed: 0; a footprint grid is valid only during its own pause"]
+        ["is 1 pause old; allowed: 0; a footprint grid is valid only during its own pause"]
         if extent == "footprint"
         else []
     )

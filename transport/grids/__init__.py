@@ -1,4 +1,4 @@
 """Publishing of grids, waiting for grids, and acceptance of received grids.
 
-Imports `links`, `queries`, `messages` and the files above these folders; used by client and server.
+Imports `links`, `queries`, `messages` and the files above these folders; used by client, server and fleet.
 """

@@ -124,7 +124,8 @@ def objections(
     reported that the robot is on the same walk and within the grid's valid pauses, and that the node hears the gait
     controller. Between the END of a pause and the next BEGIN, that pause counts as the current one, but a grid that is
     still provisional may not be used. No confirmation is needed if no pauses are announced (a replay), or for a grid
-    without a run while there is no report. The age must be within `limit` in every case.
+    without a run while there is no report. In every case, the age must be within `limit`, and the grid must neither be
+    withdrawn nor, as a footprint grid, be followed by a later one.
 
     Args:
         grid: the grid.
@@ -158,7 +159,7 @@ def objections(
         found.append(Objection(f"is from walk {grid.epoch!r}; the robot is on walk {word.epoch!r}", cure))
     elif pauses > grid.valid_pauses:
         frame = "; a footprint grid is valid only during its own pause" if kind == "footprint" else ""
-        found.append(Objection(f"is {pauses} pauses old; allowed: {grid.valid_pauses}{frame}"))
+        found.append(Objection(f"is {pauses} pause{'s' * (pauses != 1)} old; allowed: {grid.valid_pauses}{frame}"))
     if word.standing is None and (is_known or silence <= SILENT):
         # No pauses are announced, so no announcement can have been missed.
         return tuple(found)

@@ -59,7 +59,7 @@ class Accepted(TypedDict, total=False):
 
 
 class GridJudge:
-    """Judge of the grids of one robot; monitors the robot's node.
+    """Acceptance check for the grids of one robot; monitors the robot's node.
 
     Attributes:
         node: monitor of the node's liveliness token.
@@ -105,7 +105,8 @@ class GridJudge:
         """Return an upper bound of the time since the end of the scan of a received grid [s].
 
         If the node reports its monotonic clock, the age is measured by the monotonic clocks of both machines.
-        Otherwise, it is the time since arrival plus the time before arrival by the two wall clocks, which must agree.
+        Otherwise, it is the time since arrival plus the time from the end of the scan to the arrival. The latter is the
+        difference of two stamps, one from each machine's wall clock, so the wall clocks must agree.
         """
         terrain = received.message
         if terrain.scan_end_clock is not None:
@@ -160,7 +161,7 @@ class GridJudge:
         return grid if not reasons else cast(G, replace(cast(Any, grid), stale_because=reasons))
 
     def wait_for_news(self, timeout: float) -> None:
-        """Query the node. If its pause has ended, wait up to `timeout` [s] for the next one to begin."""
+        """Query the node. If the robot's pause has ended, wait up to `timeout` [s] for the next pause to begin."""
         deadline = clock.now() + timeout
         while self.node.is_alive and self.clock.ask(timeout):
             word = self._evidence.word

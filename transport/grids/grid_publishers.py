@@ -26,7 +26,7 @@ GRID_MAP_LAYERS = (*(name for name, kind in LAYERS.items() if kind.dtype == np.f
 
 
 class GridPublishers:
-    """Publishers that encode and send on threads of the outbox; neither extent waits for grids of the other."""
+    """Publishers that encode and send on threads of the outbox; footprint grids and maps do not wait for each other."""
 
     def __init__(self, session: Session, robot: str, outbox: Outbox) -> None:
         """Declare the keys.
@@ -78,7 +78,7 @@ class GridPublishers:
         if summary is not None:
             self._outbox.post(self._summary.key, partial(self._summary.put, summary), lane=self._summary.key)
         if regions is not None:
-            # Found only if there are subscribers, as the compact form: a search takes about as long as fusing the map.
+            # Regions, too, are found only if there are subscribers: the search takes about as long as fusing the map.
             make = partial(_encoded, regions)
             self._outbox.post(self._regions.key, partial(self._regions.put, make), lane=self._regions.key)
 
@@ -90,10 +90,10 @@ class GridPublishers:
         self._regions.close()
 
     def post_derived(self, terrain: TerrainMessage, occupancy: Percent, bridge: Ros2Bridge | None) -> None:
-        """Publish occupancy and grid map of a footprint, also on ROS 2 topics if there is a `bridge`."""
+        """Publish occupancy and grid map of a footprint grid, also on ROS 2 topics if there is a `bridge`."""
         geometry = (terrain.resolution, terrain.origin, terrain.frame_id, terrain.stamp)
         layers = {name: terrain.layers[name] for name in GRID_MAP_LAYERS}
-        # These messages are encoded only if there are subscribers, because planners do not read them.
+        # These messages are encoded only if there are subscribers or a bridge, because planners do not read them.
         for publisher, name, kind, make in (
             (self._occupancy, "occupancy", OCCUPANCY, lambda: encode(occupancy_message(occupancy, *geometry))),
             (self._grid_map, "grid_map", GRID_MAP, lambda: encode(grid_map_message(layers, *geometry))),

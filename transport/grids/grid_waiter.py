@@ -22,8 +22,8 @@ from transport.messages.terrain_message import TerrainMessage
 # Longest time from subscribing until the last grid and the node's liveliness token arrive [s]; below 0.1 s on an idle
 # machine, more on a busy one. Only a wait for a grid that does not exist takes this long.
 SETTLE = 2.0
-# Longest wait for the BEGIN of the next walk [s], if the robot is not standing and a grid is from a later pause than
-# requested, since that grid may be from a walk that has ended.
+# Longest wait for the next BEGIN [s]. A grid from a later pause than requested may be from a walk that has ended; if
+# the robot is not standing, only the next BEGIN can show this.
 NEWS = 1.0
 
 
@@ -49,7 +49,7 @@ class GridWaiter:
 
         Args:
             receiver: receiver of the messages.
-            predicate: called with each newest message; returns True to accept it.
+            predicate: called with each new message, or the newest of several; returns True to accept it.
             timeout: longest wait [s]; None = no limit.
             terms: conditions under which the caller accepts a message.
             after: number of a sample; only samples with larger numbers are considered.

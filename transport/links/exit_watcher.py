@@ -1,7 +1,7 @@
 """Closing of open sessions when the main thread ends, so that Zenoh does not keep a failed script alive.
 
 An open session with a subscriber prevents the interpreter from exiting, and `atexit` functions run too late. Therefore,
-one thread of the process joins the main thread.
+one thread of the process joins the main thread and then closes the sessions.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def watch(resource: Closable) -> None:
 
 
 def forget(resource: Closable) -> None:
-    """Do not close `resource` when the main thread ends."""
+    """Cancel `watch(resource)`; does nothing if the resource is not watched."""
     with _lock:
         _open.discard(resource)
 

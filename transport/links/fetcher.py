@@ -45,7 +45,7 @@ class Patience:
     """Estimate of the delay between the announcement of a message and its arrival.
 
     An announcement is small and overtakes its message. On a fast link, the message follows within milliseconds, so that
-    a loss is detected soon. On a slow link, the message arrives only after its transfer.
+    a loss is detected soon. On a slow link, the delay includes the time of the message's transfer.
     """
 
     def __init__(self) -> None:

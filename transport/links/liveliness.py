@@ -17,7 +17,7 @@ def alive_keys(session: Session, keys: str, timeout: float = 1.0) -> list[str]:
 
 
 class AliveToken(Resource):
-    """Liveliness token of a session; it disappears for others when the session closes or its link is lost."""
+    """Liveliness token of a session; for others, it disappears when it or the session is closed or the link is lost."""
 
     def __init__(self, session: Session, key: str) -> None:
         """Declare the token on `key`, such as `keys.alive_key(robot)`."""

@@ -84,7 +84,7 @@ class Outbox:
 
         with self._changed:
             if not self._changed.wait_for(is_empty, timeout):
-                raise ReceiveTimeout(f"{self.pending} messages were not sent within {timeout:g} s")
+                raise ReceiveTimeout(f"messages were not sent within {timeout:g} s; pending: {self.pending}")
 
     def close(self) -> None:
         """Run waiting actions for up to two seconds, drop the others, and end the threads; may be called twice."""

@@ -26,7 +26,7 @@ class Publisher(Resource):
 
     Attributes:
         key: key on which payloads are published.
-        count: number of payloads published.
+        count: number of calls of `put`.
     """
 
     def __init__(
@@ -80,6 +80,7 @@ class Publisher(Resource):
 
         Raises:
             SessionClosed: the session is closed.
+            TransportError: Zenoh reported another error.
         """
         with self._lock:
             number = self.count

@@ -96,7 +96,7 @@ def test_grid_of_many_pauses_ago_is_stale(node, client: gp.TerrainClient, eventu
         return False
 
     node.tell("pause 21")
-    assert eventually(lambda: is_stale("footprint", "1 pauses old; allowed: 0"))
+    assert eventually(lambda: is_stale("footprint", "1 pause old; allowed: 0"))
     assert client.latest(extent="map").step == 20
     node.tell("pause 70")
     assert eventually(lambda: is_stale("map", "50 pauses old; allowed: 40"))
@@ -137,7 +137,7 @@ def test_both_extents_are_received(node, client: gp.TerrainClient):
     assert client.wait_for_step(90, timeout=180).extent == "footprint"
     node.tell("map 91")
     client.wait_for_step(91, timeout=30, extent="map")
-    with pytest.raises(gp.StaleTerrain, match="1 pauses old"):
+    with pytest.raises(gp.StaleTerrain, match="1 pause old"):
         client.latest()
 
 

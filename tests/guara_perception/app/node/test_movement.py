@@ -240,7 +240,7 @@ def test_the_frame_of_a_footprint_ends_with_its_pause(bench: Bench) -> None:
         try:
             bench.client.latest()
         except gp.StaleTerrain as error:
-            return "1 pauses old; allowed: 0" in str(error)
+            return "1 pause old; allowed: 0" in str(error)
         return False
 
     assert wait_until(is_reported)
