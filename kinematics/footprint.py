@@ -102,7 +102,7 @@ def fit_support_plane(soles_in_base: Float) -> SupportPlane:
         soles_in_base: (n, 3) sole centres [m], n >= 3.
 
     Raises:
-        StanceError: there are fewer than three soles, or they are within `LEAST_WIDTH` of one line, seen along z.
+        StanceError: there are fewer than three soles, or they are within `LEAST_WIDTH` of one line in x and y.
     """
     count = len(soles_in_base)
     if count < 3:

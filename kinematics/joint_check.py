@@ -51,7 +51,7 @@ STATED_SIGMAS = 3.9
 # Jumps of this size or more are not reported [rad]: a foot that swings along the arc of its leg looks like one. Also
 # the limit of zero errors that are below their reporting threshold and named as alternatives.
 LARGEST_JUMP = 0.35
-# A foot that moved by more than this multiple of `swing_least` was lifted, if the other feet are consistent without it.
+# A foot that moved by this multiple of `swing_least` or more was lifted, if the other feet are consistent without it.
 MOST_SWING = 1.25
 # Joints whose chi^2 exceeds the least one by more than this are not named.
 AS_LIKELY = 9.0
@@ -304,7 +304,7 @@ class JointCheck:
     def _offsets(self, chains: _Chains) -> list[JointFault]:
         """Find a joint with a wrong zero.
 
-        If an error exceeds its threshold, less observable joints that explain the readings about as well are named too.
+        Joints below their thresholds that explain the readings about as well are named too.
         """
         found, is_told = {}, False
         for name, (left, error, scaled, bar) in self._zeros(chains).items():

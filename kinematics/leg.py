@@ -2,7 +2,7 @@
 
 Such a leg is recognised by its geometry, not by names: the first axis is parallel to x, the others are parallel to y,
 and the second is at the height of the first. Thigh, shank and foot are vectors of any direction in the leg's plane,
-which is perpendicular to the pitch axes at the distance d (`aside`) from the first axis. With r the sole relative to
+which is perpendicular to the pitch axes, at the distance d (`aside`) from the first axis. With r the sole relative to
 the hip and phi the sole's pitch in the plane:
 
     hip roll     in the plane the sole is at (r_x, -h), h^2 = r_y^2 + r_z^2 - d^2
@@ -57,7 +57,7 @@ class LegGeometry:
 
     Attributes:
         hip: (3,) point of the first axis at the x of the second, in `base_link` [m].
-        aside: y from the hip to the leg's plane at zero roll [m].
+        aside: y of the leg's plane relative to the hip, at zero roll [m].
         senses: (joints,) +1 for an axis along x (first joint) or y (others) of `base_link`, -1 for the opposite axis.
         thigh, shank, foot: (2,) vectors (x, z) in the leg's plane at zero angles [m]; with three joints, foot is zero.
         radius: radius of the ball of a round foot at the end of a leg of three joints [m]; else 0.

@@ -1,6 +1,6 @@
 """Loading of a robot from its folder or from a one-line description, with all errors reported at once.
 
-The description is sent with every grid, so that receivers can compute the reach of the robot's legs. It is the
+The description is sent with the grids, so that receivers can compute the reach of the robot's legs. It is the
 compressed text of robot.toml, the SRDF and the parts of the URDF that are used. Its origin is not trusted: its size is
 limited, its texts pass the same checks as the files of a folder, and no other file is opened to load it.
 """

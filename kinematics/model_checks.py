@@ -50,7 +50,7 @@ def check_names(config: RobotToml, urdf: Urdf, findings: Findings) -> None:
         for joint in leg.joints:
             if joint not in moving:
                 findings.wrong(
-                    f"[legs.{leg.name}] joints names {joint!r}, which is not a moving joint of {urdf.path.name}; "
+                    f"[legs.{leg.name}] joints contains {joint!r}, which is not a moving joint of {urdf.path.name}; "
                     f"its moving joints are: {', '.join(moving)}",
                     config.root.line(f"legs.{leg.name}.joints"),
                 )

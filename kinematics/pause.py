@@ -54,7 +54,8 @@ class PauseDetector:
             JointPositionError: a velocity is missing or not finite.
         """
         if not np.isfinite(time) or (self._time is not None and time <= self._time):
-            raise ArgumentError(f"time is {time}; it must be finite and later than the last reading ({self._time})")
+            last = "" if self._time is None else f" and later than the last reading ({self._time})"
+            raise ArgumentError(f"time is {time}; it must be finite{last}")
         names = self._robot.joint_names
         velocities = np.array(in_order(joint_velocities, names, "velocity"), np.float64)
         refuse_not_finite(velocities, names, "velocity")

@@ -1,4 +1,4 @@
-"""Settings of odometry, pause detection and self-filter from robot.toml."""
+"""Settings of stance noise, odometry, pause detection and self-filter from robot.toml."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class OdometryLimits:
     """Limits of leg odometry (robot.toml, table [odometry]).
 
     Attributes:
-        slip_sigmas: change of the distance between two feet, in standard deviations, above which a foot has moved.
+        slip_sigmas: change of the distance between two feet, in standard deviations, above which one of them has moved.
         turn_limit: largest rotation of the body between two pauses [rad].
         swing_least: least motion of a foot that counts as a swing [m]; a smaller motion counts as a slip.
         slip_share: sigma of the drift caused by a slide common to all feet, which leg odometry cannot observe, as a
@@ -57,7 +57,7 @@ class PauseLimits:
 
     Attributes:
         joint_speed_limit: every joint must be slower than this [rad/s].
-        hold_time: time for which every joint must stay slower than this limit [s].
+        hold_time: time for which all joints must stay below `joint_speed_limit`, on the same supporting feet [s].
         minimum_feet: least number of feet that carry the body.
         camera_translation_limit: largest translation of the camera during a scan [m].
         camera_rotation_limit: largest rotation of the camera during a scan [rad].

@@ -99,7 +99,7 @@ def open_robot_toml(path: Path, text: str | None = None) -> Table:
     except OSError as error:
         raise RobotFileError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError as error:
-        raise RobotFileError(f"{path}: is not valid TOML: {error}") from error
+        raise RobotFileError(f"{path}: cannot be read as TOML: {error}") from error
 
 
 def read_robot_toml(root: Table, findings: Findings) -> RobotToml:

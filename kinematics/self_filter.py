@@ -80,7 +80,7 @@ class SelfFilter:
             (n,) True for a point inside an enlarged shape.
 
         Raises:
-            ArgumentError: wrong shape.
+            ArgumentError: the array has the wrong shape.
         """
         points = checked_points(points_in_base, "points_in_base", "(n, 3)")
         inside = np.zeros(len(points), dtype=np.bool_)
@@ -117,8 +117,8 @@ class SelfFilter:
             (n,) True if the segment, including its ends, meets an enlarged shape.
 
         Raises:
-            ArgumentError: wrong shape of an array, or an origin inside an enlarged shape (if that link carries the
-                camera or laser, name it in `ignore`).
+            ArgumentError: an array has the wrong shape, or an origin is inside an enlarged shape. If that shape's link
+                carries the camera or laser, name the link in `ignore`.
         """
         points = checked_points(points_in_base, "points_in_base", "(n, 3)")
         origins = np.asarray(origins_in_base, dtype=np.float64)
@@ -170,7 +170,7 @@ def _may_meet(along: Float, apart: Float, lengths: Float, reach: float) -> Mask:
 
 
 def _box(columns: Float) -> tuple[Float, Float]:
-    """Minimum and maximum of each row (3, n), ignoring NaN."""
+    """Minimum and maximum (3,) of the rows of an array (3, n), ignoring NaN."""
     return np.fmin.reduce(columns, axis=1), np.fmax.reduce(columns, axis=1)
 
 

@@ -262,7 +262,7 @@ def _vertical(
     if attitude is None:
         attitude = "imu" if gravity_in_base is not None else "odometry" if odometry is not None else "support_plane"
     if attitude not in ATTITUDE_SOURCES:
-        raise ArgumentError(f"attitude is {attitude!r}; allowed: {', '.join(ATTITUDE_SOURCES)}, or None for the best")
+        raise ArgumentError(f"attitude is {attitude!r}; allowed: None, {', '.join(map(repr, ATTITUDE_SOURCES))}")
     if attitude == "imu":
         if gravity_in_base is None:
             raise StanceError("attitude 'imu' was requested, but the stance has no gravity_in_base")

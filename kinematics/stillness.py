@@ -376,7 +376,8 @@ def check_camera_still(
     """Check that the camera stood still between two readings, and return the motion that `camera_motion` computes.
 
     Raises:
-        CameraMoved: the camera moved, or standing feet moved relative to each other; the message says which.
+        CameraMoved: the camera moved, or standing feet moved relative to each other, or the joints are far noisier than
+            robot.toml states.
         ArgumentError, StanceError, UnknownName, JointPositionError: as in `camera_motion`.
     """
     stillness = _of_two(robot, begin, end, transform_camera_to_base)

@@ -353,7 +353,8 @@ def beyond_limits(tree: KinematicTree, positions: Float) -> dict[str, float]:
             f"{lower[index]:g} ... {upper[index]:g}"
         )
     if complaints:
-        more = f"; and {len(complaints) - NAMED} more joints" if len(complaints) > NAMED else ""
+        further = len(complaints) - NAMED
+        more = f"; and {further} more joint{'s' * (further > 1)}" if further > 0 else ""
         warnings.warn(
             "; ".join(complaints[:NAMED]) + more,
             JointLimitWarning,

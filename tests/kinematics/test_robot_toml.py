@@ -40,7 +40,7 @@ FAULTS = {
     "unknown joint": (
         '["lf_haa_joint",',
         '["lf_hip_joint",',
-        "[legs.lf] joints names 'lf_hip_joint', which is not a moving joint",
+        "[legs.lf] joints contains 'lf_hip_joint', which is not a moving joint",
     ),
     "joint of two legs": (
         '["rf_haa_joint",',
@@ -89,7 +89,7 @@ FAULTS = {
         "camera_height is 0.5000 m in the posture, but 0.6000 m is stated",
     ),
     "base is no root": ('base = "base_link"', 'base = "imu_link"', "robot.toml names 'imu_link' as frames.base"),
-    "no TOML": ("[frames]", "[frames", "is not valid TOML"),
+    "no TOML": ("[frames]", "[frames", "cannot be read as TOML"),
     "name empty": ('name = "guara"', 'name = ""', "name is ''; a non-empty string is needed"),
     "feet half": (
         "minimum_feet = 3",

@@ -22,7 +22,7 @@ FRAME = "base_footprint"
 # Longest silence during which the last report of a node still confirms a grid [s]. Nodes report once a second and on
 # change; after three missing reports, the node may have stopped, or the next pause may have begun.
 SILENT = 3.0
-# Number of runs and of walks that are remembered; messages of ended runs are rejected.
+# Number of ended runs, and of walks, that are remembered; messages of remembered ended runs are rejected.
 REMEMBERED = 64
 
 
@@ -124,8 +124,8 @@ def objections(
     reported that the robot is on the same walk and within the grid's valid pauses, and that the node hears the gait
     controller. Between the END of a pause and the next BEGIN, that pause counts as the current one, but a grid that is
     still provisional may not be used. No confirmation is needed if no pauses are announced (a replay), or for a grid
-    without a run while there is no report. In every case, the age must be within `limit`, and the grid must neither be
-    withdrawn nor, as a footprint grid, be followed by a later one.
+    without a run while there is no report. In every case, the age must be within `limit`, and the grid must not be
+    withdrawn. If pauses are announced, a footprint grid must also be the newest one that its node has published.
 
     Args:
         grid: the grid.

@@ -73,12 +73,12 @@ class GridPublishers:
         publisher, lane = self._terrain[terrain.extent], terrain.extent
         self._outbox.post(publisher.key, lambda: publisher.put(encode_terrain(terrain)), lane=lane)
         small = self._compact[terrain.extent]
-        # The compact form is encoded only if there are subscribers: it takes twenty times as long as the lossless form.
+        # The compact form is encoded only for subscribers and queries: it takes 20 times as long as the lossless form.
         self._outbox.post(small.key, lambda: small.put(lambda: encode_compact(terrain)), lane=lane)
         if summary is not None:
             self._outbox.post(self._summary.key, partial(self._summary.put, summary), lane=self._summary.key)
         if regions is not None:
-            # Regions, too, are found only if there are subscribers: the search takes about as long as fusing the map.
+            # Regions are also found only for subscribers and queries: a search takes about as long as fusing the map.
             make = partial(_encoded, regions)
             self._outbox.post(self._regions.key, partial(self._regions.put, make), lane=self._regions.key)
 
@@ -93,7 +93,7 @@ class GridPublishers:
         """Publish occupancy and grid map of a footprint grid, also on ROS 2 topics if there is a `bridge`."""
         geometry = (terrain.resolution, terrain.origin, terrain.frame_id, terrain.stamp)
         layers = {name: terrain.layers[name] for name in GRID_MAP_LAYERS}
-        # These messages are encoded only if there are subscribers or a bridge, because planners do not read them.
+        # These messages are encoded only for subscribers, queries and the bridge, because planners do not read them.
         for publisher, name, kind, make in (
             (self._occupancy, "occupancy", OCCUPANCY, lambda: encode(occupancy_message(occupancy, *geometry))),
             (self._grid_map, "grid_map", GRID_MAP, lambda: encode(grid_map_message(layers, *geometry))),

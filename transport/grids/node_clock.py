@@ -20,7 +20,7 @@ from transport.queries.remote_clock import ClockBound, RemoteClock
 logger = logging.getLogger(__name__)
 # Interval of queries of the node's clock [s].
 PERIOD = 10.0
-# Offset of the wall clocks, or change of this offset, above which a warning is logged [s].
+# A warning is logged if the offset of the wall clocks exceeds this, and again if it also changes by more than this [s].
 LOGGED_CHANGE = 1.0
 
 

@@ -39,10 +39,10 @@ class Answerer(Resource):
         Args:
             session: open session.
             key: key of the queryable.
-            answer: sends the replies to a query; called on a thread of the outbox.
+            answer: sends the replies to a query; called on a background thread.
             limit: largest number of pending queries; further queries are dropped.
             in_order: True = process queries one after the other. `answer` must then drop each query after its last
-                reply, which may be posted on the outbox.
+                reply, which it may send later on another thread.
 
         Raises:
             SessionClosed: the session is closed.

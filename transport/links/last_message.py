@@ -93,7 +93,7 @@ class LastMessage:
             key: key of the publisher.
             source: identity of the publisher, as in `zenoh_api.source_of`.
             encoding: encoding of the publisher's payloads.
-            answers: True if a query of the publisher's key itself also returns the last message.
+            answers: True = a query of the publisher's key itself also returns the last message.
             stamped: True = identify messages by timestamps. Then there is no heartbeat; the token is declared anew
                 after each message, so that subscribers query the last one.
         """

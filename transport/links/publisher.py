@@ -76,7 +76,7 @@ class Publisher(Resource):
         """Publish a payload. It is not an error if there are no subscribers or the link is down.
 
         Args:
-            payload: payload, or a function that makes it; called only if there are subscribers or it is queried later.
+            payload: payload, or a function that makes it when a subscriber or a later query needs it.
 
         Raises:
             SessionClosed: the session is closed.

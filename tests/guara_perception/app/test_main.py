@@ -330,4 +330,4 @@ def test_joints_beyond_their_limits_are_one_line(guara, tmp_path: Path, edited_s
 
     said = guara("process", edited_scan(beyond), "-c", calibration_file, "-o", tmp_path / "t.npz")
     warned = [line for line in said.err.splitlines() if line.startswith("guara: warning: ")]
-    assert said.code == 0 and len(warned) == 1 and warned[0].endswith("; and 1 more joints"), said.err
+    assert said.code == 0 and len(warned) == 1 and warned[0].endswith("; and 1 more joint"), said.err
