@@ -42,9 +42,9 @@ LONGEST, SHORTEST = 9, 5
 SLIP_SIGMA = 0.0015
 # Sigma of the sinkage of a standing foot between two pauses [m].
 SINK_SIGMA = 0.0005
-# Errors below either limit are not reported: one limit in radians, one in standard deviations.
+# An error is reported only if it exceeds both limits, the first in radians, the second in standard deviations.
 LEAST_ERROR, LEAST_SIGMAS = 0.045, 4.5
-# A wrong zero is also reported above this many standard deviations of the noise stated in robot.toml, a limit that
+# Alternative to LEAST_SIGMAS for a wrong zero: a limit in standard deviations of the noise stated in robot.toml, which
 # noise exceeds once in 10,000 tests. LEAST_SIGMAS refers to the noise estimated from the window itself. It must be
 # larger, because over one cycle that estimate is uncertain by a sixth.
 STATED_SIGMAS = 3.9

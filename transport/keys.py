@@ -113,7 +113,7 @@ def run_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
 
 
 def claim_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
-    """Key of the liveliness token of a node that waits for the name; run `*` matches all."""
+    """Key of the liveliness token with which a node claims its name; run `*` matches all."""
     return f"{perception_prefix(robot)}/@alive/claim/{run}"
 
 

@@ -1,4 +1,5 @@
 """Publishing of grids, waiting for grids, and acceptance of received grids.
 
-Imports `links`, `queries`, `messages` and the files above these folders; used by client, server and fleet.
+Imports `links`, `queries`, `messages` and modules directly in `transport`; used by its modules `client`, `server` and
+`fleet`, and by `guara_perception`.
 """
