@@ -87,11 +87,11 @@ class JointFault:
         """Describe the fault in one line."""
         names = " or ".join(self.joints)
         if self.kind == "limit":
-            return f"joint {names} reads {self.error:+.2f} rad beyond its limits: check its encoder"
+            return f"joint {names} is {self.error:.2f} rad beyond its limits: check its encoder"
         size = f"{self.error:+.2f} rad (sigma {self.sigma:.3f})"
         if self.kind == "jump":
             return f"joint {names} jumped by {size} since the last pause, or its foot slipped: check its encoder"
-        return f"joint {names} reads {size} wrong: check its zero"
+        return f"joint {names} has a zero error of {size}: check its zero"
 
 
 @dataclass(frozen=True, slots=True)

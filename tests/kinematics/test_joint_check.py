@@ -87,7 +87,7 @@ def test_a_joint_beyond_its_limits_is_told(guara: RobotModel) -> None:
     report = JointCheck(guara).update(misread(stance, "lf_kfe_joint", -2.3))
     assert math.isnan(report.residual)
     (fault,) = report.faults
-    assert str(fault).startswith("joint lf_kfe_joint reads +") and "rad beyond its limits" in str(fault)
+    assert str(fault).startswith("joint lf_kfe_joint is ") and "rad beyond its limits" in str(fault)
 
 
 def test_a_robot_that_stands_is_compared_with_itself(guara: RobotModel) -> None:
