@@ -66,8 +66,8 @@ class OdometryPose(PoseInOdom):
         slipped_feet: feet that carried the body at both pauses and moved by less than a swing.
         residual: rms horizontal distance of the feet that stayed from their footholds [m].
         foot_slips: leg -> distance by which a foot moved since the last pause, for all common feet except
-            `swung_feet` [m]. Leg odometry cannot observe a slide common to all feet; such a slide is included only
-            after the map has measured it in images.
+            `swung_feet` [m]. Leg odometry cannot observe a slide common to all feet; such a slide is included only if
+            camera images have located the robot.
     """
 
     step: int

@@ -155,6 +155,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
             ReceiveTimeout: no summary arrived in time although the node is alive.
             ScannerGone: no summary arrived, and the node has disappeared.
             ScannerUnavailable: no summary arrived, and no node was ever seen.
+            SessionClosed: the client is closed.
         """
         receiver = self._receiver(SummaryMessage.extent, summary_key(self.robot), decode_summary, latched=False)
         return self._waiter.wait(receiver, ANY, timeout, Terms(**accepted), says_stale=True).message
@@ -210,6 +211,8 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
                 message says why the last one could not be used.
             ScannerGone: no such grid arrived, and the node has disappeared.
             ScannerUnavailable: no such grid arrived, and no node was ever seen.
+            MessageError: the extent is unknown.
+            SessionClosed: the client is closed.
         """
         return self._waiter.wait(
             self.receiver(extent),

@@ -55,6 +55,8 @@ def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float
 
     Raises:
         ScannerUnavailable: no robot is visible to this client.
+        KeyNameError: one of `robots` cannot be part of a key.
+        SessionClosed: the session is closed.
     """
     keys = [(alive_key(robot), status_key(robot)) for robot in robots] or [(FLEET_ALIVE, FLEET_STATUS)]
     found: dict[str, RobotState] = {}

@@ -37,6 +37,7 @@ class GridPublishers:
             outbox: outbox of the node; its owner closes it before these publishers.
 
         Raises:
+            KeyNameError: the robot name cannot be part of a key.
             SessionClosed: the session is closed.
         """
         self._outbox = outbox

@@ -61,6 +61,7 @@ class GridWaiter:
             ReceiveTimeout: no accepted message arrived in time although the node is alive.
             ScannerGone: no accepted message arrived, and the node has disappeared.
             ScannerUnavailable: no accepted message arrived, and no node was ever seen.
+            SessionClosed: the receiver is closed.
         """
         deadline = math.inf if timeout is None else clock.now() + timeout
         stale: StaleTerrain | None = None

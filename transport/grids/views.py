@@ -20,6 +20,7 @@ class ViewSender(Sender):
         """Declare the keys.
 
         Raises:
+            KeyNameError: the robot name cannot be part of a key.
             SessionClosed: the session is closed.
         """
         keys = {

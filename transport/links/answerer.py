@@ -46,6 +46,7 @@ class Answerer(Resource):
 
         Raises:
             SessionClosed: the session is closed.
+            TransportError: the key is not valid.
         """
         self.key = key
         self._answer, self._limit, self._is_in_order = answer, limit, in_order
