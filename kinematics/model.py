@@ -155,11 +155,13 @@ class RobotModel:
 
         Raises:
             UnknownName: no such leg.
-            ArgumentError: the leg does not consist of a hip roll joint and two or three pitch joints.
+            ArgumentError: the leg is not hip roll followed by two or three pitch joints, as the closed form needs.
         """
         solver = leg_kinematics(self.tree, leg)
         if isinstance(solver, NumericLeg):
-            raise ArgumentError(f"leg {leg!r} of {self.name!r} does not consist of roll and 2 or 3 pitch joints")
+            raise ArgumentError(
+                f"leg {leg!r} of {self.name!r} has another structure; allowed: roll, 2 or 3 pitch joints"
+            )
         return solver.shanks_in_base(joint_positions)
 
     def reachable(self, leg: str, soles_in_base: npt.ArrayLike, sole_pitch: npt.ArrayLike = 0.0) -> Mask:

@@ -168,7 +168,7 @@ def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
         if len(twins) != 1:
             findings.wrong(
                 f"[legs.{name}]: its hip is at {_text(hips[name])}; {len(twins) or 'no'} legs have their hip at the "
-                f"mirror image {_text(image)}, exactly one must. Correct the origin of the joint that carries the hip",
+                f"mirror image {_text(image)}; exactly one must. Correct the origin of the joint that carries the hip",
                 tree.config.root.line(f"legs.{name}"),
             )
             continue

@@ -1,4 +1,4 @@
 """Zenoh sessions, publishers, receivers, queryables and liveliness tokens, for any payload.
 
-Imports `messages`, `security` and modules directly in `transport`; used by `grids`, `queries` and modules there.
+Imports `messages`, `security` and modules directly in `transport`; used by `grids`, `queries` and those modules.
 """
