@@ -84,7 +84,7 @@ class LegGeometry:
         return self._end(turns, (self.thigh, self.shank, self.foot)) - self._ball(turns)
 
     def shanks_in_base(self, joint_positions: npt.ArrayLike) -> tuple[Float, Float]:
-        """Compute positions (..., 3) in `base_link` [m] of knees, and of ankles or balls, from joint positions [rad]."""
+        """Compute positions (..., 3) in `base_link` [m] of knees, and of ankles or balls, from joint angles [rad]."""
         turns = np.asarray(joint_positions, dtype=np.float64) * self.senses
         return self._end(turns, (self.thigh,)), self._end(turns, (self.thigh, self.shank))
 
