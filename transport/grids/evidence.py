@@ -22,7 +22,7 @@ FRAME = "base_footprint"
 # Longest silence during which the last report of a node still confirms a grid [s]. Nodes report once a second and on
 # change; after three missing reports, the node may have stopped, or the next pause may have begun.
 SILENT = 3.0
-# Number of ended runs, and of walks, that are remembered; messages of remembered ended runs are rejected.
+# Number of runs and of walks that are remembered; messages of remembered runs that have ended are rejected.
 REMEMBERED = 64
 
 
