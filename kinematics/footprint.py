@@ -28,7 +28,7 @@ from kinematics.exceptions import StanceError
 BASE_FOOTPRINT = "base_footprint"
 # Equal to `base_footprint` of the first pause; tracked by leg odometry.
 ODOM = "odom"
-# Least rms distance of the soles from a line for which they define a plane [m]. At this distance, an error of 1 mm
+# Smallest rms distance of the soles from a line at which they define a plane [m]. At this distance, an error of 1 mm
 # tilts the plane by 6 degrees.
 LEAST_WIDTH = 0.010
 

@@ -53,7 +53,7 @@ STATED_SIGMAS = 3.9
 LARGEST_JUMP = 0.35
 # A foot that moved by this multiple of `swing_least` or more was lifted, if the other feet are consistent without it.
 MOST_SWING = 1.25
-# Joints whose chi^2 exceeds the least one by more than this are not named.
+# Joints whose chi^2 exceeds the smallest one by more than this are not named.
 AS_LIKELY = 9.0
 # The noise variance of a walk is estimated over the last LEARNED pauses. As a fraction of the variance stated in
 # robot.toml, it is at least LEAST_SCALE.
@@ -252,7 +252,7 @@ class JointCheck:
 
     @property
     def bars(self) -> dict[str, float]:
-        """Joint name -> least zero error that is reported after the pauses so far [rad]; inf if none is reported."""
+        """Joint name -> smallest zero error that is reported after the pauses so far [rad]; inf if none is reported."""
         if len(self._pauses) < SHORTEST:
             return dict.fromkeys(self._robot.joint_names, math.inf)
         return {name: bar for name, (*_, bar) in self._zeros(_Chains(self._robot, self._pauses)).items()}
@@ -318,7 +318,7 @@ class JointCheck:
     def _zeros(self, chains: _Chains) -> dict[str, tuple[float, float, float, float]]:
         """Joint name -> chi^2 without its zero error, the error, the error's sigma, and the reporting threshold.
 
-        The sigma is scaled to the residual. The threshold is the least error that is reported, as in `bars`.
+        The sigma is scaled to the residual. The threshold is the smallest error that is reported, as in `bars`.
         """
         found = {}
         errors, sigmas = chains.errors(since_last=False)
@@ -389,7 +389,7 @@ def _is_error(error: float, sigma: float) -> bool:
 
 
 def _likeliest(found: Mapping[str, tuple[float, float, float]], kind: str) -> JointFault | None:
-    """Fault of the joint with the least chi^2, from (chi^2, error, sigma) by joint; None if there are no joints."""
+    """Fault of the joint with the smallest chi^2, from (chi^2, error, sigma) by joint; None if there are no joints."""
     if not found:
         return None
     names = sorted(found, key=lambda name: found[name])

@@ -44,8 +44,8 @@ TOLERANCE = 1e-9
 LARGEST_STEP = 0.3
 # Tolerance of lengths [m] and axes [-] in recognising a leg: the closed form must match the URDF up to rounding.
 GEOMETRY_TOLERANCE = 1e-9
-# Most iterations for the centre of a ball, and the change at which they end [m]. Each change is about a tenth of the
-# previous one, unless the knee is straight; soles without convergence count as out of reach.
+# Maximum number of iterations for the centre of a ball, and the change at which they end [m]. Each change is about a
+# tenth of the previous one, unless the knee is straight; soles without convergence count as out of reach.
 BALL_ITERATIONS, BALL_TOLERANCE = 12, 1e-7
 # By rounding, the cosine of a straight knee may exceed 1 by this much.
 ROUNDING = 1e-12

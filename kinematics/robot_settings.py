@@ -36,7 +36,7 @@ class OdometryLimits:
     Attributes:
         slip_sigmas: change of the distance between two feet, in standard deviations, above which one of them has moved.
         turn_limit: largest rotation of the body between two pauses [rad].
-        swing_least: least motion of a foot that counts as a swing [m]; a smaller motion counts as a slip.
+        swing_least: smallest motion of a foot that counts as a swing [m]; a smaller motion counts as a slip.
         slip_share: sigma of the drift caused by a slide common to all feet, which leg odometry cannot observe, as a
             fraction of the distance walked; default 0.04.
     """
@@ -58,7 +58,7 @@ class PauseLimits:
     Attributes:
         joint_speed_limit: every joint must be slower than this [rad/s].
         hold_time: time for which all joints must stay below `joint_speed_limit`, on the same supporting feet [s].
-        minimum_feet: least number of feet that carry the body.
+        minimum_feet: minimum number of feet that carry the body.
         camera_translation_limit: largest translation of the camera during a scan [m].
         camera_rotation_limit: largest rotation of the camera during a scan [rad].
         time_limit: time without a message after which a pause of unannounced length is over [s].

@@ -36,7 +36,7 @@ from kinematics.unloaded import FourFeet, find_unloaded_foot
 # Sources of the vertical. The default is the first available one of imu, odometry and support_plane.
 ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
 
-# Least z of the vertical in `base_link`: a body tilted by more than 60 degrees has fallen.
+# Minimum z of the vertical in `base_link`: a body tilted by more than 60 degrees has fallen.
 LEAST_UP_Z = 0.5
 
 # Default white noise of a joint [rad]: 0.05 degrees, plus the quantisation of a 12-bit encoder. With a true noise

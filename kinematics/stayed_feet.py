@@ -23,7 +23,7 @@ from kinematics.transforms import transform_points
 
 # Variance of the unknown pitch of a round foot [rad^2].
 NOTHING_KNOWN = 1.0
-# Least sigma of a flat sole's pitch from pause to pause [rad]. Soles on stiff ankles rock on their edges by 1 to 2
+# Minimum sigma of a flat sole's pitch from pause to pause [rad]. Soles on stiff ankles rock on their edges by 1 to 2
 # degrees, all in the same direction. Treated as joint noise, this rocking biased odometry by 5 % of the distance in
 # MuJoCo.
 ROCK_SIGMA = 0.02

@@ -52,7 +52,7 @@ MOST_NEEDED = 64
 # Largest learned noise, as a multiple of encoder_noise in robot.toml: anything larger is not joint noise. After LEARNED
 # changes, the learned noise is also used to test if feet moved relative to each other.
 MOST_NOISE, LEARNED = 4.0, 8
-# Least noise assumed in that test [rad]: it moves the sole of a 0.3 m leg by 0.03 mm, which is not a slip.
+# Minimum noise assumed in that test [rad]: it moves the sole of a 0.3 m leg by 0.03 mm, which is not a slip.
 LEAST_NOISE = 1e-4
 
 # Weight of the noise stated in robot.toml [readings]: low, so that a few readings distinguish a noisier robot from a
@@ -393,7 +393,7 @@ def _of_two(robot: RobotModel, begin: Stance, end: Stance, camera: npt.ArrayLike
 
 
 def _threshold(count: int) -> float:
-    """Least chi^2 of six degrees of freedom that is reported after this many readings.
+    """Smallest chi^2 of six degrees of freedom that is reported after this many readings.
 
     Half of the allowed false alarms are allotted to the second reading, the other half to all later readings in
     proportion to 1 / ((n - 1)(n - 2)), which sums to less than one over a pause of any length. All tests at one reading

@@ -47,7 +47,7 @@ def find_unloaded_foot(feet: FourFeet, sigmas: float) -> int | None:
 
     Args:
         feet: the four feet.
-        sigmas: least height of a hanging foot above the plane of the other three, in standard deviations.
+        sigmas: minimum height of a hanging foot above the plane of the other three, in standard deviations.
     """
     candidates = np.flatnonzero(_gaps_in_sigmas(feet) > sigmas).tolist()
     if feet.up is not None:
