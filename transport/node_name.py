@@ -1,4 +1,4 @@
-"""Uniqueness of a robot's name on a router: a second node waits for the first one to stop, then fails."""
+"""Uniqueness of a robot's name on a router: a second node waits for the first to stop, and fails if it does not."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from transport.messages.terrain_message import Health
 from transport.security.folder import configured_endpoints, role_folder
 
 logger = logging.getLogger(__name__)
-# Longest wait for another node to stop [s]. A killed node disappears immediately, a hung one within two seconds; the
-# rest is a margin for a busy machine.
+# Longest wait for another node to stop [s]. A killed node disappears immediately, a hung one within 2.5 s; the rest
+# is a margin for a busy machine.
 NAME_TIMEOUT = 15.0
 # Interval of checks while waiting [s].
 POLL = 0.25
@@ -46,10 +46,10 @@ def claim_name(session: Session, robot: str, *, timeout: float = NAME_TIMEOUT) -
         timeout: longest wait for another node to stop [s].
 
     Returns:
-        The claim. Close it after declaring the node's own tokens.
+        Token that claims the name. Close it after declaring the node's own tokens.
 
     Raises:
-        NameTaken: after `timeout`, another node with the name is still running.
+        NameTaken: after `timeout`, another node still uses the name, or waits for it and takes precedence.
     """
     mine = uuid.uuid4().hex
     claim = AliveToken(session, claim_key(robot, mine))
@@ -119,7 +119,7 @@ def _knock(stack: ExitStack, listen: str | None, security: str | Path | None, ro
     try:
         folder = None if security is None else role_folder(security, NODE_ROLE)
         own = (DEFAULT_ENDPOINT,) if folder is None else configured_endpoints(folder, "listen")
-        # Connect to a node that listens on all interfaces as localhost, a name that its certificate contains.
+        # If the node listens on all interfaces, connect to localhost, which its certificate names.
         endpoint = ANYWHERE.sub("/localhost:", listen or own[0])
         session = stack.enter_context(open_client(endpoint, security=folder, timeout=KNOCK_TIMEOUT))
         AliveToken(session, claim_key(robot, uuid.uuid4().hex))

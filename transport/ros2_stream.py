@@ -44,7 +44,7 @@ def decode_joint_state(payload: bytes) -> JointState:
         MessageError: the payload is truncated or too long, or the numbers of names and positions differ.
     """
     if len(payload) > MAXIMUM_BATCH:
-        raise MessageError(f"JointState of {len(payload)} bytes; allowed: {MAXIMUM_BATCH}")
+        raise MessageError(f"JointState of {len(payload)} bytes; allowed: up to {MAXIMUM_BATCH} bytes")
     order, at = "<" if payload[1:2] == b"\x01" else ">", 4
 
     def take(form: str, size: int, count: int = 1) -> tuple[Any, ...]:
@@ -127,11 +127,13 @@ class Ros2Stream:
         stamp, found = message.stamp, message.positions
         if missing := [name for name in self._joints if name not in found]:
             self._on_refused(
-                MessageError(f"JointState lacks {', '.join(missing[:4])}; allowed: all joints of the URDF")
+                MessageError(
+                    f"JointState lacks joints such as {', '.join(missing[:4])}; required: all joints of the URDF"
+                )
             )
             return
         if self._samples and stamp <= self._samples[-1].stamp:
-            self._on_refused(MessageError(f"JointState of {stamp} ns; allowed: later than the one before"))
+            self._on_refused(MessageError(f"stamp of JointState is {stamp} ns; allowed: later than the previous one"))
             return
         read, gravity, turning = self._imu
         if abs(stamp - read) > SAME_INSTANT:
@@ -145,12 +147,12 @@ class Ros2Stream:
         self._samples.append(_Sample(stamp, [found[name] for name in self._joints], gravity, turning))
 
     def _on_imu(self, message: Any) -> None:
-        """Keep gravity, from a valid orientation or else from the acceleration at rest, and the angular velocity."""
+        """Store the angular velocity, and gravity from a valid orientation or, without one, from the acceleration."""
         q, a, w = message.orientation, message.linear_acceleration, message.angular_velocity
         down: npt.NDArray[np.float64] | None = None
         length = float(np.linalg.norm((q.x, q.y, q.z, q.w)))
         if message.orientation_covariance[0] >= 0.0 and abs(length - 1.0) < 0.01:
-            # The last row of the rotation from the IMU's frame to the world is the vertical.
+            # The last row of the rotation from the IMU's frame to the world is the vertical in the IMU's frame.
             up = (2 * (q.x * q.z - q.w * q.y), 2 * (q.y * q.z + q.w * q.x), 1 - 2 * (q.x**2 + q.y**2))
             down = -np.array(up)
         elif message.linear_acceleration_covariance[0] >= 0.0 and (a.x, a.y, a.z) != (0.0, 0.0, 0.0):

@@ -103,10 +103,11 @@ class _Probe:
 
 
 def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Permission, ...]:
-    """Connect to a robot's node as each role and without a certificate, and try every action.
+    """Try every action at a temporary node, as each role and without a certificate.
 
     The temporary node has the folder's own configuration and listens on a free port of this machine; a running node is
-    not affected. If the folder has other robots or routers of this robot, they are tried too.
+    not affected. If there are routers of this robot, or other robots, then these routers and members of one other robot
+    are tried too.
 
     Args:
         folder: folder made by `init_security`, with the folders of all roles.
@@ -160,7 +161,7 @@ def check_router(folder: str | Path, router: str, *, robot: str | None = None) -
         rows[f"{served.uplink}.{ROUTER}"] = (members.root / served.uplink, allowed)
     for other, found in members.routers.items():
         if found.uplink == router and other not in members.revoked:
-            # This router may send anything in the name of the robots that it serves.
+            # A router below may send anything in the name of the robots that it serves.
             brings = ("connect", "forge grids") if name in found.robots else ("connect",)
             rows[f"{other}.{ROUTER}"] = (members.root / other, brings)
     for watcher in members.fleet:

@@ -39,7 +39,7 @@ from transport.stance_link import GaitClock
 from transport.supervision import FailureLog
 
 logger = logging.getLogger(__name__)
-# Longest delay of the final reply to a scan request while its terrain message is being sent [s].
+# Longest time for which the final reply to a scan request waits until the terrain message is sent [s].
 SEND_TIMEOUT = 2.0
 # Time during which a jump of the clock stays in the status [s].
 REPORTED_FOR = 60.0
@@ -76,6 +76,9 @@ class PerceptionServer(Resource):
 
         Raises:
             NameTaken: after `name_timeout`, another node of this name is still running on this router.
+            KeyNameError: the robot's name cannot be part of a key.
+            ConfigurationError: the ROS 2 domain is not valid, or the robot's name cannot be part of a ROS 2 topic.
+            SessionClosed: the session is closed.
         """
         claim = claim_name(session, robot, timeout=name_timeout)
         self.robot = robot
@@ -120,7 +123,7 @@ class PerceptionServer(Resource):
         """Return the sequence number of the next message of an extent; it increases with every call.
 
         Raises:
-            MessageError: unknown extent.
+            MessageError: the extent is unknown.
         """
         if extent not in self._sequences:
             raise MessageError(f"extent is {extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
@@ -138,15 +141,16 @@ class PerceptionServer(Resource):
     ) -> None:
         """Publish a grid. Returns immediately; encoding and sending run on threads of the outbox.
 
-        The Terrain message is sent first, then the messages derived from it.
+        The Terrain message is sent before occupancy and grid map, and in parallel to summary and regions.
 
         Args:
             terrain: grid of either extent.
             occupancy: (ny, nx) int8 occupancy of the same grid; if given for extent "footprint", OccupancyGrid and
-                GridMap are published too.
+                GridMap are published too, unless the pause of the grid is over.
             summary: returns the encoded summary of a map, as from `encode_summary`; called on a thread of the outbox if
                 there are subscribers.
-            regions: returns the steppable regions of a map; called on a thread of the outbox.
+            regions: returns the steppable regions of a map; called on a background thread if there are subscribers, or
+                when the message is queried later.
 
         Raises:
             MessageError: the shape of `occupancy` differs from that of the grid, or the grid is from another robot.
@@ -162,7 +166,7 @@ class PerceptionServer(Resource):
             if terrain.extent == "footprint" and not is_over:
                 self._derived = terrain
             if self._standing is None and terrain.extent == "footprint":
-                # No pauses are announced, as in a replay, so that the newest scan defines the pause.
+                # No pauses are announced, as in a replay, so the newest scan defines the pause.
                 self._step, self._epoch = terrain.step, terrain.epoch
             self._times = [*self._times[-9:], time.monotonic()]
         self._grids.post(terrain, summary, regions)
@@ -192,7 +196,7 @@ class PerceptionServer(Resource):
             self.mirror(lambda: draw(terrain), lane=terrain.extent)
 
     def _empty(self, terrain: TerrainMessage) -> None:
-        """Withdraw occupancy and grid map, whose readers cannot detect that the frame of the pause has ended."""
+        """Withdraw occupancy and grid map, whose readers cannot detect that the pause is over."""
         nothing = terrain.emptied(time.time_ns(), f"the pause of step {terrain.step} is over")
         self._post_derived(nothing, np.full(nothing.shape, 100, np.int8))
 
@@ -248,7 +252,10 @@ class PerceptionServer(Resource):
         return self._gait
 
     def begin_step(self, step: int, epoch: str = "") -> None:
-        """Report a new stance pause and its walk, from which receivers compute the age of grids in pauses."""
+        """Report a new stance pause and its walk, and withdraw occupancy and grid map of the previous pause.
+
+        Receivers compute the age of grids in pauses from the reported numbers. An empty `epoch` means the same walk.
+        """
         with self._lock:
             self._step, self._epoch, self._standing = step, epoch or self._epoch, True
             newest = self._newest.get("footprint")
@@ -302,7 +309,7 @@ class PerceptionServer(Resource):
             "longest_put_ms": f"{1000.0 * self._outbox.longest:.1f}",
             "scanning": "" if self._scans is None else str(self._scans.is_busy).lower(),
         }
-        message = f"{failed} messages failed, last: {self._outbox.last_error}" if failed else "publishing"
+        message = f"failed messages: {failed}, last error: {self._outbox.last_error}" if failed else "publishing"
         own = StatusItem(
             name=STATUS_NAME,
             level=Health.WARN if failed else Health.OK,
@@ -313,12 +320,14 @@ class PerceptionServer(Resource):
         try:
             further = [] if self._collect is None else list(self._collect())
         except Exception as error:
-            further = [StatusItem(name="status", level=Health.ERROR, message=f"not collected: {error}")]
+            further = [
+                StatusItem(name="status", level=Health.ERROR, message=f"status items could not be collected: {error}")
+            ]
         names = [] if self._names is None else self._names.items()
         return [own, *names, *self._failures.items(), *self._jumps.items(), *further]
 
     def _release(self) -> None:
-        # Closing the outbox first sends the messages that wait in it.
+        # Close the outbox first; this sends the messages that wait in it.
         self._outbox.close()
         resources: list[Any] = [self._failures, self._status, *self._tokens, self._names, self._scans, self._queries]
         for resource in (*resources, self._bridge, self._grids, self.views):

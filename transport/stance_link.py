@@ -1,4 +1,4 @@
-"""Announcements of stance pauses: publisher for the gait controller, receiver, and clock of their stamps."""
+"""Announcements of stance pauses: publisher for the gait controller, receiver, and the clock of the stamps."""
 
 from __future__ import annotations
 

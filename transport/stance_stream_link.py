@@ -71,8 +71,8 @@ class StanceStreamPublisher(Sender):
     def add(self, stamp: int, stance: StanceMessage, angular_velocity: Point | None = None) -> None:
         """Queue a sample; returns immediately.
 
-        A batch is sent when a sample arrives `BATCH_PERIOD` or more after the batch's first one; `flush` sends the
-        rest.
+        Before that, the queued batch is sent if it is full, if its first sample precedes the new one by `BATCH_PERIOD`
+        or more, or if the new sample has other joints or measurements. `flush` sends the rest.
 
         Args:
             stamp: time of the joint positions, on the clock that stamps the pauses [ns since the epoch].
@@ -85,13 +85,13 @@ class StanceStreamPublisher(Sender):
             SessionClosed: the session is closed.
         """
         if unknown := set(stance.support_feet) - set(self._legs):
-            raise MessageError(f"support_feet names {', '.join(sorted(unknown))}; allowed: {', '.join(self._legs)}")
+            raise MessageError(f"support_feet contains {', '.join(sorted(unknown))}; allowed: {', '.join(self._legs)}")
         sample = _Sample(int(stamp), stance, angular_velocity)
         with self._lock:
             if self._samples:
                 last = self._samples[-1]
                 if sample.stamp <= last.stamp:
-                    raise MessageError(f"stamp is {stamp} ns; allowed: later than {last.stamp} ns of the sample before")
+                    raise MessageError(f"stamp is {stamp} ns; allowed: later than {last.stamp} ns, the previous stamp")
                 is_full = len(self._samples) >= MAXIMUM_SAMPLES or sample.form != last.form
                 if is_full or sample.stamp - self._samples[0].stamp >= BATCH_PERIOD * 1e9:
                     self._send()

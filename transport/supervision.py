@@ -62,7 +62,7 @@ class Failure:
     Attributes:
         part: name of the thread or callback.
         error: type and text of the exception.
-        is_final: True if the part will not run again.
+        is_final: True if a thread has used up its restarts and will not run again.
         at: time of the failure on the monotonic clock [s].
     """
 

@@ -48,10 +48,10 @@ def with_values(text: str, values: Mapping[str, Any]) -> str:
 
 
 def direct(callback: Callable[[Any], None], finished: Callable[[], None] | None = None) -> Any:
-    """Make a handler that runs `callback` directly on Zenoh's receiving thread; the callback must not block.
+    """Make a handler that runs `callback` directly on Zenoh's receiving thread, and `finished` after the last call.
 
-    The handler uses no Python thread, so it does not keep the interpreter alive. Exceptions are reported and not
-    raised.
+    Neither function may block. The handler uses no Python thread, so it does not keep the interpreter alive. Exceptions
+    are reported and not raised.
     """
     ending = None if finished is None else guarded(finished)
     return _zenoh().handlers.Callback(guarded(callback), ending, indirect=False)

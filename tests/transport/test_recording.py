@@ -93,7 +93,7 @@ def test_messages_of_other_topics_are_kept(tmp_path: Path, peer) -> None:
         writer.add_stance_pause(pause)
         writer.add_status(transport.encode_status(status))
         writer.add_message("/robot_description", transport.text_message("<robot/>"))
-        with pytest.raises(RecordingError, match="'grid_map' does not take nav_msgs/msg/OccupancyGrid"):
+        with pytest.raises(RecordingError, match="'grid_map' does not accept nav_msgs/msg/OccupancyGrid"):
             writer.add_message("grid_map", grid)
     with open_recording(tmp_path / "a.mcap") as recording:
         assert [message.info.width for message in recording.messages("occupancy")] == [3]

@@ -25,7 +25,7 @@ class Pulse:
         self._thread: threading.Thread | None = None
 
     def add(self, owner: object, action: Callable[[], None], *, first: bool = False) -> None:
-        """Call `action` in each period until `remove(owner)`.
+        """Call `action` once per period until `remove(owner)` or `close`.
 
         Args:
             owner: object to which the action belongs; a second action of the same owner replaces the first.

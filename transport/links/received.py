@@ -20,7 +20,7 @@ class Received(Generic[T]):
 
     Attributes:
         message: decoded message.
-        number: number of the sample at its receiver, from 1.
+        number: number of the sample among those that its receiver accepted, from 1.
         arrival: time of arrival on the clock `transport.clock.now()` [s].
         arrival_stamp: time of arrival on this machine's wall clock [ns since the epoch].
     """
@@ -40,7 +40,7 @@ class Sample(Generic[T]):
     """Received payload with its time of arrival; decoded at most once."""
 
     def __init__(self, payload: bytes, number: int, decode: Callable[[bytes], T]) -> None:
-        """Create a sample that arrives now."""
+        """Create a sample whose time of arrival is now."""
         self.number = number
         self.taken = False
         self._arrival = (clock.now(), time.time_ns())
@@ -50,7 +50,7 @@ class Sample(Generic[T]):
         self._result: Received[T] | MessageError | None = None
 
     def open(self, *, counts: bool = True) -> Received[T]:
-        """Decode the message and return it; with `counts`, the sample counts as read from then on.
+        """Decode the message and return it; mark the sample as read unless `counts` is False.
 
         Raises:
             MessageError: the payload is not a valid message.

@@ -23,15 +23,15 @@ T = TypeVar("T")
 class NewestReceiver(Resource, Generic[T]):
     """Receiver of the messages on a key that keeps only the newest one.
 
-    Each payload that arrives replaces the one before. The reading thread decodes it, unless `refusal` requires decoding
-    on Zenoh's thread. A slow reader therefore never reads a superseded message and never delays another reader. A
-    latched receiver also fetches messages that were published earlier or lost on a slow link.
+    Each accepted payload replaces the previous one. The first thread that reads a payload decodes it; with `refusal`,
+    the thread that receives it does. A slow reader therefore skips superseded messages and never delays another reader.
+    A latched receiver also fetches the last message of each publisher if that message was published earlier or lost.
 
     Attributes:
         key: key of the messages.
         received: number of samples that arrived and were not refused.
         superseded: number of samples that were replaced by a newer one before they were read.
-        missed: number of samples that were published but lost.
+        missed: number of samples that were lost; always 0 if the receiver is not latched.
         rejected: number of samples that could not be decoded when they were read.
         refused: number of samples that `refusal` refused.
     """
@@ -51,9 +51,9 @@ class NewestReceiver(Resource, Generic[T]):
             session: open session.
             key: key of the messages.
             decode: decodes a payload; raises MessageError if the payload is not valid.
-            latched: True = fetch the last message published before, and detect losses.
-            refusal: returns the reason to refuse a message, or ""; called once per message, on Zenoh's or the fetcher's
-                thread. Refused messages are counted, and logged at a limited rate.
+            latched: True = fetch the last message published before, and detect and fetch lost messages.
+            refusal: returns the reason to refuse a message, or ""; called once per valid message, on Zenoh's or the
+                fetcher's thread. Refused messages are counted, and logged at a limited rate.
 
         Raises:
             SessionClosed: the session is closed.
@@ -152,8 +152,8 @@ class NewestReceiver(Resource, Generic[T]):
         """Wait until `predicate` accepts the newest message; invalid samples are skipped.
 
         Args:
-            predicate: called on the calling thread with each newest message and its time of arrival; returns True to
-                accept it.
+            predicate: called on the calling thread with every new message and its time of arrival (only the newest if
+                several arrive during a call); returns True to accept the message.
             timeout: longest wait [s]; None = no limit. Ctrl-C ends the wait.
             after: number of a sample; only samples with larger numbers are considered.
 
@@ -180,7 +180,7 @@ class NewestReceiver(Resource, Generic[T]):
         return self.received > received.number
 
     def nothing(self, timeout: float) -> str:
-        """Return the error text of a wait of `timeout` seconds without a result."""
+        """Return the error text for a wait of `timeout` [s] in which no message was accepted."""
         return (
             f"no matching message on {self.key!r} within {timeout:g} s; {self.received} arrived, "
             f"{self.rejected} were damaged, {self.missed} were lost"
@@ -201,10 +201,10 @@ class NewestReceiver(Resource, Generic[T]):
             raise SessionClosed(f"the receiver of {self.key!r} is closed")
 
     def on_newest(self, callback: Callable[[Received[T]], None]) -> None:
-        """Call `callback` with each newest message, on a separate thread.
+        """Call `callback` with every new message, on a separate thread.
 
-        Of the messages that arrive during a call, only the newest is passed on. If the callback raises an exception, it
-        is logged, and the callback is called again with the next message.
+        Of the messages that arrive during a call, only the newest is passed on. Invalid messages and exceptions of the
+        callback are logged, and the thread continues with the next message.
 
         Raises:
             SessionClosed: the receiver is closed.

@@ -12,7 +12,7 @@ class Recent(dict[K, V]):
     """Dictionary that keeps at most `most` entries: those that were set most recently."""
 
     def __init__(self, most: int) -> None:
-        """Start without entries."""
+        """Create an empty dictionary."""
         super().__init__()
         self._most = most
 

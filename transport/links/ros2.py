@@ -60,8 +60,7 @@ def make_attachment(sequence: int, stamp: int, identity: bytes) -> bytes:
 class Ros2Bridge(Resource):
     """Topics for ROS 2 nodes that use rmw_zenoh; reliable, and transient local for late subscribers.
 
-    The topics `/<robot>/occupancy` and `/<robot>/grid_map` exist from the start, other topics from their first message
-    on.
+    The topics `/<robot>/occupancy` and `/<robot>/grid_map` are declared at once, other topics with their first message.
     """
 
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT, domain: int = 0) -> None:
@@ -70,13 +69,14 @@ class Ros2Bridge(Resource):
         Raises:
             ConfigurationError: the domain is not valid, or the robot's name cannot be part of a ROS 2 topic.
             KeyNameError: the robot's name cannot be part of a key.
+            SessionClosed: the session is closed.
         """
         if not 0 <= domain <= MAXIMUM_DOMAIN:
             raise ConfigurationError(f"ROS domain is {domain}; allowed: 0 to {MAXIMUM_DOMAIN}")
         check_name(robot)
         if "-" in robot or robot[0].isdigit():
             raise ConfigurationError(
-                f"robot name {robot!r} cannot be part of a ROS 2 topic; use letters, digits and '_', not a digit first"
+                f"robot name {robot!r} cannot be part of a ROS 2 topic; use letters, digits and '_', and no digit first"
             )
         self._robot, self._domain = robot, domain
         self._bridged, self._lock = session, threading.Lock()
@@ -87,12 +87,16 @@ class Ros2Bridge(Resource):
         super().__init__(session)
 
     def put(self, name: str, type_name: str, payload: bytes | bytearray) -> None:
-        """Send a CDR payload on a topic; the first payload declares the topic.
+        """Send a CDR payload on a topic; a topic that does not exist yet is declared first.
 
         Args:
             name: name of the topic below `/<robot>/`, or the full name with a leading slash.
             type_name: message type of the topic, such as `nav_msgs/msg/OccupancyGrid`.
             payload: CDR payload of that type.
+
+        Raises:
+            MessageError: the type is not known.
+            SessionClosed: the session is closed.
         """
         topic = name[1:] if name.startswith("/") else f"{self._robot}/{name}"
         self._topic(topic, type_name).put(payload)

@@ -26,12 +26,12 @@ from transport.security.folder import configured_endpoints, load_configuration, 
 from transport.supervision import Failure, supervised
 
 logger = logging.getLogger(__name__)
-# Interval between attempts to connect [s]; short, so that Ctrl-C takes effect immediately.
+# Interval between attempts to connect [s].
 RETRY_INTERVAL = 0.1
 
 CHECK_LISTEN = (
     "Check: is another node or a Zenoh router running on this port (then stop it, or connect to it instead)? "
-    "is the address one of this machine? with security: are certificate and key in the folder readable and "
+    "does the address belong to this machine? with security: are certificate and key in the folder readable and "
     "in date?"
 )
 CHECK_CONNECT = (
@@ -118,7 +118,7 @@ class Session(AbstractContextManager["Session"]):
                 entry.undeclare()
 
     def thread(self, name: str, target: Callable[[], Any]) -> threading.Thread:
-        """Create a supervised thread, not started; if it fails for good, the session closes and later calls raise."""
+        """Create, but do not start, a supervised thread; the session is closed if the thread fails for good."""
         return supervised(name, target, on_failure=self._on_failure)
 
     def _on_failure(self, failure: Failure) -> None:
@@ -172,22 +172,21 @@ def open_node(
     """Open the session of a perception node.
 
     Args:
-        listen: endpoints for clients, whose Zenoh router the node is. None = the default on this machine, or the
-            endpoints in the security folder.
+        listen: endpoints at which the node, as a Zenoh router, accepts clients. None = the endpoints in the security
+            folder or, without one, the default on this machine.
         connect: endpoint of an external router; the node then does not listen.
-        uplink: endpoint of another router to which the node connects besides listening. It is dialled in the
-            background, again after each loss. Every message crosses the uplink once, however many readers are behind
-            it.
-        security: folder made by `guara security init`, or its folder `node`.
+        uplink: endpoint of another router, to which a listening node also connects: in the background, and again after
+            each loss of the link. A message crosses the uplink at most once, however many readers are behind it.
+        security: folder made by `guara security init`, or its subfolder `node`.
         allow_insecure: True = `listen` and `uplink` may reach beyond this machine without security.
         shared_memory: True = Zenoh passes large payloads through /dev/shm between processes of one machine. This saves
             a millisecond per grid, but leaks 17 MB and 2 descriptors for each process that dies.
         timeout: longest wait for an external router [s].
 
     Raises:
-        ConfigurationError: an endpoint is not valid or is open to other machines without security, or both `connect`
-            and `uplink` are given.
-        SecurityError: the security folder is incomplete.
+        ConfigurationError: an endpoint is not valid, is open to other machines without security, or is not encrypted
+            although `security` is given; or both `connect` and `uplink` are given.
+        SecurityError: the security folder is incomplete or unreadable, or others can read its private key.
         ConnectionFailed: the node cannot listen, for example because the port is in use, or the external router does
             not respond.
     """
@@ -220,7 +219,8 @@ def open_client(
     """Open the session of a client: a planner, a viewer, the gait controller.
 
     Args:
-        endpoint: endpoint of the node or router; None = the default on this machine, or the one in the security folder.
+        endpoint: endpoint of the node or router. None = the one in the security folder or, without one, the default on
+            this machine.
         security: folder of a role made by `guara security init`, such as `DIR/planner`, or `DIR` itself.
         role: role whose folder is used if `security` contains several.
         shared_memory: as in `open_node`.
@@ -229,7 +229,7 @@ def open_client(
     Raises:
         ConfigurationError: the endpoint is not valid, is not encrypted although `security` is given, or is missing in
             the security folder.
-        SecurityError: the security folder is incomplete.
+        SecurityError: the security folder is incomplete or unreadable, or others can read its private key.
         ConnectionFailed: there was no connection within `timeout`; the error message lists what to check.
     """
     if security is None:

@@ -1,4 +1,4 @@
 """Messages as dataclasses, checked on construction, and their CDR payloads; independent of Zenoh.
 
-Imports only errors, keys and array types of the transport; used by all other folders.
+Of the rest of the package, imports only exceptions, keys and array types; used by all other folders.
 """

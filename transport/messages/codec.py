@@ -1,6 +1,6 @@
 """Conversion of dataclasses to ROS 2 message objects and CDR, and back, based on the `.msg` definitions.
 
-`encode`, `decode` and `from_ros` report every failure as MessageError.
+`encode` and `decode` report every failure as MessageError, and `from_ros` every value that is not allowed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from transport.messages.submessages import GroundPatch, ObstacleMessage, Point, 
 from transport.messages.typestore import ARRAYS, SUBMESSAGE, TIME, check_ranges, message_class, typestore
 
 T = TypeVar("T")
-# Largest payload that is decoded [bytes]; a map with all layers has less than 2 MB.
+# Largest payload that is decoded [bytes]; a map of the default size has about 2 MB.
 MAXIMUM_PAYLOAD = 64 * 1024 * 1024
 
 
@@ -91,7 +91,9 @@ def read_time(time: Any) -> int:
         MessageError: the seconds are negative, or there are more than 999999999 nanoseconds.
     """
     if time.sec < 0 or time.nanosec >= 1_000_000_000:
-        raise MessageError(f"time of {time.sec} s and {time.nanosec} ns is not valid")
+        raise MessageError(
+            f"time of {time.sec} s and {time.nanosec} ns is not valid; allowed: 0 s or more, 0 to 999999999 ns"
+        )
     return int(time.sec) * 1_000_000_000 + int(time.nanosec)
 
 
@@ -108,7 +110,7 @@ def check_version(message: Any, name: str, major: int) -> None:
     """
     if message.version_major != major:
         raise VersionError(
-            f"{name} of version {message.version_major}.{message.version_minor}; this package speaks version "
+            f"{name} of version {message.version_major}.{message.version_minor}; this package supports version "
             f"{major}: install the node's version here, or this one on the node"
         )
 
@@ -118,7 +120,7 @@ def to_ros(type_name: str, value: Any, **given: Any) -> Any:
 
     Args:
         type_name: name of the type, such as `guara_msgs/msg/Refusal`.
-        value: object whose attributes are the fields of the type, except those in `MADE`.
+        value: object with an attribute for each field of the type that is neither in `MADE` nor in `given`.
         given: values of fields that are used instead of those of `value`.
 
     Raises:
@@ -262,7 +264,7 @@ SUBMESSAGES: Mapping[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
     "guara_msgs/msg/FrameTransform": (make_transform, read_transform),
 }
 CLASSES: Mapping[str, Any] = {"guara_msgs/msg/Obstacle": ObstacleMessage, "guara_msgs/msg/GroundPatch": GroundPatch}
-# Message fields that are not simply copied from an attribute of the same name, as functions of the dataclass.
+# Message fields that are not copied from an attribute of the same name: functions that compute them from the dataclass.
 MADE: Mapping[str, Callable[[Any], Any]] = {
     "header": lambda value: make_header(value.stamp, value.frame_id),
     "version_major": lambda value: value.version[0],
@@ -274,7 +276,7 @@ MADE: Mapping[str, Callable[[Any], Any]] = {
     "outline": lambda value: [make_point(x, y, 0.0) for x, y in value.outline.tolist()],
     "scan_end_clock": lambda value: math.nan if value.scan_end_clock is None else value.scan_end_clock,
 }
-# Attributes that are not simply copied from a message field of the same name, as functions of the message.
+# Attributes that are not copied from a message field of the same name: functions that compute them from the message.
 READ: Mapping[str, Callable[[Any], Any]] = {
     "stamp": lambda message: read_time(message.header.stamp if hasattr(message, "header") else message.stamp),
     "frame_id": lambda message: message.header.frame_id,

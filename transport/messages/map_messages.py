@@ -31,7 +31,7 @@ VERSION_MAJOR, VERSION_MINOR = 1, 0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class MapOrigin:
-    """Fields that a message derived from a map copies from the message of that map.
+    """Fields that messages derived from a map have in common; all but the version are copied from the map's message.
 
     Attributes:
         type_name: ROS 2 type of the message.
@@ -41,7 +41,7 @@ class MapOrigin:
         stamp, scan_end: time of the map, and time of the last frame [ns since the epoch].
         valid_for: time after `scan_end` during which the message may be used [s]; may be infinite.
         valid_pauses: number of pauses after `step` for which the message may be used.
-        run, epoch: identity of the node's run and of the walk; empty if the map has none.
+        run, epoch: identities of the node's run and of the walk; empty if the map has none.
         scan_end_clock: end of the scan on the node's monotonic clock [s]; None if the map has none.
         provisional, withdrawn: as in `TerrainMessage`.
         frame_id: frame of the content.
@@ -212,7 +212,7 @@ class RegionMessage:
         if np.abs(vertices[:, :2] @ plane[:2] + plane[2] - vertices[:, 2]).max() > TOLERANCE:
             raise MessageError("a corner of a region is not on its plane")
         if not _is_outlined(halfspaces, vertices[:, :2]):
-            raise MessageError("half-planes of a region enclose more than its corners, or the corners are clockwise")
+            raise MessageError("half-planes of a region enclose more than its corners do, or the corners are clockwise")
         for name in ("sigma", "area"):
             value = finite(getattr(self, name), f"{name} of a region")
             if value < 0:

@@ -65,7 +65,7 @@ class ScanReply:
         stripes_total: number of stripes of the scan.
         step: if DONE, number of the pause.
         sequence: if DONE, sequence number of the terrain message, which was published before this reply.
-        stamp: if DONE, stamp of the terrain message [ns].
+        stamp: if DONE, stamp of the terrain message [ns since the epoch].
         code: if FAILED, short name of the cause.
         message: if FAILED, description of the cause.
     """
@@ -87,7 +87,7 @@ class Refusal:
 
     Attributes:
         id: id of the request; empty if it could not be read.
-        code: "busy", "denied", "bad_request", "not_stationary", "expired" or "no_terrain".
+        code: short name of the cause, such as "busy", "bad_request", "not_stationary" or "no_terrain".
         message: description of the cause.
     """
 

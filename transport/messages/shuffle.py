@@ -23,7 +23,7 @@ ZSTD_LEVEL = 3
 
 
 def compress(data: bytes | bytearray | memoryview, itemsize: int = 4) -> bytes:
-    """Shuffle data and compress them to one zstd frame with content size and checksum.
+    """Shuffle data and compress them to one zstd frame that contains their size and a checksum.
 
     Args:
         data: bytes of an array.
@@ -44,16 +44,16 @@ def decompress(data: bytes | bytearray | memoryview, itemsize: int = 4, *, maxim
         maximum: largest allowed result [bytes]; a frame that declares more is rejected before decompression.
 
     Raises:
-        MessageError: the frame is damaged, truncated or too large, does not declare its length, or is followed by other
-            data.
+        MessageError: the frame is damaged or truncated, declares no length or one above `maximum`, or is followed by
+            other data.
     """
     zstd = _zstd()
     try:
         size = zstd.get_frame_info(data).decompressed_size
         if size is None:
-            raise MessageError("zstd frame refused: it does not state its length")
+            raise MessageError("zstd frame refused: it does not declare its length")
         if size > maximum:
-            raise MessageError(f"compressed message of {size} bytes refused; allowed: {maximum} bytes")
+            raise MessageError(f"zstd frame that decompresses to {size} bytes refused; allowed: {maximum} bytes")
         decompressor = zstd.ZstdDecompressor()
         plain = decompressor.decompress(data, max_length=size + 1)
     except zstd.ZstdError as error:

@@ -42,8 +42,8 @@ class StancePause:
         known_ground: ground that the gait controller declares safe, in `frame_id`.
         frame_id: frame of `known_ground`.
         epoch: identity of the walk, equal in all its pauses; empty if the gait controller sends none.
-        standing_pauses: for each support foot, number of previous pauses since it was set down (0: it was set down
-            after the last pause); empty if unknown.
+        standing_pauses: for each support foot, number of earlier pauses since it was set down (0 = it was set down
+            after the previous pause); empty if unknown.
     """
 
     robot: str

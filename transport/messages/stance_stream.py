@@ -117,7 +117,7 @@ def _rows(values: npt.ArrayLike, rows: int, columns: int, what: str) -> Float:
 
 
 def _vectors(values: npt.ArrayLike | None, rows: int, what: str) -> Float | None:
-    """Return values as a checked array (rows, 3), or None if all are NaN, which means not measured in a message."""
+    """Return values as a checked array (rows, 3), or None if all are NaN: in a message, NaN means not measured."""
     if values is None:
         return None
     array = np.asarray(values, dtype=np.float64)
@@ -130,7 +130,7 @@ def encode_stance_stream(stream: StanceStream) -> bytearray:
     Raises:
         MessageError: a field does not fit its ROS 2 type.
     """
-    # Writers of CDR disagree on the padding after an empty list of float64, so no list is ever empty.
+    # Writers of CDR disagree on the padding after an empty list of float64, so these lists are never empty.
     nothing = np.full((len(stream.stamps), 3), np.nan)
     gravity = nothing if stream.gravity_in_base is None else stream.gravity_in_base
     turning = nothing if stream.angular_velocity is None else stream.angular_velocity

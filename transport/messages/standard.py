@@ -57,12 +57,12 @@ def occupancy_message(values: Percent, resolution: float, origin: Sequence[float
         stamp: time [ns since the epoch].
 
     Raises:
-        MessageError: `values` is not a non-empty int8 array (ny, nx), a value is out of range, or the geometry is not
-            valid.
+        MessageError: `values` is not a non-empty int8 array (ny, nx), a value is out of range, or the geometry or the
+            stamp is not valid.
     """
     edge, x, y = _geometry(resolution, origin)
     if values.dtype != np.int8 or values.ndim != 2 or values.size == 0:
-        raise MessageError(f"occupancy is {values.dtype} of shape {values.shape}; allowed: int8 (ny, nx)")
+        raise MessageError(f"occupancy is {values.dtype} of shape {values.shape}; allowed: int8 (ny, nx), not empty")
     if values.min() < -1 or values.max() > 100:
         raise MessageError(f"occupancy runs from {values.min()} to {values.max()}; allowed: -1 to 100")
     info = message_class("nav_msgs/msg/MapMetaData")(
@@ -95,7 +95,8 @@ def grid_map_message(
         stamp: time [ns since the epoch].
 
     Raises:
-        MessageError: the shapes differ or are empty, layer "elevation" is missing, or the geometry is not valid.
+        MessageError: the shapes differ or are empty, layer "elevation" is missing, or the geometry or the stamp is not
+            valid.
     """
     edge, x, y = _geometry(resolution, origin)
     shapes = {np.shape(array) for array in layers.values()}
@@ -104,7 +105,7 @@ def grid_map_message(
         given = ", ".join(f"{name} {np.shape(array)}" for name, array in layers.items()) or "none"
         raise MessageError(f"layers given: {given}; allowed: one shape (ny, nx) for all")
     if BASIC_LAYER not in layers:
-        raise MessageError(f"layers given: {', '.join(layers)}; allowed: {BASIC_LAYER!r} and others")
+        raise MessageError(f"layers given: {', '.join(layers)}; {BASIC_LAYER!r} is missing")
     ny, nx = shape
     dimension = message_class("std_msgs/msg/MultiArrayDimension")
     layout = message_class("std_msgs/msg/MultiArrayLayout")(
@@ -133,7 +134,8 @@ def point_cloud_message(fields: Mapping[str, Array], frame_id: str, stamp: int) 
         stamp: time [ns since the epoch].
 
     Raises:
-        MessageError: x, y or z is missing, lengths differ, a dtype is not in DATATYPES, or a coordinate is not finite.
+        MessageError: x, y or z is missing, lengths differ, a dtype is not in DATATYPES, a coordinate is not finite, or
+            the stamp is not valid.
     """
     missing = [name for name in ("x", "y", "z") if name not in fields]
     if missing:
@@ -275,14 +277,14 @@ def frames_message(transforms: Iterable[TransformMessage], stamp: int) -> Any:
         stamp: stamp of all transforms [ns since the epoch].
 
     Raises:
-        MessageError: a source occurs twice.
+        MessageError: a source occurs more than once, or the stamp is not valid.
     """
     stamped: Any = message_class("geometry_msgs/msg/TransformStamped")
     given = list(transforms)
     sources = [item.source_frame for item in given]
     twice = sorted({name for name in sources if sources.count(name) > 1})
     if twice:
-        raise MessageError(f"transforms of {', '.join(twice)} occur twice; a frame has one parent")
+        raise MessageError(f"source frame occurs more than once: {', '.join(twice)}; allowed: one transform for each")
     return message_class(FRAMES)(
         [
             stamped(make_header(stamp, item.destination_frame), item.source_frame, make_transform(item).transform)
@@ -304,7 +306,7 @@ def camera_info_message(
         stamp: time [ns since the epoch].
 
     Raises:
-        MessageError: a shape is wrong, or a value is not finite.
+        MessageError: a shape is wrong, a value is not finite, or the stamp is not valid.
     """
     intrinsic = checked_array(matrix, (3, 3), "camera matrix")
     width, height = size

@@ -1,4 +1,4 @@
-"""Parts of messages (stance, transform, obstacle, declared ground), and checks that they share."""
+"""Parts of messages (stance, transform, obstacle, declared ground), and checks shared by all messages."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def checked_array(array: npt.ArrayLike, shape: tuple[int | None, ...], what: str
 
 
 def _determinant(m: Float) -> float:
-    """Compute the determinant of a 3 x 3 matrix; faster than numpy's, since it is needed for every grid received."""
+    """Compute the determinant of a 3 x 3 matrix, for every received transform; faster than `numpy.linalg.det`."""
     (a, b, c), (d, e, f), (g, h, i) = m.tolist()
     return float(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 

@@ -38,16 +38,17 @@ MODES = ("coarse", "standard")
 ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
 # Longest identity of a walk or run [characters].
 MAXIMUM_IDENTITY = 100
-# Rounding units: elevations (whose noise is at least 0.1 mm), step height and roughness, clearance [m]; slope [rad].
+# Rounding units [m] of elevations (whose noise is at least 0.1 mm), of step height and roughness, and of clearance, and
+# rounding unit of slopes [rad].
 # Powers of two, so that their multiples are exact in float32.
 HEIGHT_UNIT, RELIEF_UNIT, CLEARANCE_UNIT, SLOPE_UNIT = 2.0**-13, 2.0**-12, 2.0**-10, 2.0**-9
-# Mantissa bits kept when rounding: a variance grows by at most 1/8, a local variance at most doubles, a score shrinks
-# by at most 1/32.
+# Mantissa bits kept when rounding: a variance grows by at most 1/8, a local variance at most doubles, a traversability
+# shrinks by at most 1/32.
 VARIANCE_BITS, LOCAL_BITS, SCORE_BITS = 3, 0, 5
 # From this many units on, a value is not rounded: the multiple may not fit the 23 mantissa bits of a float32.
 WHOLE_NUMBERS = 2.0**23
 MANTISSA_BITS = 23
-# Dtype of a layer by the message field that holds its values. The types of a message are numbered from 1 in this order.
+# Dtype of a layer by the message field that holds its values. Messages number the types from 1 in this order.
 FIELDS = {f"{name}_values": np.dtype(name) for name in ("float32", "uint16", "uint8")}
 TYPES = {dtype: number for number, dtype in enumerate(FIELDS.values(), start=1)}
 
@@ -143,7 +144,7 @@ class TerrainMessage:
         version: (major, minor) of the message.
         epoch: identity of the walk, from the metadata; may be empty.
         run: identity of the run of the sending node, from the metadata; may be empty.
-        provisional: True until the pause has confirmed that the robot stood still; from the metadata.
+        provisional: True until the robot is known to have stood still during the pause; from the metadata.
         refinement_follows: True if a finer grid of the same pause follows; from the metadata.
         withdrawn: True if this message withdraws an earlier grid; all its cells are then unknown. From the metadata.
         scan_end_clock: end of the scan on the node's monotonic clock [s], from the metadata; may be None.
@@ -189,7 +190,8 @@ class TerrainMessage:
         """Check the fields, and make read-only copies of mutable values.
 
         Raises:
-            MessageError: a value is not allowed; the message names the field.
+            MessageError: a value is not allowed; the error message names the field.
+            KeyNameError: the robot's name cannot be part of a key.
         """
         check_name(self.robot)
         for name, allowed in (("extent", EXTENTS), ("mode", MODES), ("attitude_source", ATTITUDE_SOURCES)):
@@ -213,7 +215,7 @@ class TerrainMessage:
             given.setdefault("ceiling", np.full(np.shape(given["variance"]), np.nan, np.float32))
         missing = [name for name in LAYERS if name not in given]
         if missing:
-            raise MessageError(f"layers {', '.join(missing)} are missing; needed are {', '.join(LAYERS)}")
+            raise MessageError(f"missing layers: {', '.join(missing)}; needed: {', '.join(LAYERS)}")
         shape = checked_shape(np.shape(self.layers["elevation"]), "layer 'elevation'")
         layers = {name: _check_layer(name, given[name], shape) for name in LAYERS}
         set_fields(self, resolution=resolution, origin=origin, layers=MappingProxyType(layers))
@@ -239,7 +241,7 @@ class TerrainMessage:
         self._take_from(data)
 
     def _take_from(self, data: Mapping[str, Any]) -> None:
-        """Set the fields that are sent in the metadata, so that earlier versions of a receiver ignore them."""
+        """Set the fields that are sent in the metadata, where receivers of earlier versions ignore them."""
         for name in ("epoch", "run"):
             text = data.get(name, "")
             if not isinstance(text, str) or len(text) > MAXIMUM_IDENTITY:
@@ -264,7 +266,7 @@ class TerrainMessage:
         return ny, nx
 
     def emptied(self, stamp: int, reason: str) -> TerrainMessage:
-        """Return a withdrawn copy with all cells unknown, for readers that cannot detect that its frame has ended.
+        """Return a withdrawn copy with all cells unknown, for readers that cannot tell when a grid becomes invalid.
 
         Args:
             stamp: stamp of the copy [ns since the epoch].
@@ -317,7 +319,7 @@ def encode_terrain(terrain: TerrainMessage) -> bytearray:
     """Encode a TerrainMessage as CDR.
 
     Raises:
-        MessageError: a field does not fit its ROS 2 type, for example a stamp past 2038.
+        MessageError: a field does not fit its ROS 2 type, for example a stamp after 2038-01-19.
     """
     return encode(make_terrain(terrain))
 

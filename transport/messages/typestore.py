@@ -56,7 +56,7 @@ LARGEST_COUNT = 2**53
 
 
 def message_files() -> dict[str, str]:
-    """Return the text of each `.msg` file of this package, by type name such as `guara_msgs/msg/Terrain`."""
+    """Return the texts of the `.msg` files of guara_msgs and grid_map_msgs, by type name."""
     folder = files("transport") / "msg"
     found: dict[str, str] = {}
     for package, path in (("guara_msgs", folder), ("grid_map_msgs", folder / "grid_map_msgs")):
@@ -102,7 +102,7 @@ def message_class(type_name: str) -> Any:
 
 
 def make_message(type_name: str, **given: Any) -> Any:
-    """Make a message object. Fields that are not given are zero or empty; a quaternion is then the identity.
+    """Make a message object. Fields that are not given are zero or empty; a quaternion without `w` has w = 1.
 
     Raises:
         MessageError: the type is not known.

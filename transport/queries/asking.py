@@ -1,4 +1,4 @@
-"""Queries whose replies are yielded one by one, until a deadline or until the server disappears."""
+"""Queries whose replies are yielded one by one, until the last one, a deadline, or the loss of the server."""
 
 from __future__ import annotations
 

@@ -76,11 +76,13 @@ def query_terrain(
         encoding: "lossless" or "compact"; nodes of earlier versions always reply lossless.
 
     Raises:
-        KeyNameError: the encoding is unknown.
+        KeyNameError: the encoding is unknown, or the robot's name cannot be part of a key.
         MessageError: the extent is unknown, the region is not valid or outside the grid, or the reply is damaged.
         StaleTerrain: the node has no grid yet.
         ScannerUnavailable: there was no reply, or this client may not query the node.
         ReceiveTimeout: no reply arrived in time.
+        SessionClosed: the session is closed.
+        TransportError: the node refused the query for another reason.
     """
     request = QueryRequest(extent=extent, region=region)
     payload = encode_query_request(request)
@@ -95,6 +97,6 @@ def query_terrain(
         if answer.timed_out:
             raise ReceiveTimeout(f"no reply on {query_key(robot)!r} within {timeout:g} s")
     raise ScannerUnavailable(
-        f"no node replies on {query_key(robot)!r}: none of robot {robot!r} is running, or the role of this client's "
-        f"certificate does not permit queries"
+        f"no node replies on {query_key(robot)!r}: no node of robot {robot!r} is running, or the role of this "
+        f"client's certificate does not permit queries"
     )

@@ -57,7 +57,7 @@ class ClockBound:
 
 
 class RemoteClock(Resource):
-    """Clock of another process that a background thread queries periodically.
+    """Clock of another process, queried periodically by a background thread.
 
     Attributes:
         key: key of the queryable that returns the time.
@@ -78,7 +78,7 @@ class RemoteClock(Resource):
         self._wake.set()
 
     def wait(self, timeout: float) -> None:
-        """Wait up to `timeout` [s] for the end of the query that `wake` started."""
+        """Wait up to `timeout` [s] until a query has ended since the last call of `wake`."""
         self._tried.wait(max(0.0, timeout))
 
     def ask(self, timeout: float = ANSWER_TIMEOUT) -> bool:
@@ -86,6 +86,7 @@ class RemoteClock(Resource):
 
         Raises:
             SessionClosed: the session is closed.
+            TransportError: Zenoh rejected the query.
         """
         asked = clock.now()
         for answer in ask(self._session, self.key, b"", timeout):
@@ -95,7 +96,7 @@ class RemoteClock(Resource):
                     if self._take(answer.payload, asked, answered):
                         return True
                 except MessageError as error:
-                    logger.warning("answer on %s refused: %s", self.key, error)
+                    logger.warning("reply on %s refused: %s", self.key, error)
                     return False
         return False
 

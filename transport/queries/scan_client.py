@@ -33,7 +33,7 @@ from transport.queries.asking import ask
 
 # Time within which the end of a process is detected [s].
 GONE_WITHIN = 0.5
-# Least time to wait for a grid after its scan was reported as done [s].
+# Minimum time to wait for a grid after its scan was reported as done [s].
 ARRIVES_WITHIN = 2.0
 
 
@@ -68,6 +68,7 @@ def request_scan(
         ScanFailed: the scanner refused the request or could not complete the scan; `code` is the cause.
         ScanTimeout: the scan was not done in time.
         ScannerGone: the node disappeared during the scan, or before it replied.
+        SessionClosed: the session is closed.
     """
     request = ScanRequest(id=request_id or uuid.uuid4().hex, mode=mode, timeout=timeout)
     payload, encoding = encode_scan_request(request), cdr(SCAN_REQUEST)

@@ -1,4 +1,4 @@
-"""Server of scan requests: each request id is scanned at most once, and each accepted request gets one final reply."""
+"""Server of scan requests: a repeated id gets the result of the first scan; each query gets one final reply."""
 
 from __future__ import annotations
 
@@ -71,8 +71,9 @@ Admission = Callable[[ScanRequest], None]
 class ScanServer(Answerer):
     """Server of the scan requests of one robot.
 
-    Only one request is processed at a time. A request with the id of the running scan joins it, and one with the id of
-    a finished scan gets its result. At the deadline, the client gets a FAILED reply, and `ScanJob.cancelled` is set.
+    Only one request is processed at a time; others are refused as busy. A request with the id of the running scan joins
+    it, and one with the id of one of the last `REMEMBERED` scans gets the result of that scan. At the deadline,
+    `ScanJob.cancelled` is set, and the client gets a FAILED reply.
     """
 
     def __init__(
@@ -117,7 +118,7 @@ class ScanServer(Answerer):
             if is_last:
                 query.drop()
 
-        # The posted action keeps the query alive, so its `id` remains unique.
+        # The posted action keeps the query alive, so `id(query)` remains unique.
         self._outbox.post("last" if is_last else reply.state.name, send, lane=str(id(query)))
 
     def _refuse(self, query: Any, request_id: str, code: str, message: str) -> None:

@@ -49,7 +49,7 @@ class StatusReporter(Resource):
         session.pulse.add(self, self._on_beat, first=True)
 
     def changed(self) -> None:
-        """Report the status now, or `LEAST_GAP` after the last report on change; returns immediately."""
+        """Report the status soon, at least `LEAST_GAP` after the last report on change; returns immediately."""
         self._wake.set()
 
     def follow(self, take: Callable[[bytearray], None]) -> None:

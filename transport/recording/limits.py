@@ -10,7 +10,8 @@ from typing import Any
 
 from transport.exceptions import RecordingError
 
-# Largest decompressed chunk [bytes]; usually 1 MiB, or a single frame (12 Mpx with three channels of 16 bits: 72 MB).
+# Largest decompressed chunk [bytes]. A chunk usually has 1 MiB or contains a single frame (72 MB for 12 Mpx with three
+# channels of 16 bits).
 MAXIMUM_CHUNK = 96 * 1024 * 1024
 # Largest decompressed size of a file [bytes]: MAXIMUM_UNPACKED plus MAXIMUM_RATIO times the size of the file.
 MAXIMUM_UNPACKED, MAXIMUM_RATIO = 256 * 1024 * 1024, 100
@@ -44,7 +45,7 @@ class Unpacker:
         """Iterate over the schemas, channels and messages of a chunk.
 
         Raises:
-            RecordingError: a limit is exceeded.
+            RecordingError: a limit is exceeded, or a length or checksum in the chunk is wrong.
             Exception: the data are damaged; raised by the decompressor or by MCAP.
         """
         from mcap.data_stream import ReadDataStream
@@ -59,7 +60,9 @@ class Unpacker:
                 raise RecordingError("the file contains more records than a recording of its size can have")
             opcode, length = stream.read1(), stream.read8()
             if length > len(data) - stream.count:
-                raise RecordingError(f"a record of {length} bytes in a chunk with {len(data) - stream.count} left")
+                raise RecordingError(
+                    f"a record claims {length} bytes; its chunk has only {len(data) - stream.count} left"
+                )
             if opcode == Opcode.MESSAGE:
                 yield Message.read(stream, length)
             elif opcode == Opcode.CHANNEL:

@@ -39,16 +39,18 @@ class StoredMessage(NamedTuple):
 
 
 class Recording(AbstractContextManager["Recording"]):
-    """Open MCAP recording; use it in a `with` block. Frames and grids are read on demand.
+    """Open MCAP recording; use it in a `with` block.
+
+    Everything but calibration and scans is read on demand. Reading raises RecordingError if the file is damaged.
 
     Attributes:
         path: path of the file.
-        scans: scans in the order of recording; the last scan of a recovered file may be incomplete.
-        calibration: text of the attached `calibration.json`; None if there is none.
+        scans: scans in the order of recording; see `ScanRecord.is_whole` for incomplete ones.
+        calibration: content of the attached `calibration.json`; None if there is none.
     """
 
     def __init__(self, path: str | Path) -> None:
-        """Open the file and read all but frames and grids; see `open_recording`."""
+        """Open the file, and read its calibration and scans; see `open_recording`."""
         from mcap.reader import make_reader
 
         self.path = Path(path)
@@ -58,7 +60,7 @@ class Recording(AbstractContextManager["Recording"]):
             self._reader = make_reader(cast(Any, self._file), validate_crcs=True)
             self._summary = self._reader.get_summary()
             if self._summary is None or not self._summary.statistics:
-                raise RecordingError(f"{self.path} has no index; `guara recover` makes one")
+                raise RecordingError(f"{self.path} has no index; `guara recover` creates one")
             self.calibration = self._read_calibration()
             self._frames: dict[tuple[str, int], int] = {}
             self.scans = tuple(self._read_scans())
@@ -91,7 +93,12 @@ class Recording(AbstractContextManager["Recording"]):
         raise RecordingError(f"{self.path} contains no frame of {topic} at {stamp} ns")
 
     def terrains(self, extent: str = "footprint") -> Iterator[TerrainMessage]:
-        """Iterate over the grids of one extent, in order; MessageError if one is damaged."""
+        """Iterate over the grids of one extent, in order.
+
+        Raises:
+            RecordingError: the extent is unknown.
+            MessageError: a grid is damaged.
+        """
         if extent not in EXTENTS:
             raise RecordingError(f"extent is {extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
         return map(decode_terrain, self._payloads("terrain" if extent == "footprint" else "map"))

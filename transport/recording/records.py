@@ -50,7 +50,7 @@ class FrameRecord:
                 not allowed.
         """
         if (self.pixels is None) == (self.data is None):
-            raise MessageError("a frame needs either pixels or the bytes of an image file, not both or none")
+            raise MessageError("a frame needs either pixels or the bytes of an image file, but not both")
         if self.data is not None and self.format not in COMPRESSED_FORMATS:
             allowed = ", ".join(map(repr, COMPRESSED_FORMATS))
             raise MessageError(f"format of a frame is {self.format!r}; allowed: {allowed}")
@@ -101,10 +101,10 @@ class StripeRecord:
         index: index in the standard pattern.
         mirror_angle: commanded mirror angle [rad].
         on: frame with the laser on; None if it was lost.
-        off: frame with the laser off; None if there is none. Several stripes may share it.
+        off: frame with the laser off, which several stripes may share; None if there is none.
         stamp: time of the stripe [ns since the epoch].
         dark: frame of the dark flash after the stripe; None if there was no dark flash or its frame was lost.
-        is_dark_due: True if the scan should have a dark flash after the stripe.
+        is_dark_due: True if a dark flash was planned after the stripe.
         flash: time of the flash, if the joint stream was used to place the stripe; otherwise None.
     """
 
@@ -195,7 +195,10 @@ def read_frame(message: Any, stamp: int) -> FrameRecord:
     if message.__msgtype__ == COMPRESSED_IMAGE:
         return FrameRecord(data=message.data.tobytes(), format=message.format, stamp=stamp)
     if message.encoding not in KINDS or message.is_bigendian:
-        raise MessageError(f"encoding of a frame is {message.encoding!r}; allowed: {', '.join(KINDS)}")
+        raise MessageError(
+            f"encoding of a frame is {message.encoding!r}{' (big-endian)' if message.is_bigendian else ''}; "
+            f"allowed: {', '.join(KINDS)} (little-endian)"
+        )
     dtype, channels = KINDS[message.encoding]
     shape = (message.height, message.width, channels)[: 2 if channels == 1 else 3]
     wanted = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize

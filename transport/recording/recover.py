@@ -1,4 +1,4 @@
-"""Recovery of truncated or damaged recordings: every intact record is copied to a new file with an index."""
+"""Recovery of truncated or damaged recordings: intact messages and attachments are copied to a new, indexed file."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Recovery:
 
 
 def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
-    """Copy all intact records of `source` to the new file `destination`.
+    """Copy the intact messages and attachments of `source` to the new file `destination`.
 
     Raises:
         RecordingError: `source` cannot be read or is not an MCAP file, or `destination` exists or cannot be written.
@@ -73,7 +73,7 @@ def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
 
 
 def _records(stream: Any, counts: Counter[str], path: Path) -> Iterator[Any]:
-    """Iterate over the records, including those in chunks, in the order of the file, until its end or truncation."""
+    """Iterate over the records, including those in chunks, until the end of the file or a damaged record."""
     from mcap.records import Chunk, DataEnd
     from mcap.stream_reader import StreamReader
 

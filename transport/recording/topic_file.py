@@ -34,6 +34,7 @@ class TopicFile(AbstractContextManager["TopicFile"]):
 
         Raises:
             RecordingError: the file exists or cannot be created.
+            KeyNameError: the robot's name cannot be part of a topic name.
         """
         from mcap.writer import CompressionType, Writer
 
@@ -79,7 +80,7 @@ class TopicFile(AbstractContextManager["TopicFile"]):
             self._check_open()
             if len(self._file.pending) > MAXIMUM_PENDING:
                 self.flush()
-            # The clock may be set back during a recording, but log_time must increase in the order of writing.
+            # The clock may be set back during a recording, but log_time must not decrease in the order of writing.
             self._log_time = max(self._log_time, time.time_ns())
             self._writer.add_message(
                 self._channel(short), self._log_time, bytes(payload), self._log_time if stamp is None else stamp

@@ -22,8 +22,8 @@ from transport.messages.typestore import (
     TEXT,
 )
 
-# Volatile topics, of which late subscribers receive only later messages: type by short name. The short name is the part
-# after `/<robot>/`, or the full name if the topic name does not contain the robot.
+# Types of the volatile topics, by short name. Late subscribers to these topics receive only later messages. A short
+# name is the part after `/<robot>/`, or the full name if it does not contain the robot.
 STREAMED = {
     "scan/start": SCAN_START,
     "scan/stripe": STRIPE,
@@ -38,7 +38,8 @@ STREAMED = {
     "stance_stream": STANCE_STREAM,
     "/tf": FRAMES,
 }
-# All topics: the volatile ones, and transient local ones, of which late subscribers also receive the last message.
+# Types of all topics, by short name. The topics added here are transient local: late subscribers also receive the last
+# message.
 TYPES = STREAMED | {
     "terrain": TERRAIN,
     "map": TERRAIN,

@@ -26,8 +26,11 @@ class RecordingWriter(TopicFile):
     of the process. Records that do not fit on a full disk are buffered, up to `MAXIMUM_PENDING`, and written when there
     is space again. The file never contains an incomplete record before a complete one.
 
-    In the file, log_time is the time of writing and never decreases. publish_time equals log_time, except for frames:
-    theirs is the stamp by which stripes refer to them.
+    Methods that add data raise RecordingError if the file is closed or the buffer is full, and those that acknowledge
+    data also if the disk is full. They raise MessageError if a value does not fit its ROS 2 type.
+
+    In the file, log_time is the time of writing and never decreases. The publish_time of a frame is the stamp by which
+    stripes refer to it; all other messages have publish_time equal to log_time.
     """
 
     def __init__(
@@ -48,6 +51,7 @@ class RecordingWriter(TopicFile):
         Raises:
             RecordingError: the file exists or cannot be created. A full disk is reported at the next acknowledgement
                 instead.
+            KeyNameError: the robot's name cannot be part of a topic name.
         """
         super().__init__(path, robot, atomic=atomic, sync=sync)
         self._stamps: dict[str, int] = {}
@@ -107,7 +111,7 @@ class RecordingWriter(TopicFile):
         Args:
             index: index in the standard pattern.
             mirror_angle: commanded mirror angle [rad].
-            on: frame with the laser on; None if it was lost.
+            on: frame with the laser on, or the reference of a frame added before; None if the frame was lost.
             off: frame with the laser off, or the reference of a frame that several stripes share; None if there is
                 none.
             stamp: time of the stripe [ns]; None = stamp of the frame with the laser on, or of the scan if that frame
@@ -200,7 +204,7 @@ class RecordingWriter(TopicFile):
             for short, message in named:
                 if TYPES.get(short) != message.__msgtype__:
                     raise RecordingError(
-                        f"topic {short!r} does not take {message.__msgtype__}; topics are {', '.join(TYPES)}"
+                        f"topic {short!r} does not accept {message.__msgtype__}; topics are {', '.join(TYPES)}"
                     )
                 self.add(short, encode(message))
             self.flush()

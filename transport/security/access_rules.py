@@ -39,8 +39,8 @@ READING = ("read", "history", "send", "ask")
 POLICIES = {"planner": (*READING, "trigger"), "viewer": READING, "gait": ("stance_in", "stance_out")}
 THIN = ("thin_read", "thin_ask", "thin_send")
 WATCHING = ("fleet_read", "fleet_ask", "fleet_send")
-# Rules of a router for a link that delivers a robot's grids, and for a node that is its client and also receives stance
-# pauses.
+# Rules of a router: for a link that delivers a robot's grids, and for a node that is a client of the router and also
+# receives stance pauses.
 SOURCE = ("source_in", "source_out", "look", "looked")
 CLIENT_NODE = (*SOURCE, "stance_to", "stance_from")
 
@@ -76,7 +76,7 @@ class _Rules:
         self._rules[name] = {**rule, "messages": list(messages), "key_exprs": list(keys)}
 
     def allow(self, subject: str, names: Sequence[str], rules: Sequence[str]) -> None:
-        """Grant rules to the owners of common names. No names grant nothing; an empty subject would match everybody."""
+        """Grant rules to the owners of common names; without names, to nobody. An empty subject would match all."""
         if names:
             # The subject has a single property, because all properties of a subject must match.
             self._subjects.append({"id": subject, "cert_common_names": list(names)})
@@ -131,7 +131,7 @@ def router_access_control(
 
     Planner, viewer and gait of each robot have the same rights as at their node, and none for other robots. Each node
     sends the grids of its own robot. A router below sends the grids of its robots and nothing else. A router above
-    reads. No link between routers transfers stance pauses.
+    reads and, if permitted, requests scans. No link between routers transfers stance pauses.
 
     Args:
         robots: common names of the members, by robot (instance name) and role.

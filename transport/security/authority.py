@@ -102,7 +102,7 @@ def make_authority(common_name: str) -> Credentials:
 def make_certificate(
     authority: Credentials, common_name: str, hosts: Sequence[str], *, days: int = CERTIFICATE_DAYS
 ) -> Credentials:
-    """Make a certificate signed by `authority` that is valid for both ends of a TLS connection.
+    """Make a certificate for both ends of TLS connections, signed by `authority`.
 
     Args:
         authority: certificate and key of the CA.

@@ -74,15 +74,18 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
         return Health.ERROR, f"{readable[0].relative_to(root)} can be read by others on this machine; chmod 600 it"
     name, days = min(left.items(), key=lambda item: item[1])
     if days <= 0:
-        return Health.ERROR, f"{name} expired {-days:.0f} days ago; `guara security renew`, then copy the folder again"
+        return (
+            Health.ERROR,
+            f"{name} expired {-days:.0f} days ago; run `guara security renew`, then copy the folder again",
+        )
     if days <= WARNING_DAYS:
-        return Health.WARN, f"{name} expires in {days:.0f} days; `guara security renew`, then copy the folder again"
+        return Health.WARN, f"{name} expires in {days:.0f} days; run `guara security renew`, then copy the folder again"
     for node in (root, root / "node", *sorted(root.glob("*/node"))):
         if (node / "node.pem").is_file() and (node / CONFIGURATION).is_file() and not _has_current_rules(node):
             return Health.WARN, (
                 "the access rules were made by another version: planners may have to compute ages by wall clocks, and "
                 "the gait may not be allowed to report its clock, without which no scan is confirmed; "
-                "`guara security renew`, then copy the folder again"
+                "run `guara security renew`, then copy the folder again"
             )
     return Health.OK, f"{len(left)} certificates, the first expires in {days:.0f} days ({name})"
 
@@ -113,7 +116,8 @@ def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
         Names of the renewed members.
 
     Raises:
-        SecurityError: a member does not exist or was revoked, or the folder lacks its CA.
+        SecurityError: a member does not exist or was revoked, the folder lacks its CA, or a file cannot be read or
+            changed.
     """
     authority, members = open_authority(folder), open_members(folder)
     gone = members.shut_out
@@ -152,7 +156,8 @@ def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = ()) ->
         The folder of the robot, which contains the folders of its roles.
 
     Raises:
-        SecurityError: the name is not allowed, taken or was revoked, or the folder lacks its CA.
+        SecurityError: the name is too long, reserved, taken or was revoked, or the folder lacks its CA.
+        KeyNameError: the name cannot be part of a key.
     """
     authority, members = open_authority(folder), open_members(folder)
     target = members.root / check_robot(robot)
@@ -181,7 +186,9 @@ def add(folder: str | Path, name: str, role: str) -> Path:
         again.
 
     Raises:
-        SecurityError: the name is taken or was revoked, the role is unknown or `node`, or the folder lacks its CA.
+        SecurityError: the name is too long, taken or was revoked, the robot or role is unknown, the role is `node`, or
+            the folder lacks its CA.
+        KeyNameError: the name cannot be part of a key.
     """
     authority, members = open_authority(folder), open_members(folder)
     allowed = (*(other for other in ROLES if other != "node"), FLEET)
@@ -218,8 +225,8 @@ def _split(members: Members, name: str) -> tuple[str, str]:
         return next(iter(members.robots)), name
     if not dot or robot not in members.robots:
         raise SecurityError(
-            f"{members.root} contains several robots: write ROBOT.{own_name or robot}, with one of "
-            f"{', '.join(members.robots)}"
+            f"member name is {name!r}; write ROBOT.{own_name or robot}, where ROBOT is one of the robots in "
+            f"{members.root}: {', '.join(members.robots)}"
         )
     return robot, own_name
 

@@ -100,18 +100,19 @@ def init_security(
         The folder.
 
     Raises:
-        SecurityError: the folder exists and is not empty, or cannot be written; a robot occurs twice, or the number of
-            hosts does not fit.
+        SecurityError: the folder exists and is not empty, or cannot be written; no robot is given, or one is given
+            twice; a name is too long or reserved; or the number of hosts differs from that of the robots.
+        KeyNameError: a name cannot be part of a key.
         ConfigurationError: `listen` is not a TLS endpoint.
     """
     robots = [robot] if isinstance(robot, str) else list(robot)
     for name in robots:
         check_robot(name)
     if len(set(robots)) != len(robots) or not robots:
-        raise SecurityError(f"robots are {', '.join(robots) or 'none'}; give each robot once")
+        raise SecurityError(f"robots are {', '.join(robots) or 'none'}; give one or more, and give each robot once")
     if len(robots) > 1 and hosts and len(hosts) != len(robots):
         raise SecurityError(
-            f"{len(hosts)} hosts are given for {len(robots)} robots; give one per robot in the same order, or none"
+            f"hosts given: {len(hosts)}, robots: {len(robots)}; give one host per robot in the same order, or none"
         )
     target = Path(folder)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
@@ -182,7 +183,7 @@ def role_folder(folder: str | Path, role: str) -> Path:
     """Return the folder of a role, given that folder itself or the security folder that contains it.
 
     Raises:
-        SecurityError: neither of these contains a Zenoh configuration.
+        SecurityError: neither `folder` nor its subfolder `role` contains a Zenoh configuration.
     """
     path = Path(folder)
     for candidate in (path, path / role):
@@ -231,7 +232,7 @@ def load_configuration(
     Raises:
         SecurityError: the configuration cannot be read, a file that it names is missing, or others can read a private
             key.
-        ConfigurationError: an endpoint is not encrypted.
+        ConfigurationError: a given endpoint is not valid or not encrypted.
     """
     for endpoint in (*listen, *(endpoint for endpoint in (connect, uplink) if endpoint is not None)):
         check_tls(endpoint, allows_quic=True)

@@ -16,7 +16,7 @@ from transport.security.authority import Credentials, read_certificate
 from transport.security.folder import CONFIGURATION, configured_robot, read_configuration
 from transport.security.whole_folder import create_folder, write_file
 
-# File in `ca` that lists added members with their roles, routers, and revoked members.
+# File in `ca` that lists routers, fleet members, added members with their roles, and revoked members.
 MEMBERS = "members.json"
 
 
@@ -26,7 +26,7 @@ class Robot:
 
     Attributes:
         folder: folder that contains the folders of the members.
-        added: role by name, of the members beyond the one per role.
+        added: role of each added member, by name; each role has one member of the same name besides.
         revoked: names of the revoked members.
     """
 
@@ -88,7 +88,7 @@ class Members:
 
     @property
     def shut_out(self) -> frozenset[str]:
-        """Names of `everybody` that were revoked."""
+        """Names of the revoked members, as in `everybody`."""
         gone = {own.folder / name for own in self.robots.values() for name in own.revoked}
         gone |= {self.root / name for name in self.revoked}
         return frozenset(name for name, folder in self.everybody.items() if folder in gone)
@@ -159,8 +159,8 @@ class Members:
             The folders whose rules changed and which must be copied to their machines again.
 
         Raises:
-            SecurityError: a configuration has been edited by hand and cannot be interpreted, or a file cannot be
-                written.
+            SecurityError: a configuration cannot be read or does not have the form that `guara security` writes, or a
+                file cannot be written.
         """
         rules = {own.folder / "node": self._rules_of_node(robot) for robot, own in self.robots.items()}
         rules |= {self.root / name: self.rules_of_router(name) for name in self.routers}

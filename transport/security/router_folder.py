@@ -61,8 +61,9 @@ def make_router(
         again.
 
     Raises:
-        SecurityError: a name is taken or unknown, no robot is given, the router above does not serve a robot, or
-            `summary_only` is set without an uplink.
+        SecurityError: a name is taken, too long, reserved or unknown, no robot is given, the router above does not
+            serve a robot, `summary_only` is set without an uplink, or the folder lacks its CA.
+        KeyNameError: a name cannot be part of a key.
         ConfigurationError: `listen` is not a TLS endpoint.
     """
     check_tls(listen)
@@ -103,9 +104,11 @@ def _check(members: Members, name: str, robots: Sequence[str], uplink: str, *, s
     if len(name) > LONGEST_NAME:
         raise SecurityError(f"router name {name!r} is too long for a certificate; allowed: {LONGEST_NAME} characters")
     if not robots:
-        raise SecurityError("a router serves robots: give at least one")
+        raise SecurityError("no robot is given; give at least one robot that the router serves")
     if summary_only and not uplink:
-        raise SecurityError("summary_only restricts what the router above receives: name that router (uplink)")
+        raise SecurityError(
+            "summary_only restricts what the router above receives; give the name of that router (uplink)"
+        )
     if not uplink:
         return
     if uplink not in members.routers or uplink in members.revoked:

@@ -58,7 +58,7 @@ def test_a_layer_of_another_dtype_shape_or_number_is_refused(peer) -> None:
         "layer 'slope' is float64": good | {"slope": np.zeros((2, 3))},
         "layer 'slope' is list": good | {"slope": [[0.0] * 3] * 2},
         "layer 'age' has shape": good | {"age": np.zeros((3, 2), np.uint8)},
-        "layers slope are missing": {n: a for n, a in good.items() if n != "slope"},
+        "missing layers: slope": {n: a for n, a in good.items() if n != "slope"},
         "1 to 4000000 cells": good | {"elevation": np.broadcast_to(np.float32(0.0), (2001, 2000))},
         "layer 'elevation' of 0 x 3 cells": good | {"elevation": np.zeros((0, 3), np.float32)},
     }
@@ -139,7 +139,7 @@ def test_another_major_version_is_refused_in_words(peer) -> None:
     """The message says both versions and what to do."""
     message = make_terrain(peer.make_terrain(shape=(2, 3)))
     message.version_major = 2
-    with pytest.raises(VersionError, match=r"version 2\.0; this package speaks version 1: install"):
+    with pytest.raises(VersionError, match=r"version 2\.0; this package supports version 1: install"):
         transport.decode_terrain(encode(message))
 
 
@@ -189,7 +189,7 @@ def _damage(message, what: str) -> None:
         ("other array", "none in the others"),
         ("huge", "grid of 60000 x 60000 cells"),
         ("empty", "nx of Terrain is 0; allowed: 1 to"),
-        ("missing", "layers looks are missing"),
+        ("missing", "missing layers: looks"),
         ("names", "stage times has 1 different names and 2 values"),
         ("joints", "names a joint twice"),
         ("joint count", "1 joint names but 2 positions"),

@@ -170,7 +170,7 @@ def test_names_never_stand_for_two(site: Path, tmp_path: Path) -> None:
         check_router(site, "hall")
     with pytest.raises(SecurityError, match="give each robot once"):
         init_security(tmp_path / "twice", robot=["rex", "rex"])
-    with pytest.raises(SecurityError, match="1 hosts are given for 2 robots"):
+    with pytest.raises(SecurityError, match="hosts given: 1, robots: 2"):
         init_security(tmp_path / "hosts", robot=["rex", "ada"], hosts=["rex.local"])
     with pytest.raises(SecurityError, match="give at least one"):
         make_router(site, [], name="hall")

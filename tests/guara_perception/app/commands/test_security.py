@@ -72,7 +72,7 @@ def test_add_and_revoke_say_what_to_copy(guara, keys: Path) -> None:
         (["check", "NOWHERE"], "nowhere' does not exist"),
         (["check", "KEYS", "--robot", "rex"], "has no robot 'rex'; robots: guara"),
         (["add", "KEYS", "router"], "the name 'router' is taken or was revoked"),
-        (["add", "KEYS", "rex.planner-2"], "contains several robots"),
+        (["add", "KEYS", "rex.planner-2"], "write ROBOT.planner-2, where ROBOT is one of"),
         (["renew", "KEYS", "rex"], "has no member 'rex'; members: node, gait, planner, viewer"),
         (["renew", "NOWHERE"], "cannot read the CA of"),
         (["add", "KEYS", "viewer"], "the name 'viewer' is taken or was revoked"),
@@ -170,7 +170,7 @@ def test_a_router_for_several_robots_says_what_to_do(guara, tmp_path: Path) -> N
         f"{site / 'desk'}: for the new fleet member; copy the folders of the routers again and restart the routers"
     )
     assert said.out.strip() == expected
-    assert "contains several robots: write ROBOT.planner-3" in guara("security", "add", site, "planner-3").err
+    assert "write ROBOT.planner-3, where ROBOT is one of" in guara("security", "add", site, "planner-3").err
     said = guara("security", "revoke", site, "rex.planner")
     changed = ", ".join(str(site / name) for name in ("rex/node", "top", "room"))
     assert said.out.startswith(f"copy {changed} to the machines again") and "rex.planner keeps its access" in said.out
