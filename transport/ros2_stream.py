@@ -41,7 +41,7 @@ def decode_joint_state(payload: bytes) -> JointState:
     ways.
 
     Raises:
-        MessageError: the payload is truncated or too long, or the numbers of names and positions differ.
+        MessageError: the payload is truncated, too long or damaged, or the numbers of names and positions differ.
     """
     if len(payload) > MAXIMUM_BATCH:
         raise MessageError(f"JointState of {len(payload)} bytes; allowed: up to {MAXIMUM_BATCH} bytes")

@@ -106,8 +106,8 @@ def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Per
     """Try every action at a temporary node, as each role and without a certificate.
 
     The temporary node has the folder's own configuration and listens on a free port of this machine; a running node is
-    not affected. If there are routers of this robot, or other robots, then these routers and members of one other robot
-    are tried too.
+    not affected. Routers of this robot, and planner and node of one other robot, are tried too if the folder contains
+    them.
 
     Args:
         folder: folder made by `init_security`, with the folders of all roles.

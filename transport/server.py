@@ -141,7 +141,7 @@ class PerceptionServer(Resource):
     ) -> None:
         """Publish a grid. Returns immediately; encoding and sending run on threads of the outbox.
 
-        The Terrain message is sent before occupancy and grid map, and in parallel to summary and regions.
+        The Terrain message is sent before occupancy and grid map, and in parallel with summary and regions.
 
         Args:
             terrain: grid of either extent.

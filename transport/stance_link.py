@@ -33,7 +33,7 @@ class StancePublisher(Sender):
 
     Args:
         session: open session.
-        robot: instance name; equal in each published `StancePause`.
+        robot: instance name, as in every published `StancePause`.
         clock: returns the current time [ns] of the clock that stamps the pauses. The node queries this clock to
             distinguish a late message from a clock offset; without this clock, the node does not confirm scans.
     """

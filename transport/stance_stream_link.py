@@ -71,8 +71,8 @@ class StanceStreamPublisher(Sender):
     def add(self, stamp: int, stance: StanceMessage, angular_velocity: Point | None = None) -> None:
         """Queue a sample; returns immediately.
 
-        Before that, the queued batch is sent if it is full, if its first sample precedes the new one by `BATCH_PERIOD`
-        or more, or if the new sample has other joints or measurements. `flush` sends the rest.
+        The batch of the samples queued before is sent first if it is full, if its first sample precedes the new one by
+        `BATCH_PERIOD` or more, or if the new sample has other joints or measurements. `flush` sends the rest.
 
         Args:
             stamp: time of the joint positions, on the clock that stamps the pauses [ns since the epoch].

@@ -12,7 +12,7 @@ PERIOD = 0.5
 
 
 class Pulse:
-    """Periodic calls of all added actions, on a thread that runs from the first `add` until `close`.
+    """Thread that calls all added actions once per period, from the first `add` until `close`.
 
     Every message wakes the sender, the router and the reader; messages that are sent together wake each of them once.
     """
@@ -56,4 +56,4 @@ class Pulse:
                 try:
                     action()
                 except Exception as error:
-                    report(f"beat {action.__qualname__}", error)
+                    report(f"periodic action {action.__qualname__}", error)

@@ -182,8 +182,8 @@ class NewestReceiver(Resource, Generic[T]):
     def nothing(self, timeout: float) -> str:
         """Return the error text for a wait of `timeout` [s] in which no message was accepted."""
         return (
-            f"no matching message on {self.key!r} within {timeout:g} s; {self.received} arrived, "
-            f"{self.rejected} were damaged, {self.missed} were lost"
+            f"no matching message on {self.key!r} within {timeout:g} s; arrived: {self.received}, "
+            f"damaged: {self.rejected}, lost: {self.missed}"
         )
 
     def _next(self, after: int, timeout: float | None) -> Sample[T] | None:

@@ -27,7 +27,7 @@ def encode(message: Any) -> bytearray:
     """Serialise a ROS 2 message object as little-endian CDR with the 4-byte header.
 
     Args:
-        message: instance of a class from `message_class`. Its arrays must be flat and have the exact dtype.
+        message: instance of a class from `message_class`. Its arrays must be flat and have the dtype of the field.
 
     Returns:
         The payload as a contiguous object that Zenoh and MCAP accept without a copy, which would take longer than the
@@ -55,11 +55,12 @@ def decode(payload: bytes | bytearray | memoryview, type_name: str) -> Any:
         type_name: name of the type, such as `nav_msgs/msg/OccupancyGrid`.
 
     Returns:
-        The message object. Its arrays are read-only views of `payload`.
+        The message object. Its arrays are read-only views of `payload`, or copies if its byte order is not that of this
+        machine.
 
     Raises:
-        MessageError: the type is unknown; the payload is too long, truncated, has trailing bytes or does not fit the
-            type; or a field is outside its range in `transport.messages.typestore`.
+        MessageError: the type is unknown; the payload is too long, truncated, has more than 3 trailing bytes or does
+            not fit the type; or a field is outside its range in `transport.messages.typestore`.
     """
     message_class(type_name)
     if len(payload) > MAXIMUM_PAYLOAD:

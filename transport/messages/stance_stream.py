@@ -33,7 +33,7 @@ class StanceStream:
         sequence: number of the batch; a gap in the numbers means that a batch was lost.
         joint_names: names of the j joints.
         legs: names of the l legs.
-        times: (n,) times of the samples after `stamp`, ascending from 0 [s].
+        times: (n,) times of the samples after `stamp`, strictly ascending from 0 [s].
         joint_positions: (n, j) positions [rad].
         supports: (n, l) True if the leg carries weight.
         gravity_in_base: (n, 3) direction of gravity in `base_link`, pointing down; None if not measured.

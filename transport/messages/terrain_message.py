@@ -116,9 +116,9 @@ class TerrainMessage:
     Attributes:
         robot: instance name.
         extent: "footprint" or "map".
-        sequence: number of the message among those of its extent since the node started, from 1.
+        sequence: number of the message, ascending from 1 within its extent and run; numbers may be skipped.
         step: number of the stance pause.
-        stamp: time for which the grid is valid [ns since the epoch].
+        stamp: end of the scan or, of a withdrawn grid, time of the withdrawal [ns since the epoch].
         scan_start: time of the first frame [ns].
         scan_end: time of the last frame [ns].
         valid_for: time after `scan_end` during which the grid may be used [s]; may be infinite.
@@ -327,7 +327,7 @@ def encode_terrain(terrain: TerrainMessage) -> bytearray:
 def decode_terrain(payload: bytes | bytearray | memoryview) -> TerrainMessage:
     """Decode and check the payload of a guara_msgs/Terrain, plain CDR or compressed.
 
-    Unknown layers are ignored. The arrays are read-only views of the CDR data.
+    Unknown layers are ignored. The arrays are read-only.
 
     Raises:
         VersionError: the message has another major version.

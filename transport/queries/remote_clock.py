@@ -24,7 +24,7 @@ DRIFT = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class ClockBound:
-    """Bound of another clock, which showed `reading` between `asked` and `answered` on this machine's clock [s]."""
+    """Time bounds of a reading: another clock showed `reading` between `asked` and `answered` on this machine's [s]."""
 
     reading: float
     asked: float

@@ -63,7 +63,7 @@ def request_scan(
 
     Raises:
         MessageError: an argument is not allowed, or a reply is damaged or belongs to another request.
-        ScannerUnavailable: there was no reply, or this client may not request scans.
+        ScannerUnavailable: no scanner replies: none is running, or this client may not request scans.
         ScanBusy: the scanner is working on another request.
         ScanFailed: the scanner refused the request or could not complete the scan; `code` is the cause.
         ScanTimeout: the scan was not done in time.
@@ -123,7 +123,7 @@ def result_of(done: ScanReply, before: int) -> Callable[[Received[TerrainMessage
     """Return a predicate that accepts the grid of a requested scan, or a later grid.
 
     Args:
-        done: reply that ended the request.
+        done: DONE reply to the request.
         before: number of samples received before the request.
     """
 
@@ -137,7 +137,7 @@ def result_of(done: ScanReply, before: int) -> Callable[[Received[TerrainMessage
 
 
 def _has_gone(is_alive: Callable[[], bool]) -> bool:
-    """Test if the node has died; the client may see the end of its replies before its token disappears."""
+    """Test whether the node has died; the client may see the end of its replies before its token disappears."""
     deadline = time.monotonic() + GONE_WITHIN
     while is_alive():
         if time.monotonic() > deadline:

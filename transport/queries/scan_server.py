@@ -1,4 +1,4 @@
-"""Server of scan requests: a repeated id gets the result of the first scan; each query gets one final reply."""
+"""Server of scan requests, processed one at a time; repeated requests get the result of the first."""
 
 from __future__ import annotations
 

@@ -13,9 +13,9 @@ from transport.exceptions import RecordingError
 # Largest decompressed chunk [bytes]. A chunk usually has 1 MiB or contains a single frame (72 MB for 12 Mpx with three
 # channels of 16 bits).
 MAXIMUM_CHUNK = 96 * 1024 * 1024
-# Largest decompressed size of a file [bytes]: MAXIMUM_UNPACKED plus MAXIMUM_RATIO times the size of the file.
+# Largest decompressed size of all chunks [bytes]: MAXIMUM_UNPACKED plus MAXIMUM_RATIO times the size of the file.
 MAXIMUM_UNPACKED, MAXIMUM_RATIO = 256 * 1024 * 1024, 100
-# Largest number of records in a file: MAXIMUM_RECORDS plus the size of the file divided by BYTES_PER_RECORD.
+# Largest number of records in all chunks: MAXIMUM_RECORDS plus the size of the file divided by BYTES_PER_RECORD.
 MAXIMUM_RECORDS, BYTES_PER_RECORD = 100_000, 64
 
 

@@ -162,7 +162,7 @@ def _kind(pixels: Array) -> tuple[str, int]:
 
 
 def image_message(pixels: Array, encoding: str, frame_id: str, stamp: int) -> Any:
-    """Make a sensor_msgs/Image message object of pixels (h, w) or (h, w, channels) in a ROS encoding."""
+    """Make a sensor_msgs/Image message object from pixels (h, w) or (h, w, channels) in a ROS encoding."""
     # The message is little endian, even on a big-endian machine.
     pixels = np.ascontiguousarray(pixels, dtype=pixels.dtype.newbyteorder("<"))
     height, width = pixels.shape[:2]

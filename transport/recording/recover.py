@@ -26,7 +26,7 @@ class Recovery:
         messages: number of recovered messages.
         attachments: number of recovered attachments.
         damaged_chunks: number of complete chunks that were left out because their content is damaged.
-        bytes_lost: number of bytes after the last complete record; 0 if the file was not truncated.
+        bytes_lost: number of bytes after the last readable record; 0 if all records could be read.
         was_whole: True if the file was complete and nothing was damaged.
     """
 

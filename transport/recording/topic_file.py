@@ -30,7 +30,7 @@ class TopicFile(AbstractContextManager["TopicFile"]):
             path: path of the new file, usually `*.mcap`.
             robot: instance name, which is part of the topic names.
             atomic: True = write under a temporary name, and rename the file when it is complete.
-            sync: True = flush to the disk at each acknowledgement, so that acknowledged data survive a loss of power.
+            sync: True = `flush` also writes to the disk, so that flushed data survive a loss of power.
 
         Raises:
             RecordingError: the file exists or cannot be created.

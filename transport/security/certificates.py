@@ -102,7 +102,7 @@ def _has_current_rules(node: Path) -> bool:
 
 
 def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Renew keys and certificates of members, signed by the same CA. Common names are kept.
+    """Renew keys and certificates of members, with the same CA and common names.
 
     Also updates configurations of earlier versions: link queues of the renewed members and, if a node or router is
     among them, the access rules of all nodes and routers.

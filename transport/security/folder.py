@@ -161,7 +161,7 @@ def write_roles(folder: Path, authority: Credentials, robot: str, *, hosts: Sequ
 
 
 def own_hosts(hosts: Sequence[str]) -> list[str]:
-    """Return the given host names and addresses, localhost, and the name of this machine, without duplicates."""
+    """Return the given host names and addresses, those of localhost, and this machine's name, without duplicates."""
     return list(dict.fromkeys([*hosts, "localhost", "127.0.0.1", "::1", socket.gethostname()]))
 
 

@@ -26,7 +26,7 @@ class Robot:
 
     Attributes:
         folder: folder that contains the folders of the members.
-        added: role of each added member, by name; each role has one member of the same name besides.
+        added: roles of additional members, by name. Each role always has one member, named like the role.
         revoked: names of the revoked members.
     """
 
