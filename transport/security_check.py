@@ -209,7 +209,8 @@ def _reader_of(members: Members, robot: str) -> Path:
         if "read grids" in EXPECTED.get(role, ()) and name not in own.revoked:
             return own.folder / name
     raise SecurityError(
-        f"no planner or viewer of {robot} is left to observe a forged grid; `guara security add` one, then check again"
+        f"no planner or viewer of {robot} is left to observe a forged grid; add one with `guara security add`, then "
+        "check again"
     )
 
 

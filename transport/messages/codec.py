@@ -64,7 +64,7 @@ def decode(payload: bytes | bytearray | memoryview, type_name: str) -> Any:
     """
     message_class(type_name)
     if len(payload) > MAXIMUM_PAYLOAD:
-        raise MessageError(f"{type_name} of {len(payload)} bytes refused; allowed: {MAXIMUM_PAYLOAD} bytes")
+        raise MessageError(f"{type_name} of {len(payload)} bytes refused; allowed: up to {MAXIMUM_PAYLOAD} bytes")
     try:
         message = typestore().deserialize_cdr(memoryview(payload).toreadonly(), type_name)
     except Exception as error:  # with a hostile payload, the generated code may raise any exception

@@ -53,7 +53,7 @@ def decompress(data: bytes | bytearray | memoryview, itemsize: int = 4, *, maxim
         if size is None:
             raise MessageError("zstd frame refused: it does not declare its length")
         if size > maximum:
-            raise MessageError(f"zstd frame that decompresses to {size} bytes refused; allowed: {maximum} bytes")
+            raise MessageError(f"zstd frame that decompresses to {size} bytes refused; allowed: up to {maximum} bytes")
         decompressor = zstd.ZstdDecompressor()
         plain = decompressor.decompress(data, max_length=size + 1)
     except zstd.ZstdError as error:

@@ -117,7 +117,7 @@ def decode_stance_pause(payload: bytes | bytearray | memoryview) -> StancePause:
         MessageError: the payload is damaged, or a value is not allowed.
     """
     if len(payload) > MAXIMUM_ANNOUNCEMENT:
-        raise MessageError(f"stance pause of {len(payload)} bytes refused; allowed: {MAXIMUM_ANNOUNCEMENT} bytes")
+        raise MessageError(f"stance pause of {len(payload)} bytes refused; allowed: up to {MAXIMUM_ANNOUNCEMENT} bytes")
     return from_ros(StancePause, _decoded(payload))
 
 

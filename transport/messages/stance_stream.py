@@ -74,7 +74,7 @@ class StanceStream:
         if not 1 <= n <= MAXIMUM_SAMPLES:
             raise MessageError(f"times has {n} entries; allowed: 1 to {MAXIMUM_SAMPLES}")
         if times[0] != 0.0 or (np.diff(times) <= 0.0).any():
-            raise MessageError("times must begin with 0 and ascend: each sample is later than the one before")
+            raise MessageError("times must begin with 0 and ascend: each sample must be later than the previous one")
         check_value(STANCE_STREAM, "times", times)
         joints = _rows(self.joint_positions, n, len(names), "joint_positions")
         check_value(STANCE_STREAM, "joint_positions", joints.ravel())
@@ -147,7 +147,7 @@ def decode_stance_stream(payload: bytes | bytearray | memoryview) -> StanceStrea
         MessageError: the payload is damaged, or a value is not allowed.
     """
     if len(payload) > MAXIMUM_BATCH:
-        raise MessageError(f"stance stream of {len(payload)} bytes refused; allowed: {MAXIMUM_BATCH} bytes")
+        raise MessageError(f"stance stream of {len(payload)} bytes refused; allowed: up to {MAXIMUM_BATCH} bytes")
     return from_ros(StanceStream, decode(payload, STANCE_STREAM))
 
 

@@ -246,7 +246,7 @@ class TerrainMessage:
             text = data.get(name, "")
             if not isinstance(text, str) or len(text) > MAXIMUM_IDENTITY:
                 raise MessageError(
-                    f"{name} in the metadata is {text!r}; allowed: text up to {MAXIMUM_IDENTITY} characters"
+                    f"{name} in the metadata is {text!r}; allowed: text of up to {MAXIMUM_IDENTITY} characters"
                 )
             set_fields(self, **{name: text})
         for name in ("provisional", "refinement_follows", "withdrawn"):

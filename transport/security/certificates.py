@@ -71,7 +71,10 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
         raise SecurityError(f"{folder} contains no certificate; give a folder that `guara security init` made")
     readable = [path for path in _files(root, "key") if _is_open(path)]
     if readable:
-        return Health.ERROR, f"{readable[0].relative_to(root)} can be read by others on this machine; chmod 600 it"
+        return (
+            Health.ERROR,
+            f"{readable[0].relative_to(root)} can be read by others on this machine; run chmod 600 on it",
+        )
     name, days = min(left.items(), key=lambda item: item[1])
     if days <= 0:
         return (
@@ -263,7 +266,7 @@ def revoke(folder: str | Path, name: str) -> tuple[Path, ...]:
     full, member = members.find(name)
     if member.name == "node":
         raise SecurityError(
-            "the node cannot be revoked; if its key is lost, run `guara security init` for a new folder"
+            "the node cannot be revoked; if its key is no longer secret, make a new folder with `guara security init`"
         )
     if full in members.shut_out:
         return ()

@@ -266,7 +266,7 @@ def _existing(folder: Path, name: str, *, is_key: bool) -> Path:
     if is_key and mode & 0o077:
         raise SecurityError(
             f"{path} has mode {mode:03o}: others on this machine can read the key and act as its owner. "
-            f"chmod 600 it; if others may have read it, make a new one with `guara security renew`"
+            f"Run chmod 600 on it; if others may have read it, make a new key with `guara security renew`"
         )
     return path
 

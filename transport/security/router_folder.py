@@ -113,7 +113,7 @@ def _check(members: Members, name: str, robots: Sequence[str], uplink: str, *, s
         return
     if uplink not in members.routers or uplink in members.revoked:
         known = ", ".join(other for other in members.routers if other not in members.revoked) or "none"
-        raise SecurityError(f"{members.root} has no router {uplink!r} to dial; routers: {known}")
+        raise SecurityError(f"{members.root} has no router {uplink!r} for the uplink; routers: {known}")
     missing = [robot for robot in robots if robot not in members.routers[uplink].robots]
     if missing:
         raise SecurityError(

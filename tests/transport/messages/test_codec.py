@@ -115,7 +115,7 @@ def test_a_pause_of_absurd_numbers_is_refused(peer, fields: dict[str, object]) -
 
 def test_an_announcement_beyond_the_limit_is_refused() -> None:
     """A gait has no 256 kB to say; nothing of it is decoded."""
-    with pytest.raises(MessageError, match="stance pause of 262145 bytes refused; allowed: 262144 bytes"):
+    with pytest.raises(MessageError, match="stance pause of 262145 bytes refused; allowed: up to 262144 bytes"):
         transport.decode_stance_pause(bytes(256 * 1024 + 1))
 
 

@@ -78,5 +78,5 @@ def test_huge_lengths_allocate_nothing(payloads) -> None:
 def test_a_payload_beyond_the_limit_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """A payload that is too long is refused before it is looked at."""
     monkeypatch.setattr(codec, "MAXIMUM_PAYLOAD", 100)
-    with pytest.raises(MessageError, match="101 bytes refused; allowed: 100"):
+    with pytest.raises(MessageError, match="101 bytes refused; allowed: up to 100"):
         transport.decode(bytes(101), "guara_msgs/msg/Terrain")

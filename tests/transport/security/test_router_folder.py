@@ -191,7 +191,7 @@ def test_who_is_shut_out_is_so_everywhere(tmp_path: Path) -> None:
         assert '"rex.second"' in text and '"rex.planner"' not in text and '"room.router"' not in text
     with pytest.raises(SecurityError, match=r"room\.router was revoked"):
         renew(folder, ("room",))
-    with pytest.raises(SecurityError, match="has no router 'room' to dial; routers: top"):
+    with pytest.raises(SecurityError, match="has no router 'room' for the uplink; routers: top"):
         make_router(folder, ["rex"], name="hall", uplink="room")
 
 

@@ -63,7 +63,10 @@ def test_add_and_revoke_say_what_to_copy(guara, keys: Path) -> None:
         (["router", "KEYS", "--robot", "r" * 32], "31 characters at most"),
         (["router", "KEYS", "--robot", "guara", "--name", "ca"], "the name 'ca' is taken"),
         (["router", "KEYS", "--robot", "guara", "--name", "r" * 32], "is too long for a certificate"),
-        (["router", "KEYS", "--robot", "guara", "--uplink", "site"], "has no router 'site' to dial; routers: none"),
+        (
+            ["router", "KEYS", "--robot", "guara", "--uplink", "site"],
+            "has no router 'site' for the uplink; routers: none",
+        ),
         (["router", "KEYS", "--robot", "guara", "--listen", "tcp/0.0.0.0:1"], "is not encrypted"),
         (["router", "KEYS", "--robot", "guara", "--summary-only"], "restricts what the router above receives"),
         (["router", "KEYS"], "Missing option '--robot'"),
@@ -101,7 +104,7 @@ FLAWS: dict[str, tuple[Callable[[Path], None], Health, str, str, int]] = {
         lambda keys: (keys / "node" / "node.key").chmod(0o640),
         Health.ERROR,
         "FAIL",
-        "node/node.key can be read by others on this machine; chmod 600 it",
+        "node/node.key can be read by others on this machine; run chmod 600 on it",
         1,
     ),
 }
