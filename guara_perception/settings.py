@@ -17,8 +17,8 @@ from kinematics.findings import Findings
 from kinematics.toml_table import Table
 
 MODES = ("coarse", "standard")
-# Largest values of limits: one for all lengths [m], others by name. A larger value is in a wrong unit (degrees,
-# millimetres).
+# Largest allowed values of the limits: of all lengths [m], and of the other limits by name. A larger angle or length is
+# probably in degrees or millimetres.
 LARGEST_LENGTH = 1.0
 LARGEST_LIMIT = {"slope": np.pi / 2, "confidence": 10.0}
 RobotLike: TypeAlias = RobotModel | str | Path
@@ -36,9 +36,9 @@ class TraversabilityLimits:
         step: largest rise within the disc [m].
         drop: largest fall within the disc [m].
         roughness: largest standard deviation about the fitted plane [m].
-        sigma: largest standard deviation of the elevation [m].
+        sigma: largest standard deviation of the elevation, from the variance that neighbouring cells do not share [m].
         disc_radius: radius of the window of the plane fit and of the step search [m].
-        confidence: number of standard deviations added to a value before it is compared with its limit.
+        confidence: number of standard deviations added to slope, rise, fall and roughness before the comparison.
         sole_length, sole_width: extent of the sole rectangle along x and y [m].
     """
 
@@ -58,7 +58,8 @@ class TraversabilityLimits:
             high = LARGEST_LIMIT.get(name, LARGEST_LENGTH)
             is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
             if not is_number or not 0 <= value <= high or (value == 0 and name != "confidence"):
-                raise InvalidInput(f"limit {name} is {value!r}, it must be a number above 0 and at most {high:.4g}")
+                allowed = f"0 ... {high:.4g}" if name == "confidence" else f"numbers above 0, at most {high:.4g}"
+                raise InvalidInput(f"limit {name} is {value!r}, allowed: {allowed}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +133,7 @@ class Settings:
         return settings
 
     def pattern(self, mode: str) -> range:
-        """Indices in the standard pattern of the stripes of a mode.
+        """Indices of the stripes of a mode, counted in the standard pattern.
 
         Raises:
             InvalidInput: there is no such mode.

@@ -26,7 +26,7 @@ from guara_perception.stripes.paper import check_threshold, extract_paper
 from guara_perception.stripes.precise import extract_precise
 
 # Offsets of the two earlier frames that form the background of a stripe [stripes]. Their stripes are far enough away
-# not to overlap it in the image. There are two, because each frame hides the ground under its own stripe.
+# not to overlap it in the image. Each of them contains a stripe of its own; the minimum of both contains none.
 STRIPES_BEFORE = (3, 6)
 
 
@@ -40,7 +40,7 @@ class StripeFinder:
             method: one of `guara_perception.scanning.stripe_finder.METHODS`.
             size: width and height of the calibrated camera's images [px].
             stride: index difference of neighbouring stripes.
-            threshold: threshold of the paper's binarisation, as in `paper_stripe`.
+            threshold: threshold of the paper's binarisation, as in `paper_stripe`; not used by the method "precise".
         """
         self._extract = extract_precise if METHODS[method] is None else partial(extract_paper, threshold=threshold)
         self._size = size
@@ -80,8 +80,8 @@ class StripeFinder:
 class SweepBackground:
     """Backgrounds of a sweep without laser-off frames, from one channel of the last few laser-on frames.
 
-    The frames used for a stripe depend on its index and on the first usable frame. A stripe is rejected if one of these
-    frames was lost.
+    The background of a stripe is the minimum of two earlier frames, at the index offsets STRIPES_BEFORE. A stripe is
+    rejected if one of these frames was lost.
     """
 
     def __init__(self, stride: int) -> None:
@@ -97,10 +97,11 @@ class SweepBackground:
         self._last = -1
 
     def add(self, index: int, on: Image, rows: tuple[int, int]) -> Band | str:
-        """Add a good laser-on frame; return its band, or the reason why a background frame is missing.
+        """Add a usable laser-on frame; return its band, or the reason why the stripe is rejected.
 
-        The channel in which the first stripe has the strongest signal is used for the whole sweep. The first stripes
-        and those out of order get a band without background; their background is estimated later from their own frame.
+        The channel in which the first stripe stands out most from the noise is used for the whole sweep. The first
+        stripes, and stripes out of order, get a band with all channels and no background; the background is then
+        estimated from the frame itself.
 
         Args:
             index: index of the stripe.

@@ -16,8 +16,8 @@ from kinematics.body_track import HALF_WINDOW, LONGEST_GAP
 from kinematics.transforms import inverse, transform_points
 
 NO_PLACE = "the pose of the body at its flash is unknown: joint samples are missing, feet moved, or no instant is known"
-# Two neighbouring stripes are joined only if the body motion between their flashes displaces the ground by at most
-# this much in any direction: half the spacing of coarse stripes, so that no stripe falls where another should be.
+# Largest displacement of the ground, in any direction, by body motion between the flashes of two neighbouring stripes
+# that are joined. It is about half the spacing of coarse stripes, so that no stripe takes the place of another.
 MOST_BETWEEN_M = 0.006
 # Largest standard deviation of the height difference between two stripes that are joined.
 MOST_SIGMA_M = 0.0015
@@ -45,7 +45,7 @@ class StripePlaces:
         self.flashes: dict[int, tuple[float, float]] = {}
         self.places: dict[int, StripePlace] = {}
         self.left = ""
-        # Stripes that the samples cover but that have no pose: later samples do not help.
+        # Stripes without a pose although the samples cover them. Later samples cannot change that.
         self._lost: set[int] = set()
 
     def expect(self, pairs: Collection[FramePair]) -> None:
@@ -65,7 +65,7 @@ class StripePlaces:
         if gap <= LONGEST_GAP:
             return ""
         what = f"has a gap of {gap:.2f} s" if math.isfinite(gap) else "begins or ends"
-        return f"the joint stream {what} during the scan, which is treated as one without a stream: check the gait"
+        return f"the joint stream {what} during the scan and is ignored: check the gait"
 
     def update(self) -> int:
         """Compute the poses of the stripes that the samples now cover.
@@ -74,7 +74,7 @@ class StripePlaces:
         poses.
 
         Returns:
-            Number of stripes whose pose is known or lost.
+            Number of stripes whose pose is known or cannot be determined.
         """
         for index, (instant, sigma) in self.flashes.items():
             if index in self.places or index in self._lost or not self._track.covers(instant):
@@ -102,7 +102,7 @@ class StripePlaces:
 
 
 def parted_pairs(places: Mapping[int, StripePlace], stride: int, ground: Float) -> frozenset[Key]:
-    """Neighbouring stripes not to be joined: the body moved too far between flashes, or its pose is too uncertain.
+    """Pairs of neighbouring stripes that must not be joined, because the body moved too far or its pose is uncertain.
 
     Args:
         places: poses by index.

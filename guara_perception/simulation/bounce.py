@@ -11,13 +11,14 @@ from guara_perception.simulation.scene_view import SceneView
 # Spacing of the receivers (pixels at which bounced light is computed), relative to the image width. Few suffice,
 # because bounced light varies smoothly.
 RECEIVER_SPACING = 1 / 64
-# Number of sources, sampled from the lit pixels of a stripe.
+# Largest number of sources, sampled from the lit pixels of a stripe, on sloped and on horizontal surfaces each.
 SOURCES = 32
 # z of the normal below which a surface counts as sloped. Horizontal ground cannot illuminate horizontal ground.
 SLOPED_COSINE = 0.97
 # Lower bound of the distance to a source, without which the light of a point source would be unbounded.
 NEAREST_M = 0.004
-# Bounced light below this level is omitted, because it is smaller than the rounding error of a pixel [grey levels].
+# Bounced light that is below this level in the whole image is omitted. It is smaller than the rounding error of a pixel
+# [grey levels].
 FAINTEST = 0.2
 
 
@@ -62,7 +63,7 @@ class Bounce:
         return np.asarray(cv2.resize(total, (width, height), interpolation=cv2.INTER_LINEAR))
 
     def _add(self, total: Float32, receivers: Mask, sources: Index, sent: Float32) -> None:
-        """Add the light of sources to receivers, in proportion to the cosines at both ends over the squared distance.
+        """Add the light of sources to receivers: product of the cosines at both ends, divided by the squared distance.
 
         Args:
             total: light received so far by each receiver [grey levels of 255]; changed in place.
@@ -87,7 +88,7 @@ class Bounce:
     def _pixel_areas(self, sources: Index) -> Float32:
         """Area (n,) of the surface shown by each source pixel [m^2].
 
-        The area is limited to four times the median, because the corners of a pixel at a depth edge are on two
+        The area is limited to four times the median, because a pixel at a depth edge and its neighbours are on two
         surfaces.
         """
         height, width = self._shape

@@ -1,6 +1,6 @@
 """Features of the simulated ground (boxes, rocks, ramps, steps, stairs, pits, patches) and their materials.
 
-A feature maps the height of the ground before its placement to the height after it, exactly and at any point.
+Given the height of the ground without a feature, the feature computes the exact height with it, at any point.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Feature:
     def __post_init__(self) -> None:
         _finite(self, "x", "y", "yaw")
         if len(self.size) != 2 or not all(np.isfinite(s) and s > 0 for s in self.size):
-            raise InvalidInput(f"size is {tuple(self.size)}, allowed: (length, width), both above 0 m")
+            raise InvalidInput(f"size is {tuple(self.size)}, allowed: (length, width), both finite and above 0 m")
         material_index(self.material)
 
     @property
@@ -168,7 +168,7 @@ class Step:
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """Smallest and largest x [m]: first and last edge; then zeros for y, as steps cross the whole world."""
+        """Coordinates x of the first and last edge [m], then zeros for y, because steps cross the whole world."""
         return self.x, self.x + (self.count - 1) * self.run, 0.0, 0.0
 
     def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
@@ -237,7 +237,7 @@ MATERIALS = (
     Material("brick", (0.40, 0.13, 0.09), texture=0.12),
     Material("blue", (0.07, 0.12, 0.30), texture=0.10),
     Material("gravel", (0.33, 0.31, 0.28), texture=0.35),
-    # Coal, rubber, black cloth: less than 3 % in red, so that the stripe is lost in noise.
+    # Coal, rubber or black cloth. The stripe on it is lost in noise.
     Material("dark", (0.006, 0.006, 0.006), texture=0.10),
     Material("metal", (0.10, 0.10, 0.11), shine=0.7, texture=0.05),
     Material("wet", (0.14, 0.10, 0.07), shine=0.35, texture=0.10),
@@ -250,7 +250,7 @@ def material_index(name: str) -> int:
     """Index of a material in MATERIALS.
 
     Raises:
-        InvalidInput: no such material; the message lists them.
+        InvalidInput: there is no such material; the message lists all materials.
     """
     if name not in INDEX:
         raise InvalidInput(f"material is {name!r}, allowed: {', '.join(INDEX)}")

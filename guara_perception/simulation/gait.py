@@ -12,7 +12,7 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from kinematics import RobotModel
 
-# Step by which the body is lowered if it cannot reach all footholds, and largest total.
+# Step by which the body is lowered until the legs reach all footholds, and largest total lowering.
 CROUCH_STEP_M = 0.005
 DEEPEST_CROUCH_M = 0.060
 # Largest slope of the body relative to the horizontal [-].
@@ -64,7 +64,7 @@ class WaveGait:
         return x + self.cycle_length / 2, y
 
     def first_stance(self) -> dict[str, tuple[float, float]]:
-        """Leg -> position (x, y) of its foot in base_link at pause 0 [m], as in the middle of a walk."""
+        """Leg -> position (x, y) of its foot in base_link at pause 0 [m]; the feet stand as in the middle of a walk."""
         stance = {}
         for order, leg in enumerate(self.lift_order):
             x, y = self.hips[leg]
@@ -94,7 +94,7 @@ def stand_on(
         robot: the robot.
         soles_in_world: leg -> sole centre (3,), for every leg [m].
         position: x and y of the body's origin [m].
-        height: height of the body's origin above the plane of the feet [m].
+        height: distance of the body's origin from the plane of the feet, before any lowering [m].
 
     Returns:
         transform_base_to_world (4, 4), and joint name -> position [rad].
@@ -118,12 +118,16 @@ def stand_on(
             return transform, joints
     raise OutOfReach(
         f"leg {failed!r} cannot reach its foothold {np.round(soles[failed], 3).tolist()} with the body at "
-        f"x {position[0]:.3f}, y {position[1]:.3f}, even {DEEPEST_CROUCH_M} m lower: choose one nearer to its hip"
+        f"x {position[0]:.3f}, y {position[1]:.3f}, even if it is lowered by {DEEPEST_CROUCH_M} m: choose a foothold "
+        "nearer to the hip"
     )
 
 
 def body_pose(soles: Float, position: tuple[float, float], height: float) -> Float:
-    """Pose transform_base_to_world (4, 4) of a body parallel to the plane through soles (n, 3), heading along x."""
+    """Pose transform_base_to_world (4, 4) of a body parallel to the plane through soles (n, 3), heading along x.
+
+    The slope of the plane is limited to LARGEST_TILT, the height [m] is the distance of the body's origin from it.
+    """
     centre = soles.mean(axis=0)
     offsets = soles - centre
     slope = np.linalg.lstsq(offsets[:, :2], offsets[:, 2], rcond=None)[0]

@@ -13,16 +13,16 @@ BEST_JPEG = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """Light, laser and sensor; levels are grey levels of the image, 0 ... 255, at nominal exposure.
+    """Light, laser and sensor; levels are grey levels at nominal exposure, before clipping at 255.
 
     The effects from `skirt` to `jpeg_quality` occur outside a laboratory and are off by default. `real_light` scales
     them relative to their strength in photographs.
 
     Attributes:
-        ambient: levels of a white, horizontal surface under the ambient light in blue, green and red.
+        ambient: levels of blue, green and red on a white, horizontal surface under the ambient light.
         sun: share of the ambient light that comes from one direction; the rest comes evenly from the sky.
         laser: level of the stripe's centre in the red channel, on a white surface that faces the laser 0.5 m away.
-        leakage: share of the laser light recorded by the blue, green and red channels.
+        leakage: factors of the laser light in the blue, green and red channels.
         stripe_sigma: standard deviation of the laser plane's Gaussian profile [m].
         fan: half the fan angle of the laser line [rad].
         speckle: relative standard deviation of the laser light from pixel to pixel.
@@ -32,15 +32,17 @@ class Light:
         read_noise: standard deviation of the noise at level 0.
         vignetting: exponent v of the brightness cos(field angle)^v.
         texture: factor of the mottled texture of all surfaces, 0 = none.
-        skirt: light scattered by the lens up to 8 px beside the stripe, relative to the stripe's peak; farther away, it
-            decreases with the distance.
+        skirt: level of the light scattered by the lens, relative to the stripe's peak. It is constant up to 8 px beside
+            the stripe and decreases from there; it ends at 40 px.
         halo: level beside a clipped core of the stripe; the halo fades within 20 px.
         ghost: relative strength of a second image of the stripe, caused by reflection.
-        blotches: standard deviation of noise in patches of some pixels, independent in each channel.
+        blotches: standard deviation of the noise in patches of several pixels [grey levels], independent in each
+            channel.
         flicker: relative standard deviation of the ambient light from image to image.
         drift: gains of blue, green and red in laser-on images relative to laser-off images, due to automatic exposure
             and white balance.
-        chessboard: share of a 20 mm chessboard in the albedo of each surface, 0 = none, 1 = all of it.
+        chessboard: share, 0 ... 1, of a chessboard with 20 mm squares in the albedo of the ground, except that of
+            absorbing material.
         demosaiced: True to interpolate the pixels from a colour filter array.
         jpeg_quality: quality of JPEG compression with halved colour resolution (4:2:0), 1 ... 100; 0 = none.
     """
@@ -89,12 +91,12 @@ class Light:
 
     @property
     def is_scattered(self) -> bool:
-        """True if laser light reaches pixels beside the stripe."""
+        """True if lens or sensor adds laser light beside the stripe."""
         return self.skirt > 0 or self.halo > 0 or self.ghost > 0
 
     @property
     def is_even(self) -> bool:
-        """True if images with and without laser differ only by noise outside the laser light."""
+        """True if laser-on and laser-off images differ only by noise where no laser light falls."""
         return not (self.is_scattered or self.blotches or self.flicker or self.demosaiced or self.jpeg_quality) and (
             self.drift == (1.0, 1.0, 1.0)
         )

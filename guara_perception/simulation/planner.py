@@ -16,9 +16,9 @@ from kinematics import RobotModel
 
 # Search radii around the nominal foothold, in the order of search: close to it, then as far as the wave gait allows.
 SEARCH_RADII_M = (0.03, 0.06)
-# Sideways offsets searched after that, because a leg reaches farther to the side than the gait allows ahead.
+# Lateral offsets of the circles searched next. A leg reaches farther sideways than the gait allows forwards.
 SIDEWAYS_M = (0.05, -0.05)
-# If no swing reaches the best footholds, others are sought in circles of this radius at these offsets.
+# Offsets and radius of the circles searched last, if no swing to the footholds found before is accepted.
 OTHER_OFFSETS_M = tuple((dx, dy) for dx in (0.0, -0.04, 0.04) for dy in (0.0, 0.04, -0.04, 0.08, -0.08))
 OTHER_RADIUS_M = 0.02
 # Clearances of a swing over the ground, in the order of trial.
@@ -53,14 +53,15 @@ def plan_foothold(
         terrain: newest grid, of extent "map" because a single scan does not show the ground under the hind feet.
         leg: name of the leg, whose reach is checked; None = do not check the reach.
         wish: x and y of the gait's nominal foothold, in base_footprint of the grid [m].
-        previous: foothold that was chosen before for this swing; it is kept unless another one is clearly better.
+        previous: foothold chosen before for this swing. While it is safe and in the circle searched, it is kept unless
+            another foothold there is clearly better.
         robot: model of the robot; None = the robot that the grid names.
 
     Returns:
-        The foothold; None if no safe one is within reach.
+        The foothold; None if there is no safe one in the circles searched.
 
     Raises:
-        InvalidInput: `wish` is not finite, or the robot does not have the leg.
+        InvalidInput, kinematics.KinematicsError: as in `TerrainGrid.best_foothold`.
     """
     return next(_best_first(terrain, leg, wish, previous, robot), None)
 
@@ -72,7 +73,7 @@ def plan_swing(
     previous: tuple[float, float] | None = None,
     robot: RobotModel | None = None,
 ) -> PlannedSwing | None:
-    """Choose the best foothold to which there is an accepted swing, and this swing.
+    """Choose the best foothold that an accepted swing reaches, and this swing.
 
     Args:
         terrain: newest grid, whose record must contain the stance of its pause; the swing begins at the standing sole.
@@ -82,7 +83,7 @@ def plan_swing(
         Foothold and swing; None if no safe foothold within reach has an accepted swing.
 
     Raises:
-        InvalidInput: as in `plan_foothold` and `TerrainGrid.swing`.
+        InvalidInput, kinematics.KinematicsError: as in `plan_foothold` and `TerrainGrid.swing`.
     """
     start = standing_sole(terrain, leg, robot)
     tried: set[tuple[float, float]] = set()
@@ -101,9 +102,9 @@ def plan_swing(
 def refusals(
     terrain: TerrainGrid, leg: str, wish: tuple[float, float], robot: RobotModel | None = None
 ) -> tuple[Reason, ...]:
-    """Reasons why `plan_swing` found nothing, from the swing to the best foothold or from the nominal foothold.
+    """Reasons why `plan_swing` found nothing.
 
-    Those of the nominal foothold are given if there is no safe foothold within reach.
+    They are those of the swing to the best foothold or, if there is no safe foothold, those of the nominal foothold.
     """
     foothold = plan_foothold(terrain, leg, wish, robot=robot)
     if foothold is None:

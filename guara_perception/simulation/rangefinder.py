@@ -21,9 +21,9 @@ from guara_perception.simulation.world import World
 from kinematics import RobotModel
 from kinematics.transforms import inverse, transform_points
 
-# Distance from the laser plane [sigmas] beyond which the light is below a hundredth of a grey level.
+# Distance from the laser plane [sigmas] beyond which the light is neglected: it is below 0.005 % of the peak there.
 REACH_SIGMAS = 4.5
-# Largest extent of a pixel across the laser plane. A larger extent occurs at depth edges and is limited to this.
+# Largest extent of a pixel across the laser plane. A larger extent occurs at depth edges and is reduced to this value.
 MAX_FOOTPRINT_M = 0.002
 # The image rows near a laser plane are those in which a point is within NEAR_PLANE_M of the plane; only every
 # THINNING_PX-th row and column is tested.
@@ -92,12 +92,12 @@ class SimulatedRangefinder:
         joint_positions: Mapping[str, float] | None = None,
         view: SceneView | None = None,
     ) -> SceneView:
-        """Set the pose of the body, and compute everything that is common to all frames from this pose.
+        """Set the pose of the body; return the view of the scene that all frames from this pose share.
 
         Args:
             transform_base_to_world: (4, 4) pose of the body.
-            joint_positions: joint name -> position [rad]; the robot is drawn and casts shadows. None = no robot.
-            view: result of an earlier call with the same arguments, which is not computed again.
+            joint_positions: joint name -> position [rad] of a robot that is drawn and casts shadows. None = draw none.
+            view: result of an earlier call with the same arguments, which saves its computation.
 
         Raises:
             InvalidInput: camera or laser is in the ground or too close to it.
@@ -146,11 +146,11 @@ class SimulatedRangefinder:
             exposure: exposure time relative to the nominal one.
 
         Raises:
-            InvalidInput: `set_pose` has not been called, or the exposure is not above 0.
+            InvalidInput: `set_pose` has not been called, or the exposure is not finite and above 0.
         """
         view = self.view
         if not (np.isfinite(exposure) and exposure > 0):
-            raise InvalidInput(f"exposure is {exposure} of the nominal one, allowed: above 0")
+            raise InvalidInput(f"exposure is {exposure} times the nominal one; allowed: finite factors above 0")
         if laser <= 0:
             return self._sensor.dark_picture(exposure)
         light, rows = self._laser_light(view, mirror_angle, mirror_travel)
@@ -211,7 +211,7 @@ class LaserPlanes:
 
     Attributes:
         angles: (s,) mirror angles, ascending [rad].
-        planes_in_base: (s, 4) planes n . X + d = 0 in base_link, n a unit vector pointing ahead.
+        planes_in_base: (s, 4) planes n . X + d = 0 in base_link, n a unit vector pointing forwards.
     """
 
     angles: Float

@@ -22,7 +22,7 @@ MOST_LEAKAGE = (0.25, 0.52, 1.0)
 # Factor of the ambient light. Soil then reaches red levels of 250 to 300 before clipping at 255, and brighter surfaces
 # are clipped.
 MOST_AMBIENT = 4.0
-# Factor of the laser light: a line of 85 grey levels on soil then has 33.
+# Factor of the laser light: a line of 85 grey levels on soil then has 34.
 WEAKEST_LASER = 0.4
 MOST_NOISE, MOST_BLOTCHES = 7.0, 5.0
 WORST_JPEG, BEST_JPEG = 75, 95  # BEST_JPEG: quality just above strength 0

@@ -137,7 +137,7 @@ class PolarView:
         return PolarView(viewpoint, (first, spacing), radius_spacing, np.maximum.accumulate(tangent, axis=1))
 
     def meets(self, bearing: Float32, tangent: Float32, tangents: int) -> Float32:
-        """Distance (h, w) at which lines of sight (h, w) meet the ground [m], at most the largest radius.
+        """Horizontal distance (h, w) at which lines of sight (h, w) meet the ground [m], at most the largest radius.
 
         Args:
             bearing: bearings of the lines of sight [rad].

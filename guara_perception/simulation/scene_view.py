@@ -147,7 +147,7 @@ def _surface(relief: Relief, points: Float32, normals: Float32, contrast: float)
 
 
 def _chessboard(points: Float32) -> Float32:
-    """Albedo (h, w) of a three-dimensional chessboard, whose squares also alternate with height on walls."""
+    """Albedo (h, w) of a chessboard of black and white cubes, which shows squares on walls too."""
     square = np.floor(points / np.float32(SQUARE_M) + np.float32(1e-3)).astype(np.int64)
     return np.where(square.sum(axis=2) % 2 == 0, BOARD_ALBEDO[0], BOARD_ALBEDO[1]).astype(np.float32)
 
@@ -170,7 +170,7 @@ def _laser_gain(
         lobe = np.maximum((leaving * towards).sum(axis=1), 0) ** np.float32(MIRRORED_EXPONENT)
         scattered[shiny] += shine[shiny] * np.float32(MIRRORED_GAIN) * lobe * (cosine[shiny] > 0)
     beside = np.abs(points @ across.astype(np.float32)) <= np.float32(np.sin(light.fan)) * distance
-    # The fan spreads the laser in one direction only, so the light decreases with the distance, not with its square.
+    # The fan spreads the laser in one direction only, so the light decreases as 1 / distance, not 1 / distance^2.
     return np.asarray(np.float32(light.laser * 0.5) * scattered * beside / distance, dtype=np.float32)
 
 

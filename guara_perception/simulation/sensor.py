@@ -213,7 +213,7 @@ class Blotches:
     """Blotchy noise; each image uses a random part of one large pattern."""
 
     def __init__(self, noise: Float32, deviation: float) -> None:
-        """Filter white noise to blotches.
+        """Filter white noise into blotches.
 
         Args:
             noise: (2 h, 2 w, channels) independent noise of each pixel, with standard deviation 1.

@@ -39,6 +39,7 @@ def specimen(
 
     Raises:
         InvalidInput: the image is smaller than 64 x 64 px.
+        FileFormatError: the robot's perception settings are invalid.
     """
     width, height = size
     if min(size) < 64:

@@ -25,8 +25,8 @@ LIFT_ORDER = ("rh", "rf", "lh", "lf")
 AHEAD_OF_HIP, ASIDE, STRIP, HIP_HEIGHT = 0.075, 0.08, 0.015, 0.33
 # Allowed length of a step [m]. Odometry cannot distinguish a shorter step from a slip; a longer one is too fast.
 SHORTEST_STEP, LONGEST_STEP = 0.060, 0.300
-# Clearance above which a place costs nothing [m]; distance from the track or from the nominal landing that costs as
-# much as leaving the foot in place [m]; and reward of a step per metre.
+# Clearance above which it adds no cost [m]; distance from the track or from the nominal landing that costs as much as
+# leaving the foot in place [m]; and reward per metre of a step [1/m].
 WANTED_CLEARANCE, FAR, WORTH = 0.080, 0.100, 20.0
 STEPS_AHEAD, BEAM, SWINGS_TRIED = (6, 4, 2, 1), 12, 8
 SWING_CLEARANCES = (0.030, 0.020)
@@ -59,7 +59,7 @@ class Stride:
 
 
 class Way(NamedTuple):
-    """Sequence of steps: cost, places of the feet after the last step, first step, and body's advance in that step."""
+    """Sequence of steps: cost, places of the feet after it, place of the first step, and body's advance before it."""
 
     cost: float
     feet: dict[str, Place]
@@ -71,7 +71,7 @@ class StridePlanner:
     """Planner that chooses the next step by a beam search over the steps after it.
 
     Args:
-        robot: the robot; in its scan posture the feet must be below the hips.
+        robot: robot with the legs of LIFT_ORDER; in its scan posture, the feet must be below the hips.
     """
 
     def __init__(self, robot: RobotModel) -> None:
@@ -81,14 +81,16 @@ class StridePlanner:
         self._hips = dict(zip(robot.legs, soles, strict=True))
 
     def next_stride(self, terrain: TerrainGrid, leg: str) -> Stride:
-        """Choose the next step of a leg on the newest map; without a good step, the foot and the body stay in place.
+        """Choose the next stride of a leg on the newest map.
+
+        The foot stays in place if that is the best choice. Foot and body stay in place if no stride is found.
 
         Raises:
             InvalidInput: the grid's record has no stance.
         """
         to_footprint, stance = terrain.record.transform_base_to_footprint, terrain.record.stance
         if to_footprint is None or stance is None:
-            raise InvalidInput("the grid's record has no stance; allowed: the map of a walk")
+            raise InvalidInput("the grid's record has no stance; give the map of a walk")
         in_base = self._robot.state(stance.joint_positions).soles_in_base()
         soles = dict(zip(self._robot.legs, in_base @ to_footprint[:3, :3].T + to_footprint[:3, 3], strict=True))
         feet = {}
@@ -149,7 +151,7 @@ class StridePlanner:
         return None
 
     def _steps(self, way: Way, leg: str, places: list[Place]) -> Iterator[Way]:
-        """Extend a sequence by one step to each place that the leg reaches while all other feet stay within reach."""
+        """Extend a sequence by one step to each place that the leg reaches, or none, with all feet within reach."""
         here = way.feet[leg]
         centre = np.mean([place.x - self._hips[name][0] for name, place in way.feet.items()])
         rear = max(place.rearmost for place in way.feet.values())

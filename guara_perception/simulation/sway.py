@@ -59,7 +59,7 @@ def joints_of(robot: RobotModel, transform_base_to_begin: Float) -> Float:
         reach = robot.reach(leg, sole, pitch)
         if not np.all(reach.is_reachable):
             shift = np.round(transform_base_to_begin[:3, 3], 4).tolist()
-            raise InvalidInput(f"the body sways by {shift} m, out of reach of leg {leg!r}; allowed: less sway")
+            raise InvalidInput(f"leg {leg!r} does not reach its foothold with the body moved by {shift} m: sway less")
         for name, angle in zip(robot.tree.leg(leg).joints, np.ravel(reach.joint_positions).tolist(), strict=True):
             joints[robot.tree.joint_index(name)] = angle
     return joints
@@ -87,6 +87,9 @@ def stream_of(
         begin: time of the stance [s].
         white: sigma of the white noise of one reading [rad].
         bias: sigma of the bias of a joint [rad].
+
+    Raises:
+        InvalidInput: a sole is out of reach of its leg.
     """
     true = np.array([joints_of(robot, sway.at(time)) for time in times.tolist()])
     off = rng.normal(0.0, bias, true.shape[1])

@@ -30,7 +30,7 @@ class TargetCamera:
     Attributes:
         camera: true intrinsic model.
         rays: (h, w, 3) directions in camera_optical_frame, z = 1.
-        light: light and sensor, of which blur, vignetting and noise are used.
+        light: light and sensor; its level of ambient light, laser and surfaces have no effect.
         seed: seed of noise and texture.
     """
 
@@ -120,7 +120,7 @@ def _ink(cells: Mask, column: Float, row: Float, width: Float, columns: int) -> 
 
 
 def _inside(position: Float, low: float, high: float, width: Float) -> Float:
-    """Fraction, for each position, of a window of `width` around it that lies between `low` and `high`."""
+    """Fraction of the window of `width` around each position that lies between `low` and `high`."""
     covered = np.minimum(position + width / 2, high) - np.maximum(position - width / 2, low)
     return np.asarray(np.clip(covered / width, 0.0, 1.0))
 

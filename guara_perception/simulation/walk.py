@@ -20,7 +20,7 @@ from kinematics.stance_pose import ENCODER_NOISE
 # foothold.
 Choice = tuple[float, float] | tuple[float, float, float | None] | None
 
-# Margin of the declared ground around the first stance: behind for slip, ahead as far as the scanned area.
+# Margin of the declared ground around the first stance. Behind, it allows for slip; ahead, it reaches the scanned area.
 KNOWN_GROUND_MARGIN_M = 0.17
 
 
@@ -36,8 +36,8 @@ class WalkNoise:
         imu: standard deviation of the reported direction of gravity, per axis [rad]; None = without an IMU, so that
             gravity is not reported.
         creep: standard deviation of the motion of a standing sole between two pauses, per horizontal axis [m].
-        slide: distance by which all standing soles slide back together between two pauses, as a share of the gait's
-            advance; negative = slide ahead.
+        slide: distance by which all soles slide back together between two pauses, as a share of the gait's advance;
+            negative = slide forwards.
     """
 
     joint: float = 0.0035
@@ -53,7 +53,7 @@ class WalkNoise:
             if value is not None and not (np.isfinite(value) and value >= 0):
                 raise InvalidInput(f"walk noise: {name} is {value}, allowed: finite, 0 or more")
         if not abs(self.slide) <= 0.5:
-            raise InvalidInput(f"walk noise: slide is {self.slide}, allowed: -0.5 ... 0.5 of the way")
+            raise InvalidInput(f"walk noise: slide is {self.slide}, allowed: -0.5 ... 0.5 of the advance")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +77,7 @@ class WalkPause:
 
     Attributes:
         step: number of the pause.
-        stance: reported stance: joint positions with bias, support feet, and noisy direction of gravity or None.
+        stance: stance as reported, with biased joint positions, support feet, and noisy direction of gravity or None.
         known_ground: ground declared safe by the gait, in base_footprint; empty except at the first pause.
         next_leg: leg that swings after this pause.
         nominal: nominal foothold of `next_leg`, x and y in base_footprint of this pause [m].

@@ -59,8 +59,8 @@ class World:
         """Check the fields and compute the height on which each feature stands.
 
         Raises:
-            InvalidInput: the area is empty, a feature is outside it, the undulation is not 0 ... 0.1 m, or the material
-                is unknown.
+            InvalidInput: the area is empty or not finite, a feature is outside it, the undulation is not 0 ... 0.1 m,
+                or the material is unknown.
         """
         for name, (low, high) in (("x", self.x), ("y", self.y)):
             if not (np.isfinite([low, high]).all() and low < high):
@@ -216,7 +216,9 @@ def parse_world(text: str, source: str) -> World:
     options = file.options(World, "", {key: data[key] for key in data if key not in KINDS and key != LIGHT})
     strengths = data.get(LIGHT, {})
     if not isinstance(strengths, dict):
-        raise FileFormatError(f"{source}: write [light], and below it an effect and its strength in each line")
+        raise FileFormatError(
+            f"{file.line('', LIGHT)}: {LIGHT} is {strengths!r}, allowed: a table [{LIGHT}] of effects and strengths"
+        )
     for name, strength in strengths.items():
         _value(strength, "float", f"{file.line(LIGHT, name)}: {name}")
         with file.named(LIGHT, "[light]: ", name):

@@ -1,7 +1,7 @@
 """Stripe extraction: from a pair of frames to the position of the laser line in every column.
 
-This package imports no other subpackage; `calibration`, `ranging` and the scan processor use it. It does no input or
-output.
+This package imports no other subpackage; `calibration`, `ranging`, `scanning`, `terrain.assessment` and `app` use it.
+It reads no files but those of its compiled kernel.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from kinematics.arrays import FrozenArrays
 
 # A band is checked for white in every eighth row, and in 40 to 79 columns of a wide image.
 CHECKED_ROWS, CHECKED_COLUMNS = 8, 40
-# Fraction of full scale from which a pixel counts as clipped; JPEG and demosaicing prevent it from reaching 1.
+# Fraction of full scale from which a pixel counts as clipped. JPEG and demosaicing keep clipped pixels just below 1.
 CLIPPED = 0.98
 # Least contrast between even and odd columns that proves a colour filter. The contrast is about 0.1 % in grey images;
 # behind a colour filter it is at least 2 % in white light and 30 to 95 % in red laser light.
@@ -149,7 +149,7 @@ def _of_sums(sums: Float) -> Float:
 
 
 def _agree(contrast: Float, least: float) -> bool:
-    """Test if even rows or odd rows have a contrast above `least`, of one sign, in all quarters but at most one."""
+    """Test if even or odd rows have a contrast above `least` of the same sign in all quarters except at most one."""
     more, less = (contrast > least).sum(axis=1), (contrast < -least).sum(axis=1)
     return bool((np.maximum(more, less) >= QUARTERS - 1).any())
 
@@ -174,8 +174,10 @@ class StripeProfile(FrozenArrays):
         position_px: (n,) float32, row of the stripe centre in the whole image, NaN where there is none.
         sigma_px: (n,) float32, standard deviation of the position, NaN where there is none.
         status: (n,) uint8, a StripeStatus per column.
-        peak: (n,) float32, height of the smoothed peak above background [grey levels], NaN in a bad frame.
-        doubtful_px: (n,) float32, row of a return that must not be used (ambiguous or mixed), NaN where there is none.
+        peak: (n,) float32, height of the peak above the background [grey levels], NaN in a bad frame. `precise` smooths
+            the image first.
+        doubtful_px: (n,) float32, row of a return that must not be used, such as an ambiguous one, NaN where there is
+            none.
         reason: reason why the whole frame is bad; empty for a usable frame.
         remark: defect of the laser-off image, even if that image was not used; empty without a defect or an image.
     """
@@ -224,7 +226,7 @@ def bad_frame(n: int, reason: str) -> StripeProfile:
 
 
 def nothing(n: int) -> Float32:
-    """Read-only array of n NaNs in the memory of one NaN; a scan keeps the profiles of all its stripes in memory."""
+    """Read-only array of n NaNs that takes the memory of one, because a scan keeps the profiles of all its stripes."""
     one = np.full((), np.nan, dtype=np.float32)
     one.setflags(write=False)
     return np.broadcast_to(one, n)

@@ -34,11 +34,11 @@ def extract_stripe(
             crosses the rows and has one position (a column) per row.
         band: (first, end) rows to search, or columns for along="rows"; None = the whole image.
         method: one of METHODS.
-        threshold: binarisation threshold of the method "paper" [grey levels of 8 bits]; None = choose it for the image.
+        threshold: binarisation threshold of the method "paper" [grey levels of 8 bits]; None = derived from the image.
 
     Returns:
-        StripeProfile with w entries (h entries for along="rows"). If the image cannot be used (blank, white, or with a
-        size or type that differs from `off`), every entry is FRAME_BAD and `reason` states why.
+        StripeProfile with w entries (h entries for along="rows"). If the images cannot be used, for instance because
+        one is blank, white or of another size or type than the other, every entry is FRAME_BAD and `reason` states why.
 
     Raises:
         InvalidInput: `on` is not an image of 8 x 8 pixels or more, or an argument has a value that is not allowed.

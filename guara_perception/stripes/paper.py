@@ -38,7 +38,7 @@ NAN = np.float32(np.nan)
 SIGMA_PX = 0.5
 # Largest extent of the skeleton of one line in a column; a larger extent belongs to two lines.
 MOST_EXTENT_PX = 4
-# Largest difference, in the middle of a line, between the skeletons of an image and of the same image upside down.
+# Largest difference between the rows of a line in the skeletons of an image and of the same image flipped upside down.
 MOST_DIFFERENCE_PX = 1
 # Largest number of passes of the thinning, each of which removes one layer of pixels on each side.
 MOST_PASSES = 200
@@ -88,8 +88,8 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
         )
     light = remove_background(grey, background)
     mask = binarise(light, threshold)
-    # Of a line that is an even number of pixels thick, thinning always leaves the same one of the two middle rows, an
-    # error of half a pixel. The skeleton is therefore averaged with that of the image flipped upside down.
+    # In a line whose thickness is an even number of pixels, thinning always keeps the same one of the two middle rows:
+    # an error of half a pixel. The skeleton is therefore averaged with that of the image flipped upside down.
     (above, extent_above), (below, extent_below) = mean_rows(skeleton(mask)), mean_rows(skeleton(mask[::-1])[::-1])
     row = (above + below) / 2
     peak = light.max(axis=0).astype(np.float32)

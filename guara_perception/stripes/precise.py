@@ -23,8 +23,8 @@ from guara_perception.stripes.kernel.library import addresses, kernel, memory
 # any_light.c: EVERY_COLUMN = -1 (repeat without averaging columns). Other results are numbers of doubtful columns.
 SWAPPED, CHANGED = -2, -3
 EVERY_COLUMN = -1
-# Averaging of columns before the path search in a pair of colour images: (least image width, number of columns per
-# mean). Columns of bands with fewer than SHRUNK_ROWS rows are not averaged.
+# Averaging of columns before the path search in a pair of 8-bit colour images: (least image width, number of columns
+# per mean). Columns of bands with fewer than SHRUNK_ROWS rows are not averaged.
 SHRUNK_FROM, SHRUNK_ROWS = ((1000, 4), (480, 2)), 32
 # Remarks on a defective laser-off image. The kernel returns the index of the remark, and two numbers that are inserted
 # into it.
@@ -39,7 +39,7 @@ def extract_precise(bands: Sequence[Band]) -> list[StripeProfile]:
     """Find the stripe in each band, independently of the other bands.
 
     Args:
-        bands: one band per stripe, all of the same width.
+        bands: one band per stripe.
 
     Returns:
         Profile of each band, with one position per column in rows of the whole image.
@@ -114,7 +114,7 @@ class ClearStripe:
 
     @property
     def told(self) -> Float:
-        """Numbers (8,): judgement of the frame pair, then width of the stripe [px] and noise of a filter response."""
+        """Numbers (8,): judgement of the frame pair (5), stripe width [px], noise of a filter response, one unused."""
         return self._work[:64].view(float)
 
     @property

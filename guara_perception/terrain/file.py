@@ -23,9 +23,9 @@ def load_terrain(path: str | Path) -> TerrainGrid:
     """Read a grid written by `save_terrain`, and check the safety invariant.
 
     Raises:
-        MissingFile: no such file.
-        FileFormatError: the file is not a terrain file, a layer is missing or has another type, or the grid violates
-            the safety invariant.
+        MissingFile: there is no such file.
+        FileFormatError: the file is not a terrain file, an array is missing or has another type or shape, or the grid
+            violates the safety invariant.
     """
     path = existing_file(path)
     wanted = [layer.name for layer in LAYERS] + ["origin", "resolution", "frame", "stamp", "step", "metadata"]
@@ -65,6 +65,7 @@ def _checked(data: dict[str, Any], path: Path, name: str, kinds: str, shape: tup
     fits = len(array.shape) == len(shape) and all(w in (None, n) for w, n in zip(shape, array.shape, strict=True))
     if array.dtype.kind not in kinds or not fits:
         sides = " x ".join("n" if n is None else str(n) for n in shape)
-        wanted = f"{sides or 'one'} {'text' if kinds == 'U' else 'number'}{'s' if shape else ''}"
+        noun = {"U": "text", "iu": "whole number", "f": "floating-point number"}.get(kinds, "number")
+        wanted = f"{sides or 'one'} {noun}{'s' if shape else ''}"
         raise FileFormatError(f"{path}: {name} is {array.dtype} of shape {array.shape}; it must be {wanted}")
     return array

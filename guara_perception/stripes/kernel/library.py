@@ -81,7 +81,7 @@ def kernel() -> ctypes.CDLL:
 
 
 def processor() -> str:
-    """Processor type of this machine, which is also the name of the library's file."""
+    """Processor type of this machine, which is also the name of the library's file without its ending."""
     machine = platform.machine()
     if machine != "x86_64":
         return {"aarch64": "armv8-a"}.get(machine, machine)
@@ -98,15 +98,15 @@ class _Memory(threading.local):
 _MEMORY = _Memory()
 
 
-# Largest number of bytes that a thread keeps. They suffice for a band of a scan; larger memory, for whole images, is
-# freed after use.
+# Largest request [bytes] that is met from the memory kept by the thread. It suffices for a band of a scan. More memory,
+# for whole images, is freed after use.
 MOST_KEPT = 8 << 20
 
 
 def memory(size: int) -> Array:
     """Work memory of at least `size` bytes (uint8), aligned to 64 bytes.
 
-    Up to a size of MOST_KEPT, all calls in one thread share the same memory.
+    All calls in one thread with a size of up to MOST_KEPT share the same memory.
     """
     if size > MOST_KEPT:
         return _aligned(size)

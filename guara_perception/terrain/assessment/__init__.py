@@ -1,4 +1,4 @@
 """From samples to hazards: raster, slope, step, roughness, edges, and causes of unknown cells.
 
-Imports `layers` only; the scan processor, `scan` and `map` use it.
+Of `terrain`, it imports `layers` only. `ranging`, `scanning` and, in `terrain`, `scan`, `map` and `questions` use it.
 """

@@ -48,8 +48,8 @@ def assess_layers(
         hazard: (ny, nx) uint16 initial flags (causes of unknown cells, CONFLICT, STALE).
         resolution: cell edge [m].
         limits: traversability limits.
-        drift: (ny, nx, 2) drift of each cell of the fused map along y and x [cells]; None for a single scan.
-        shared: (ny, nx) variance shared by neighbouring cells [m^2], which does not affect tests between neighbours.
+        drift: (ny, nx, 2) possible drift of each cell of the fused map along y and x [cells]; None for a single scan.
+        shared: (ny, nx) variance shared by neighbouring cells [m^2]. It is part of `variance`; no test uses it.
         attitude_sigma: standard deviation of the frame's tilt relative to gravity, per axis [rad].
         beyond: width of a margin on each side that the tests read but the returned layers do not contain [cells].
 

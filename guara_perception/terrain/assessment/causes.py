@@ -22,8 +22,8 @@ LINES_TOGETHER = 256
 NOT_ASKED = -2
 # Lowest height assumed for ground that light reaches beside an obstacle [m].
 DEEPEST_M = -0.2
-# Tolerance, beyond half a cell, when the outermost stripe is compared with the centre of the last known cell of a row
-# [m]: the ground slopes within the cell, and samples at the end of a stripe are cut off.
+# Largest distance of the outermost stripe from the last known cell of a row, in addition to half a cell [m]. It allows
+# for the slope of the ground within the cell, and for samples cut off at the end of a stripe.
 END_MARGIN_M = 0.0005
 
 
@@ -74,9 +74,9 @@ class LookPlan:
     def unmet(self, elevation: Float, pair_usable: Mask, laser_origin: Float) -> Mask:
         """Mask (ny, nx) of the cells beyond the first or last usable stripe in each row.
 
-        If the first usable stripe meets the ground in the first known cell of a row, no light reached the cells before
-        that one, because all other stripes land farther away. The same holds for the last stripe and the last known
-        cell. Light may cross several rows on its way from the laser; the condition must hold in each of them.
+        If the first usable stripe meets the ground in the first known cell of a row, no light reached the nearer cells,
+        because all other stripes land farther away. The same holds for the last stripe and the last known cell. Light
+        may cross several rows on its way from the laser; the condition must hold in each of them.
 
         Args:
             elevation: (ny, nx) heights [m], NaN where unknown.

@@ -29,7 +29,7 @@ MOST_WEIGHTS = 49
 class DiscFit:
     """Plane fit z = a x + b y + c of the disc around each known cell, in the order of the grid.
 
-    All arrays are (n,) float64, NaN if too little of the disc is known.
+    All arrays are (n,) float64, NaN if too little of the disc, or nothing on one side of its centre, is known.
 
     Attributes:
         slope: angle between the plane and the horizontal [rad].
@@ -48,9 +48,9 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     """Fit a plane to the known cells of the disc around each known cell.
 
     Slope and roughness are defined as in the filters of grid_map, but with least squares instead of principal
-    components; on planes, both give the same result. Sums are float64, because in float32 the roughness would be lost
-    to cancellation. The result of a cell depends only on its disc, to the last bit, so no mean height of the grid is
-    subtracted.
+    components; on planes, both give the same result. Heights are summed in float64, because in float32 the roughness
+    would be lost to cancellation. No mean height of the grid is subtracted, because the result of a cell must depend
+    only on its disc, to the last bit.
 
     Args:
         elevation: (ny, nx) [m], NaN where unknown.
@@ -146,9 +146,9 @@ def edge_cells(
     Every cell under the sole must be free of hazards and known, and every cell of the discs of these cells must be
     known, so that no test under the sole depends on an unknown cell.
 
-    Unknown cells, rises and falls are therefore at least the radius of a disc away from the sole, and do not get under
-    it if the map drifts by at most this radius. In the map the sole is also widened on each side: by one cell, so that
-    nothing unsafe reaches its rim at such a drift, or by the excess of the drift over the radius if that is more.
+    Unknown cells, rises and falls are therefore at least one disc radius away from the sole, and do not get under it
+    while the map drifts by no more than this radius. In the map, the sole is also widened on each side. The widening is
+    one cell, so that nothing unsafe reaches the rim of the sole, or the excess of the drift over the radius if larger.
 
     Args:
         flags: (ny, nx) hazard flags.
@@ -188,7 +188,8 @@ def edge_cells(
 def clearance(flags: Flags, resolution: float) -> Float:
     """Signed distance to the nearest cell with a flag other than EDGE, or to the border [m]; negative in such cells.
 
-    Distances are measured from a cell's centre to the nearer face of the other cell, hence the half cells.
+    The distance to another cell is that of the centres minus half a cell. In a cell with such a flag, it is measured to
+    the nearest cell without one.
     """
     ny, nx = flags.shape
     bad = (flags & ALL_BUT_EDGE) != 0

@@ -1,4 +1,4 @@
-"""Rasters: samples summed per cell, merged to heights and pooled to coarser cells."""
+"""Rasters: samples summed per cell, merged into heights and pooled into coarser cells."""
 
 from __future__ import annotations
 
@@ -124,7 +124,8 @@ def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry
     """
     if not samples.runs:
         return [NO_SAMPLES] * count
-    from guara_perception.stripes.kernel.library import addresses, kernel  # Not in guara-client, which has this module.
+    # Imported here, because guara-client contains this module but not the kernel.
+    from guara_perception.stripes.kernel.library import addresses, kernel
 
     points, variance = (np.ascontiguousarray(values, np.float64) for values in (samples.points, samples.variance))
     cell, columns = _cells(points, geometry)

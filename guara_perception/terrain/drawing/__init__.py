@@ -1,4 +1,5 @@
-"""Plots of grids with matplotlib, which is loaded when the first plot is drawn: colours, axes, `plot`.
+"""Plots of grids with matplotlib: colours, axes, `plot`.
 
-Imports `layers`; `TerrainGrid`, `app` and `view` use it. It writes a file only if it is given a path.
+Matplotlib is loaded when the first plot is drawn. Imports `layers`; `TerrainGrid`, `app` and `view` use it. Only
+`save_figure` writes a file.
 """

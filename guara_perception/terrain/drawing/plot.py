@@ -67,7 +67,8 @@ def plot(
         axes: matplotlib axes; None = new ones that a notebook or `plt.show()` shows.
 
     Raises:
-        InvalidInput: no such layer, a foothold without x and y, or a region without vertices.
+        InvalidInput: there is no such layer, a foothold lacks x and y, or a region lacks vertices.
+        MissingExtra: matplotlib is not installed.
     """
     if not isinstance(layer, str) or layer not in LAYER_NAMES:
         given = repr(layer) if isinstance(layer, str) else f"a {type(layer).__name__}"

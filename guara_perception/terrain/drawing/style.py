@@ -1,6 +1,6 @@
 """Style of all figures: colour-blind-safe colours, sizes, orientation (x up, y left), files.
 
-Figures are made without pyplot, so they need no global state and no display, and work on any thread.
+Figures of `new_figure` need neither pyplot nor a display.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def draw_layer(axes: Axes, geometry: GridGeometry, values: Array, **options: Any
     Args:
         axes: axes to draw on.
         geometry: geometry of the grid.
-        values: (ny, nx) numbers, or (ny, nx, 3) colours 0 ... 1.
+        values: (ny, nx) numbers, or (ny, nx, 3) or (ny, nx, 4) colours 0 ... 1.
         options: passed to `imshow` (`cmap`, `vmin`, `vmax`, ...); the default colours are those of heights.
     """
     ny, nx = geometry.shape

@@ -14,11 +14,12 @@ from guara_perception.settings import TraversabilityLimits
 # Largest number of cells, as in a Terrain message (docs/messages.md); all layers of so many cells take 192 MB.
 MOST_CELLS = 4_000_000
 Kernel = Codes
-# Least known fraction of a disc for a plane fit. EDGE decides if a cell is safe.
+# Least known fraction of a disc for a plane fit. A lower value would make no cell safe, because EDGE tests whole discs.
 KNOWN_SHARE = 0.6
-# Largest radius of the disc [cells]; a finer grid would not show more than the stripe spacing allows.
+# Largest radius of the disc [cells]. Smaller cells would show no more detail, because the spacing of stripes limits it.
 MOST_RADIUS_CELLS = 24
-# Number of additional rings that must be known in a single scan, where a lost stripe may change heights beside it.
+# Number of rings of cells around the disc that must also be known in a single scan, because a lost stripe may change
+# heights beside it.
 EXTRA_RING_CELLS = 1
 # Half edge of a cell [cells].
 TOUCHED = 0.5
@@ -57,7 +58,8 @@ class GridGeometry:
         """Grid over an area that the resolution divides.
 
         Raises:
-            InvalidInput: the resolution is not positive and finite, or does not divide the area.
+            InvalidInput: the resolution is not positive and finite or does not divide the area, or the grid has more
+                than MOST_CELLS cells.
         """
         if not (np.isfinite(resolution) and resolution > 0):
             raise InvalidInput(f"resolution is {resolution}; it must be a positive number of metres")
@@ -168,7 +170,7 @@ def disc_kernel(radius_cells: float, half_cell: float = 0.0) -> Kernel:
             square is within the radius. 0 = the centre only, TOUCHED = the whole cell.
 
     Raises:
-        InvalidInput: the radius is not less than MOST_RADIUS_CELLS + 1 cells.
+        InvalidInput: the radius is MOST_RADIUS_CELLS + 1 cells or more, or NaN.
     """
     if not radius_cells < MOST_RADIUS_CELLS + 1:
         raise InvalidInput(
@@ -182,7 +184,7 @@ def disc_kernel(radius_cells: float, half_cell: float = 0.0) -> Kernel:
 
 
 def beyond_border(kernel: Kernel) -> int:
-    """Number of rows and columns outside the fused map that affect the safety of a sole inside it."""
+    """Number of rows or columns beyond each border of the fused map that affect the safety of a sole inside it."""
     return kernel.shape[0] // 2 + _most_beside(kernel)
 
 

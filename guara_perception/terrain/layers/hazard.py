@@ -78,15 +78,16 @@ def check_invariant(layers: Mapping[str, Array]) -> None:
     """Reject a grid that violates the safety invariant (docs/safety.md).
 
     Raises:
-        UnsafeGrid: a layer is missing, has another shape or type, or violates a rule; the message names the rule, the
-            number of cells and the first of them.
+        UnsafeGrid: a layer is missing or has another shape or type, or cells violate a rule; the message then names the
+            rule, the number of cells and the first of them.
     """
     shape = layers["elevation"].shape if "elevation" in layers else None
     for layer in LAYERS:
         array = layers.get(layer.name)
         if array is None or array.shape != shape or array.dtype != layer.dtype or array.ndim != 2:
             given = "missing" if array is None else f"{array.dtype} {array.shape}"
-            raise UnsafeGrid(f"layer {layer.name} is {given}; it must be {np.dtype(layer.dtype)} {shape}")
+            wanted = shape if shape is not None and len(shape) == 2 else "(ny, nx)"
+            raise UnsafeGrid(f"layer {layer.name} is {given}; it must be {np.dtype(layer.dtype)} {wanted}")
     check_safe(layers["elevation"], np.asarray(layers["hazard"], np.uint16), layers["traversability"])
     known = (layers["hazard"] & UNKNOWN_MASK) == 0
     for name in ("variance", "variance_local"):

@@ -49,7 +49,7 @@ class Gridded:
 
     @property
     def origin(self) -> tuple[float, float]:
-        """Corner of cell (0, 0) [m]."""
+        """Position (x, y) of the corner of cell (0, 0) [m]."""
         return self.geometry.origin
 
     @property
@@ -115,7 +115,7 @@ class LayeredGrid(Gridded):
         geometry: origin, resolution and shape.
         record: record of the scan or the map; a record of the other kind is converted.
         frame: "base_footprint".
-        stamp: time of the scan [ns since the Unix epoch].
+        stamp: end of the scan, for a map of the newest scan [ns since the Unix epoch].
         step: number of the stance pause.
         extent: "footprint" (one scan alone) or "map" (fused scans).
         pictures: range images (512, 640) float32 by name [mm], if the scan was processed with them.
@@ -203,7 +203,7 @@ class LayeredGrid(Gridded):
         """Return a layer by name.
 
         Raises:
-            InvalidInput: no such layer.
+            InvalidInput: there is no such layer.
         """
         if name not in LAYER_NAMES:
             raise InvalidInput(f"layer is {name!r}, allowed: {', '.join(LAYER_NAMES)}")

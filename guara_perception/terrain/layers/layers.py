@@ -38,7 +38,7 @@ LAYERS = (
         "signed distance to the nearest cell with a flag other than EDGE, or to the border; negative inside",
     ),
     Layer("traversability", np.float32, "1", "0 never ... 1 ideal; 0 where unknown"),
-    Layer("hazard", np.uint16, "flags", "why a foot must not go there, see gp.Hazard; 0 = nothing against it"),
+    Layer("hazard", np.uint16, "flags", "reasons why a foot must not stand there, see gp.Hazard; 0 = none"),
     Layer("age", np.uint8, "pauses", "stance pauses since last seen; 255 where never"),
     Layer("looks", np.uint8, "scans", "scans that saw the cell"),
     Layer("ceiling", np.float32, "m", "upper bound of an unknown height; NaN if none"),

@@ -192,8 +192,8 @@ class GridRecord(FrozenArrays):
         robot, robot_description: name of the robot, and its files packed by `kinematics.describe_robot`.
         mode, method: pattern of the scan, and method of stripe extraction.
         calibration_hash, calibration_verdict: identity of the calibration, and its verdict.
-        stance, attitude_source, support_feet_used: stance of the robot, and the sources of its pose: of the attitude,
-            and the feet that were used.
+        stance, attitude_source, support_feet_used: stance of the robot, source of its attitude, and feet from which its
+            pose was computed.
         attitude_sigma: standard deviation of the vertical relative to gravity, per axis [rad].
         support_soles: leg -> (4, 3) array of the sole's centre [m] and the rows of its covariance [m^2], in
             base_footprint.
@@ -269,7 +269,7 @@ class GridRecord(FrozenArrays):
 
     @classmethod
     def from_json(cls: type[R], data: Mapping[str, object]) -> R:
-        """Read the JSON object of any version; values that cannot be read go to `extra`, and `check` refuses them."""
+        """Read the JSON object of any version; values that cannot be read go to `extra`, and `check` rejects them."""
         known: dict[str, object] = {}
         extra: dict[str, object] = {}
         for name, value in data.items():
@@ -288,7 +288,7 @@ class GridRecord(FrozenArrays):
         """Type of a field of the JSON object.
 
         Raises:
-            KeyError: no such field.
+            KeyError: there is no such field.
         """
         return str(cls.__dataclass_fields__[name].type)
 
@@ -312,7 +312,7 @@ class GridRecord(FrozenArrays):
         return MappingProxyType({**{name: found[name] for name in self.keys if name in found}, **found})
 
     def check(self, *names: str) -> None:
-        """Reject unreadable values of the named fields, or of all fields; absent fields pass.
+        """Reject unreadable values of the named fields, or of all fields; absent and null fields are accepted.
 
         Raises:
             InvalidInput: a value could not be read.
@@ -332,8 +332,8 @@ class GridRecord(FrozenArrays):
         """
         if self.limits is None:
             raise InvalidInput(
-                f"the grid's metadata says limits = {self.extra.get('limits')!r}; a grid made by process_scan, "
-                f"TerrainMap or assess_terrain, which this query needs, contains {', '.join(LIMITS)} there"
+                f"the grid's metadata says limits = {self.extra.get('limits')!r}; this query needs {', '.join(LIMITS)} "
+                "there, as in a grid made by process_scan, TerrainMap or assess_terrain"
             )
         return self.limits
 
@@ -381,12 +381,13 @@ class ScanRecord(GridRecord):
     Attributes:
         laser_origin: (3,) position of the laser in base_footprint [m].
         stripes_planned, stripes_used: numbers of stripes.
-        stripes_missing: stripes that were not fired.
+        stripes_missing: indices of the stripes that were never added.
         frames_bad, off_pictures_unused: stripe index -> reason why its frame or laser-off image was not used.
         points, points_used: number of image columns by status, and number of those used.
         coverage_regions: coverage of each ninth of the area, by names such as "far left".
         seconds: computing time by stage [s].
-        lost_cells: unknown cells that only lost frames could have measured, as runs (ix, first iy, end iy).
+        lost_cells: unknown cells that only lost frames could have measured, as runs (ix, first iy, end iy), end
+            exclusive.
         dark_flashes: number of dark flashes whose frames were compared; None for a sweep without dark flashes.
     """
 

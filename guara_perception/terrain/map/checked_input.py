@@ -12,10 +12,10 @@ from guara_perception.terrain.grid import TerrainGrid
 from kinematics import ArgumentError, KinematicsError, OdometryPose, PoseInOdom, RobotModel
 from kinematics.transforms import checked_covariance, checked_transform, inverse
 
-# Largest tilt of a footprint. Without gravity a scan is levelled by its support plane, which tilts by 0.11 rad if two
-# feet stand on a box of 40 mm.
+# Largest tilt of a footprint [rad]. Without gravity, a scan is levelled by its support plane. This plane tilts by
+# 0.11 rad if two feet stand on a box of 40 mm.
 LARGEST_TILT = 0.2
-# Elements of a rotation below this are set to zero, which moves nothing by more than a nanometre.
+# Elements of a rotation smaller than this are set to zero, which moves nothing by more than a nanometre.
 LEAST_TURN = 1e-9
 
 
@@ -28,11 +28,11 @@ def check_scan(terrain: TerrainGrid, resolution: float, last_step: int | None) -
         last_step: step of the last fused scan, None before the first.
 
     Raises:
-        InvalidInput: the grid has another extent or cell size, is in the compact encoding, or its step is not greater
-            than `last_step`.
+        InvalidInput: the grid is not a single scan or has another cell size, is in the compact encoding, its rounding
+            cannot be read, or its step is not greater than `last_step`.
     """
     if terrain.extent != "footprint":
-        raise InvalidInput(f"a grid of extent {terrain.extent!r} cannot be fused; it must be a scan's: 'footprint'")
+        raise InvalidInput(f"a grid of extent {terrain.extent!r} cannot be fused; allowed: 'footprint' (a scan)")
     terrain.record.check("rounding")
     if terrain.record.rounding is not None:
         raise InvalidInput(
@@ -40,7 +40,7 @@ def check_scan(terrain: TerrainGrid, resolution: float, last_step: int | None) -
             "Request the lossless grid, or the node's map (extent 'map')"
         )
     if abs(terrain.resolution - resolution) > 1e-9:
-        raise InvalidInput(f"the scan's cells are {terrain.resolution} m, the map's {resolution} m: they must be alike")
+        raise InvalidInput(f"the scan has cells of {terrain.resolution} m; allowed: {resolution} m, as in the map")
     if last_step is not None and terrain.step <= last_step:
         raise InvalidInput(
             f"step {terrain.step} comes after step {last_step}: scans must come in the order of their pauses; "
@@ -61,11 +61,11 @@ class CheckedPose:
 def checked_pose(terrain: TerrainGrid, pose: PoseInOdom) -> CheckedPose:
     """Check a pose and transform it to the footprint in which the scan was processed.
 
-    Without gravity the scan's footprint is parallel to the support plane, but the footprint of leg odometry is
+    Without gravity, the scan's footprint is parallel to the support plane, but the footprint of leg odometry is
     horizontal, according to gravity at earlier pauses.
 
     Raises:
-        InvalidInput: a transform is not rigid or tilts by more than 0.2 rad, or a covariance is invalid.
+        InvalidInput: a transform is unreadable, is not rigid or tilts by more than 0.2 rad, or a covariance is invalid.
     """
     given, own = pose.transform_footprint_to_odom, pose.own_covariance
     since_last = pose.covariance_since_last

@@ -25,7 +25,7 @@ def fuse_scan(cells: OdomCells, terrain: TerrainGrid, now: MapPause, tilt: Float
     accepted = fuse_heights(cells, found.heights, now)
     forget_heights(cells, found.empty, found.empty_cause)
     memory = cells.memory
-    # The memory keeps the most specific cause: other causes replace "not observed", and a missing return replaces them.
+    # The memory keeps the most specific cause: UNSCANNED replaces none, and a cause in LOOKED_AT is not replaced.
     is_free = np.isnan(memory["height"][found.unseen]) & ((memory["cause"][found.unseen] & LOOKED_AT) == 0)
     better = is_free & (found.unseen_cause != np.uint16(Hazard.UNSCANNED))
     memory["cause"][found.unseen[better]] = found.unseen_cause[better] & UNKNOWN_MASK

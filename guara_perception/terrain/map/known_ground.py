@@ -34,8 +34,8 @@ class KnownGround:
         sigma: standard deviation of the height [m].
 
     Raises:
-        InvalidInput: there are fewer than 3 or more than `MOST_CORNERS` corners, a value is not finite, or sigma is
-            negative.
+        InvalidInput: the outline is not (n, 2), there are fewer than 3 or more than `MOST_CORNERS` corners, a value is
+            not finite, or sigma is negative.
     """
 
     outline: Float

@@ -17,7 +17,7 @@ from guara_perception.terrain.map.fuse_heights import MapPause
 from kinematics import RobotModel
 from kinematics.transforms import transform_points
 
-# Height above the soles above which a bound is useless for a swing.
+# Height above the soles above which a bound is useless for a swing; rays are not traced higher.
 HIGHEST_M = 0.14
 # Margin around the scanned area in which ground below rays is bounded too.
 BESIDE_CELLS = 20
@@ -26,8 +26,8 @@ AROUND_CELLS = 1
 # Largest drift of a bound that is used.
 FARTHEST_DRIFT_CELLS = 10
 # Sideways components of a ray, relative to a ray from the mirror. The light may diverge from the mirror, from a line
-# lens in front of it, or from farther away, and a bound must hold in all cases. Rays of two successive values over the
-# same cell belong to ground points 15 mm apart, and the neighbours of each point count too.
+# lens in front of it, or from farther away, and a bound must hold in all cases. Rays of two successive values that pass
+# over the same cell come from ground points 15 mm apart; neighbours of these points count too.
 SIDEWAYS_SHARES = tuple(number / 7 for number in range(8))
 # Value of a cell without a bound [m].
 NONE = np.float32(9.0)
@@ -39,7 +39,7 @@ class LinesOfSight:
 
     Every measured point was reached by the laser and seen by the camera. Both rays were free, so the ground below them
     is lower than the rays, and the ground at the point is no higher than the point. A bound never makes ground safe for
-    a foot; it lets a swing pass over ground that was never observed, or that has given no return since.
+    a foot; it lets a swing pass over ground that was never observed, or that gave no return in later scans.
 
     Bounds are conservative. A ray starts at the highest sample of its cell, and its height in a cell is taken at the
     far edge. The bound of a cell is the highest bound of the cell and all its neighbours. The light may diverge from
@@ -66,7 +66,7 @@ class LinesOfSight:
 
     @staticmethod
     def of(terrain: TerrainGrid, now: MapPause, robot: RobotModel) -> LinesOfSight | None:
-        """Lines of sight of a scan that was fused into the map; None if its record lacks the pose of the camera."""
+        """Lines of sight of a scan that was fused into the map; None if its record lacks the camera's pose."""
         record = terrain.scan_record
         for name in ("transform_camera_to_base", "transform_base_to_footprint", "laser_origin"):
             record.check(name)

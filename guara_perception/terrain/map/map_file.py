@@ -109,7 +109,7 @@ def read_map(path: str | Path) -> SavedMap:
     """Read a file written by `write_map`, and check types and shapes.
 
     Raises:
-        MissingFile: no such file.
+        MissingFile: there is no such file.
         FileFormatError: the file is not a map file, or its contents are inconsistent.
     """
     path = existing_file(path)
@@ -153,8 +153,8 @@ def _texture(path: Path, data: Mapping[str, Array]) -> SeenTexture | None:
         return None
     if texture.dtype != np.uint8 or texture.ndim != 2 or first.dtype != np.int64 or first.shape != (2,):
         raise FileFormatError(
-            f"{path}: texture is {texture.dtype} {texture.shape} from {first.dtype} {first.shape} on; it must be uint8 "
-            "(ny, nx) from int64 (2,) on"
+            f"{path}: texture is {texture.dtype} {texture.shape}, texture_first is {first.dtype} {first.shape}; "
+            "allowed: uint8 (ny, nx) and int64 (2,)"
         )
     return SeenTexture(texture, first)
 

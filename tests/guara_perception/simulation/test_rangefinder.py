@@ -271,7 +271,7 @@ def test_bad_input_is_refused(robot: RobotModel, calibration: Calibration) -> No
     rangefinder.set_pose(standing())
     with pytest.raises(CalibrationMismatch, match="stripe index 70 is not in the calibration"):
         list(rangefinder.frames([70]))
-    with pytest.raises(InvalidInput, match="exposure is 0.0 of the nominal one, allowed: above 0"):
+    with pytest.raises(InvalidInput, match="exposure is 0.0 times the nominal one; allowed: finite factors above 0"):
         rangefinder.frame(exposure=0.0)
     with pytest.raises(InvalidInput, match="light: blur is -1, allowed: finite, 0 or more"):
         Light(blur=-1)

@@ -34,5 +34,5 @@ def test_a_robot_at_the_end_of_its_reach_walks_on(robot: RobotModel) -> None:
 
 def test_a_grid_without_a_stance_is_refused(robot: RobotModel) -> None:
     """The message says what is needed."""
-    with pytest.raises(InvalidInput, match="the grid's record has no stance; allowed: the map of a walk"):
+    with pytest.raises(InvalidInput, match="the grid's record has no stance; give the map of a walk"):
         StridePlanner(robot).next_stride(gp.assess_terrain(np.zeros((20, 20)), 0.005), "lf")

@@ -136,7 +136,7 @@ def test_a_walk_without_foothold_ends(robot: RobotModel) -> None:
         next(walk)
     walk = simulate_walk(World(), robot, lambda pause: (pause.nominal[0] + 0.3, pause.nominal[1]))
     next(walk)
-    with pytest.raises(OutOfReach, match="leg 'rh' cannot reach its foothold .* choose one nearer to its hip"):
+    with pytest.raises(OutOfReach, match="leg 'rh' cannot reach its foothold .* choose a foothold nearer to the hip"):
         next(walk)
     with pytest.raises(InvalidInput, match="walk noise: slip is -1, allowed: finite, 0 or more"):
         WalkNoise(slip=-1)

@@ -200,7 +200,7 @@ def test_a_world_file_says_in_which_light_it_is_seen() -> None:
         ("[light]\nfog = 1\n", r"w.toml, line 30: \[light\]: effect is 'fog', allowed: width, skirt"),
         ("[light]\nambient = 2\n", r"line 30: \[light\]: strength of ambient is 2, allowed: 0 \.\.\. 1"),
         ("[light]\nambient = 'much'\n", "line 30: ambient is 'much', allowed: a number"),
-        ("[[light]]\nambient = 1\n", r"write \[light\], and below it an effect and its strength in each line"),
+        ("[[light]]\nambient = 1\n", r"light is \[.*\], allowed: a table \[light\] of effects and strengths"),
     ):
         with pytest.raises(FileFormatError, match=message):
             parse_world(GOOD + table, "w.toml")

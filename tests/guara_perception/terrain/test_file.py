@@ -50,8 +50,8 @@ BAD = {
     "origin NaN": (changed(origin=np.full(2, np.nan)), "it must be two finite numbers"),
     "resolution zero": (changed(resolution=0.0), "resolution is 0.0; it must be a positive number"),
     "resolution a text": (changed(resolution="5 mm"), "resolution is <U4 of shape (); it must be one number"),
-    "two stamps": (changed(stamp=[1, 2]), "stamp is int64 of shape (2,); it must be one number"),
-    "stamp a fraction": (changed(stamp=1.5), "stamp is float64 of shape (); it must be one number"),
+    "two stamps": (changed(stamp=[1, 2]), "stamp is int64 of shape (2,); it must be one whole number"),
+    "stamp a fraction": (changed(stamp=1.5), "stamp is float64 of shape (); it must be one whole number"),
     "frame a number": (changed(frame=1), "frame is int64 of shape (); it must be one text"),
     "metadata no JSON": (changed(metadata="{"), "metadata: not a JSON file"),
     "metadata a list": (changed(metadata="[]"), "metadata: the top level is a list; it must be a JSON object"),
@@ -59,7 +59,7 @@ BAD = {
     "unknown extent": (changed(metadata='{"extent": "world"}'), "extent is 'world', allowed: footprint, map"),
     "picture of one row": (
         changed(ortho_image_mm=np.zeros(3)),
-        "ortho_image_mm is float64 of shape (3,); it must be n x n numbers",
+        "ortho_image_mm is float64 of shape (3,); it must be n x n floating-point numbers",
     ),
 }
 
