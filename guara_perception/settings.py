@@ -36,9 +36,10 @@ class TraversabilityLimits:
         step: largest rise within the disc [m].
         drop: largest fall within the disc [m].
         roughness: largest standard deviation about the fitted plane [m].
-        sigma: largest standard deviation of the elevation, from the variance that neighbouring cells do not share [m].
+        sigma: largest standard deviation of the elevation, without the part shared by neighbouring cells [m].
         disc_radius: radius of the window of the plane fit and of the step search [m].
-        confidence: number of standard deviations added to slope, rise, fall and roughness before the comparison.
+        confidence: number of standard deviations added to a value before it is compared with its limit; none are added
+            for `sigma`.
         sole_length, sole_width: extent of the sole rectangle along x and y [m].
     """
 

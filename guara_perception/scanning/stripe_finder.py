@@ -63,7 +63,7 @@ class StripeFinder:
         if fault := picture_fault(on):
             return f"the frame is {fault}"
         if on.shape[:2] != (height, width):
-            return f"the frame is {on.shape[1]}x{on.shape[0]} px, the calibrated camera gives {width}x{height}"
+            return f"the frame is {on.shape[1]}x{on.shape[0]} px, the calibration is for {width}x{height} px"
         first, end = rows
         if end <= first:
             return "the stripe lies outside the camera's view at this stance"
@@ -136,9 +136,9 @@ METHODS: dict[str, Literal | None] = {
     "precise": None,
     # The paper's eqs. 7 to 21, corrected.
     "paper": Literal(),
-    # As "paper", with eq. 8 in one step as printed.
+    # As "paper", with eq. 8 solved in one iteration, as printed.
     "paper-literal-lens": Literal(lens=True),
-    # As "paper", with eqs. 20 and 21 about the image centre as printed.
+    # As "paper", with eqs. 20 and 21 about the centre of the area, as printed.
     "paper-literal-ortho": Literal(ortho=True),
 }
 

@@ -15,7 +15,10 @@ from kinematics import BodyTrack, SelfFilter, StancePose
 from kinematics.body_track import HALF_WINDOW, LONGEST_GAP
 from kinematics.transforms import inverse, transform_points
 
-NO_PLACE = "the pose of the body at its flash is unknown: joint samples are missing, feet moved, or no instant is known"
+NO_PLACE = (
+    "the body's pose at the flash is unknown: joint samples are missing or irregular, feet moved, or the time of the "
+    "flash is unknown or uncertain"
+)
 # Largest displacement of the ground, in any direction, by body motion between the flashes of two neighbouring stripes
 # that are joined. It is about half the spacing of coarse stripes, so that no stripe takes the place of another.
 MOST_BETWEEN_M = 0.006
@@ -27,8 +30,8 @@ class StripePlaces:
     """Poses of camera and body at the stripes' flashes, found as samples of the track arrive.
 
     Attributes:
-        flashes: instants of the flashes on the clock of the track, and their standard deviations [s], by index.
-        places: poses known so far, by index.
+        flashes: instants of the flashes on the clock of the track, and their standard deviations [s], by stripe index.
+        places: poses known so far, by stripe index.
         left: reason why the track is ignored; empty if it is used.
     """
 
@@ -87,7 +90,7 @@ class StripePlaces:
         return len(self.places) + len(self._lost)
 
     def now(self) -> StripePlace | None:
-        """Latest pose that follows from the samples; None if there is none."""
+        """Latest pose that later samples cannot change; None if it cannot be determined."""
         return self._at(self._track.latest - HALF_WINDOW)
 
     def _at(self, instant: float, sigma: float = 0.0) -> StripePlace | None:
@@ -95,7 +98,7 @@ class StripePlaces:
         if place is None:
             return None
         to_footprint = self._pose.transform_base_to_footprint @ place.transform_base_to_begin
-        # The covariance is along the axes of base_link.
+        # The covariance is along the axes of base_link, and is rotated to those of base_footprint.
         turn = np.kron(np.eye(2), self._pose.transform_base_to_footprint[:3, :3])
         body = SelfFilter(place.state, transform_base_to_frame=to_footprint)
         return StripePlace(to_footprint @ self._camera_to_base, body, turn @ place.covariance @ turn.T)

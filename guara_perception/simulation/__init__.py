@@ -1,6 +1,6 @@
 """Simulation of a robot on terrain: world, rangefinder, walk.
 
-It imports `calibration`, `ranging`, `terrain` and, for the emulated camera, `drivers`; `app` and `testbed` use it.
+It imports `calibration`, `ranging`, `terrain` and `drivers`; `app`, `testbed` and `benchmarks` use it.
 """
 
 from __future__ import annotations

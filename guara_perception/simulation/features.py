@@ -1,6 +1,6 @@
 """Features of the simulated ground (boxes, rocks, ramps, steps, stairs, pits, patches) and their materials.
 
-Given the height of the ground without a feature, the feature computes the exact height with it, at any point.
+Each feature computes the exact height at any point from the height of the ground without the feature.
 """
 
 from __future__ import annotations

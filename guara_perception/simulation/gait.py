@@ -38,7 +38,7 @@ class WaveGait:
     @staticmethod
     def of(robot: RobotModel) -> WaveGait:
         """Create the gait of a robot around its scan posture; the order of four legs is RH, RF, LH, LF."""
-        # `hips` are soles of the scan posture, because on most robots the sole is beside the first joint of its leg.
+        # `hips` are the soles of the scan posture and not the first joints, which on most robots are beside the soles.
         state = robot.state(robot.posture(robot.config.scan_posture))
         soles = state.soles_in_base()
         hips = {leg: np.round(sole, 6) for leg, sole in zip(robot.legs, soles, strict=True)}
@@ -64,7 +64,7 @@ class WaveGait:
         return x + self.cycle_length / 2, y
 
     def first_stance(self) -> dict[str, tuple[float, float]]:
-        """Leg -> position (x, y) of its foot in base_link at pause 0 [m]; the feet stand as in the middle of a walk."""
+        """Positions (x, y) of the feet in base_link at pause 0 [m], by leg. They are those of a walk in progress."""
         stance = {}
         for order, leg in enumerate(self.lift_order):
             x, y = self.hips[leg]
@@ -126,7 +126,7 @@ def stand_on(
 def body_pose(soles: Float, position: tuple[float, float], height: float) -> Float:
     """Pose transform_base_to_world (4, 4) of a body parallel to the plane through soles (n, 3), heading along x.
 
-    The slope of the plane is limited to LARGEST_TILT, the height [m] is the distance of the body's origin from it.
+    The slope is limited to LARGEST_TILT. `height` is the distance of the body's origin from the plane [m].
     """
     centre = soles.mean(axis=0)
     offsets = soles - centre

@@ -74,10 +74,10 @@ class Light:
         for f in fields(self):
             values = np.atleast_1d(getattr(self, f.name))
             if not np.isfinite(values).all() or (values < 0).any():
-                raise InvalidInput(f"light: {f.name} is {getattr(self, f.name)}, allowed: finite, 0 or more")
+                raise InvalidInput(f"light: {f.name} is {getattr(self, f.name)}, allowed: finite values of 0 or more")
         if self.stripe_sigma <= 0 or self.fan <= 0:
             given = f"stripe_sigma is {self.stripe_sigma} m, fan is {self.fan} rad"
-            raise InvalidInput(f"light: {given}, allowed: above 0 each")
+            raise InvalidInput(f"light: {given}, allowed: values above 0")
         for name, value, most in (
             ("skirt", self.skirt, 1),
             ("ghost", self.ghost, 1),
@@ -87,7 +87,7 @@ class Light:
             if value > most:
                 raise InvalidInput(f"light: {name} is {value}, allowed: 0 ... {most}")
         if min(self.drift) <= 0:
-            raise InvalidInput(f"light: drift is {self.drift}, allowed: above 0 each")
+            raise InvalidInput(f"light: drift is {self.drift}, allowed: values above 0")
 
     @property
     def is_scattered(self) -> bool:

@@ -1,9 +1,9 @@
 """Fine raster of a world (`Relief`), and visibility of the ground from a viewpoint above it (`PolarView`).
 
-In a polar view, a point at distance r and height z along a bearing has the tangent r / (viewpoint height - z), with the
-angle measured from straight down. A point is hidden if a nearer point on its bearing has a larger tangent. The running
-maximum of the tangent along the distance therefore decides visibility, and its inverse gives the point at which a line
-of sight meets the ground.
+In a polar view, the angle of a line of sight is measured from straight down. A point at distance r and height z has the
+tangent r / (viewpoint height - z) and is hidden if a nearer point on the same bearing has a larger tangent. Visibility
+therefore follows from the running maximum of the tangent along the distance. The inverse of this function gives the
+point at which a line of sight meets the ground.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ TEXTURE_CELL_M = 1.0 / TEXTURE_CELLS
 # Tolerances of the visibility test, for the error of the raster.
 IN_FRONT_M = 0.0025
 TANGENT_TOLERANCE = 0.001
-# Distance between the ground points of neighbouring lines of sight above which there is a depth edge between them.
+# Difference between the interpolated and the nearest distance in a table above which there is a depth edge.
 EDGE_M = 0.001
 
 

@@ -183,7 +183,7 @@ def _add_body(
     directions, points, normals, albedo = (array.reshape(-1, 3) for array in (directions, points, normals, albedo))
     lowest, highest = directions.min(axis=0), directions.max(axis=0)
     for number, corners in enumerate(body.corners()):
-        # Cheap tests first, for boxes above the camera or outside the cone of all lines of sight.
+        # Cheap tests skip boxes above the camera or outside the cone of all lines of sight.
         towards = corners - camera
         depth = -towards[:, 2]
         if depth.max() <= 0.01:
@@ -260,8 +260,8 @@ class Body:
             directions: (n, 3) directions of the lines, of any length.
 
         Returns:
-            Distance (n,) at which each line enters the box, in units of the length of its direction, inf for a line
-            that misses the box; and axis (n,), 0, 1 or 2, of the face through which it enters.
+            Distance (n,) from the viewpoint to the box, as a multiple of the line's direction vector, inf for a line
+            that misses the box; and axis (n,), 0, 1 or 2, of the face through which the line enters.
         """
         box = self._boxes[number]
         start, along = (viewpoint - box.centre) @ box.rotation, directions @ box.rotation.astype(np.float32)
@@ -273,7 +273,7 @@ class Body:
         return np.where(hit, enter, np.float32(np.inf)), near.argmax(axis=1).astype(np.int8)
 
     def normal(self, number: int, axis: npt.NDArray[np.int8], directions: Float32) -> Float32:
-        """Unit normals (n, 3) in the world of the faces that lines along `directions` enter, facing the viewpoint."""
+        """Unit normals (n, 3), in world axes and towards the viewpoint, of the faces that lines (n, 3) enter."""
         normals = self._boxes[number].rotation.astype(np.float32).T[axis]
         facing = np.sign(np.einsum("ni,ni->n", normals, directions))
         return np.asarray(-facing[:, None] * normals)

@@ -13,8 +13,8 @@ from guara_perception.simulation.light import Light
 DARK_PICTURES = 4
 # Least number of precomputed noise values.
 POOL_SIZE = 1 << 22
-# Distances from the stripe beyond which the skirt of scattered light decreases as 1 / distance, and at which it ends
-# [px].
+# Distance from the stripe beyond which the skirt of scattered light decreases as 1 / distance, and distance at which it
+# ends [px].
 SKIRT_FROM_PX, SKIRT_TO_PX = 8, 40
 # Number of columns over which the lens also spreads scattered light along the stripe.
 SKIRT_COLUMNS = 9

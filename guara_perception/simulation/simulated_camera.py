@@ -1,4 +1,4 @@
-"""Camera for `drivers` whose frames the simulated rangefinder renders, with laser and mirror of the emulated board."""
+"""Emulated camera of `drivers` with frames rendered by the simulated rangefinder, lit by the emulated board's laser."""
 
 from __future__ import annotations
 

@@ -59,7 +59,10 @@ class Stride:
 
 
 class Way(NamedTuple):
-    """Sequence of steps: cost, places of the feet after it, place of the first step, and body's advance before it."""
+    """Sequence of steps: cost, places of the feet at the end, place of the first step, body's advance before that step.
+
+    `first` is None before the first step.
+    """
 
     cost: float
     feet: dict[str, Place]
@@ -68,7 +71,7 @@ class Way(NamedTuple):
 
 
 class StridePlanner:
-    """Planner that chooses the next step by a beam search over the steps after it.
+    """Planner that chooses the next step by a beam search over several steps.
 
     Args:
         robot: robot with the legs of LIFT_ORDER; in its scan posture, the feet must be below the hips.

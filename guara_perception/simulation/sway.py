@@ -59,7 +59,9 @@ def joints_of(robot: RobotModel, transform_base_to_begin: Float) -> Float:
         reach = robot.reach(leg, sole, pitch)
         if not np.all(reach.is_reachable):
             shift = np.round(transform_base_to_begin[:3, 3], 4).tolist()
-            raise InvalidInput(f"leg {leg!r} does not reach its foothold with the body moved by {shift} m: sway less")
+            raise InvalidInput(
+                f"leg {leg!r} does not reach its foothold with the body moved by {shift} m: reduce the sway"
+            )
         for name, angle in zip(robot.tree.leg(leg).joints, np.ravel(reach.joint_positions).tolist(), strict=True):
             joints[robot.tree.joint_index(name)] = angle
     return joints

@@ -30,7 +30,7 @@ class TargetCamera:
     Attributes:
         camera: true intrinsic model.
         rays: (h, w, 3) directions in camera_optical_frame, z = 1.
-        light: light and sensor; its level of ambient light, laser and surfaces have no effect.
+        light: light and sensor; settings of ambient level, laser and surfaces have no effect.
         seed: seed of noise and texture.
     """
 

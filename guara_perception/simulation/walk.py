@@ -51,7 +51,7 @@ class WalkNoise:
         for name in ("joint", "contact", "slip", "imu", "creep"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value >= 0):
-                raise InvalidInput(f"walk noise: {name} is {value}, allowed: finite, 0 or more")
+                raise InvalidInput(f"walk noise: {name} is {value}, allowed: finite values of 0 or more")
         if not abs(self.slide) <= 0.5:
             raise InvalidInput(f"walk noise: slide is {self.slide}, allowed: -0.5 ... 0.5 of the advance")
 

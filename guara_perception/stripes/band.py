@@ -25,8 +25,8 @@ LEAST_LASER_CONTRAST = 0.25
 LEAST_LASER_LEVEL = 0.15
 # Number of parts into which the width is divided; each is tested separately.
 QUARTERS = 4
-# Half height of the morphological opening that replaces a missing laser-off image: wider than any stripe, narrower than
-# texture.
+# Half height of the morphological opening that replaces a missing laser-off image. It is larger than any stripe and
+# smaller than texture.
 BACKGROUND_HALF_HEIGHT_PX = 12
 # Largest change of brightness beside the stripe between laser off and on, as a fraction of full scale. After a larger
 # change, `paper` rejects the frame, and `precise` uses the laser-off image only if it shows the same view.
@@ -91,9 +91,9 @@ def is_clipped(values: Image) -> Mask:
 def picture_fault(on: Image) -> str:
     """Reason why an object is not a valid camera image; empty for a valid image."""
     if not isinstance(on, np.ndarray):
-        return f"{type(on).__name__}, it must be a numpy array"
+        return f"of type {type(on).__name__}; it must be a numpy array"
     if on.dtype not in (np.uint8, np.uint16) or on.ndim not in (2, 3) or (on.ndim == 3 and on.shape[2] not in (1, 3)):
-        return f"{on.dtype} {on.shape}, it must be uint8 or uint16, (h, w) or (h, w, 3)"
+        return f"{on.dtype} of shape {on.shape}; it must be uint8 or uint16 of shape (h, w) or (h, w, 3)"
     return ""
 
 
@@ -106,8 +106,11 @@ def unusable_frame(band: Image, off: Image | None, shape: tuple[int, ...]) -> st
         shape: shape of the whole laser-on frame.
     """
     if off is not None and (not isinstance(off, np.ndarray) or off.dtype != band.dtype or off.shape != shape):
-        given = f"{off.dtype} {off.shape}" if isinstance(off, np.ndarray) else type(off).__name__
-        return f"laser-off frame is {given}, laser-on frame is {band.dtype} {shape}: they must be alike"
+        given = f"{off.dtype} {off.shape}" if isinstance(off, np.ndarray) else f"of type {type(off).__name__}"
+        return (
+            f"the laser-off frame is {given}, the laser-on frame is {band.dtype} {shape}; "
+            "they must have the same type and shape"
+        )
     sampled = np.ascontiguousarray(band[::CHECKED_ROWS, :: max(band.shape[1] // CHECKED_COLUMNS, 1)])
     low, high = float(sampled.min()), float(sampled.max())
     if low == high and float(band.min()) == float(band.max()):

@@ -38,7 +38,7 @@ def extract_stripe(
 
     Returns:
         StripeProfile with w entries (h entries for along="rows"). If the images cannot be used, for instance because
-        one is blank, white or of another size or type than the other, every entry is FRAME_BAD and `reason` states why.
+        `on` is blank or white or `off` has another size or type, every entry is FRAME_BAD and `reason` states why.
 
     Raises:
         InvalidInput: `on` is not an image of 8 x 8 pixels or more, or an argument has a value that is not allowed.

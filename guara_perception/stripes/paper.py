@@ -23,8 +23,8 @@ from guara_perception.stripes.band import (
 )
 from guara_perception.stripes.peaks import upper_median
 
-# Weights of the channels in the red-enhanced grey; the paper gives no numbers. Red contains the laser light, the other
-# channels stabilise the grey level.
+# Weights of the channels in the red-enhanced grey; the paper gives no numbers. Red contains the laser light, and the
+# other channels stabilise the grey level.
 BLUE_SHARE, GREEN_SHARE, RED_SHARE = 0.05, 0.15, 0.80
 # Threshold as a share of Otsu's. Otsu's own threshold is midway between the background and the bright part of the
 # stripe, and loses 2 to 38 % of the columns of a recorded scan. The paper only states that the image is binarised.
@@ -34,7 +34,7 @@ THRESHOLD_SIGMAS = 5.0
 # Upper quartile of a normal distribution [sigmas].
 UPPER_QUARTILE = 0.674
 NAN = np.float32(np.nan)
-# Standard deviation of a skeleton's position.
+# Assumed standard deviation of a skeleton's position.
 SIGMA_PX = 0.5
 # Largest extent of the skeleton of one line in a column; a larger extent belongs to two lines.
 MOST_EXTENT_PX = 4

@@ -1,4 +1,4 @@
-"""Method `precise` of stripe extraction: highest peak of each column or, in difficult light, best path through all."""
+"""Method `precise` of stripe extraction: highest peak of each column, or best path through them in difficult light."""
 
 from __future__ import annotations
 

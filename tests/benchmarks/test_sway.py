@@ -51,9 +51,7 @@ def test_a_stripe_whose_place_is_not_known_is_not_used(
     assert (known & ~np.isfinite(whole.elevation)).sum() < 0.01 * known.sum()
     both = known & np.isfinite(whole.elevation)
     assert np.percentile(np.abs(grid.elevation - whole.elevation)[both], 99) < 0.001
-    assert any(
-        "the pose of the body at its flash is unknown" in profile.reason for profile in processor.profiles.values()
-    )
+    assert any("the body's pose at the flash is unknown" in profile.reason for profile in processor.profiles.values())
 
 
 def test_methods_that_assume_one_pose_take_no_track(

@@ -45,7 +45,7 @@ def assess_layers(
 
     Args:
         raster: heights, variances not shared by neighbours, lowest and highest samples.
-        hazard: (ny, nx) uint16 initial flags (causes of unknown cells, CONFLICT, STALE).
+        hazard: (ny, nx) uint16 initial flags: causes of unknown cells, and flags such as SOFT, CONFLICT and STALE.
         resolution: cell edge [m].
         limits: traversability limits.
         drift: (ny, nx, 2) possible drift of each cell of the fused map along y and x [cells]; None for a single scan.

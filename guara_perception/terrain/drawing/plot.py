@@ -43,7 +43,7 @@ COLOUR_BARS = {
     "ceiling": ("upper bound of unknown ground [mm]", 1e3),
 }
 SHOWN_FLAGS = 4
-# Position below the axes of the text that explains the grey colours, relative to the height of the axes.
+# Vertical position of the text that explains the grey colours, relative to the height of the axes (negative: below).
 KEY_Y = -0.16
 HTML_SIZE_INCH = (4.2, 3.0)
 
@@ -172,5 +172,5 @@ def _xy_of(foothold: Any) -> tuple[float, float]:
         x, y = (foothold.x, foothold.y) if hasattr(foothold, "x") else foothold
         return float(x), float(y)
     except (TypeError, ValueError):
-        hint = "; best_foothold found none: omit it, check_foothold(x, y) gives the reasons" if foothold is None else ""
+        hint = "; best_foothold found none: skip None, and see best_refused for reasons" if foothold is None else ""
         raise InvalidInput(f"a foothold is {foothold!r}; it must have x and y, or be a pair (x, y) [m]{hint}") from None

@@ -115,7 +115,7 @@ class LayeredGrid(Gridded):
         geometry: origin, resolution and shape.
         record: record of the scan or the map; a record of the other kind is converted.
         frame: "base_footprint".
-        stamp: end of the scan, for a map of the newest scan [ns since the Unix epoch].
+        stamp: end of the scan, or of the newest scan of a map [ns since the Unix epoch].
         step: number of the stance pause.
         extent: "footprint" (one scan alone) or "map" (fused scans).
         pictures: range images (512, 640) float32 by name [mm], if the scan was processed with them.

@@ -153,7 +153,7 @@ LIST, OBJECT = _is(list, tuple), _is(Mapping)
 # Type of a field -> its reader, and the allowed values in words, for error messages.
 FORMS: Mapping[str, tuple[Reader, str]] = {
     "str | None": (TEXT, "text"),
-    "bool | None": (FLAG, "true and false"),
+    "bool | None": (FLAG, "true or false"),
     "int | None": (WHOLE, "a whole number"),
     "float | None": (NUMBER, "a number"),
     "tuple[str, ...] | None": (_each(TEXT), "a list of texts"),

@@ -180,12 +180,12 @@ def test_coverage_of_each_region() -> None:
 @pytest.mark.parametrize(
     ("frame", "message"),
     [
-        ("on_000.jpg", "the frame is str, it must be a numpy array"),
+        ("on_000.jpg", "the frame is of type str; it must be a numpy array"),
         (
             np.zeros((512, 640, 4), np.uint8),
-            "the frame is uint8 (512, 640, 4), it must be uint8 or uint16, (h, w) or (h, w, 3)",
+            "the frame is uint8 of shape (512, 640, 4); it must be uint8 or uint16 of shape (h, w) or (h, w, 3)",
         ),
-        (np.zeros((100, 640), np.uint8), "the frame is 640x100 px, the calibrated camera gives 640x512"),
+        (np.zeros((100, 640), np.uint8), "the frame is 640x100 px, the calibration is for 640x512 px"),
         (np.zeros((512, 640), np.float32), "the frame is float32"),
         (np.zeros((512, 640), np.uint8), "the frame is blank: every pixel is 0"),
     ],

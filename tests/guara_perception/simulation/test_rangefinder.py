@@ -273,9 +273,9 @@ def test_bad_input_is_refused(robot: RobotModel, calibration: Calibration) -> No
         list(rangefinder.frames([70]))
     with pytest.raises(InvalidInput, match="exposure is 0.0 times the nominal one; allowed: finite factors above 0"):
         rangefinder.frame(exposure=0.0)
-    with pytest.raises(InvalidInput, match="light: blur is -1, allowed: finite, 0 or more"):
+    with pytest.raises(InvalidInput, match="light: blur is -1, allowed: finite values of 0 or more"):
         Light(blur=-1)
-    with pytest.raises(InvalidInput, match="stripe_sigma is 0 m, fan is 0.75 rad, allowed: above 0 each"):
+    with pytest.raises(InvalidInput, match="stripe_sigma is 0 m, fan is 0.75 rad, allowed: values above 0"):
         Light(stripe_sigma=0)
 
 

@@ -188,8 +188,8 @@ def test_light_that_cannot_be_is_refused() -> None:
         ({"chessboard": 2.0}, "chessboard is 2.0"),
         ({"ghost": 1.1}, "ghost is 1.1"),
         ({"jpeg_quality": 101}, r"jpeg_quality is 101, allowed: 0 \.\.\. 100"),
-        ({"drift": (1.0, 0.0, 1.0)}, "drift is .*, allowed: above 0 each"),
-        ({"flicker": -0.1}, "flicker is -0.1, allowed: finite, 0 or more"),
+        ({"drift": (1.0, 0.0, 1.0)}, "drift is .*, allowed: values above 0"),
+        ({"flicker": -0.1}, "flicker is -0.1, allowed: finite values of 0 or more"),
     ):
         with pytest.raises(gp.InvalidInput, match=expected_text):
             Light(**options)  # type: ignore[arg-type]

@@ -138,7 +138,7 @@ def test_a_walk_without_foothold_ends(robot: RobotModel) -> None:
     next(walk)
     with pytest.raises(OutOfReach, match="leg 'rh' cannot reach its foothold .* choose a foothold nearer to the hip"):
         next(walk)
-    with pytest.raises(InvalidInput, match="walk noise: slip is -1, allowed: finite, 0 or more"):
+    with pytest.raises(InvalidInput, match="walk noise: slip is -1, allowed: finite values of 0 or more"):
         WalkNoise(slip=-1)
 
 

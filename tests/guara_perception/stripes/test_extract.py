@@ -29,7 +29,7 @@ def test_arguments_that_cannot_be_are_refused(arguments: dict, message: str) -> 
 @pytest.mark.parametrize(
     ("frame", "message"),
     [
-        ("a.png", "the picture is str, it must be a numpy array"),
+        ("a.png", "the picture is of type str; it must be a numpy array"),
         (GREY.astype(float), "the picture is float64"),
         (np.zeros((40, 60, 4), np.uint8), r"\(40, 60, 4\)"),
         (np.zeros((4, 60), np.uint8), "8 pixels or more each way"),
@@ -53,9 +53,13 @@ def test_what_is_no_picture_is_refused(frame: object, message: str) -> None:
             GREY,
             "more than half of the frame is white",
         ),
-        (GREY + np.arange(60, dtype=np.uint8)[:, None], GREY[:20], "they must be alike"),
-        (GREY + np.arange(60, dtype=np.uint8)[:, None], GREY.astype(np.uint16), "they must be alike"),
-        (GREY + np.arange(60, dtype=np.uint8)[:, None], "off", "laser-off frame is str"),
+        (GREY + np.arange(60, dtype=np.uint8)[:, None], GREY[:20], "they must have the same type and shape"),
+        (
+            GREY + np.arange(60, dtype=np.uint8)[:, None],
+            GREY.astype(np.uint16),
+            "they must have the same type and shape",
+        ),
+        (GREY + np.arange(60, dtype=np.uint8)[:, None], "off", "laser-off frame is of type str"),
     ],
 )
 def test_frames_that_cannot_be_used_say_why(method: str, on: np.ndarray, off: object, message: str) -> None:

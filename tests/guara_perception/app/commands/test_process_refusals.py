@@ -57,7 +57,7 @@ BAD_SCANS: dict[str, tuple[Change, str]] = {
     "unknown robot": (scan_json(lambda c: c.update(robot="tapir")), "scan.json: robot: no robot 'tapir'"),
     "frame gone": (lambda f: (f / "on_003.jpg").unlink(), "names frame on_003.jpg, which does not exist"),
     "broken frame": (lambda f: (f / "on_003.jpg").write_bytes(b"x"), "on_003.jpg: not a readable picture (1 bytes)"),
-    "wrong image size": (resize_all, "frame on_000.jpg: the frame is 320x256 px, the calibrated camera gives 640x512"),
+    "wrong image size": (resize_all, "frame on_000.jpg: the frame is 320x256 px, the calibration is for 640x512 px"),
     "stripe not calibrated": (
         scan_json(lambda c: (c.update(mode="standard"), c["stripes"][1].update(index=1))),
         "stripe index 1 is not in the calibration, which holds 0, 2 ... 68: scan and calibration differ in rangefinder",
@@ -90,7 +90,7 @@ BAD_CALIBRATIONS: dict[str, tuple[Callable[[dict], object], str]] = {
     ),
     "NaN in a plane": (lambda c: c["stripes"][5]["plane"].__setitem__(0, float("nan")), "stripes[5].plane[0] is nan"),
     "another robot": (lambda c: c.update(robot="tapir"), "belongs to robot 'tapir', not 'guara'"),
-    "another camera": (lambda c: c["camera"].update(size=[1280, 1024]), "the calibrated camera gives 1280x1024"),
+    "another camera": (lambda c: c["camera"].update(size=[1280, 1024]), "the calibration is for 1280x1024 px"),
 }
 
 

@@ -118,7 +118,7 @@ def test_what_cannot_be_drawn_is_refused(terrain):
     """An array in place of a layer's name, and the None of `best_foothold`."""
     with pytest.raises(gp.InvalidInput, match=r"layer is a ndarray, allowed: elevation.*on the axes that plot returns"):
         terrain.plot(terrain.hazard == 0)
-    with pytest.raises(gp.InvalidInput, match="a foothold is None.*best_foothold found none: omit it"):
+    with pytest.raises(gp.InvalidInput, match="a foothold is None.*best_foothold found none: skip None"):
         terrain.plot(footholds=[None])
 
 
