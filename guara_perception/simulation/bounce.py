@@ -41,7 +41,7 @@ class Bounce:
         """Bounced light (h, w) [grey levels of 255], or None if it is fainter than FAINTEST everywhere.
 
         Args:
-            pixels: (n,) indices into the flat image of the pixels lit by the stripe.
+            pixels: (n,) indices of the pixels lit by the stripe, in the flat image.
             brightness: (n,) brightness of these pixels, without speckle [grey levels of 255].
             strength: factor of the bounced light; 1 = Lambert's law.
         """
@@ -68,7 +68,7 @@ class Bounce:
         Args:
             total: light received so far by each receiver [grey levels of 255]; changed in place.
             receivers: mask of the receivers to which light is added.
-            sources: indices of the sources into the flat image.
+            sources: indices of the sources, in the flat image.
             sent: brightness of the sources [grey levels of 255].
         """
         view = self._view

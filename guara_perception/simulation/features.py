@@ -210,7 +210,7 @@ def _positive(owner: object, *names: str) -> None:
     for name in names:
         value = getattr(owner, name)
         if not (np.isfinite(value) and value > 0):
-            raise InvalidInput(f"{name} is {value}, allowed: above 0 m")
+            raise InvalidInput(f"{name} is {value}, allowed: finite values above 0 m")
 
 
 @dataclass(frozen=True, slots=True)

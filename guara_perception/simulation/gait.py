@@ -79,7 +79,7 @@ class WaveGait:
 
 
 class OutOfReach(InvalidInput):
-    """The legs cannot reach all footholds at once; the message names the leg."""
+    """A leg cannot reach its foothold; the message names both."""
 
 
 def stand_on(

@@ -80,7 +80,7 @@ def plan_swing(
         leg, wish, previous, robot: as in `plan_foothold`.
 
     Returns:
-        Foothold and swing; None if no safe foothold within reach has an accepted swing.
+        Foothold and swing; None if no swing to any of the footholds found is accepted.
 
     Raises:
         InvalidInput, kinematics.KinematicsError: as in `plan_foothold` and `TerrainGrid.swing`.

@@ -1,4 +1,4 @@
-"""Simulated rangefinder that renders camera frames for any pose of the body over a world."""
+"""Simulated rangefinder that renders camera frames for any pose of the body in a world."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ LEAST_CLEARANCE_M = 0.05
 
 
 class SimulatedRangefinder:
-    """Simulated rangefinder on a robot that stands over a world.
+    """Simulated rangefinder on a robot in a simulated world.
 
     Example:
         rangefinder = SimulatedRangefinder(world, specimen(robot), robot, seed=0)
@@ -97,7 +97,7 @@ class SimulatedRangefinder:
         Args:
             transform_base_to_world: (4, 4) pose of the body.
             joint_positions: joint name -> position [rad] of a robot that is drawn and casts shadows. None = draw none.
-            view: result of an earlier call with the same arguments, which saves its computation.
+            view: result of an earlier call with the same arguments, so that it need not be computed again.
 
         Raises:
             InvalidInput: camera or laser is in the ground or too close to it.

@@ -26,7 +26,7 @@ TEXTURE_CELL_M = 1.0 / TEXTURE_CELLS
 # Tolerances of the visibility test, for the error of the raster.
 IN_FRONT_M = 0.0025
 TANGENT_TOLERANCE = 0.001
-# Difference between the interpolated and the nearest distance in a table above which there is a depth edge.
+# Difference between the interpolated and the nearest tabulated distance above which a line of sight is at a depth edge.
 EDGE_M = 0.001
 
 

@@ -154,7 +154,7 @@ class StridePlanner:
         return None
 
     def _steps(self, way: Way, leg: str, places: list[Place]) -> Iterator[Way]:
-        """Extend a sequence by one step to each place that the leg reaches, or none, with all feet within reach."""
+        """Extend a sequence by a step to each place, or by leaving the foot in place, if all feet stay within reach."""
         here = way.feet[leg]
         centre = np.mean([place.x - self._hips[name][0] for name, place in way.feet.items()])
         rear = max(place.rearmost for place in way.feet.values())

@@ -64,7 +64,7 @@ class World:
         """
         for name, (low, high) in (("x", self.x), ("y", self.y)):
             if not (np.isfinite([low, high]).all() and low < high):
-                raise InvalidInput(f"{name} is ({low}, {high}), allowed: (low, high), low below high")
+                raise InvalidInput(f"{name} is ({low}, {high}), allowed: (low, high), both finite and low below high")
         if not (np.isfinite(self.undulation) and 0 <= self.undulation <= 0.1):
             raise InvalidInput(f"undulation is {self.undulation}, allowed: 0 ... 0.1 m")
         material_index(self.material)

@@ -51,7 +51,7 @@ def extract_stripe(
     if fault := picture_fault(on):
         raise InvalidInput(f"the picture is {fault}")
     if min(on.shape[:2]) < 8:
-        raise InvalidInput(f"the picture is {on.shape}, it must have 8 pixels or more each way")
+        raise InvalidInput(f"the picture has shape {on.shape}; it must have 8 pixels or more each way")
     if along == "rows":
         on, off = _turned(on), _turned(off) if isinstance(off, np.ndarray) and off.ndim >= 2 else off
     height, width = on.shape[:2]

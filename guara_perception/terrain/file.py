@@ -36,7 +36,7 @@ def load_terrain(path: str | Path) -> TerrainGrid:
         data.setdefault("ceiling", np.full_like(data["variance"], np.nan))
     missing = [name for name in wanted if name not in data]
     if missing:
-        raise FileFormatError(f"{path}: {', '.join(missing)} missing: it is not a terrain file")
+        raise FileFormatError(f"{path}: not a terrain file; missing arrays: {', '.join(missing)}")
     x, y = (float(v) for v in _checked(data, path, "origin", "fiu", (2,)))
     text = str(_checked(data, path, "metadata", "U", ()))
     metadata = dict(parse_json(text.encode(errors="surrogatepass"), f"{path}: metadata").data)

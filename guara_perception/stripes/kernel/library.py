@@ -127,7 +127,7 @@ def address(array: Array) -> int:
         ValueError: the array is not C-contiguous.
     """
     if not array.flags.c_contiguous:
-        raise ValueError(f"an array with strides {array.strides} was given to the kernel")
+        raise ValueError(f"an array given to the kernel has strides {array.strides}; it must be C-contiguous")
     return array.ctypes.data
 
 

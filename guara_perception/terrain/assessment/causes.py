@@ -22,8 +22,8 @@ LINES_TOGETHER = 256
 NOT_ASKED = -2
 # Lowest height assumed for ground that light reaches beside an obstacle [m].
 DEEPEST_M = -0.2
-# Largest distance of the outermost stripe from the last known cell of a row, in addition to half a cell [m]. It allows
-# for the slope of the ground within the cell, and for samples cut off at the end of a stripe.
+# Largest distance, in addition to half a cell, at which the outermost stripe counts as meeting the last known cell of a
+# row [m]. It allows for the slope of the ground within the cell, and for samples cut off at the end of a stripe.
 END_MARGIN_M = 0.0005
 
 
@@ -47,7 +47,8 @@ class LookPlan:
         Args:
             geometry: the grid.
             planes_in_footprint: (s, 4) laser planes in the order of the pattern, at least one.
-            project: returns image positions (n, 2) of points (n, 3) in base_footprint, NaN behind the camera.
+            project: function that returns image positions (n, 2) of points (n, 3) in base_footprint, NaN behind the
+                camera.
             size: image width and height [px].
         """
         self.geometry, self._project, self._size = geometry, project, size
@@ -143,7 +144,8 @@ def unknown_causes(
         elevation: (ny, nx) heights [m], NaN where unknown.
         pair_usable: (s - 1,) mask of the pairs of neighbouring stripes that both have usable frames.
         marks: (ny, nx) flags of unusable returns.
-        in_own_shadow: returns the mask of points (n, 3) that the robot hides from its own camera or laser; None = none.
+        in_own_shadow: function that returns the mask of the points (n, 3) that the robot hides from its own camera or
+            laser; None if it hides none.
 
     Returns:
         (ny, nx) uint16: one or more unknown flags where the elevation is NaN, 0 elsewhere.

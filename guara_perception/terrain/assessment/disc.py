@@ -148,7 +148,7 @@ def edge_cells(
 
     Unknown cells, rises and falls are therefore at least one disc radius away from the sole, and do not get under it
     while the map drifts by no more than this radius. In the map, the sole is also widened on each side. The widening is
-    one cell, so that nothing unsafe reaches the rim of the sole, or the excess of the drift over the radius if larger.
+    one cell, so that nothing unsafe reaches the sole's rim, or the excess of the drift over the radius if that is more.
 
     Args:
         flags: (ny, nx) hazard flags.

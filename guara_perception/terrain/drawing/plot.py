@@ -57,7 +57,7 @@ def plot(
     regions: Iterable[Any] = (),
     axes: Axes | None = None,
 ) -> Axes:
-    """Draw one layer: x up, y to the left, metres, unknown cells in pale grey.
+    """Draw one layer with x up and y to the left, in metres; unknown cells are pale grey except in "hazard".
 
     Args:
         layer: any layer; "hazard" is drawn in one colour per flag with a legend.
@@ -72,7 +72,7 @@ def plot(
     """
     if not isinstance(layer, str) or layer not in LAYER_NAMES:
         given = repr(layer) if isinstance(layer, str) else f"a {type(layer).__name__}"
-        hint = "" if isinstance(layer, str) else "; draw values of your own on the axes that plot returns"
+        hint = "" if isinstance(layer, str) else "; draw your own values on the axes that plot returns"
         raise InvalidInput(f"layer is {given}, allowed: {', '.join(LAYER_NAMES)}{hint}")
     marks = [_xy_of(foothold) for foothold in footholds]
     outlines = [_outline_of(region) for region in regions]
@@ -161,7 +161,7 @@ def _outline_of(region: Any) -> tuple[Float, Float]:
     vertices = np.asarray(getattr(region, "vertices", ()), dtype=np.float64)
     if vertices.ndim != 2 or vertices.shape[1] not in (2, 3) or len(vertices) < 3:
         raise InvalidInput(
-            f"a region is a {type(region).__name__}; it must have vertices (n, 2) or (n, 3), three or more [m]"
+            f"a region is a {type(region).__name__}; it must have three or more vertices, (n, 2) or (n, 3) [m]"
         )
     closed = np.concatenate((vertices, vertices[:1]))
     return closed[:, 0], closed[:, 1]

@@ -106,7 +106,7 @@ class LayerAttribute(Generic[A]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LayeredGrid(Gridded):
-    """Immutable layers of a terrain, to which all queries refer.
+    """Immutable layers of a terrain, from which all queries are answered.
 
     The layers satisfy the safety invariant. They are read-only arrays (ny, nx), a[iy, ix]; each is also an attribute.
 
@@ -114,7 +114,7 @@ class LayeredGrid(Gridded):
         layers: every layer of `LAYERS` by name.
         geometry: origin, resolution and shape.
         record: record of the scan or the map; a record of the other kind is converted.
-        frame: "base_footprint".
+        frame: frame of positions and heights, "base_footprint".
         stamp: end of the scan, or of the newest scan of a map [ns since the Unix epoch].
         step: number of the stance pause.
         extent: "footprint" (one scan alone) or "map" (fused scans).

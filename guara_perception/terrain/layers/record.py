@@ -144,7 +144,7 @@ def _limits(value: object) -> TraversabilityLimits:
 
 
 def known_limits(limits: Mapping[str, Any], kind: type) -> dict[str, Any]:
-    """Limits that are fields of a class of limits; a grid of a newer version may contain others."""
+    """Select the limits that are fields of the class `kind`; a grid of a newer version may contain others."""
     return {entry.name: limits[entry.name] for entry in fields(kind) if entry.name in limits}
 
 

@@ -45,7 +45,9 @@ class KnownGround:
     def __post_init__(self) -> None:
         outline = np.array(self.outline, dtype=np.float64)
         if outline.ndim != 2 or outline.shape[1:] != (2,) or len(outline) < 3 or not np.isfinite(outline).all():
-            raise InvalidInput(f"outline of known ground has shape {outline.shape}; it must be 3 or more finite (x, y)")
+            raise InvalidInput(
+                f"outline of known ground has shape {outline.shape}; it must have 3 or more corners (x, y), all finite"
+            )
         if len(outline) > MOST_CORNERS:
             raise InvalidInput(f"outline of known ground has {len(outline)} corners; allowed: up to {MOST_CORNERS:,}")
         if not np.isfinite(self.height) or not np.isfinite(self.sigma) or self.sigma < 0:

@@ -23,7 +23,7 @@ HIGHEST_M = 0.14
 BESIDE_CELLS = 20
 # A bound must also hold in all cells within this distance of its cell; in the map, within this distance plus the drift.
 AROUND_CELLS = 1
-# Largest drift of a bound that is used.
+# Largest drift at which a bound is still used.
 FARTHEST_DRIFT_CELLS = 10
 # Sideways components of a ray, relative to a ray from the mirror. The light may diverge from the mirror, from a line
 # lens in front of it, or from farther away, and a bound must hold in all cases. Rays of two successive values that pass

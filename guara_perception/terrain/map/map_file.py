@@ -119,7 +119,7 @@ def read_map(path: str | Path) -> SavedMap:
         data.setdefault("local", data["variance"])
     missing = [name for name in ("state", *MEMORY) if name not in data]
     if missing:
-        raise FileFormatError(f"{path}: {', '.join(missing)} missing: it is not a map file")
+        raise FileFormatError(f"{path}: not a map file; missing arrays: {', '.join(missing)}")
     fields = parse_json(str(data.pop("state")).encode(), str(path))
     fields.text("format", (FORMAT,))
     side = fields.integer("side", 2, 100_000)

@@ -131,10 +131,10 @@ def test_random_worlds_repeat_and_leave_the_start_free() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Box(x=0, y=0, size=(0.1, 0.1), height=-0.1), "height is -0.1, allowed: above 0 m"),
+        (lambda: Box(x=0, y=0, size=(0.1, 0.1), height=-0.1), "height is -0.1, allowed: finite values above 0 m"),
         (lambda: Box(x=0, y=0, size=(0.1, 0.0), height=0.1), r"size is \(0.1, 0.0\), allowed: \(length, width\)"),
         (lambda: Box(x=np.nan, y=0, size=(0.1, 0.1), height=0.1), "x is nan, allowed: finite numbers"),
-        (lambda: Pit(x=0, y=0, size=(0.1, 0.1), depth=0.0), "depth is 0.0, allowed: above 0 m"),
+        (lambda: Pit(x=0, y=0, size=(0.1, 0.1), depth=0.0), "depth is 0.0, allowed: finite values above 0 m"),
         (lambda: Patch(x=0, y=0, size=(0.1, 0.1), material="tar"), "material is 'tar', allowed: soil, wood"),
         (lambda: Step(x=0, height=0.1, direction="left"), "direction is 'left', allowed: up, down"),
         (lambda: Stairs(x=0, height=0.1, count=0, run=0.1), "count is 0, allowed: an integer 1 ... 100"),
@@ -165,8 +165,12 @@ def test_a_world_file_is_read_in_its_order() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("height = 0.04", "height = -0.04", r"w.toml, line 15: \[\[box\]\]: height is -0.04, allowed: above 0 m"),
-        ("depth = 0.02", "depth = -0.02", r"line 28: \[\[pit\]\]: depth is -0.02, allowed: above 0 m"),
+        (
+            "height = 0.04",
+            "height = -0.04",
+            r"w.toml, line 15: \[\[box\]\]: height is -0.04, allowed: finite values above 0 m",
+        ),
+        ("depth = 0.02", "depth = -0.02", r"line 28: \[\[pit\]\]: depth is -0.02, allowed: finite values above 0 m"),
         ("depth = 0.02", "deep = 0.02", "line 28: unknown key 'deep'; a pit has: x, y, size, yaw, material, depth"),
         ("x = 2\n", "x = 7\n", "line 24: pit covers x 6.950 ... 7.050, .* outside the world, x -1.0 ... 3.0"),
         ("count = 3", "count = 2.5", "line 21: count is 2.5, allowed: an integer"),

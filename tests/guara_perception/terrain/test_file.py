@@ -42,7 +42,7 @@ def changed(**values: object):
 
 
 BAD = {
-    "layer missing": (lambda c: c.pop("slope"), "slope missing: it is not a terrain file"),
+    "layer missing": (lambda c: c.pop("slope"), "not a terrain file; missing arrays: slope"),
     "layer of another type": (lambda c: c.update(slope=c["slope"].astype(np.float64)), "layer slope is float64"),
     "layer of another shape": (lambda c: c.update(slope=c["slope"][:, 1:]), "layer slope is float32 (108, 89)"),
     "flat layers": (lambda c: c.update(elevation=c["elevation"].ravel()), "grid shape is (9720,); it must be (ny, nx)"),
