@@ -83,7 +83,7 @@ class Raised(Feature):
         _positive(self, "height")
 
     def rise(self, x: Float, y: Float) -> Float | float:
-        """Height of the top above the ground at the centre [m]; -inf outside the feature."""
+        """Height of the top above the ground at the feature's centre [m]; -inf where there is no top."""
         return self.height
 
     def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:

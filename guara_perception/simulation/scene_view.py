@@ -42,8 +42,8 @@ class SceneView:
         points: (h, w, 3) float32, surface points in the world, relative to `origin`.
         origin: (3,) position in the world at which the laser leaves the mirror [m].
         normals: (h, w, 3) float32, unit normals of the surface.
-        reflectance: (h, w) float32, share of red light scattered towards the camera.
-        laser_gain: (h, w) float32, grey level that the point has in the centre of the stripe; 0 in shadow.
+        reflectance: (h, w) float32, share of red light scattered towards the camera, reduced by vignetting.
+        laser_gain: (h, w) float32, grey level of the point if it is in the centre of the stripe; 0 in shadow.
         ambient: (h, w, 3) float32, grey levels without laser light at nominal exposure.
         is_body: (h, w) bool, pixels that show the robot itself.
     """

@@ -89,7 +89,7 @@ class StridePlanner:
         The foot stays in place if that is the best choice. Foot and body stay in place if no stride is found.
 
         Raises:
-            InvalidInput: the grid's record has no stance.
+            InvalidInput: the grid's record lacks the stance, the body's pose or the limits.
         """
         to_footprint, stance = terrain.record.transform_base_to_footprint, terrain.record.stance
         if to_footprint is None or stance is None:

@@ -1,7 +1,7 @@
-"""Stripe extraction: from a pair of frames to the position of the laser line in every column.
+"""Stripe extraction: position of the laser line in every column of a frame, with or without a laser-off frame.
 
 This package imports no other subpackage; `calibration`, `ranging`, `scanning`, `terrain.assessment` and `app` use it.
-It reads no files but those of its compiled kernel.
+It does no input or output, except to load its compiled kernel.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ SHRUNK_FROM, SHRUNK_ROWS = ((1000, 4), (480, 2)), 32
 # into it.
 REMARKS = (
     "",
-    "the laser-off picture is {:.2f} times as bright as the laser-on one: expose both alike",
+    "the laser-off picture is {:.2f} times as bright as the laser-on one: use the same exposure for both",
     "the laser-off picture shows another scene: {:.0f} of {:.0f} grey levels of contrast remain after subtraction",
 )
 

@@ -106,7 +106,7 @@ MOST_KEPT = 8 << 20
 def memory(size: int) -> Array:
     """Work memory of at least `size` bytes (uint8), aligned to 64 bytes.
 
-    All calls in one thread with a size of up to MOST_KEPT share the same memory.
+    Calls in one thread with a size of up to MOST_KEPT share one memory, which is replaced if it is too small.
     """
     if size > MOST_KEPT:
         return _aligned(size)

@@ -98,6 +98,8 @@ def save_figure(figure: Figure, path: Path) -> Path:
 
     Raises:
         MissingFile: the folder does not exist.
+        InvalidInput: the path is a folder.
+        OSError: the file cannot be written.
     """
     with styled(), whole_file(path) as temporary:
         figure.savefig(temporary, facecolor="white")

@@ -25,7 +25,7 @@ EXTRA_RING_CELLS = 1
 TOUCHED = 0.5
 # Least widening of the sole in the fused map [cells].
 LEAST_MARGIN_CELLS = 1
-# Largest drift of the fused map that is considered [cells]; a larger drift is treated like this one.
+# Largest drift of the fused map that the tests allow for [cells]; cells with a larger drift are STALE.
 LARGEST_DRIFT_CELLS = 6
 
 

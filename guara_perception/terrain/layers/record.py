@@ -360,7 +360,7 @@ class GridRecord(FrozenArrays):
         self.check("attitude_sigma")
         sigma = self.attitude_sigma or 0.0
         if not 0.0 <= sigma < math.inf:
-            raise InvalidInput(f"the grid's metadata says attitude_sigma = {sigma!r}; allowed: 0 or more [rad]")
+            raise InvalidInput(f"the grid's metadata says attitude_sigma = {sigma!r}; allowed: finite, 0 or more [rad]")
         return sigma
 
     @property

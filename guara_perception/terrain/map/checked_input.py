@@ -43,14 +43,14 @@ def check_scan(terrain: TerrainGrid, resolution: float, last_step: int | None) -
         raise InvalidInput(f"the scan has cells of {terrain.resolution} m; allowed: {resolution} m, as in the map")
     if last_step is not None and terrain.step <= last_step:
         raise InvalidInput(
-            f"step {terrain.step} comes after step {last_step}: scans must come in the order of their pauses; "
-            "begin a new map for another walk"
+            f"step {terrain.step} is not greater than {last_step}, the step of the last scan; add scans in the order "
+            "of their pauses, and begin a new map for another walk"
         )
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedPose:
-    """Checked copies of the arrays of a `PoseInOdom`, with the transform of the scan's own footprint."""
+    """Checked copies of the arrays of a `PoseInOdom`; `transform` is the pose of the scan's own footprint in odom."""
 
     transform: Float
     covariance: Float
@@ -59,7 +59,7 @@ class CheckedPose:
 
 
 def checked_pose(terrain: TerrainGrid, pose: PoseInOdom) -> CheckedPose:
-    """Check a pose and transform it to the footprint in which the scan was processed.
+    """Check a pose; a pose of leg odometry is transformed to the footprint in which the scan was processed.
 
     Without gravity, the scan's footprint is parallel to the support plane, but the footprint of leg odometry is
     horizontal, according to gravity at earlier pauses.
@@ -96,8 +96,8 @@ def checked_pose(terrain: TerrainGrid, pose: PoseInOdom) -> CheckedPose:
 def tilt_between_looks(robot: RobotModel, terrain: TerrainGrid) -> Float:
     """Covariance (2, 2) of the tilt of a scan relative to the scans of other pauses [rad^2]; 0 if unknown.
 
-    With an IMU it is the covariance of gravity. Without one, the error of the vertical is the same at all pauses of a
-    walk, and scans differ by the noise of the feet.
+    With an IMU, it is the covariance of the measured gravity. Without one, the error of the vertical is the same at all
+    pauses of a walk, and scans differ by the noise of the feet.
     """
     record = terrain.record
     record.check("pose_covariance", "attitude_source", "stance")
