@@ -16,8 +16,8 @@ from kinematics.body_track import HALF_WINDOW, LONGEST_GAP
 from kinematics.transforms import inverse, transform_points
 
 NO_PLACE = (
-    "the body's pose at the flash is unknown: joint samples are missing or irregular, feet moved, or the time of the "
-    "flash is unknown or uncertain"
+    "the body's pose at the flash is unknown: joint samples are missing or irregular, feet moved or lifted, or the "
+    "time of the flash is unknown or uncertain"
 )
 # Largest displacement of the ground, in any direction, by body motion between the flashes of two neighbouring stripes
 # that are joined. It is about half the spacing of coarse stripes, so that no stripe takes the place of another.

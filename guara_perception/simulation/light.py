@@ -32,8 +32,8 @@ class Light:
         read_noise: standard deviation of the noise at level 0.
         vignetting: exponent v of the brightness cos(field angle)^v.
         texture: factor of the mottled texture of all surfaces, 0 = none.
-        skirt: level of the light scattered by the lens, relative to the stripe's peak. It is constant up to 8 px beside
-            the stripe and decreases from there; it ends at 40 px.
+        skirt: level of the light scattered by the lens, relative to the stripe's peak (clipped at 255). It is constant
+            up to 8 px beside the stripe and decreases from there; it ends at 40 px.
         halo: level beside a clipped core of the stripe; the halo fades within 20 px.
         ghost: relative strength of a second image of the stripe, caused by reflection.
         blotches: standard deviation of the noise in patches of several pixels [grey levels], independent in each

@@ -29,7 +29,7 @@ MAX_FOOTPRINT_M = 0.002
 # THINNING_PX-th row and column is tested.
 THINNING_PX = 4
 NEAR_PLANE_M = 0.020
-# Least height of camera and laser above the ground; a lower one counts as a collision.
+# Minimum height of camera and laser above the ground; a lower one counts as a collision.
 LEAST_CLEARANCE_M = 0.05
 
 

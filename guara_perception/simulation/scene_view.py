@@ -15,7 +15,7 @@ from guara_perception.simulation.relief import PolarView, Relief
 from kinematics import RobotState
 from kinematics.self_filter import place_shape
 
-# Range and resolution of the polar views from camera and laser: cells at most half as wide as a pixel on the ground.
+# Range and resolution of the polar views from camera and laser.
 RADIUS_M = 1.3
 RADIUS_SPACING_M = 0.001
 TANGENTS = 2400

@@ -11,7 +11,7 @@ from guara_perception.simulation.light import Light
 
 # Number of noisy laser-off images that are cached for each scene and exposure, and returned in turn.
 DARK_PICTURES = 4
-# Least number of precomputed noise values.
+# Minimum number of precomputed noise values.
 POOL_SIZE = 1 << 22
 # Distance from the stripe beyond which the skirt of scattered light decreases as 1 / distance, and distance at which it
 # ends [px].

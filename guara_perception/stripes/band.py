@@ -17,7 +17,7 @@ from kinematics.arrays import FrozenArrays
 CHECKED_ROWS, CHECKED_COLUMNS = 8, 40
 # Fraction of full scale from which a pixel counts as clipped. JPEG and demosaicing keep clipped pixels just below 1.
 CLIPPED = 0.98
-# Least contrast between even and odd columns that proves a colour filter. The contrast is about 0.1 % in grey images;
+# Minimum contrast between even and odd columns that proves a colour filter. The contrast is about 0.1 % in grey images;
 # behind a colour filter it is at least 2 % in white light and 30 to 95 % in red laser light.
 LEAST_AMBIENT_CONTRAST = 0.012
 LEAST_LASER_CONTRAST = 0.25

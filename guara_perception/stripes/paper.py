@@ -29,7 +29,7 @@ BLUE_SHARE, GREEN_SHARE, RED_SHARE = 0.05, 0.15, 0.80
 # Threshold as a share of Otsu's. Otsu's own threshold is midway between the background and the bright part of the
 # stripe, and loses 2 to 38 % of the columns of a recorded scan. The paper only states that the image is binarised.
 OTSU_SHARE = 0.4
-# Least threshold [sigmas of the noise]: without a stripe, Otsu's method would split the noise.
+# Minimum threshold [sigmas of the noise]: without a stripe, Otsu's method would split the noise.
 THRESHOLD_SIGMAS = 5.0
 # Upper quartile of a normal distribution [sigmas].
 UPPER_QUARTILE = 0.674

@@ -23,7 +23,7 @@ from guara_perception.stripes.kernel.library import addresses, kernel, memory
 # any_light.c: EVERY_COLUMN = -1 (repeat without averaging columns). Other results are numbers of doubtful columns.
 SWAPPED, CHANGED = -2, -3
 EVERY_COLUMN = -1
-# Averaging of columns before the path search in a pair of 8-bit colour images: (least image width, number of columns
+# Averaging of columns before the path search in a pair of 8-bit colour images: (minimum image width, number of columns
 # per mean). Columns of bands with fewer than SHRUNK_ROWS rows are not averaged.
 SHRUNK_FROM, SHRUNK_ROWS = ((1000, 4), (480, 2)), 32
 # Remarks on a defective laser-off image. The kernel returns the index of the remark, and two numbers that are inserted

@@ -57,7 +57,7 @@ def plot(
     regions: Iterable[Any] = (),
     axes: Axes | None = None,
 ) -> Axes:
-    """Draw one layer with x up and y to the left, in metres; unknown cells are pale grey except in "hazard".
+    """Draw one layer with x up and y to the left, in metres; cells without a value are pale grey.
 
     Args:
         layer: any layer; "hazard" is drawn in one colour per flag with a legend.
@@ -94,7 +94,8 @@ def plot(
             axes.scatter(y, x, s=50, facecolor="white", edgecolor="black", zorder=3)
         axes.set_title(f"{layer.replace('_', ' ')}, {terrain.extent}, step {terrain.step}")
         if layer != "hazard":
-            key = "pale grey: unknown" + (", veiled: not traversable" if hazards else "")
+            key = f"pale grey: {'no bound' if layer == 'ceiling' else 'unknown'}"
+            key += ", veiled: not traversable" if hazards else ""
             # Below the axes, so that a title set by the user does not replace it.
             axes.text(0.5, KEY_Y, key, transform=axes.transAxes, ha="center", va="top", fontsize="small")
     return axes

@@ -14,7 +14,8 @@ from guara_perception.settings import TraversabilityLimits
 # Largest number of cells, as in a Terrain message (docs/messages.md); all layers of so many cells take 192 MB.
 MOST_CELLS = 4_000_000
 Kernel = Codes
-# Least known fraction of a disc for a plane fit. A lower value would make no cell safe, because EDGE tests whole discs.
+# Minimum known fraction of a disc for a plane fit. A fit to a partly known disc makes no cell safe, because EDGE
+# requires wholly known discs.
 KNOWN_SHARE = 0.6
 # Largest radius of the disc [cells]. Smaller cells would show no more detail, because the spacing of stripes limits it.
 MOST_RADIUS_CELLS = 24
@@ -23,7 +24,7 @@ MOST_RADIUS_CELLS = 24
 EXTRA_RING_CELLS = 1
 # Half edge of a cell [cells].
 TOUCHED = 0.5
-# Least widening of the sole in the fused map [cells].
+# Minimum widening of the sole in the fused map [cells].
 LEAST_MARGIN_CELLS = 1
 # Largest drift of the fused map that the tests allow for [cells]; cells with a larger drift are STALE.
 LARGEST_DRIFT_CELLS = 6
