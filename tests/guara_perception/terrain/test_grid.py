@@ -199,7 +199,7 @@ def test_files_that_are_no_terrain_are_refused(terrain: gp.TerrainGrid, tmp_path
     with np.load(path) as content:
         data = {name: content[name] for name in content.files}
     np.savez(path, **{name: array for name, array in data.items() if name != "hazard"})
-    with pytest.raises(gp.FileFormatError, match="hazard missing"):
+    with pytest.raises(gp.FileFormatError, match="missing arrays: hazard"):
         gp.load_terrain(path)
     unsafe = {**data, "hazard": np.zeros_like(data["hazard"])}
     np.savez(path, **unsafe)
