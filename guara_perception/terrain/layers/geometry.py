@@ -161,7 +161,7 @@ def distance_to_segment(start: Float, stop: Float, x: Float, y: Float) -> Float:
 
 
 def disc_kernel(radius_cells: float, half_cell: float = 0.0) -> Kernel:
-    """Disc of cells whose centres are within a radius, as an array (2 r + 1, 2 r + 1) of uint8.
+    """Disc of cells within a radius, as an array (2 r + 1, 2 r + 1) of uint8 with the central cell in its middle.
 
     It contains at least the four neighbours of the central cell, because a slope cannot be tested with one cell.
 
@@ -179,9 +179,11 @@ def disc_kernel(radius_cells: float, half_cell: float = 0.0) -> Kernel:
             "cells (resolution) or a smaller disc_radius"
         )
     radius = max(radius_cells, 1.0)
-    half = int(np.floor(radius + 1e-9))
+    half = int(np.floor(radius + half_cell + 1e-9))
     nearest = np.maximum(np.abs(np.arange(-half, half + 1)) - half_cell, 0.0)
-    return (nearest[:, None] ** 2 + nearest**2 <= radius**2 + 1e-9).astype(np.uint8)
+    # A centre on the circle is within the radius; a square that meets the circle in one point only is not.
+    rounding = -1e-9 if half_cell else 1e-9
+    return (nearest[:, None] ** 2 + nearest**2 <= radius**2 + rounding).astype(np.uint8)
 
 
 def beyond_border(kernel: Kernel) -> int:

@@ -15,7 +15,13 @@ from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.disc import edge_cells
 from guara_perception.terrain.assessment.raster import Raster
-from guara_perception.terrain.layers.geometry import LARGEST_DRIFT_CELLS, disc_kernel, half_cells, widest_window
+from guara_perception.terrain.layers.geometry import (
+    LARGEST_DRIFT_CELLS,
+    TOUCHED,
+    disc_kernel,
+    half_cells,
+    widest_window,
+)
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, Hazard
 from tests.thorough import examples
 
@@ -148,6 +154,16 @@ def test_the_window_of_one_unknown_cell(limits: TraversabilityLimits, drift: tup
     iy, ix = np.nonzero(expected)
     farthest = np.hypot(np.abs(iy - 15) + 0.5, np.abs(ix - 15) + 0.5).max() * RESOLUTION
     assert farthest <= widest_window(kernel, RESOLUTION, limits, is_map=drift is not None) + 1e-12
+
+
+@pytest.mark.parametrize("radius", [1.0, 1.4, 1.5, 1.875, 2.5, 3.0, 3.75])
+def test_a_disc_has_each_cell_that_its_circle_touches(radius: float) -> None:
+    """With cells of any size, and no other cell; nor one that the circle meets in one point."""
+    kernel = disc_kernel(radius, TOUCHED)
+    cells = np.arange(-6, 7)
+    nearest = np.maximum(np.abs(cells) - 0.5, 0.0)
+    expected = np.hypot(nearest[:, None], nearest) < radius - 1e-9
+    np.testing.assert_array_equal(np.pad(kernel > 0, 6 - kernel.shape[0] // 2), expected)
 
 
 def test_a_cell_that_drifted_far_keeps_further_from_a_hazard(limits: TraversabilityLimits) -> None:
