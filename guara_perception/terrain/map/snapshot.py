@@ -149,7 +149,7 @@ class _Looks:
         (fewest, most), (newest, oldest), (least, largest) = (
             self._ends(values, kernel) for values in (self.looks, self.pauses, self.drift)
         )
-        nested = self.variance * (1 - fewest / np.maximum(most, 1))
+        nested = self._ends(self.variance, kernel)[1] * (1 - fewest / np.maximum(most, 1))
         aside = largest - least + 2 * self.variance / np.maximum(self.looks, 1)
         return nested + np.where(newest < oldest, aside, 0.0)
 

@@ -51,6 +51,22 @@ def test_a_look_that_a_neighbour_lacks_is_not_shared(robot: RobotModel, make_sca
     assert looked_at(fused, 0.80, 0.0)[1] == pytest.approx(NOISE_M**2, rel=0.02)
 
 
+def test_a_cell_of_many_looks_beside_one_of_a_single_look(robot: RobotModel, make_scan: MakeScan) -> None:
+    """The last of four looks saw both: their difference has three quarters of the variance of one look, for both."""
+    terrain_map = gp.TerrainMap(robot)
+    flags = np.zeros((108, 90), np.uint16)
+    flags[:, 45:] = np.uint16(Hazard.UNSCANNED)
+    for step in range(3):
+        terrain_map.update(make_scan(0.0, flags=flags, step=step, metadata=RECORD), PoseInOdom(at(), ZERO))
+    fused = terrain_map.update(make_scan(0.0, step=3, metadata=RECORD), PoseInOdom(at(), ZERO))
+    often, once = (looked_at(fused, x, 0.0)[1] for x in (0.7175, 0.7325))
+    look = (np.radians(0.2) * 0.725) ** 2 + LOOK_SIGMA_M**2
+    errors = np.random.default_rng(0).normal(0.0, np.sqrt(look), (20_000, 4))
+    difference = float((errors.mean(axis=1) - errors[:, 3]).var())
+    assert difference == pytest.approx(0.75 * look, rel=0.05)
+    assert min(often, once) > 0.95 * difference
+
+
 def test_ground_that_no_scan_saw_shares_nothing(robot: RobotModel, make_scan: MakeScan) -> None:
     """Beside declared ground a scanned height may err by all that the scan errs by."""
     flags = np.zeros((108, 90), np.uint16)
