@@ -122,6 +122,8 @@ def _causes(raster: Raster, geometry: GridGeometry, origin: Float, beyond: Mask,
     flags = np.zeros(geometry.shape, np.uint16)
     known = ~unknown
     flags[unknown] = np.uint16(Hazard.UNSCANNED)
+    # Without a known cell, the ground is assumed to be at the height of the soles.
+    heights = np.zeros(1)
     if known.any():
         # Unknown ground is assumed to be as low as the lowest known ground, because lower ground is hidden more often.
         lowest = float(np.min(raster.low[known]))
@@ -130,15 +132,16 @@ def _causes(raster: Raster, geometry: GridGeometry, origin: Float, beyond: Mask,
         targets = np.column_stack((x[ix], y[iy], np.full(ix.size, lowest)))
         is_hidden = behind_surface(raster.high, targets, origin, geometry)
         flags[iy[is_hidden], ix[is_hidden]] = np.uint16(Hazard.OCCLUDED)
-        empty = rays[np.isfinite(rays).all(axis=1)]
-        empty = empty[empty[:, 2] < 0]
-        # The height at which the rays meet the ground is unknown, so they are intersected with its lowest, median and
-        # highest height.
-        for height in np.unique((lowest, float(np.median(raster.elevation[known])), float(np.max(raster.high[known])))):
-            distance = (height - origin[2]) / empty[:, 2]
-            hit = np.column_stack((origin[:2] + distance[:, None] * empty[:, :2], np.full(len(empty), height)))
-            mask = _cells_of(hit[distance > 0], geometry) & unknown
-            flags[mask] = (flags[mask] & ~np.uint16(Hazard.UNSCANNED)) | np.uint16(Hazard.DROPOUT)
+        heights = np.unique((lowest, float(np.median(raster.elevation[known])), float(np.max(raster.high[known]))))
+    empty = rays[np.isfinite(rays).all(axis=1)]
+    empty = empty[empty[:, 2] < 0]
+    # The height at which the rays meet the ground is unknown, so they are intersected with its lowest, median and
+    # highest height.
+    for height in heights:
+        distance = (height - origin[2]) / empty[:, 2]
+        hit = np.column_stack((origin[:2] + distance[:, None] * empty[:, :2], np.full(len(empty), height)))
+        mask = _cells_of(hit[distance > 0], geometry) & unknown
+        flags[mask] = (flags[mask] & ~np.uint16(Hazard.UNSCANNED)) | np.uint16(Hazard.DROPOUT)
     flags[beyond] = np.uint16(Hazard.OUT_OF_RANGE)
     return flags
 

@@ -13,6 +13,7 @@ from kinematics import PoseInOdom, RobotModel
 from tests.thorough import examples
 
 SENSOR_ORIGIN = (0.40, 0.0, 0.50)
+ZERO = np.zeros((6, 6))
 
 
 def cloud(box: float = 0.0, seed: int = 0) -> np.ndarray:
@@ -59,9 +60,23 @@ def test_a_gap_is_unscanned_or_with_rays_without_return_a_dropout(robot: RobotMo
     before = gp.terrain_from_points(points, 0.0003, SENSOR_ORIGIN, robot, step=0)
     for scan, kept in ((terrain, True), (looked, False)):
         terrain_map = gp.TerrainMap(robot)
-        terrain_map.update(before, PoseInOdom(np.eye(4), np.zeros((6, 6))))
-        fused = terrain_map.update(scan, PoseInOdom(np.eye(4), np.zeros((6, 6))))
+        terrain_map.update(before, PoseInOdom(np.eye(4), ZERO))
+        fused = terrain_map.update(scan, PoseInOdom(np.eye(4), ZERO))
         assert np.isfinite(fused.height_at(0.7, 0.0)) == kept
+
+
+def test_ground_of_which_nothing_returns_is_forgotten(robot: RobotModel) -> None:
+    """All has become black: with rays and without a point, each cell of the rays is DROPOUT, and the map knows none."""
+    points = cloud()
+    nothing = gp.terrain_from_points(
+        np.zeros((0, 3)), 0.0003, SENSOR_ORIGIN, robot, step=1, no_returns=points - SENSOR_ORIGIN
+    )
+    terrain_map = gp.TerrainMap(robot)
+    terrain_map.update(gp.terrain_from_points(points, 0.0003, SENSOR_ORIGIN, robot), PoseInOdom(np.eye(4), ZERO))
+    fused = terrain_map.update(nothing, PoseInOdom(np.eye(4), ZERO))
+    for x, y in ((0.7, 0.0), (0.6, 0.2), (0.85, -0.1)):
+        assert nothing.hazard_at(x, y) == gp.Hazard.DROPOUT
+        assert not fused.is_traversable(x, y) and np.isnan(fused.height_at(x, y))
 
 
 def test_points_outside_the_height_limits_are_out_of_range(robot: RobotModel) -> None:
