@@ -16,18 +16,20 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 def with_pictures(terrain: TerrainGrid, processor: ScanProcessor | None = None) -> TerrainGrid:
     """Copy of a grid with the range images of its scan; without a processor, all pixels are unknown.
 
-    Pixels of the orthorectified image over unknown cells are NaN, so that contradictory returns are not shown.
+    The images cover the area of the grid. Pixels of the orthorectified image over unknown cells are NaN, so that
+    contradictory returns are not shown.
     """
     if processor is None:
         nothing = np.full((ROWS, COLUMNS), np.nan, np.float32)
         return dataclasses.replace(terrain, pictures={"ortho_image_mm": nothing, "range_image_mm": nothing})
-    settings = processor.settings
+    settings, geometry = processor.settings, terrain.geometry
+    ny, nx = geometry.shape
     images = range_images(
         processor.points,
         settings.pattern(processor.mode),
         processor.camera_position,
-        settings.footprint_x,
-        settings.footprint_y,
+        (geometry.origin[0], geometry.origin[0] + nx * geometry.resolution),
+        (geometry.origin[1], geometry.origin[1] + ny * geometry.resolution),
         settings.join_height,
     )
     ortho = np.where(np.isnan(_under_pixels(terrain, terrain.elevation)), np.float32(np.nan), images.ortho_image_mm)

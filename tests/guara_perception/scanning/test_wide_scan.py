@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.app.node.live_scan import LiveScan
 from guara_perception.app.node.sweep import Swept
+from guara_perception.scanning.pictures import with_pictures
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import PoseInOdom
@@ -55,6 +56,21 @@ def test_inside_it_says_what_the_footprint_says(both: tuple[gp.TerrainGrid, gp.T
     for name in ("elevation", "variance", "elevation_min", "elevation_max"):
         np.testing.assert_array_equal(wide.layers[name][ROWS], footprint.layers[name])
     assert not ((footprint.traversability > 0) & ~(wide.traversability[ROWS] > 0)).any()
+
+
+def test_its_pictures_show_its_own_area() -> None:
+    """Each known pixel has the height of the cell beneath it, in both areas; none lies over an unknown cell."""
+    made = processor("paper")
+    for area in ("footprint", "wide"):
+        terrain = made.finish(area)
+        ortho = with_pictures(terrain, made).pictures["ortho_image_mm"]
+        (ny, nx), (rows, columns) = terrain.shape, ortho.shape
+        iy = ((np.arange(columns) + 0.5) * ny / columns).astype(int)
+        ix = ((np.arange(rows) + 0.5) * nx / rows).astype(int)
+        beneath = 1e3 * terrain.elevation[iy[None, :], ix[:, None]]
+        shown = np.isfinite(ortho)
+        assert shown.mean() > 0.5 and np.isfinite(beneath[shown]).all()
+        assert (np.abs(ortho - beneath)[shown] > 5.0).mean() < 0.01
 
 
 def test_it_knows_more_the_farther_away(both: tuple[gp.TerrainGrid, gp.TerrainGrid]) -> None:
