@@ -59,6 +59,7 @@ class Scan:
         camera_identity: maker, model and serial number reported by the camera; empty if unknown.
         read_track: function that computes the body's motion during the scan from the joint stream, given the robot
             model and the calibrated transform_camera_to_base; None without a joint stream.
+        epoch: recorded identity of the walk; empty if unknown.
     """
 
     robot: str
@@ -75,6 +76,7 @@ class Scan:
     dark_after: tuple[int, ...] = ()
     camera_identity: str = ""
     read_track: Callable[[RobotModel, Float], BodyTrack] | None = None
+    epoch: str = ""
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:

@@ -11,6 +11,7 @@ import click
 from guara_perception.app.options import FILE, method_options
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
+from guara_perception.scan import Scan
 
 
 @click.command(name="replay")
@@ -41,7 +42,7 @@ def command(
 ) -> None:
     """Replay recorded SCANs (folders or .mcap) in the order given, with fusion over pauses.
 
-    If the step of a scan is not higher than that of the previous scan, a new walk with a new map begins. Scans whose
+    If a scan belongs to another walk than the previous one, or its step is not higher, a new map begins. Scans whose
     grids were withdrawn by the node are skipped.
 
     \b
@@ -49,7 +50,7 @@ def command(
       guara replay walk.mcap -c calibration.json -o grids
       guara replay scans/a scans/b -c calibration.json --extent map --publish
     """
-    from guara_perception.app.files.open_scan import open_scans
+    from guara_perception.app.files.open_scan import last_of_each_pause, open_scans
     from guara_perception.app.files.scan_calibration import calibration_for
     from guara_perception.app.messages import with_stamp
     from guara_perception.app.node.walk_map import WalkMap
@@ -71,8 +72,7 @@ def command(
     if not publish and (listen or connect or security):
         raise InvalidInput("--listen, --connect and --security require --publish")
     calibrated = calibration_for(scans[0], calibration)
-    # A pause may have a coarse scan and a later one with intermediate stripes added; use the later one.
-    found = [scan for path in scans for scan in {scan.step: scan for scan in open_scans(path)}.values()]
+    found = [scan for path in scans for scan in last_of_each_pause(open_scans(path))]
     for scan in found:
         if scan.withdrawn:
             click.echo(f"step {scan.step}: withdrawn on the robot, skipped ({scan.withdrawn})")
@@ -84,16 +84,16 @@ def command(
         )
     model = load_robot(robot or walk[0].robot)
     walk_map = WalkMap(model, calibrated)
-    last: int | None = None
+    last: Scan | None = None
     with ExitStack() as stack:
         session = stack.enter_context(open_node(listen=listen, connect=connect, security=security)) if publish else None
         if session is not None:
             click.echo(f"{model.name}: publishing on {', '.join(session.endpoints)}")
         for number, scan in enumerate(walk):
-            if last is not None and scan.step <= last:
-                click.echo(f"step {scan.step} after step {last}: another walk; the map restarts")
+            if last is not None and (scan.epoch != last.epoch or scan.step <= last.step):
+                click.echo(f"step {scan.step} after step {last.step}: another walk; the map restarts")
                 walk_map = WalkMap(model, calibrated)
-            last = scan.step
+            last = scan
             with progress(f"Step {scan.step}") as show:
                 processor = run_scan(
                     scan,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from guara_perception.app.files.scan_folder import open_scan_folder
@@ -22,19 +23,28 @@ def open_scan(path: str | Path, step: int | None = None, *, missing_ok: bool = F
         MissingFile: the path does not exist.
         FileFormatError: the file or folder is not a valid scan; the message names file and field.
         InvalidInput: `path` is neither a folder nor an .mcap file, or contains no scan, no scan of this step, or scans
-            of several steps while `step` is None.
+            of several steps while `step` is None, or scans of this step in several walks.
     """
-    scans = open_scans(path, missing_ok=missing_ok)
-    # A pause may have a coarse scan and a later one with intermediate stripes added; keep the later one.
-    scans = list({scan.step: scan for scan in scans}.values())
+    scans = last_of_each_pause(open_scans(path, missing_ok=missing_ok))
     chosen = scans if step is None else [scan for scan in scans if scan.step == step]
     if len(chosen) == 1:
         return chosen[0]
     if not scans:
         raise InvalidInput(f"{path}: contains no scan")
+    if chosen and len({scan.step for scan in chosen}) == 1:
+        walks = ", ".join(repr(scan.epoch) if scan.epoch else f"unnamed (scan at {scan.stamp} ns)" for scan in chosen)
+        raise InvalidInput(
+            f"{path}: step {chosen[0].step} is in {len(chosen)} walks: {walks}; `guara replay` processes all"
+        )
     wanted = "" if step is None else f"no scan of step {step}; "
-    held = format_indices(tuple(sorted(scan.step for scan in scans)))
+    held = format_indices(tuple(sorted({scan.step for scan in scans})))
     raise InvalidInput(f"{path}: {wanted}contains scans of steps {held}; select one with --step")
+
+
+def last_of_each_pause(scans: Sequence[Scan]) -> list[Scan]:
+    """Drop each scan that is followed by another of its pause, which has the intermediate stripes added."""
+    pauses = [(scan.epoch, scan.step) for scan in scans]
+    return [scan for scan, pause, after in zip(scans, pauses, [*pauses, None][1:], strict=True) if pause != after]
 
 
 def open_scans(path: str | Path, *, missing_ok: bool = False) -> list[Scan]:

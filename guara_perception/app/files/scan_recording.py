@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -48,40 +49,50 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
     with file_errors():
         recording = open_recording(path)
     with file_errors(f"{path}: a recorded grid cannot be read: "):
-        withdrawn = _reasons(recording.scans, [grid for grid in recording.terrains() if grid.withdrawn])
+        withdrawn, walks = _read_grids(recording.scans, recording.terrains())
     identity = ""
     if recording.calibration is not None:
         # A damaged calibration is reported only if it is used.
         with suppress(FileFormatError):
             identity = parse_calibration(recording.calibration, str(path)).camera.identity
     return [
-        _scan(recording, record, path, withdrawn.get(index, ""), identity)
+        _scan(recording, record, path, withdrawn.get(index, ""), walks.get(index, ""), identity)
         for index, record in enumerate(recording.scans)
         # A pause that ended before its first stripe does not make the recording invalid.
         if any(stripe.on is not None for stripe in record.stripes)
     ]
 
 
-def _reasons(scans: Sequence[ScanRecord], taken_back: list[TerrainMessage]) -> dict[int, str]:
-    """Reasons why scans were withdrawn, by index of the scan.
+def _read_grids(scans: Sequence[ScanRecord], grids: Iterable[TerrainMessage]) -> tuple[dict[int, str], dict[int, str]]:
+    """Read why scans were withdrawn, and the epoch of their walk, by index of the scan.
 
     A withdrawn grid withdraws all scans of its pause, even if the map was confirmed before the robot moved, since the
     recording does not show the difference. If a gait restarted its count and repeated a step, the grid belongs to the
     last pause of that step whose scan began before the stamp of the grid.
     """
-    found: dict[int, str] = {}
-    for grid in taken_back:
+    withdrawn: dict[int, str] = {}
+    walks: dict[int, str] = {}
+    for grid in grids:
         of_step = [index for index, scan in enumerate(scans) if scan.step == grid.step]
         before = [index for index in of_step if scans[index].stamp <= grid.stamp]
         # If the clock was set back, all scans of the step may have later stamps. Then all of them are withdrawn.
         last = before[-1:] or of_step
         while last and last[0] > 0 and scans[last[0] - 1].step == grid.step:
             last.insert(0, last[0] - 1)
-        found |= dict.fromkeys(last, "; ".join(grid.health_reasons) or "no reason is given")
-    return found
+        # An earlier grid of another walk whose last pause has the same step remains valid for its scans.
+        walks = dict.fromkeys(last, grid.epoch) | walks
+        if grid.withdrawn:
+            withdrawn |= dict.fromkeys(last, "; ".join(grid.health_reasons) or "no reason is given")
+    for index, (earlier, later) in enumerate(itertools.pairwise(scans)):
+        # A recording that was cut may lack the grid of the later scan of a pause.
+        if index in walks and (earlier.step, earlier.stance) == (later.step, later.stance):
+            walks.setdefault(index + 1, walks[index])
+    return withdrawn, walks
 
 
-def _scan(recording: Recording, record: ScanRecord, path: Path, withdrawn: str, camera_identity: str) -> Scan:
+def _scan(
+    recording: Recording, record: ScanRecord, path: Path, withdrawn: str, epoch: str, camera_identity: str
+) -> Scan:
     source = f"{path} step {record.step}"
     names: dict[str, FrameReference] = {}
 
@@ -140,6 +151,7 @@ def _scan(recording: Recording, record: ScanRecord, path: Path, withdrawn: str, 
             dark_after=tuple(stripe.index for stripe in record.stripes if stripe.is_dark_due),
             camera_identity=camera_identity,
             read_track=read_track if flashes else None,
+            epoch=epoch,
         )
 
 

@@ -1,6 +1,7 @@
 """`guara replay`: fused grids of recorded scans, saved and published, and every kind of bad input."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,6 +11,8 @@ from mcap.writer import Writer
 
 import guara_perception as gp
 from guara_perception.app.commands import replay
+from guara_perception.app.files import open_scan
+from guara_perception.app.files.convert import _write_recording as write_recording
 from guara_perception.terrain.layers.hazard import Hazard
 
 GUARA = ("-m", "guara_perception.app.main")
@@ -48,6 +51,30 @@ def test_an_earlier_step_begins_another_walk(guara, data: Path, calibration_file
     assert said.code == 0
     assert "step 0 after step 2: another walk; the map restarts" in said.out
     assert gp.load_terrain(tmp_path / "0001-step0-map.npz").metadata["scans"] == 1
+
+
+@pytest.mark.slow
+def test_walks_of_one_recording_are_kept_apart(guara, data: Path, calibration_file: Path, tmp_path: Path):
+    """The steps begin anew in the same file: a map for each walk, and no scan of one replaces one of the other."""
+    paper, dark = (gp.open_scan(data / "scans" / name) for name in ("paper", "dark"))
+    write_recording([paper, dark, paper], None, tmp_path / "walks.mcap", None)
+    said = guara("replay", tmp_path / "walks.mcap", "-c", calibration_file, "-o", tmp_path / "maps", "--extent", "map")
+    assert said.code == 0 and "step 0 after step 2: another walk; the map restarts" in said.out
+    maps = sorted((tmp_path / "maps").iterdir())
+    assert [path.name for path in maps] == ["0000-step0-map.npz", "0001-step2-map.npz", "0002-step0-map.npz"]
+    assert [gp.load_terrain(path).metadata["scans"] for path in maps] == [1, 2, 1]
+
+
+@pytest.mark.slow
+def test_another_epoch_is_another_walk(
+    guara, monkeypatch: pytest.MonkeyPatch, data: Path, calibration_file: Path, tmp_path: Path
+):
+    """Also if its steps go on where the walk before it ended."""
+    scans = [replace(gp.open_scan(data / "scans" / name), epoch=name) for name in ("paper", "dark")]
+    monkeypatch.setattr(open_scan, "open_scans", lambda path: scans)
+    said = guara("replay", tmp_path, "-c", calibration_file, "-o", tmp_path, "--extent", "map")
+    assert said.code == 0 and "step 2 after step 0: another walk; the map restarts" in said.out
+    assert gp.load_terrain(tmp_path / "0001-step2-map.npz").metadata["scans"] == 1
 
 
 @pytest.mark.slow

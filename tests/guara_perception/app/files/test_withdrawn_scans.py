@@ -70,6 +70,15 @@ def test_a_gait_that_counts_from_zero_again_has_the_same_step_twice(
     assert _record(tmp_path / "b.mcap", paper_scan, *entries) == ["it moved", "", "it moved"]
 
 
+def test_a_scan_belongs_to_the_walk_of_its_grid(grid: TerrainMessage, paper_scan: gp.Scan, tmp_path: Path):
+    """All scans of a pause do, though only one has a grid; a pause without a grid belongs to no known walk."""
+    path, other = tmp_path / "r.mcap", {"epoch": "other"}
+    grids = _said(grid, 2, 300, {}), _said(grid, 2, 500, other)
+    scans = (1, 100), (2, 200), (2, 250), grids[0], (2, 350), (1, 370), (2, 400), grids[1], (3, 600)
+    _record(path, paper_scan, *scans)
+    assert [scan.epoch for scan in open_scans(path)] == ["", "walk", "walk", "walk", "", "other", ""]
+
+
 def test_a_scan_that_ended_before_its_first_stripe_is_left_out(paper_scan: gp.Scan, tmp_path: Path):
     """The others of its recording open as ever."""
     path, stance = tmp_path / "r.mcap", stance_to_message(paper_scan.stance)
