@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,7 @@ from guara_perception.calibration.mount import FloorPose
 from guara_perception.calibration.plates import LostLine, PlateLine
 from guara_perception.calibration.quality import Check
 from guara_perception.calibration.surface_map import SurfaceMap, stripe_constants
+from guara_perception.exceptions import InvalidInput
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +115,7 @@ def covariance_record(fit: CameraFit, laser: LaserFit) -> dict[str, Any]:
 def paper_record(surface: SurfaceMap, fit: CameraFit, lines: Sequence[PlateLine]) -> dict[str, Any]:
     """Object `paper` of calibration.json, in rectified floor coordinates.
 
-    It contains homography, camera height, nadir, and the constants n, d, k of each stripe found on two or more plates
+    It contains homography, camera height, nadir, and the constants n, d, k of each stripe found at two or more heights
     (eqs. 17 to 19).
     """
     camera_position = fit.transform_camera_to_footprint[:3, 3]
@@ -124,10 +126,9 @@ def paper_record(surface: SurfaceMap, fit: CameraFit, lines: Sequence[PlateLine]
         seen.setdefault(line.index, []).append((line.height, float(offset + slope * camera_position[1])))
     stripes = []
     for index, pairs in sorted(seen.items()):
-        if len(pairs) < 2:
-            continue
         heights, x = zip(*pairs, strict=True)
-        stripes.append(stripe_constants(index, float(camera_position[2]), x, heights))
+        with suppress(InvalidInput):
+            stripes.append(stripe_constants(index, float(camera_position[2]), x, heights))
     return {
         "homography": surface.homography.tolist(),
         "condition": surface.condition,
