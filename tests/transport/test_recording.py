@@ -1,5 +1,6 @@
 """Recordings: what is written is read, by this and by other readers; misuse is refused."""
 
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from transport.recording import (
     open_recording,
     recover_recording,
 )
+from transport.recording.topic_file import TopicFile
 
 
 def test_scans_come_back_as_they_were_recorded(tmp_path: Path, peer) -> None:
@@ -37,6 +39,26 @@ def test_scans_come_back_as_they_were_recorded(tmp_path: Path, peer) -> None:
             np.testing.assert_array_equal(recording.frame(scan.stripes[0].off).pixels, pictures[0])
         assert [terrain.sequence for terrain in recording.terrains()] == [1, 2]
         assert all(peer.is_whole(terrain) for terrain in recording.terrains("map"))
+
+
+def test_an_attachment_is_written_under_the_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No other thread may add or flush meanwhile: its record would begin inside the attachment's."""
+    free: list[bool] = []
+
+    def try_lock() -> None:
+        free.append(file._lock.acquire(blocking=False))
+        if free[-1]:
+            file._lock.release()
+
+    def add_attachment(*_: object) -> None:
+        thread = threading.Thread(target=try_lock)
+        thread.start()
+        thread.join()
+
+    with TopicFile(tmp_path / "a.mcap", "guara") as file:
+        monkeypatch.setattr(file._writer, "add_attachment", add_attachment)
+        file.attach("notes", "text/plain", b"")
+    assert free == [False]
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])

@@ -65,10 +65,11 @@ class TopicFile(AbstractContextManager["TopicFile"]):
         Raises:
             RecordingError: the file is closed.
         """
-        self._check_open()
-        self._writer.add_attachment(0, 0, name, kind, content)
-        with suppress(OSError):
-            self._file.append()
+        with self._lock:
+            self._check_open()
+            self._writer.add_attachment(0, 0, name, kind, content)
+            with suppress(OSError):
+                self._file.append()
 
     def add(self, short: str, payload: bytes | bytearray, stamp: int | None = None) -> None:
         """Add a CDR payload to a topic of `TYPES`; `stamp` is its publish time [ns], None = the time of writing.
