@@ -24,8 +24,7 @@ class MeteringResult:
     """Result of exposure metering.
 
     Attributes:
-        exposure: last exposure that was set [s]; after `max_rounds` without success, the next one to try. None if the
-            exposure was not to be changed.
+        exposure: last exposure that was set [s]; None if the exposure was not to be changed.
         stripe_level: brightness of the stripe's ridge, median over the lit columns, 0 ... 1 of full scale.
         background_level: median brightness with the laser off, 0 ... 1 of full scale.
         clipped_fraction: fraction of the lit columns in which the ridge is clipped.
@@ -65,7 +64,7 @@ def meter_exposure(
         max_rounds: largest number of exposures to try.
 
     Raises:
-        ValueError: `limits` or `levels` are not positive and increasing.
+        ValueError: `limits` or `levels` are not positive and increasing, or `max_rounds` is below 1.
         CameraSettingRefused: the camera rejects an exposure.
         LaserNotSeen: no column shows the laser at the last exposure that was tried.
         CameraTimeout: no frame arrived.
@@ -75,17 +74,18 @@ def meter_exposure(
     for name, (low, high) in (("limits", limits), ("levels", levels)):
         if not 0 < low < high:
             raise ValueError(f"{name} are {low} ... {high}; they must increase and be above 0")
+    if max_rounds < 1:
+        raise ValueError(f"max_rounds is {max_rounds}; allowed: 1 or more")
     grabber = FrameGrabber(camera, board, AcquireOptions())
     board.go_to_angle(mirror_angle)
-    held = exposure
+    held, factor = exposure, 1.0
     for _ in range(max_rounds):
         if held is not None:
-            held = camera.lock(CameraSettings(exposure=min(max(held, limits[0]), limits[1]))).exposure
+            held = camera.lock(CameraSettings(exposure=min(max(held * factor, limits[0]), limits[1]))).exposure
         measured = _measure(board, camera, grabber)
         factor = measured.factor(levels)
         if held is None or factor == 1.0 or _at_limit(held, factor, limits):
             break
-        held *= factor
     if math.isnan(measured.ridge):
         raise LaserNotSeen(
             "no column of the image shows the laser: is it covered or out of the camera's view, is the exposure "

@@ -44,6 +44,21 @@ def test_too_dark_a_scene_is_reported(ready: LaserBoard, camera: BenchCamera, sc
     assert not result.settled and "open the iris" in result.advice
 
 
+@pytest.mark.parametrize("rounds", [1, 2])
+def test_without_success_it_tells_the_exposure_that_is_set(
+    ready: LaserBoard, camera: BenchCamera, scene, rounds: int
+) -> None:
+    """After the last round, with a scene that would need a longer exposure than is allowed."""
+    scene.ambient, scene.brightness = 5.0, 25.0
+    result = meter_exposure(ready, camera, 0.1, exposure=0.001, limits=(0.0005, 0.0025), max_rounds=rounds)
+    assert not result.settled and result.exposure == pytest.approx((0.001, 0.0025)[rounds - 1])
+
+
+def test_at_least_one_round_is_needed(ready: LaserBoard, camera: BenchCamera) -> None:
+    with pytest.raises(ValueError, match="max_rounds is 0; allowed: 1 or more"):
+        meter_exposure(ready, camera, 0.1, max_rounds=0)
+
+
 def test_without_exposure_it_only_measures(ready: LaserBoard, camera: BenchCamera) -> None:
     """A camera whose exposure cannot be set is measured as it is."""
     result = meter_exposure(ready, camera, 0.1)
