@@ -13,7 +13,7 @@ from drivers.cameras.aravis_library import glib_error, load_aravis
 from drivers.cameras.aravis_settings import held_settings, lock_settings
 from drivers.cameras.bayer import PATTERNS, red_pixels
 from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, opened
-from drivers.errors import CameraEnded, CameraNotFound, CameraSettingRefused, CameraTimeout
+from drivers.errors import CameraEnded, CameraError, CameraNotFound, CameraSettingRefused, CameraTimeout
 from drivers.frame import Frame, Image
 
 logger = logging.getLogger(__name__)
@@ -126,11 +126,15 @@ class AravisCamera(Camera):
 
         Raises:
             CameraSettingRefused: the camera lacks a setting, does not allow a value, or reads back another value.
+            CameraError: the camera does not respond.
             CameraNotOpen: the camera is not open.
         """
         camera = self._opened()
-        held = lock_settings(camera, self._aravis, settings, self.name)
-        self._learn_period(camera)
+        try:
+            held = lock_settings(camera, self._aravis, settings, self.name)
+            self._learn_period(camera)
+        except glib_error() as error:
+            raise CameraError(f"{self.name} cannot be set ({_text_of(error)}): check its cable and power") from None
         return held
 
     def held(self, locked: CameraSettings) -> HeldSettings:

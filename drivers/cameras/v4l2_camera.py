@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import select
+import time
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from drivers.cameras.usb_identity import usb_identity
 from drivers.errors import (
     CameraBackendMissing,
     CameraEnded,
+    CameraError,
     CameraNotFound,
     CameraSettingRefused,
     CameraTimeout,
@@ -144,8 +146,9 @@ class V4l2Camera(Camera):
     def grab(self, timeout: float) -> Frame:
         """Return the oldest frame; damaged frames are skipped and leave gaps in the counter. See `Camera.grab`."""
         capture = self._opened()
+        deadline = time.monotonic() + timeout
         while True:
-            if not select.select([self._device], [], [], timeout)[0]:
+            if not select.select([self._device], [], [], max(0.0, deadline - time.monotonic()))[0]:
                 raise CameraTimeout(f"{self.name} delivered no frame within {timeout:g} s")
             try:
                 taken = capture.buffer.raw_read()
@@ -158,10 +161,13 @@ class V4l2Camera(Camera):
             return Frame(self._grey(taken.data), self._counter, taken.timestamp)
 
     def flush(self) -> None:
-        """Discard waiting frames."""
+        """Discard waiting frames; CameraEnded if the camera was disconnected."""
         capture = self._opened()
-        while select.select([self._device], [], [], 0)[0]:
-            capture.buffer.raw_read()
+        try:
+            while select.select([self._device], [], [], 0)[0]:
+                capture.buffer.raw_read()
+        except OSError as error:
+            raise self._ended(error) from None
 
     def _opened(self) -> Any:
         return opened(self._capture, self)
@@ -207,8 +213,13 @@ class V4l2Camera(Camera):
             raise CameraSettingRefused(
                 f"{self.name} has no setting {name} (asked for {value:g}): leave it out (see `v4l2-ctl -L`)"
             ) from None
-        control.value = round(value)
-        held = float(control.value)
+        try:
+            control.value = round(value)
+            held = float(control.value)
+        except OSError as error:
+            raise CameraError(
+                f"{self.name} cannot set {name} to {value:g} ({error.strerror}): check its cable, and `v4l2-ctl -L`"
+            ) from None
         # Rounding to integers is always allowed, because controls are integers.
         check_held(self.name, name, value, held, max(TOLERANCE * abs(value), 0.5), " (`v4l2-ctl -L`)")
         return held

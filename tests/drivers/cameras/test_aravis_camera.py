@@ -12,13 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers import AravisCamera, CameraSettings
-from drivers.cameras import aravis_library
+from drivers.cameras import aravis_camera, aravis_library
 from drivers.cameras.aravis_camera import BAYER, SHORT_IDS
 from drivers.cameras.aravis_library import find_aravis_cameras
 from drivers.cameras.bayer import mosaic
 from drivers.cameras.camera import setting_changes
 from drivers.errors import (
     CameraBackendMissing,
+    CameraError,
     CameraNotFound,
     CameraNotOpen,
     CameraSettingRefused,
@@ -222,6 +223,20 @@ def test_counting_goes_on_where_short_numbers_begin_again(increments: list[int],
         true += increment
         camera._count((true - 1) % SHORT_IDS + 1)
         assert camera._counter == true - start
+
+
+def test_a_camera_that_does_not_answer_while_it_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An error of Aravis does not pass the driver."""
+
+    def lock_settings(*_: object) -> None:
+        raise BrokenPipeError("Timeout")
+
+    camera = AravisCamera("cam")
+    monkeypatch.setattr(camera, "_camera", object())
+    monkeypatch.setattr(aravis_camera, "lock_settings", lock_settings)
+    monkeypatch.setattr(aravis_camera, "glib_error", lambda: BrokenPipeError)
+    with pytest.raises(CameraError, match=r"camera aravis:cam cannot be set \(Timeout\): check its cable"):
+        camera.lock(CameraSettings(gain=1.0))
 
 
 def test_without_aravis_it_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,9 +14,11 @@ import pytest
 
 from drivers import CameraSettings, V4l2Camera
 from drivers.cameras import usb_identity
+from drivers.cameras import v4l2_camera as module
 from drivers.errors import (
     CameraBackendMissing,
     CameraEnded,
+    CameraError,
     CameraNotFound,
     CameraNotOpen,
     CameraSettingRefused,
@@ -40,6 +42,10 @@ class Control:
 class Unplugged:
     @property
     def value(self) -> int:
+        raise OSError(errno.ENODEV, "No such device")
+
+    @value.setter
+    def value(self, wanted: int) -> None:
         raise OSError(errno.ENODEV, "No such device")
 
 
@@ -213,6 +219,30 @@ def test_a_camera_that_is_pulled_out() -> None:
         video.gone = True
         with pytest.raises(CameraEnded, match="was disconnected"):
             camera.grab(1.0)
+        with pytest.raises(CameraEnded, match="was disconnected"):
+            camera.flush()
+        video.controls["gain"] = Unplugged()
+        with pytest.raises(CameraError, match=r"cannot set gain to 3 \(No such device\)"):
+            camera.lock(CameraSettings(gain=3))
+
+
+def test_damaged_frames_do_not_prolong_the_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each of them costs 0.4 s of the 1 s that a frame may take; afterwards only frames that wait are read."""
+    video, waits, now = FakeVideo(), [], [5.0]
+
+    def select(readers: list, _w: list, _x: list, timeout: float) -> tuple:
+        waits.append(timeout)
+        now[0] += 0.4
+        return (readers if video.queue else []), [], []
+
+    monkeypatch.setattr(module, "select", SimpleNamespace(select=select))
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: now[0]), raising=False)
+    with V4l2Camera(video=video) as camera:
+        for number in range(4):
+            video.push(number, 1.0, GREY, 0x40)
+        with pytest.raises(CameraTimeout, match="no frame within 1 s"):
+            camera.grab(1.0)
+    assert waits == pytest.approx([1.0, 0.6, 0.2, 0.0, 0.0])
 
 
 def test_an_unknown_pixel_format() -> None:
