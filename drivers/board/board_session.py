@@ -247,7 +247,7 @@ def raise_refusal(status: BoardStatus, argument: int, identity: BoardIdentity | 
 
     Args:
         status: reply to the command.
-        argument: argument of the command; for GO_TO, the step.
+        argument: argument of the command.
         identity: identity of the board, which contains the travel for the error message; None = unknown.
 
     Raises:
@@ -263,9 +263,14 @@ def raise_refusal(status: BoardStatus, argument: int, identity: BoardIdentity | 
             )
         case Result.NOT_HOMED:
             raise MirrorNotHomed("the mirror's home is unknown: call home() or ensure_ready() first")
+        case Result.OUT_OF_RANGE if status.request not in (Request.GO_TO, Request.SWEEP_STEP):
+            name = Request(status.request).name
+            raise BoardError(f"the board refuses argument {argument} of {name} as out of range (drivers/PROTOCOL.md)")
         case Result.OUT_OF_RANGE:
+            # The lower 16 bits of SWEEP_STEP are its step, signed.
+            step = argument if status.request == Request.GO_TO else (argument + 0x8000) % 0x10000 - 0x8000
             travel = f"{identity.min_step} ... {identity.max_step}" if identity else "unknown"
-            raise MirrorOutOfRange(f"step {argument} is outside the board's travel of {travel}")
+            raise MirrorOutOfRange(f"step {step} is outside the board's travel of {travel}")
         case Result.BUSY:
             raise MirrorTimeout("the mirror is still homing: call wait_until_still() first")
         case Result.NO_SESSION:

@@ -9,6 +9,7 @@ import pytest
 from drivers import BoardConfig, LaserBoard
 from drivers.board.protocol import BoardFault, Request
 from drivers.errors import (
+    BoardError,
     BoardNotOpen,
     HomeNotFound,
     LaserDead,
@@ -146,6 +147,25 @@ def test_step_outside_the_travel_is_refused_by_the_board(board: LaserBoard, step
     board.home()
     with pytest.raises(MirrorOutOfRange, match=rf"step {step} is outside the board's travel of 64 \.\.\. \d+"):
         board.go_to_step(step)
+
+
+@pytest.mark.parametrize(
+    ("request_", "argument", "error", "expected_text"),
+    [
+        (Request.SWEEP_STEP, 3 << 16 | 20000, MirrorOutOfRange, "step 20000 is outside the board's travel of 64"),
+        (Request.SWEEP_STEP, 1 << 25 | 0xFFFF, MirrorOutOfRange, "step -1 is outside the board's travel of 64"),
+        (Request.SWEEP_FLASH, 5, BoardError, "the board refuses argument 5 of SWEEP_FLASH as out of range"),
+        (Request.SWEEP, 1 << 25 | 1, BoardError, "argument 33554433 of SWEEP as out of range"),
+    ],
+)
+def test_what_is_out_of_range_is_named(
+    board: LaserBoard, request_: Request, argument: int, error: type[BoardError], expected_text: str
+) -> None:
+    """A step only where there is one."""
+    board.home()
+    with pytest.raises(BoardError, match=expected_text) as caught:
+        board.command(request_, argument)
+    assert type(caught.value) is error
 
 
 def test_lost_steps_show_at_home(board: LaserBoard, emulated: BenchBoard) -> None:
