@@ -43,8 +43,8 @@ def checked_shape(shape: Sequence[int], what: str) -> tuple[int, int]:
         MessageError: there are not two dimensions, no cells, or too many cells.
     """
     if len(shape) != 2 or 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
-        cells = " x ".join(map(str, shape))
-        raise MessageError(f"{what} of {cells} cells; allowed: (ny, nx) with 1 to {MAXIMUM_CELLS} cells")
+        cells = f"{' x '.join(map(str, shape))} cells" if shape else "a single number"
+        raise MessageError(f"{what} of {cells}; allowed: (ny, nx) with 1 to {MAXIMUM_CELLS} cells")
     return int(shape[0]), int(shape[1])
 
 
@@ -69,6 +69,8 @@ def finite(value: float, what: str) -> float:
         number = float(value)
     except (TypeError, ValueError) as error:
         raise MessageError(f"{what} is {value!r}; a number is needed") from error
+    except OverflowError:
+        number = math.inf
     if not math.isfinite(number):
         raise MessageError(f"{what} is {number}; a finite number is needed")
     return number
@@ -82,7 +84,7 @@ def checked_array(array: npt.ArrayLike, shape: tuple[int | None, ...], what: str
     """
     try:
         copy = np.array(array, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (OverflowError, TypeError, ValueError) as error:
         raise MessageError(f"{what} is not an array of numbers: {error}") from error
     if copy.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, copy.shape, strict=True)):
         wanted = ", ".join("n" if n is None else str(n) for n in shape)

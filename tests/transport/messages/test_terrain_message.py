@@ -60,6 +60,7 @@ def test_a_layer_of_another_dtype_shape_or_number_is_refused(peer) -> None:
         "layer 'age' has shape": good | {"age": np.zeros((3, 2), np.uint8)},
         "missing layers: slope": {n: a for n, a in good.items() if n != "slope"},
         "1 to 4000000 cells": good | {"elevation": np.broadcast_to(np.float32(0.0), (2001, 2000))},
+        "layer 'elevation' of a single number; allowed": good | {"elevation": np.float32(0.0)},
         "layer 'elevation' of 0 x 3 cells": good | {"elevation": np.zeros((0, 3), np.float32)},
     }
     for expected_text, layers in bad.items():
@@ -234,6 +235,11 @@ def test_other_parts_refuse_bad_numbers(peer) -> None:
         transport.GroundPatch(outline=[*line, [1, 1]], height=0, sigma=-1)
     with pytest.raises(MessageError, match="hazard of an obstacle is 65536"):
         transport.ObstacleMessage(outline=line, height=0, position=(0, 0, 0), sigma=0, hazard=65536)
+    for huge in (10**400, 10**5000):
+        with pytest.raises(MessageError, match="height of known ground is inf; a finite number is needed"):
+            transport.GroundPatch(outline=[*line, [1, 1]], height=huge, sigma=0)
+        with pytest.raises(MessageError, match="outline of known ground is not an array of numbers"):
+            transport.GroundPatch(outline=[*line, [1, huge]], height=0, sigma=0)
     with pytest.raises(MessageError, match="phase is 9"):
         transport.StancePause(robot="g", step=0, phase=9, stamp=0, stance=peer.make_stance())
     with pytest.raises(MessageError, match="time_available of StancePause is -1; allowed: 0 to 3,600 s"):
