@@ -125,6 +125,8 @@ def test_messages_of_other_topics_are_kept(tmp_path: Path, peer) -> None:
         assert recording.scans == () and recording.calibration is None
         with pytest.raises(RecordingError, match="topic 'x' is unknown"):
             next(recording.messages("x"))
+        with pytest.raises(RecordingError, match="topic 'x' is unknown"):
+            next(recording.written("x"))
         with pytest.raises(RecordingError, match="extent is 'x'"):
             next(recording.terrains("x"))
         with pytest.raises(RecordingError, match="contains no frame"):

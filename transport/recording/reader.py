@@ -119,13 +119,12 @@ class Recording(AbstractContextManager["Recording"]):
             RecordingError: the topic is unknown.
             MessageError: a message is damaged.
         """
-        if short not in TYPES:
-            raise RecordingError(f"topic {short!r} is unknown; topics are {', '.join(TYPES)}")
-        for payload in self._payloads(short):
-            yield decode(payload, TYPES[short])
+        return (message for _, message in self.written(short))
 
     def written(self, short: str) -> Iterator[tuple[int, Any]]:
         """Iterate as `messages` does, but over pairs of log time [ns since the epoch] and message object."""
+        if short not in TYPES:
+            raise RecordingError(f"topic {short!r} is unknown; topics are {', '.join(TYPES)}")
         for found in self._messages(self._topics(short)):
             yield found.log_time, decode(found.payload, TYPES[short])
 
