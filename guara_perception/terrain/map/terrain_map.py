@@ -10,7 +10,7 @@ from typing import IO
 import numpy as np
 
 from guara_perception.arrays import Float
-from guara_perception.exceptions import FileFormatError, InvalidInput
+from guara_perception.exceptions import FileFormatError, InvalidInput, errors_as
 from guara_perception.files import whole_file
 from guara_perception.ground_picture import GroundPicture
 from guara_perception.settings import RobotLike, Settings, robot_model
@@ -311,7 +311,8 @@ class TerrainMap:
         robot = robot_model(saved.robot if robot is None else robot)
         if robot.name != saved.robot:
             raise FileFormatError(f"{path}: map of robot {saved.robot!r}, but the given model is {robot.name!r}")
-        terrain_map = cls(robot, resolution=saved.resolution)
+        with errors_as(FileFormatError, path, InvalidInput):
+            terrain_map = cls(robot, resolution=saved.resolution)
         if terrain_map._cells.side != saved.side:
             raise FileFormatError(
                 f"{path}: the map has {saved.side} cells per side, but a map of {robot.name} has "

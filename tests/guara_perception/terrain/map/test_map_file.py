@@ -128,3 +128,15 @@ def test_a_damaged_scan_in_a_map_is_refused(
     np.savez(path, **data, seen=seen, seen_origin=origin)
     with pytest.raises(gp.FileFormatError, match=message):
         gp.TerrainMap.load(path, robot)
+
+
+def test_a_map_whose_cells_do_not_fit_the_robot_is_refused(robot: RobotModel, tmp_path: Path) -> None:
+    """Its resolution does not divide the area of another robot.toml: the file is named, as for every wrong file."""
+    path = tmp_path / "map.npz"
+    gp.TerrainMap(robot).save(path)
+    with np.load(path) as content:
+        data = {key: content[key] for key in content.files}
+    data["state"] = np.array(json.dumps({**json.loads(str(data["state"])), "resolution": 0.0047}))
+    np.savez(path, **data)
+    with pytest.raises(gp.FileFormatError, match=r"map\.npz: .*resolution"):
+        gp.TerrainMap.load(path, robot)
