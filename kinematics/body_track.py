@@ -95,9 +95,12 @@ class BodyTrack:
         """
         times, joints = np.array(times, dtype=np.float64), np.array(joint_positions, dtype=np.float64)
         carry = np.array(supports, dtype=bool)
-        wanted = (len(times), len(self._begin.positions)), (len(times), len(self._robot.legs))
+        wanted = (times.size, len(self._begin.positions)), (times.size, len(self._robot.legs))
         if times.ndim != 1 or (joints.shape, carry.shape) != wanted:
-            raise ArgumentError(f"joints and supports have shapes {joints.shape}, {carry.shape}; allowed: {wanted}")
+            raise ArgumentError(
+                f"times, joints and supports have shapes {times.shape}, {joints.shape}, {carry.shape}; allowed: "
+                f"(n,), (n, {wanted[0][1]}), (n, {wanted[1][1]})"
+            )
         if not (np.isfinite(times).all() and np.isfinite(joints).all()):
             raise ArgumentError("times and joint_positions must be finite")
         with self._lock:

@@ -115,7 +115,13 @@ def reach_from_bodies(
     if bodies.shape[-2:] != (4, 4):
         raise ArgumentError(f"transforms_base_to_ground has shape {bodies.shape}; (..., 4, 4) is needed")
     rotations = bodies[..., :3, :3]
-    in_base = np.squeeze((points - bodies[..., :3, 3])[..., None, :] @ rotations, axis=-2)
+    try:
+        in_base = np.squeeze((points - bodies[..., :3, 3])[..., None, :] @ rotations, axis=-2)
+    except ValueError:
+        raise ArgumentError(
+            f"soles and transforms_base_to_ground have shapes {points.shape} and {bodies.shape}; they must broadcast "
+            "to (..., 3) and (..., 4, 4)"
+        ) from None
     return reach_in_base(tree, leg, in_base, level_sole_pitch(tree, leg, in_base, rotations[..., 2, :]))
 
 

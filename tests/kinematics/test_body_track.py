@@ -126,7 +126,12 @@ def test_what_is_no_track_is_refused(robot: RobotModel) -> None:
         BodyTrack(robot, Stance(posture, ("lf", "rf"), None))
     track = BodyTrack(robot, Stance(posture, robot.legs, None))
     joints, supports = np.zeros((2, len(posture))), np.ones((2, 4))
-    for times, text in (([0.0, 0.0], "must ascend"), ([0.0, np.nan], "must be finite"), ([0.0], "have shapes")):
+    for times, text in (
+        ([0.0, 0.0], "must ascend"),
+        ([0.0, np.nan], "must be finite"),
+        ([0.0], "have shapes"),
+        (0.0, "have shapes"),
+    ):
         with pytest.raises(ArgumentError, match=text):
             track.add(times, joints, supports)
     track.add([0.0, 0.1], joints, supports)

@@ -87,6 +87,8 @@ def test_bad_arguments_are_refused(robot: RobotModel) -> None:
         reach_from_pose(pose, robot.legs[0], [0.0, 0.0])
     with pytest.raises(ArgumentError, match=r"transforms_base_to_ground has shape \(3,\); \(\.\.\., 4, 4\) is needed"):
         robot.reach_from(robot.legs[0], np.zeros(3), np.zeros(3))
+    with pytest.raises(ArgumentError, match=r"soles and .* have shapes \(2, 3\) and \(3, 4, 4\); they must broadcast"):
+        robot.reach_from(robot.legs[0], np.zeros((2, 3)), np.zeros((3, 4, 4)))
 
 
 def test_a_body_that_shifts_reaches_the_same_places_less_its_shift(robot: RobotModel) -> None:
