@@ -249,7 +249,7 @@ def _check_posture(tree: KinematicTree, config: PostureConfig, posture: Posture,
     camera = state.position_in_base(tree.config.camera_frame)[2] - floor
     _compare(tree, config, "camera_height", "camera_height", camera, config.camera_height, findings)
     if posture.root is not None:
-        _compare(tree, config, "", "root_joint z of the SRDF", posture.root[2], -floor, findings)
+        _compare(tree, config, "", "root_joint z of the SRDF", -floor, posture.root[2], findings)
 
 
 def sole_above_foot(tree: KinematicTree, leg: LegConfig, state: RobotState) -> float | None:

@@ -36,7 +36,7 @@ FAULTS = {
     "root at another height": (
         'value="0 0 0.36 0 0 0 1"',
         'value="0 0 0.4 0 0 0 1"',
-        "root_joint z of the SRDF is 0.4",
+        "root_joint z of the SRDF is 0.3600 m in the posture, but 0.4000 m is stated",
     ),
     "unknown link": (
         'link2="lf_hip_link"',
