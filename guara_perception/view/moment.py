@@ -124,7 +124,7 @@ class Timeline:
             self._moments[-1] = moment
         else:
             self._moments.append(moment)
-        if len(self._moments) > KEPT:
+        while len(self._moments) > KEPT:
             del self._moments[0]
             self.number = max(self.number - 1, 0)
         if follow:

@@ -57,6 +57,10 @@ def test_only_the_newest_moments_of_a_long_walk_are_kept(grid: gp.TerrainGrid) -
         assert timeline.shown is not None and timeline.shown.step == 2
     timeline.add(moment(grid, KEPT + 2))
     assert len(timeline) == KEPT and timeline.shown.step == 3
+    timeline.replace([moment(grid, step) for step in range(KEPT + 5)])
+    timeline.go_to(10)
+    timeline.add(moment(grid, KEPT + 5))
+    assert len(timeline) == KEPT and timeline.shown.step == 10
 
 
 def test_the_way_is_that_of_one_walk_up_to_what_is_shown(grid: gp.TerrainGrid) -> None:
