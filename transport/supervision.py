@@ -64,16 +64,19 @@ class Failure:
         error: type and text of the exception.
         is_final: True if a thread has used up its restarts and will not run again.
         at: time of the failure on the monotonic clock [s].
+        continues: True if the thread is restarted or the callback called again.
     """
 
     part: str
     error: str
     is_final: bool
     at: float
+    continues: bool = True
 
     def __str__(self) -> str:
         """Describe the failure in one line."""
-        return f"{self.part} failed{' for good' if self.is_final else ' and continues'}: {self.error}"
+        end = " for good" if self.is_final else " and continues" if self.continues else ""
+        return f"{self.part} failed{end}: {self.error}"
 
 
 Follower = Callable[[Failure], None]
@@ -95,9 +98,9 @@ def forget(take: Follower) -> None:
             _followers.remove(take)
 
 
-def report(part: str, error: BaseException, *, is_final: bool = False) -> Failure:
+def report(part: str, error: BaseException, *, is_final: bool = False, continues: bool = True) -> Failure:
     """Pass a failure to all followers, and log it; the log of repeated failures of a part is rate-limited."""
-    failure = Failure(part, f"{type(error).__name__}: {error}", is_final, time.monotonic())
+    failure = Failure(part, f"{type(error).__name__}: {error}", is_final, time.monotonic(), continues)
     with _lock:
         followers = list(_followers)
         line = _lines.setdefault(part, Seldom(logger, logging.ERROR))
@@ -138,7 +141,7 @@ def supervised(
             except BaseException as error:  # SystemExit would also end the thread silently
                 times.append(time.monotonic())
                 is_final = restarts is not None and len(times) > restarts and times[-1] - times[0] < RESTART_PERIOD
-                failure = report(name, error, is_final=is_final)
+                failure = report(name, error, is_final=is_final, continues=restarts is not None)
                 if on_failure is not None:
                     on_failure(failure)
                 if is_final or restarts is None:

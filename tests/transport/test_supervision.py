@@ -107,6 +107,7 @@ def test_a_task_that_fails_is_told_and_not_repeated(told: list[Failure]) -> None
     thread.start()
     thread.join(TIMEOUT)
     assert [(failure.part, failure.is_final) for failure in told] == [("a task", False)]
+    assert str(told[0]) == "a task failed: SystemExit: 3"
 
 
 def test_no_exception_leaves_a_callback_of_somebody_elses_thread(told: list[Failure]) -> None:
@@ -190,3 +191,19 @@ def test_a_session_whose_thread_failed_for_good_says_so_to_whoever_uses_it(told:
         assert session.is_closed and not threading.current_thread().daemon
         with pytest.raises(SessionClosed, match="a part failed for good: ValueError: no route"):
             _ = session.raw
+
+
+def test_what_is_pending_in_one_lane_is_told_of_that_lane() -> None:
+    """Other lanes wait for something else."""
+    outbox, goes = Outbox(), threading.Event()
+    for lane, count in (("one", 2), ("two", 5)):
+        for number in range(count):
+            outbox.post(str(number), goes.wait, lane=lane)
+    try:
+        with pytest.raises(ReceiveTimeout, match="pending: 2$"):
+            outbox.flush(0.0, lane="one")
+        with pytest.raises(ReceiveTimeout, match="pending: 7$"):
+            outbox.flush(0.0)
+    finally:
+        goes.set()
+        outbox.close()

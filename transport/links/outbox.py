@@ -84,7 +84,8 @@ class Outbox:
 
         with self._changed:
             if not self._changed.wait_for(is_empty, timeout):
-                raise ReceiveTimeout(f"messages were not sent within {timeout:g} s; pending: {self.pending}")
+                pending = self.pending if lane is None else len(self._lanes.get(lane, ())) + 1
+                raise ReceiveTimeout(f"messages were not sent within {timeout:g} s; pending: {pending}")
 
     def close(self) -> None:
         """Run waiting actions for up to two seconds, drop the others, and end the threads; may be called twice."""
