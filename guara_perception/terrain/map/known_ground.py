@@ -58,7 +58,7 @@ class KnownGround:
 
 
 def fuse_known_ground(cells: OdomCells, ground: KnownGround, now: MapPause, step: int) -> dict[str, Any]:
-    """Fill unobserved cells with centre and corners inside a declared patch; return its entry for the map's record."""
+    """Fill unobserved cells that lie wholly inside a declared patch; return its entry for the map's record."""
     transform, half = now.transform_footprint_to_odom, cells.resolution / 2 - SHRUNK_M
     outline = ground.outline @ transform[:2, :2].T + transform[:2, 3]
     (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)
@@ -69,8 +69,11 @@ def fuse_known_ground(cells: OdomCells, ground: KnownGround, now: MapPause, step
     slot = slot[open_cells]
     x, y = ((np.asarray(c, np.float64)[open_cells] + 0.5) * cells.resolution for c in (cx, cy))
     covered = inside_polygon(outline, x, y)
-    for sx, sy in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
-        covered &= inside_polygon(outline, x + sx * half, y + sy * half)
+    for (x0, y0), (x1, y1) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+        # A cell that an edge crosses lies partly outside, even if its centre and corners are inside (a narrow notch).
+        dx, dy, ex, ey = (x1 - x0) / 2, (y1 - y0) / 2, (x0 + x1) / 2 - x, (y0 + y1) / 2 - y
+        near = (np.abs(ex) <= half + abs(dx)) & (np.abs(ey) <= half + abs(dy))
+        covered &= ~(near & (np.abs(ex * dy - ey * dx) <= half * (abs(dx) + abs(dy))))
     local = (np.column_stack((x, y))[covered] - transform[:2, 3]) @ transform[:2, :2]
     height = local @ transform[2, :2] + transform[2, 2] * ground.height + transform[2, 3]
     variance = np.full(len(local), ground.sigma**2)
