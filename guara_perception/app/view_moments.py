@@ -34,8 +34,8 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
     Args:
         path: a grid (.npz), a recording (.mcap) or a scan folder.
         robot: model of the robot that recorded it.
-        calibration: used to process scans without a recorded grid or points; None = the calibration in the recording,
-            if any.
+        calibration: used to process scans without a recorded grid or points; None = the calibration in the recording
+            or folder, if any.
 
     Raises:
         MissingFile: the path does not exist.
@@ -48,11 +48,11 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
     if not path.exists():
         raise MissingFile(f"{path}: no such file or folder")
     if path.is_dir():
-        if calibration is None:
-            raise InvalidInput(f"{path} is a scan folder: give the calibration that belongs to it with -c")
         from guara_perception.app.files.open_scan import open_scans
+        from guara_perception.app.files.scan_calibration import calibration_for
 
-        return [_processed(scan, robot, calibration) for scan in open_scans(path)]
+        known = calibration_for(path, None) if calibration is None else calibration
+        return [_processed(scan, robot, known) for scan in open_scans(path)]
     if path.suffix == ".npz":
         from guara_perception.terrain.file import load_terrain
 

@@ -28,7 +28,7 @@ TELLING = 1.0
     "-c",
     "--calibration",
     type=FILE,
-    help="calibration for processing scans; default: that of the recording; required for a scan folder",
+    help="calibration for processing scans; default: that of the recording or scan folder",
 )
 @click.option("--robot", default="guara", help="name or folder of the robot")
 @click.option(

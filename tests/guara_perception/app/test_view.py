@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 import threading
 import time
 from collections.abc import Callable
@@ -52,8 +53,18 @@ def test_a_scan_folder_shows_its_stripes(data: Path, robot: RobotModel, calibrat
     picture = moment.picture()
     assert picture is not None and picture.shape == (512, 640, 3)
     assert moment.picture() is picture
-    with pytest.raises(InvalidInput, match="is a scan folder: give the calibration that belongs to it with -c"):
+    with pytest.raises(InvalidInput, match=r"paper has no calibration.json: give the calibration .* \(-c\)"):
         load_moments(data / "scans" / "paper", robot)
+
+
+def test_a_scan_folder_that_carries_its_calibration_needs_no_other(
+    tmp_path: Path, data: Path, robot: RobotModel, calibration_file: Path
+) -> None:
+    """As for `guara process` and `guara replay`."""
+    shutil.copytree(data / "scans" / "paper", tmp_path / "paper")
+    shutil.copy(calibration_file, tmp_path / "paper" / "calibration.json")
+    (moment,) = load_moments(tmp_path / "paper", robot)
+    assert len(moment.stripes()) == 35
 
 
 def test_a_recording_shows_its_grids_in_order(
