@@ -134,6 +134,8 @@ def _sole_reason(p: Proposal) -> str:
 
 
 def _height_reason(p: Proposal) -> str:
+    if p.reach is None:
+        return "given by --height"
     if p.reach >= 1.0:
         return "the highest from which the feet reach 0.13 m fore and aft, 20 mm down and 60 mm up"
     return f"of all heights tried, the feet reach the most positions of the gait from this one: {p.reach:.0%}"

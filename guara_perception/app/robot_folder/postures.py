@@ -76,11 +76,11 @@ def choose_height(legs: tuple[LegSolver, ...]) -> tuple[float, float]:
     the largest number of them. Only the first and the last leg are tested.
 
     Raises:
-        InvalidInput: the robot cannot stand at any height.
+        InvalidInput: the robot cannot stand, or its feet reach no position, at any height.
     """
     pair = (legs[0], legs[-1])
     length = min(leg.length for leg in legs)
-    best = (0.0, 0.0)
+    best = (0.0, -1.0)
     for share in SHARES:
         height = round(float(share) * length + float(legs[0].foot.size.min()) / 2.0, 3)
         posture = stand(pair, height)
@@ -95,6 +95,11 @@ def choose_height(legs: tuple[LegSolver, ...]) -> tuple[float, float]:
         raise InvalidInput(
             "the robot cannot stand level over its feet at any height: does x of its base point forward, z up, and can "
             "each foot be below its hip within the joint limits?"
+        )
+    if best[1] == 0.0:
+        raise InvalidInput(
+            "the robot stands, but its feet reach no position of the gait around them at any height: check the joint "
+            "limits, or give a height with --height"
         )
     return best
 

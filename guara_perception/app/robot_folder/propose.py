@@ -42,7 +42,7 @@ class Proposal:
         sole: length and width of a sole [m].
         sole_radius: radius of round feet [m]; 0 for flat feet.
         scan, standing: postures. In `scan`, joints outside the legs are as close to zero as their limits allow.
-        reach: fraction of the gait's foot positions that are within reach; 1 if the hip height was given.
+        reach: fraction of the gait's foot positions that are within reach; None if the hip height was given.
         mounts: camera, laser and scanned area.
         mirror_angles: first and last mirror angle of the scan pattern [rad].
         stripes: number of stripes of the pattern.
@@ -58,7 +58,7 @@ class Proposal:
     sole_radius: float
     scan: FoundPosture
     standing: FoundPosture
-    reach: float
+    reach: float | None
     mounts: FoundMounts
     mirror_angles: tuple[float, float]
     stripes: int
@@ -88,7 +88,7 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
     """
     found = find_legs(urdf)
     legs = tuple(LegSolver(urdf, leg, find_foot(urdf, leg)) for leg in found)
-    height, reach = choose_height(legs) if hip_height is None else (hip_height, 1.0)
+    height, reach = choose_height(legs) if hip_height is None else (hip_height, None)
     scan = stand(legs, height)
     if scan is None:
         raise InvalidInput(f"the legs cannot stand with the hips {height} m above the soles: give another --height")

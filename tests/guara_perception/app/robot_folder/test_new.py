@@ -5,11 +5,14 @@ from __future__ import annotations
 import tomllib
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from guara_perception.app.main import run
+from guara_perception.app.robot_folder import postures
+from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import Settings
 from kinematics import RobotModel, load_robot
 from kinematics.model_checks import sole_above_foot
@@ -147,3 +150,14 @@ def test_a_height_may_be_asked_for(tmp_path: Path) -> None:
     assert run(["robot", "new", str(SOURCES["tapir"]), "-o", str(tmp_path / "mine"), "--height", "0.30"]) == 0
     robot = load_robot(tmp_path / "mine")
     assert next(p.hip_height for p in robot.config.postures if p.name == "scan") == 0.30
+    assert "hip_height = 0.300    # given by --height\n" in (tmp_path / "mine" / "robot.toml").read_text()
+
+
+@pytest.mark.parametrize(("stands", "expected_text"), [(False, "cannot stand level"), (True, "stands, but its feet")])
+def test_no_height_is_chosen_without_reach(monkeypatch: pytest.MonkeyPatch, stands: bool, expected_text: str) -> None:
+    """A robot that stands, but reaches no position of the gait, is not told that it cannot stand."""
+    leg = SimpleNamespace(length=0.3, foot=SimpleNamespace(size=np.full(3, 0.04)))
+    monkeypatch.setattr(postures, "stand", lambda legs, height: object() if stands else None)
+    monkeypatch.setattr(postures, "reach_share", lambda leg, posture: 0.0)
+    with pytest.raises(InvalidInput, match=expected_text):
+        postures.choose_height((leg, leg, leg))
