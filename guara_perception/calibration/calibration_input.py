@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -38,9 +39,8 @@ class Fiducials:
     def __post_init__(self) -> None:
         points = np.asarray(self.points_in_footprint, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 4:
-            raise InvalidInput(
-                f"fiducials.points_in_footprint: {len(points)} points given; 4 or more [x, y] are needed"
-            )
+            given = f"{len(points)} points" if points.shape[1:] == (2,) else f"shape {points.shape}"
+            raise InvalidInput(f"fiducials.points_in_footprint: {given} given; 4 or more [x, y] are needed")
         object.__setattr__(self, "points_in_footprint", read_only(points))
         if self.points_px is not None:
             pixels = np.asarray(self.points_px, dtype=np.float64)
@@ -108,9 +108,9 @@ class CalibrationSession:
                     f"from {self.robot!r}: all must come from one robot"
                 )
             _check_stance(plate, self.stance, self.source)
-        named = [plate.name for plate in self.plates]
-        if len(set(named)) != len(named):
-            raise InvalidInput(f"{self.source}: plates name the same scan twice: {', '.join(sorted(named))}")
+        named = Counter(plate.name for plate in self.plates)
+        if twice := sorted(name for name, count in named.items() if count > 1):
+            raise InvalidInput(f"{self.source}: plates name the same scan twice: {', '.join(twice)}")
         if len(cameras := self._cameras()) > 1:
             raise CalibrationMismatch(f"{self.source}: plates were scanned by cameras {', '.join(cameras)}; use one")
 

@@ -195,3 +195,25 @@ def test_unknown_distortion(session: CalibrationSession, robot: RobotModel) -> N
     """A lens model that does not exist is refused with the list of those that do."""
     with pytest.raises(InvalidInput, match="distortion is 'fisheye', allowed: k1k2, k1k2p1p2, k1k2p1p2k3"):
         calibrate_session(session, robot, distortion="fisheye")
+
+
+def test_the_plate_that_is_named_twice_is_told(session: CalibrationSession) -> None:
+    """It alone, not those beside it."""
+    first, second, *_ = session.plates
+    with pytest.raises(InvalidInput, match=f"plates name the same scan twice: {second.name}$"):
+        dataclasses.replace(session, plates=(first, second, second))
+
+
+@pytest.mark.parametrize(
+    ("points", "given"),
+    [
+        (np.zeros((4, 3)), r"shape \(4, 3\) given"),
+        (np.zeros(8), r"shape \(8,\) given"),
+        (0.5, r"shape \(\) given"),
+        (np.zeros((3, 2)), "3 points given"),
+    ],
+)
+def test_crosses_that_are_no_list_of_points_are_refused(points: object, given: str) -> None:
+    """What is wrong is told: the number of points only if they are points."""
+    with pytest.raises(InvalidInput, match=rf"points_in_footprint: {given}; 4 or more \[x, y\] are needed"):
+        Fiducials("crosses", points)
