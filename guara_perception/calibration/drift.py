@@ -239,7 +239,7 @@ def check_drift(
     centre_x = float(lines.x[on_floor].mean())
     height, tilt = float(plane[0] * centre_x + plane[2]), float(np.arctan(np.hypot(plane[0], plane[1])))
     reasons = _floor_reasons(plane, centre_x, (height, tilt), pose_covariance, soles_in_footprint)
-    reasons += _stripe_reasons(lines, stray, on_floor, rms, max(MAX_STRIPE_RMS_M, rough))
+    reasons += _stripe_reasons(lines, stray, on_floor, rms)
     verdict, stripe = DRIFTING if reasons else HOLDS, int(lines.index[worst])
     return Drift(verdict, tuple(reasons), share, height, tilt, rms, stripe, float(stray[worst]))
 
@@ -312,9 +312,9 @@ def _allowed(pose_covariance: npt.ArrayLike | None, centre_x: float) -> tuple[fl
     return float(np.hypot(MAX_FLOOR_HEIGHT_M, height)), float(np.hypot(MAX_FLOOR_TILT, tilt))
 
 
-def _stripe_reasons(lines: FloorLines, stray: Float, on_floor: Mask, rms: float, allowed: float) -> list[str]:
+def _stripe_reasons(lines: FloorLines, stray: Float, on_floor: Mask, rms: float) -> list[str]:
     """Reasons why the stripes do not lie on one plane floor."""
-    jump = _jump(lines, stray) if rms > allowed or not on_floor[-1] else None
+    jump = _jump(lines, stray) if rms > MAX_STRIPE_RMS_M or not on_floor[-1] else None
     if jump is not None:
         return [
             f"from stripe index {jump[0]} on, all points are {1e3 * jump[1]:+.1f} mm off the floor of the earlier "
@@ -322,11 +322,11 @@ def _stripe_reasons(lines: FloorLines, stray: Float, on_floor: Mask, rms: float,
         ]
     form, doubt = _form(lines, stray, on_floor)
     worst = int(np.argmax(np.where(on_floor, np.abs(stray), 0.0)))
-    alone = abs(stray[worst]) > MAX_STRIPE_M and rms**2 - stray[worst] ** 2 / on_floor.sum() < allowed**2
-    if rms > allowed and not alone:
+    alone = abs(stray[worst]) > MAX_STRIPE_M and rms**2 - stray[worst] ** 2 / on_floor.sum() < MAX_STRIPE_RMS_M**2
+    if rms > MAX_STRIPE_RMS_M and not alone:
         return [
-            f"the stripes deviate by {1e3 * rms:.2f} mm rms from a plane floor (limit {1e3 * allowed:.2f} mm): "
-            "camera, laser or mirror moved"
+            f"the stripes deviate by {1e3 * rms:.2f} mm rms from a plane floor "
+            f"(limit {1e3 * MAX_STRIPE_RMS_M:.2f} mm): camera, laser or mirror moved"
         ]
     if form > MAX_FORM_M + FORM_SIGMAS * doubt:
         return [
