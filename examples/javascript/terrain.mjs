@@ -110,7 +110,7 @@ export function staleBecause(grid, status) {
   const age = Number(status.clock_s) - said.scan_end_clock;
   if (!(age <= grid.valid_for)) because.push(`it is ${age} s old; allowed: ${grid.valid_for} s`);
   if ((said.epoch ?? "") !== status.epoch) because.push("it is of another walk");
-  else if (pauses > grid.valid_pauses) because.push(`it is ${pauses} pauses old; allowed: ${grid.valid_pauses}`);
+  else if (pauses > grid.valid_pauses) because.push(`it is ${pauses} ${pauses === 1 ? "pause" : "pauses"} old; allowed: ${grid.valid_pauses}`);
   if (said.provisional && (pauses > 0 || status.standing === "false")) because.push("its pause is over and did not confirm it");
   const isOvertaken = grid.extent === "footprint" && Number(status.last_scan_sequence) > Number(grid.sequence);
   if (isOvertaken && status.standing !== "") because.push("a newer one has been published");

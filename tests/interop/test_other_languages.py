@@ -167,6 +167,7 @@ def test_javascript_judges_as_python_does(judged: dict[str, tuple[Path, Path, bo
     _, cell, verdict = done.stdout.splitlines()
     assert (verdict == "may be used") == may_be_used, verdict
     assert may_be_used or not json.loads(cell)["safe"]
+    assert state != "the next pause" or "it is 1 pause old; allowed: 0" in verdict
 
 
 def test_javascript_reads_the_summary_as_python_does(paper_terrain: gp.TerrainGrid, root: Path, tmp_path: Path) -> None:
