@@ -116,6 +116,10 @@ class Rock(Raised):
     seed: int = 0
     material: str = "concrete"
 
+    def __post_init__(self) -> None:
+        Raised.__post_init__(self)
+        check_seed(self.seed)
+
     def rise(self, x: Float, y: Float) -> Float:
         """See `Raised.rise`."""
         u, v = self.local(x, y)
@@ -204,6 +208,16 @@ def _finite(owner: object, *names: str) -> None:
         value = getattr(owner, name)
         if not np.isfinite(value):
             raise InvalidInput(f"{name} is {value}, allowed: finite numbers")
+
+
+def check_seed(seed: int) -> None:
+    """Check that a random generator accepts a seed.
+
+    Raises:
+        InvalidInput: the seed is negative.
+    """
+    if seed < 0:
+        raise InvalidInput(f"seed is {seed}, allowed: 0 or more")
 
 
 def _positive(owner: object, *names: str) -> None:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Codes, Float
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
-from guara_perception.simulation.features import KINDS, AnyFeature, Step, material_index
+from guara_perception.simulation.features import KINDS, AnyFeature, Step, check_seed, material_index
 from guara_perception.simulation.light import Light
 from guara_perception.simulation.real_light import real_light
 from kinematics.untrusted import LARGEST_FILE, key_lines, parse_toml, table_name
@@ -60,6 +60,7 @@ class World:
 
         Raises:
             InvalidInput: the area is empty or not finite, a feature is outside it, the undulation is not 0 ... 0.1 m,
+                the seed is negative,
                 or the material is unknown.
         """
         for name, (low, high) in (("x", self.x), ("y", self.y)):
@@ -67,6 +68,7 @@ class World:
                 raise InvalidInput(f"{name} is ({low}, {high}), allowed: (low, high), both finite and low below high")
         if not (np.isfinite(self.undulation) and 0 <= self.undulation <= 0.1):
             raise InvalidInput(f"undulation is {self.undulation}, allowed: 0 ... 0.1 m")
+        check_seed(self.seed)
         material_index(self.material)
         for feature in self.features:
             self.check_inside(feature)

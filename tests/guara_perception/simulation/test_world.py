@@ -139,6 +139,8 @@ def test_random_worlds_repeat_and_leave_the_start_free() -> None:
         (lambda: Step(x=0, height=0.1, direction="left"), "direction is 'left', allowed: up, down"),
         (lambda: Stairs(x=0, height=0.1, count=0, run=0.1), "count is 0, allowed: an integer 1 ... 100"),
         (lambda: World(x=(1.0, 0.0)), r"x is \(1.0, 0.0\), allowed: \(low, high\)"),
+        (lambda: World(seed=-1), "seed is -1, allowed: 0 or more"),
+        (lambda: Rock(x=0, y=0, size=(0.1, 0.1), height=0.1, seed=-1), "seed is -1, allowed: 0 or more"),
         (lambda: World(undulation=-0.1), "undulation is -0.1, allowed: 0 ... 0.1 m"),
         (lambda: World(features=(Box(x=9, y=0, size=(0.1, 0.1), height=0.1),)), "box covers x 8.950 ... 9.050"),
         (lambda: random_world(0, rocks=-1), "rocks is -1, allowed: 0 or more"),
@@ -184,6 +186,12 @@ def test_a_world_file_is_read_in_its_order() -> None:
         ("[[stairs]]", "[[stair]]", "line 18: unknown key 'stair'; a world has"),
         ("[[stairs]]", "[stairs]", r"write \[\[stairs\]\] for each stairs"),
         ("seed = 3", "seed = ", r"not a TOML file \(Invalid value \(at line 1"),
+        ("seed = 3", "seed = -3", "w.toml, line 1: seed is -3, allowed: 0 or more"),
+        (
+            "[[stairs]]",
+            "[[rock]]\nx = 1\ny = 0\nsize = [0.1, 0.1]\nheight = 0.1\nseed = -2\n[[stairs]]",
+            r"w.toml, line 23: \[\[rock\]\]: seed is -2, allowed: 0 or more",
+        ),
         ("seed = 3", "seed = true", "line 1: seed is True, allowed: an integer"),
     ],
 )
