@@ -20,7 +20,7 @@ class NoUsbBackend(BoardError, ImportError):
 
 
 class BoardNotFound(BoardError, ConnectionError):
-    """No board with the configured vendor id, product id and serial number is plugged in."""
+    """No board with the configured USB ids and serial number is plugged in, or the choice is ambiguous."""
 
 
 class BoardPermissionDenied(BoardError, PermissionError):
@@ -32,7 +32,7 @@ class BoardInUse(BoardError, ConnectionError):
 
 
 class BoardNotOpen(BoardError, RuntimeError):
-    """The board is not open, or its connection was lost."""
+    """The board is not open, or was reset and has forgotten its session."""
 
 
 class BoardUnplugged(BoardError, ConnectionError):
@@ -40,11 +40,11 @@ class BoardUnplugged(BoardError, ConnectionError):
 
 
 class BoardTimeout(BoardError, TimeoutError):
-    """The board did not reply in time, even after repeated attempts."""
+    """The board did not reply in time."""
 
 
 class BoardStalled(BoardError, ConnectionError):
-    """The board stalled a transfer, even after repeated attempts."""
+    """The board stalled a transfer, as it does for an unknown command."""
 
 
 class BoardTransferFailed(BoardError, ConnectionError):
@@ -64,7 +64,7 @@ class BoardTooOld(BoardError, NotImplementedError):
 
 
 class LaserRefused(BoardError, RuntimeError):
-    """The board refuses to switch the laser on; the error message names the fault."""
+    """The board has a fault that prevents a scan or keeps the laser off; the error message names it."""
 
 
 class LaserStuckOn(BoardError, RuntimeError):
@@ -84,7 +84,7 @@ class MirrorOutOfRange(BoardError, ValueError):
 
 
 class MirrorTimeout(BoardError, TimeoutError):
-    """The mirror did not come to rest in time, or was commanded while homing."""
+    """The mirror did not come to rest in time, or was commanded during homing or a sweep."""
 
 
 class HomeNotFound(BoardError, RuntimeError):
@@ -120,7 +120,7 @@ class CameraEnded(CameraError, EOFError):
 
 
 class CameraSettingRefused(CameraError, ValueError):
-    """The camera lacks a setting, does not allow its value, or reads back another value."""
+    """The camera lacks a setting, format or size, does not allow a value, or reads back another one."""
 
 
 class AcquisitionError(DriverError):

@@ -63,10 +63,10 @@ def __dir__() -> list[str]:
 
 @functools.cache
 def _refuse_hidden_packages() -> None:
-    """Check that no file of the user hides a package that this one needs.
+    """Check that no other file hides the packages `kinematics` and `transport`.
 
     Raises:
-        ImportError: a file hides such a package; the message names the file.
+        ImportError: a file hides one of them; the message names the file.
     """
     home = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     for package in ("kinematics", "transport"):

@@ -1,4 +1,5 @@
 """Laser board over USB: protocol, session, laser and mirror.
 
-Imports the files directly in `drivers`; used by `sweep`, the emulator and `app`.
+Imports the files directly in `drivers`; used by `sweep`, the emulator and
+`guara_perception.app`.
 """

@@ -15,7 +15,7 @@ from drivers.board.protocol import describe_faults
 from drivers.errors import BoardError, LaserRefused, MirrorOutOfRange, MirrorTimeout
 
 logger = logging.getLogger(__name__)
-# Longest wait for the mirror to come to rest, and polling interval [s].
+# Default of the longest wait for the mirror to come to rest, and polling interval [s].
 MOTION_TIMEOUT, POLL_PERIOD = 5.0, 0.002
 
 
@@ -47,7 +47,7 @@ class Board(ABC):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Turn the laser off and close the board; if the block raised an exception, another one is only logged."""
+        """Turn the laser off and close the board; after an exception in the block, a failure of this is only logged."""
         try:
             self.close()
         except BoardError as failure:
@@ -114,7 +114,7 @@ class Board(ABC):
 
         Raises:
             HomeNotFound: the switch was not found.
-            MirrorTimeout: the search took too long, or another one has not ended.
+            MirrorTimeout: the search took too long, or another one or a sweep has not ended.
         """
 
     @abstractmethod
@@ -128,7 +128,7 @@ class Board(ABC):
         Raises:
             MirrorOutOfRange: the step is outside the travel.
             MirrorNotHomed: the home position is unknown.
-            MirrorTimeout: the motion took too long, or homing has not ended.
+            MirrorTimeout: the motion took too long, or homing or a sweep has not ended.
         """
 
     def clear_faults(self) -> BoardStatus:
@@ -195,17 +195,17 @@ class Board(ABC):
             wait: True = return only when the mirror has come to rest.
 
         Raises:
-            MirrorOutOfRange: the angle is outside the travel, or not finite.
+            MirrorOutOfRange: the angle is outside the travel by more than half a step, or not finite.
             MirrorNotHomed: the home position is unknown.
-            MirrorTimeout: the motion took too long, or homing has not ended.
+            MirrorTimeout: the motion took too long, or homing or a sweep has not ended.
         """
         return self.go_to_step(self.step_at(angle), wait=wait)
 
     def step_at(self, angle: float) -> int:
-        """Return the step nearest to a mirror angle [rad].
+        """Return the step within the travel that is nearest to a mirror angle [rad].
 
         Raises:
-            MirrorOutOfRange: the angle is outside the travel, or not finite.
+            MirrorOutOfRange: the angle is outside the travel by more than half a step, or not finite.
         """
         identity = self.identity
         low, high = identity.angle_of(identity.min_step), identity.angle_of(identity.max_step)

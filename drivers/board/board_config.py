@@ -1,4 +1,4 @@
-"""Configuration of a laser board: USB ids and timeouts."""
+"""Configuration of the connection to a laser board."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class BoardConfig:
         serial: serial number of the board; needed only if several boards are plugged in. None = the only one.
         timeout: timeout of a control transfer [s]. It must be short, because the watchdog allows at most 0.4 s of
             silence. A failed command is not repeated after half of the watchdog's time.
-        attempts: largest number of attempts for a command that times out, stalls, fails or gets an invalid reply,
-            1 ... 10.
+        attempts: largest number of attempts for a command whose transfer times out, stalls or fails, or whose reply is
+            invalid, 1 ... 10.
         motion_timeout: longest wait for the end of a motion [s].
         home_timeout: longest wait for the end of homing [s].
         handle_signals: True = while the board is open, SIGTERM and SIGHUP raise SystemExit, so that `with` blocks are

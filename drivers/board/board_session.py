@@ -56,10 +56,10 @@ SEARCH_PERIOD = 0.1
 
 
 class BoardSession(Board):
-    """Connection to the laser board; thread-safe, and a context manager.
+    """Connection to the laser board, as a context manager. Several threads may send commands.
 
     Attributes:
-        config: USB ids and timeouts.
+        config: configuration of the connection.
         sweep_table: SWEEP_STEP argument of each entry that this session has written to the board's step table, by the
             index of the entry.
         sweep_darks: indices of the entries for which this session has requested a dark flash after the stripe.
@@ -69,7 +69,7 @@ class BoardSession(Board):
         """Prepare the session; nothing is opened yet.
 
         Args:
-            config: USB ids and timeouts; None = defaults.
+            config: configuration of the connection; None = defaults.
             backend: pyusb backend, such as that of an emulated board; None = libusb.
         """
         self.config = config or BoardConfig()
@@ -130,9 +130,11 @@ class BoardSession(Board):
     def close(self) -> None:
         """Turn the laser off, end the session and release the device; does nothing if the board is closed.
 
+        The device is released even if an exception is raised.
+
         Raises:
             LaserStuckOn: the laser did not go off on command.
-            BoardError: the command failed; the device is released anyway.
+            BoardError: the command failed.
         """
         if not self._link.is_open:
             return
@@ -185,7 +187,7 @@ class BoardSession(Board):
             timeout: longest wait [s].
 
         Raises:
-            BoardError: the board is not open, or was unplugged.
+            BoardError: the board is not open or cannot be reached.
         """
         try:
             data = self._link.read_report(timeout)
@@ -272,7 +274,7 @@ def raise_refusal(status: BoardStatus, argument: int, identity: BoardIdentity | 
             travel = f"{identity.min_step} ... {identity.max_step}" if identity else "unknown"
             raise MirrorOutOfRange(f"step {step} is outside the board's travel of {travel}")
         case Result.BUSY:
-            raise MirrorTimeout("the mirror is still homing: call wait_until_still() first")
+            raise MirrorTimeout("the board is busy (still homing, moving or sweeping): call wait_until_still() first")
         case Result.NO_SESSION:
             raise BoardNotOpen("the board has forgotten this session (it was reset): reconnect()")
         case Result.VERSION:

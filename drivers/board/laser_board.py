@@ -29,10 +29,12 @@ CLOCK_RESOLUTION, CLOCK_ERROR = 0.001, 0.01
 
 
 class LaserBoard(BoardSession):
-    """Driver of the laser board; thread-safe, and a context manager.
+    """Driver of the laser board, as a context manager.
+
+    Several threads may send commands, but only one may move the mirror.
 
     The board's watchdog turns the laser off after at most 0.4 s without a command, even if the program dies. Call
-    `status()` regularly to keep the laser on for longer.
+    `status()` regularly to keep the laser on for longer, up to `identity.laser_limit`.
     """
 
     # Last commanded motion: its number, whether it may still be running, and its start on the board's and the host's
@@ -48,7 +50,7 @@ class LaserBoard(BoardSession):
             timeout: longest search for a board that was lost [s].
 
         Returns:
-            The status of the board, which is homed and has no faults.
+            The status of the board, with the mirror homed.
 
         Raises:
             LaserRefused: the cause of a fault persists.
@@ -96,7 +98,7 @@ class LaserBoard(BoardSession):
 
         Raises:
             HomeNotFound: the switch was not found.
-            MirrorTimeout: the search took too long, or another one has not ended.
+            MirrorTimeout: the search took too long, or another one or a sweep has not ended.
         """
         self._begin_motion(self.command(Request.HOME))
         status = self.wait_until_still(self.config.home_timeout)
@@ -110,7 +112,7 @@ class LaserBoard(BoardSession):
         Raises:
             MirrorOutOfRange: the step is outside the travel.
             MirrorNotHomed: the home position is unknown.
-            MirrorTimeout: the motion took too long, or homing has not ended.
+            MirrorTimeout: the motion took too long, or homing or a sweep has not ended.
         """
         self._begin_motion(self.command(Request.GO_TO, step))
         if wait:

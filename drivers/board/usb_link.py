@@ -55,7 +55,7 @@ def default_backend() -> Any:
 
 
 class UsbLink:
-    """Connection to the control and interrupt endpoints of one laser board; thread-safe."""
+    """Connection to the control and interrupt endpoints of one laser board. Several threads may make transfers."""
 
     def __init__(self, config: BoardConfig, backend: Any = None) -> None:
         """Prepare the link; nothing is opened yet.

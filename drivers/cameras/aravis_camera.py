@@ -17,7 +17,7 @@ from drivers.errors import CameraEnded, CameraError, CameraNotFound, CameraSetti
 from drivers.frame import Frame, Image
 
 logger = logging.getLogger(__name__)
-# Number of buffers: enough that no frame is lost while the host is busy for a fifth of a second.
+# Number of buffers: enough that no frame is lost while the host is busy for 0.2 s at 120 frames per second.
 BUFFERS = 24
 # Accepted pixel formats, one byte per pixel, in order of preference; names of the Pixel Format Naming Convention.
 MONO = "Mono8"
@@ -93,7 +93,7 @@ class AravisCamera(Camera):
         """Find the camera, configure it and start the acquisition; does nothing if the camera is open.
 
         Raises:
-            CameraBackendMissing: Aravis is not installed.
+            CameraBackendMissing: Aravis or its Python binding is not installed.
             CameraNotFound: there is no such camera, or another program uses it.
             CameraSettingRefused: the camera cannot be set up; for example, it lacks the trigger line, the output line,
                 the size or the pixel format.
@@ -122,7 +122,7 @@ class AravisCamera(Camera):
         self._stream = None
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Turn automatic modes off, set exposure, gain and gamma, and return the values read back.
+        """Turn automatic modes off, apply the settings, and return the values read back; see `lock_settings`.
 
         Raises:
             CameraSettingRefused: the camera lacks a setting, does not allow a value, or reads back another value.
@@ -138,7 +138,7 @@ class AravisCamera(Camera):
         return held
 
     def held(self, locked: CameraSettings) -> HeldSettings:
-        """Read exposure, gain, gamma and the automatic modes back from the camera.
+        """Read the locked settings and their automatic modes back from the camera.
 
         Raises:
             CameraEnded: the camera does not respond.

@@ -15,7 +15,7 @@ T = TypeVar("T")
 UNITS = {"exposure": " s", "gain": "", "white_balance": " K", "gamma": ""}
 # Relative tolerance of a value read back, because the camera may have rounded it.
 TOLERANCE = 0.02
-# Absolute tolerance of a value read back; needed because a locked gain may be 0.
+# Absolute tolerances of values read back; for a locked gain of 0, the relative tolerance is 0.
 ROUNDING = {"gain": 0.05, "gamma": 0.005}
 WHAT_TO_DO = "check that no other program uses the camera and start again: settings are locked when it is opened"
 
@@ -26,7 +26,7 @@ class CameraSettings:
 
     Attributes:
         exposure: exposure time [s]; locking it turns automatic exposure off.
-        gain: gain in the camera's own unit; locking it turns automatic gain off.
+        gain: gain in the camera's own unit. With Aravis, locking it turns automatic gain off.
         white_balance: colour temperature [K]; locking it turns automatic white balance off.
         gamma: gamma in the camera's own unit. Use the linear value, because gamma shifts the centre of a stripe.
 

@@ -67,7 +67,7 @@ class OpenCvCamera(Camera):
 
         Args:
             source: number of a camera, path of a device ("/dev/video0"), a video file or an image sequence
-                ("frame_%03d.png"), or a GStreamer pipeline.
+                ("frame_%03d.png"), URL of a stream, or a GStreamer pipeline.
             backend: "any", "v4l2", "gstreamer", "ffmpeg", "images" or "firewire".
             size: required (width, height) of a live camera; None = the camera's default. Ignored for files.
             fps: requested frame rate of a live camera [Hz]; None = the camera's default. Ignored for files.
@@ -97,7 +97,7 @@ class OpenCvCamera(Camera):
         Raises:
             CameraBackendMissing: the installed OpenCV lacks the backend.
             CameraNotFound: the source cannot be opened.
-            CameraSettingRefused: the camera delivers another size.
+            CameraSettingRefused: the camera delivers another size than required.
         """
         if self._capture is not None:
             return

@@ -88,4 +88,4 @@ class ReplayCamera(Camera):
         return Frame(read_only(item), counter, timing.monotonic())
 
     def flush(self) -> None:
-        """Do nothing, because frames arrive only when they are grabbed."""
+        """Do nothing, because a replay drops no frames."""

@@ -8,7 +8,7 @@ VIDEO_DEVICES = Path("/sys/class/video4linux")
 
 
 def usb_identity(path: str) -> str:
-    """Return product, USB ids and serial number, such as "OV9281 (1bcf:0b09), serial 0042"; "" if not a USB camera.
+    """Return product, USB ids and serial number, such as "OV9281 (1bcf:0b09), serial 0042"; empty for other devices.
 
     Some manufacturers give their cameras no serial number, or the same one to all of them.
 

@@ -1,6 +1,6 @@
 """Pyusb backend whose only devices are emulated boards; the driver and pyusb run unchanged.
 
-Only this module of the emulator imports pyusb; the emulated board itself does not need it.
+Only this module of the emulator imports pyusb.
 """
 
 from __future__ import annotations

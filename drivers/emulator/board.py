@@ -1,4 +1,4 @@
-"""Emulated laser board: executes the commands of `PROTOCOL.md`, and shows emulated cameras its laser and mirror."""
+"""Emulated laser board: executes the commands of protocol 1.0, and shows emulated cameras its laser and mirror."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ REPORTS_KEPT = 4
 class EmulatedBoard:
     """Software emulation of a laser board with protocol 1.0; thread-safe.
 
-    Nothing runs in the background. Each command, report or exposure first processes the timers that have expired, as of
-    the time of their expiry.
+    Nothing runs in the background. Each command, report or exposure first handles the timers that have expired since
+    the previous one, each with its own time of expiry.
 
     Attributes:
         config: configuration of the emulator.

@@ -20,7 +20,7 @@ REPORT_SLICE = 0.002
 
 
 class BusError(OSError):
-    """Failed transfer, with the `errno` that libusb would report."""
+    """Failed operation on the bus, with the `errno` of the corresponding pyusb error."""
 
 
 class Bus(Protocol):

@@ -1,4 +1,4 @@
-"""Configuration of the emulated board: mirror, limits of the laser, and delay of the bus."""
+"""Configuration of the emulated board."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from drivers.board.board_records import BoardIdentity
 from drivers.board.protocol import PROTOCOL_MAJOR, PROTOCOL_MINOR
 
-# Step of a 1.8 degree stepper motor with 256 microsteps that drives the mirror directly: 0.00703 degrees. The travel is
-# 40 degrees, with the zero angle 15 degrees above its low end; this includes the scan of Guara (-6.3 ... 18.6
-# degrees).
+# Microstep (1/256 step) of a 1.8 degree stepper motor that drives the mirror directly: 0.00703 degrees.
+# The default travel is -15 ... 25 degrees, which includes the scan of Guara (-6.3 ... 18.6 degrees).
 STEP_NANORAD = 122718
 STEP = STEP_NANORAD * 1e-9
 

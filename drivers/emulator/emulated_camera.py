@@ -24,8 +24,7 @@ class Exposes(Protocol):
 class EmulatedCamera(Camera):
     """Emulated camera that exposes at a fixed rate; a slow reader receives only the newest frame.
 
-    Frame n is exposed for `exposure`, starting at `start + n / fps`, and arrives `latency` after the end of the
-    exposure.
+    The exposure of frame n starts n / fps after `open`. The frame arrives `latency` after the end of its exposure.
     """
 
     def __init__(

@@ -123,7 +123,7 @@ class MirrorUnit:
         self._under_way = False
 
     def ended(self, now: float) -> float | None:
-        """Return the end of the last motion, including settling [s], at the first call after it; otherwise None."""
+        """If a motion has ended since the last call, return the time of its end, with settling [s]; otherwise None."""
         if not self._under_way or self.moving(now):
             return None
         self._under_way = False
@@ -150,7 +150,7 @@ class MirrorUnit:
         return Result.OK
 
     def go_to(self, step: int, now: float) -> Result:
-        """Start a motion to `step`; with any result other than OK, the motor is left as it is."""
+        """Start a motion to `step`, unless it is the target already; if the result is not OK, nothing changes."""
         if self._homing:
             return Result.BUSY
         if not self.homed:

@@ -1,4 +1,4 @@
-"""Acquisition of a scan, stripe by stripe; each stripe is verified while the mirror moves to the next."""
+"""Acquisition of a scan; each stripe is verified when it is handed over, while the scan continues."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MEANINGS = {
     StripeVerdict.OUT_OF_BAND: "the stripe is outside its possible rows: steps lost, or camera or mirror moved",
     StripeVerdict.REPEATED: "the camera delivers the same image again: it is frozen",
     StripeVerdict.RESIZED: "the camera changed the size of its images",
-    StripeVerdict.LOST: "no frame arrived",
+    StripeVerdict.LOST: "no frame arrived, or none could be verified",
 }
 
 
@@ -161,7 +161,7 @@ class StripeStream:
 
         Raises:
             AcquisitionNotEntered: the `with` block has not been entered.
-            DriverError: the error that ended the scan; `report` lists the stripes before it.
+            Exception: the error that ended the scan, usually a DriverError; `report` lists the stripes before it.
         """
         while self._await_group():
             while self._waiting:
@@ -172,7 +172,7 @@ class StripeStream:
 
         Raises:
             AcquisitionNotEntered: the `with` block has not been entered.
-            DriverError: the error that ended the scan; `report` lists the stripes before it.
+            Exception: the error that ended the scan, usually a DriverError; `report` lists the stripes before it.
         """
         while self._await_group():
             yield tuple(self._judged(self._waiting.popleft()) for _ in range(len(self._waiting)))

@@ -67,7 +67,7 @@ class BoardSweep:
             steps: motor steps of the stripes, in order; at most 256.
             waits: wait before the trigger of each stripe, in units of 0.5 ms.
             first: index of the first stripe in the step table. Entries that the board already has are not sent again.
-            dark_after: indices in the table whose stripe is followed by a dark flash.
+            dark_after: indices, in the step table, of the stripes that are followed by a dark flash.
 
         Raises:
             ValueError: there are too many stripes or none, the number of waits differs, or a wait is out of range.

@@ -30,8 +30,8 @@ class LagMeasurement:
     """Measured lag of a camera.
 
     Attributes:
-        lag: upper bound of the lag [s]. A frame with stamp t shows nothing older than t - lag, except for at most a
-            tenth of its light, which is below the detection threshold.
+        lag: upper bound of the lag [s]. At most a tenth of the laser light in a frame with stamp t is older than
+            t - lag.
         uncertainty: width of the measured interval [s]; the true lag is between lag - uncertainty and lag.
         period: time between frames [s].
         toggles: number of times that the laser was switched.
@@ -46,8 +46,8 @@ class LagMeasurement:
 def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: float = 1.0) -> LagMeasurement:
     """Measure a camera's lag by switching the laser at different phases of the frame period.
 
-    Set `camera.lag` to the result; this function does not do so. Meter the exposure first, so that the stripe is not
-    clipped. The laser is off on return, even if an exception is raised.
+    This function does not set `camera.lag`; set it to the `lag` of the result. Meter the exposure first, so that the
+    stripe is not clipped. The laser is off on return, even if an exception is raised.
 
     Args:
         board: open board with the mirror at rest, at an angle at which the camera sees the stripe.

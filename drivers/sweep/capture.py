@@ -83,7 +83,8 @@ class StripeCapture:
         index: index of the stripe in the standard pattern.
         mirror_angle: commanded mirror angle [rad].
         mirror_angle_reached: mirror angle at the nearest motor step [rad].
-        on: frame with the laser on, read-only; None if it was lost, could not be verified or had another size.
+        on: frame with the laser on, read-only; None if it or the dark frame after it was lost, if it could not be
+            verified, or if its size or dtype had changed.
         off: frame with the laser off, read-only; None if there is none.
         on_stamp: time of the on frame on the monotonic clock [s]; NaN if there is none.
         off_stamp: time of the off frame on the monotonic clock [s]; NaN if there is none.
@@ -92,7 +93,7 @@ class StripeCapture:
         dark: frame of the dark flash after the stripe, read-only; None if there was no dark flash or its frame was
             lost.
         dark_stamp: time of the dark frame on the monotonic clock [s]; NaN if there is none.
-        is_dark_due: True if the scan should have a dark flash after this stripe.
+        is_dark_due: True if a dark flash was planned or taken after this stripe.
     """
 
     index: int
@@ -138,13 +139,14 @@ class ScanReport:
         verdicts: (index, verdict) of each stripe handed over, in order.
         stopped_early: True if `should_stop` ended the scan.
         failure: text of the error that ended the scan, or None.
-        frames_used: number of frames handed over, where a shared off frame counts once; in a sweep, number of stripes
-            handed over.
+        frames_used: number of frames accepted, where a shared off frame counts once; in a sweep, number of stripes with
+            verified frames.
         frames_skipped: number of frames dropped because they may have been exposed before a command had taken effect;
             in a sweep, because they have no device time.
-        frames_dropped: number of frames that the camera counted but did not deliver while one was expected.
+        frames_dropped: number of frames that the camera counted but did not deliver while one was expected; in a sweep,
+            all that it did not deliver.
         frames_repeated: number of frames that were delivered twice.
-        duration: time from the first command to the arrival of the last frame [s].
+        duration: time from the start of the scan to the stamp of its last frame [s].
         problems: descriptions of problems; empty for a good scan.
         notes: further remarks.
     """

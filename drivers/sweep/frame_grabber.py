@@ -59,6 +59,7 @@ class FrameGrabber:
 
         Raises:
             CameraEnded: the camera will not deliver any more frames.
+            BoardError: the board failed while it was waited for.
         """
         deadline = timing.monotonic() + self._options.frame_timeout
         lag = self._camera.lag

@@ -66,9 +66,9 @@ def meter_exposure(
     Raises:
         ValueError: `limits` or `levels` are not positive and increasing, or `max_rounds` is below 1.
         CameraSettingRefused: the camera rejects an exposure.
-        LaserNotSeen: no column shows the laser at the last exposure that was tried.
+        LaserNotSeen: fewer than 2 % of the columns show the laser at the last exposure that was tried.
         CameraTimeout: no frame arrived.
-        CameraError: the camera changed the shape of its images.
+        CameraError: the camera failed, or changed the shape of its images.
         BoardError: the board failed, or the laser is stuck on or dead.
     """
     for name, (low, high) in (("limits", limits), ("levels", levels)):

@@ -1,6 +1,5 @@
 """Application layer of perception: commands, node, client, devices, files and reports.
 
 The folders are `commands`, `node`, `files`, `figures`, `scene`, `demo`, `record`, `calibration_report`, `targets` and
-`robot_folder`; the modules beside them are used by several folders. `app` may import from every other folder of
-`guara_perception`, and none of those imports from `app`.
+`robot_folder`. `app` may import from every other folder of `guara_perception`, and none of those imports from `app`.
 """

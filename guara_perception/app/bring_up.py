@@ -49,7 +49,7 @@ class BringUp:
             PointFailed: a point did not pass; it is removed from the record.
             InvalidInput: no valid answer was given, a laser is connected before the points that need an LED have
                 passed, or bring_up.json is not a record.
-            DriverError: the board cannot be reached.
+            DriverError: the board cannot be reached, or fails in a way that is not tested.
         """
         self._laser = self._choose("What is wired to J1?", ("led", "laser")) == "laser"
         with self._board:
@@ -202,7 +202,10 @@ class BringUp:
         status = board.clear_faults()
         if status.laser_sensed or status.faults:
             said = describe_faults(status.faults)
-            raise PointFailed(f"light is sensed before it is turned on ({said}): trim RV2, shade D3, check Q4")
+            raise PointFailed(
+                f"light is sensed or a fault is set before the light is turned on ({said}): "
+                "trim RV2, shade D3, check Q4"
+            )
         try:
             board.laser_on()
         except LaserDead as dark:

@@ -87,8 +87,8 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
     def counts(self, extent: str = "footprint") -> dict[str, int]:
         """Return the numbers of grids received, superseded before use, lost in transit ("missed"), and rejected.
 
-        A grid is rejected if it is damaged, belongs to another robot, extent, frame or run of the node, or is older
-        than the grid before it.
+        A grid is rejected if it is damaged, belongs to another robot, extent, frame or run of the node, or is not newer
+        than the last one.
         """
         receiver = self._client.receiver(extent)
         counts = {name: getattr(receiver, name) for name in ("received", "superseded", "missed")}
@@ -96,7 +96,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
 
     @property
     def clock_offset(self) -> ClockOffset | None:
-        """Offset of the node's wall clock from this machine's; None before it is known. Ages do not depend on it."""
+        """Offset of the node's wall clock from this machine's; None before it is known."""
         return self._client.clock_offset
 
     def latest(
@@ -109,14 +109,14 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
     ) -> TerrainGrid:
         """Return the newest grid if it may be used.
 
-        A footprint may be used from its scan until the next pause begins or the gait announces movement, while its node
-        is alive. A map may be used for as many pauses as its record states.
+        A footprint may be used until the next pause begins, a provisional one only until its own pause ends. A map may
+        be used for as many pauses as its record states. Either may be used only while its node confirms it.
 
         Args:
             max_age: largest age since the end of the scan [s]; None = the grid's own validity. Relaxes no other rule.
             extent: "footprint" (last scan) or "map" (fused).
-            allow_stale: also return a stale grid: one of another pause or walk, withdrawn, too old, or from a node that
-                is no longer alive. The reasons are in `stale_because` of the grid, whose queries then also require
+            allow_stale: also return a stale grid: one of another pause or walk, withdrawn, too old, or no longer
+                confirmed by its node. The reasons are in `stale_because` of the grid, whose queries then also require
                 `allow_stale`.
             confirmed_only: reject a provisional grid.
 
@@ -135,7 +135,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
     ) -> TerrainSummary:
         """Return the newest summary of the fused map: a few kilobytes, for slow links.
 
-        Summaries may be lost on the way, since none depends on an earlier one. The first call waits for a summary; a
+        A lost summary does no harm, because none depends on an earlier one. The first call waits for a summary; a
         later call waits only if the newest summary may not be used.
 
         Args:
@@ -272,6 +272,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
             transport.ReceiveTimeout: the scan was finished, but no usable grid arrived in time.
             ScannerGone: the node went away.
             ScannerUnavailable: there is no node, or this client may not request scans.
+            transport.MessageError: an argument is not allowed, or a reply is damaged.
             UnsafeGrid: the grid violates the safety invariant and must not be used.
         """
         return message_to_terrain(
