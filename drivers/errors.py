@@ -1,7 +1,7 @@
 """Exceptions of device drivers, all derived from `DriverError`.
 
-Each error also derives from a built-in exception (`TimeoutError`, `PermissionError`, ...), so that callers can catch it
-without importing this package. Messages report what was given or found, what is allowed, and what to do.
+Each specific error also derives from a built-in exception (`TimeoutError`, `PermissionError`, ...), so that callers can
+catch it without importing this package.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class BoardPermissionDenied(BoardError, PermissionError):
 
 
 class BoardInUse(BoardError, ConnectionError):
-    """Another process has claimed the board."""
+    """The board is already claimed, usually by another process."""
 
 
 class BoardNotOpen(BoardError, RuntimeError):

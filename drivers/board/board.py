@@ -15,7 +15,7 @@ from drivers.board.protocol import describe_faults
 from drivers.errors import BoardError, LaserRefused, MirrorOutOfRange, MirrorTimeout
 
 logger = logging.getLogger(__name__)
-# Default of the longest wait for the mirror to come to rest, and polling interval [s].
+# Default timeout of `wait_until_still`, and its polling interval [s].
 MOTION_TIMEOUT, POLL_PERIOD = 5.0, 0.002
 
 
@@ -47,7 +47,7 @@ class Board(ABC):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Turn the laser off and close the board; after an exception in the block, a failure of this is only logged."""
+        """Close the board with the laser off; after an exception in the block, an error in closing is only logged."""
         try:
             self.close()
         except BoardError as failure:
@@ -114,7 +114,7 @@ class Board(ABC):
 
         Raises:
             HomeNotFound: the switch was not found.
-            MirrorTimeout: the search took too long, or another one or a sweep has not ended.
+            MirrorTimeout: the search took too long, or the board is still homing or sweeping.
         """
 
     @abstractmethod
@@ -128,7 +128,7 @@ class Board(ABC):
         Raises:
             MirrorOutOfRange: the step is outside the travel.
             MirrorNotHomed: the home position is unknown.
-            MirrorTimeout: the motion took too long, or homing or a sweep has not ended.
+            MirrorTimeout: the motion took too long, or the board is still homing or sweeping.
         """
 
     def clear_faults(self) -> BoardStatus:
@@ -197,7 +197,7 @@ class Board(ABC):
         Raises:
             MirrorOutOfRange: the angle is outside the travel by more than half a step, or not finite.
             MirrorNotHomed: the home position is unknown.
-            MirrorTimeout: the motion took too long, or homing or a sweep has not ended.
+            MirrorTimeout: the motion took too long, or the board is still homing or sweeping.
         """
         return self.go_to_step(self.step_at(angle), wait=wait)
 

@@ -56,7 +56,7 @@ SEARCH_PERIOD = 0.1
 
 
 class BoardSession(Board):
-    """Connection to the laser board, as a context manager. Several threads may send commands.
+    """Connection to the laser board; a context manager. Several threads may send commands.
 
     Attributes:
         config: configuration of the connection.

@@ -29,7 +29,7 @@ CLOCK_RESOLUTION, CLOCK_ERROR = 0.001, 0.01
 
 
 class LaserBoard(BoardSession):
-    """Driver of the laser board, as a context manager.
+    """Driver of the laser board; a context manager.
 
     Several threads may send commands, but only one may move the mirror.
 
@@ -98,7 +98,7 @@ class LaserBoard(BoardSession):
 
         Raises:
             HomeNotFound: the switch was not found.
-            MirrorTimeout: the search took too long, or another one or a sweep has not ended.
+            MirrorTimeout: the search took too long, or the board is still homing or sweeping.
         """
         self._begin_motion(self.command(Request.HOME))
         status = self.wait_until_still(self.config.home_timeout)
@@ -112,7 +112,7 @@ class LaserBoard(BoardSession):
         Raises:
             MirrorOutOfRange: the step is outside the travel.
             MirrorNotHomed: the home position is unknown.
-            MirrorTimeout: the motion took too long, or homing or a sweep has not ended.
+            MirrorTimeout: the motion took too long, or the board is still homing or sweeping.
         """
         self._begin_motion(self.command(Request.GO_TO, step))
         if wait:

@@ -15,7 +15,7 @@ T = TypeVar("T")
 UNITS = {"exposure": " s", "gain": "", "white_balance": " K", "gamma": ""}
 # Relative tolerance of a value read back, because the camera may have rounded it.
 TOLERANCE = 0.02
-# Absolute tolerances of values read back; for a locked gain of 0, the relative tolerance is 0.
+# Absolute tolerances of values read back, because a relative one allows no difference from a gain of 0.
 ROUNDING = {"gain": 0.05, "gamma": 0.005}
 WHAT_TO_DO = "check that no other program uses the camera and start again: settings are locked when it is opened"
 

@@ -8,9 +8,10 @@ VIDEO_DEVICES = Path("/sys/class/video4linux")
 
 
 def usb_identity(path: str) -> str:
-    """Return product, USB ids and serial number, such as "OV9281 (1bcf:0b09), serial 0042"; empty for other devices.
+    """Return the identity of a USB camera, such as "OV9281 (1bcf:0b09), serial 0042"; empty for any other device.
 
-    Some manufacturers give their cameras no serial number, or the same one to all of them.
+    It consists of product, USB ids and serial number. Some manufacturers give their cameras no serial number, or the
+    same one to all of them.
 
     Args:
         path: path of the video device, or a link to it.

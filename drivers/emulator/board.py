@@ -21,8 +21,8 @@ REPORTS_KEPT = 4
 class EmulatedBoard:
     """Software emulation of a laser board with protocol 1.0; thread-safe.
 
-    Nothing runs in the background. Each command, report or exposure first handles the timers that have expired since
-    the previous one, each with its own time of expiry.
+    Nothing runs in the background. Before a command, report or exposure is served, each expired timer takes effect with
+    its own time of expiry.
 
     Attributes:
         config: configuration of the emulator.
@@ -67,7 +67,7 @@ class EmulatedBoard:
             return self._reports.popleft() if self._reports else None
 
     def still_at(self) -> float:
-        """Return the time at which the current motion ends, including settling [s]."""
+        """Return the time at which the last motion ends or has ended, including settling [s]."""
         with self._lock:
             return self._mirror.still_at
 

@@ -37,7 +37,7 @@ class Motor:
     Attributes:
         speed: speed of the motor [steps/s].
         settle: settling time after a motion [s].
-        still_at: time at which the current motion ends, including settling [s].
+        still_at: time at which the last motion ends or has ended, including settling [s].
     """
 
     def __init__(self, speed: float, settle: float, overshoot: int, position: float, now: float) -> None:
@@ -175,12 +175,12 @@ class MirrorUnit:
         self._homing = False
 
     def moving(self, instant: float) -> bool:
-        """Return True if the current motion, including settling, has not ended at time `instant` [s]."""
+        """Return True if the last motion, including settling, has not ended at time `instant` [s]."""
         return instant < self._motor.still_at
 
     @property
     def still_at(self) -> float:
-        """Time at which the current motion ends, including settling [s]."""
+        """Time at which the last motion ends or has ended, including settling [s]."""
         return self._motor.still_at
 
     def step(self, instant: float) -> int:

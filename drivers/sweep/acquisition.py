@@ -252,7 +252,7 @@ def _problems(worker: ScanWorker | SweepWorker, verdicts: tuple[tuple[int, Strip
     elif len(verdicts) > 1 and verdicts[0][1] is StripeVerdict.DARK and verdicts[1][1] is not StripeVerdict.DARK:
         problems.append("the first stripe is dark and the second is not: frames may lag behind the commands")
     counted = {
-        "the board refused to switch the laser on {} times because of a fault": worker.switch.interruptions,
+        "times that the board refused to switch the laser on because of a fault: {}": worker.switch.interruptions,
         "{} off frames did not arrive": worker.off_frames_lost,
         "{} frames were dropped on their way from the camera": worker.grabber.dropped,
         "{} frames arrived twice": worker.grabber.repeated,

@@ -14,7 +14,7 @@ from drivers.cameras.camera import Camera
 from drivers.errors import CameraTimeout, LaserNotSeen, StripeClipped
 from drivers.frame import Frame
 
-# A frame with at least this fraction of the laser's light counts as fully lit.
+# A frame with at least this fraction of the laser's light counts as lit; one that lacks as much counts as dark.
 FULL = 0.9
 GOLDEN = 0.618034
 # Largest allowed fraction of clipped pixels in the stripe.
@@ -94,7 +94,7 @@ def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: flo
             else:
                 raise LaserNotSeen(
                     f"{MOST_FRAMES} frames after the laser was switched {'on' if on else 'off'}, "
-                    f"{camera.name} does not show it: does anything else light the scene?"
+                    f"{camera.name} still does not show the change: does anything else light the scene?"
                 )
     finally:
         board.laser_off()
@@ -149,6 +149,6 @@ def _settled(board: Board, camera: Camera, timeout: float) -> tuple[Frame, float
     count = frames[-1].counter - frames[0].counter
     if span <= 0 or count <= 0:
         raise CameraTimeout(
-            f"frames of {camera.name} do not increase in stamp and number: give a live camera, not a replay"
+            f"stamps or numbers of frames of {camera.name} do not increase: use a live camera, not a replay"
         )
     return frames[-1], span / count

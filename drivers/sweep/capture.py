@@ -17,7 +17,7 @@ class StripeVerdict(enum.Enum):
     Attributes:
         OK: laser, mirror and frame are in step.
         UNPROVED: there was nothing to compare with, as for the first stripe of a scan without off frames.
-        AMBIENT_CHANGED: in step, but the ambient light or the exposure changed between the on frame and the off frame.
+        AMBIENT_CHANGED: in step, but the ambient light or the exposure differs from that of the reference frame.
         DARK: the laser was on, but hardly any column shows it: the ground is black, or the laser has failed.
         LEAK: the off frame shows a stripe: the laser was not off, or the frame is older than the command.
         NOT_MOVED: the stripe is where the previous one was: the mirror did not move, or the frame is older than the

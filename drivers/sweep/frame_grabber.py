@@ -51,6 +51,8 @@ class FrameGrabber:
     def after(self, ready: float, proved: Callable[[], float] | None = None) -> Frame | None:
         """Return the first frame that was exposed entirely after `ready` [s]; None if none arrives in time.
 
+        If the camera's lag is unknown, `flush_frames` frames that arrive after `ready` are dropped instead.
+
         Args:
             ready: time at which the command had taken effect [s]; if `proved` is given, the earliest possible such
                 time.
@@ -59,7 +61,7 @@ class FrameGrabber:
 
         Raises:
             CameraEnded: the camera will not deliver any more frames.
-            BoardError: the board failed while it was waited for.
+            BoardError: the board failed during the wait.
         """
         deadline = timing.monotonic() + self._options.frame_timeout
         lag = self._camera.lag

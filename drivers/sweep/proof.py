@@ -60,9 +60,9 @@ class ProofLimits:
 class StripeProof:
     """Verification of the stripes of one scan, in the order in which they are scanned.
 
-    The first stripe is compared with an off frame over the whole image. If it passes, later stripes that share this off
-    frame are compared only within their bands, at a tenth of the cost. A stripe that does not clearly pass there is
-    compared over the whole image.
+    A stripe is compared over the whole image, unless its band is known and the previous stripe passed with the same off
+    frame. Then, only the band is compared first, at a tenth of the cost, and the whole image only if the stripe does
+    not clearly pass there.
     """
 
     def __init__(self, limits: ProofLimits | None = None, align: Align | None = None) -> None:

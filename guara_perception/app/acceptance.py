@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 FORMAT: Final = "guara-acceptance/1"
 REPORT_FILE: Final = "report.html"
-# Lowest block that is detected as an obstacle, and highest block allowed [m].
+# Lowest and highest block allowed [m]; a lower one may not be detected as an obstacle.
 LOWEST_M, HIGHEST_M = 0.008, 0.5
 # Smallest difference between heights [m], because blocks are identified by height; largest number of blocks.
 LEAST_APART_M, MOST_BLOCKS = 0.005, 6
@@ -241,6 +241,6 @@ class Acceptance:
                 markersize=3,
             )
         axes.axhline(0, color="black", linewidth=0.6)
-        axes.set(ylabel="error [mm], three sigmas", xticks=range(len(self.blocks)))
+        axes.set(ylabel="error [mm], bars: three sigmas", xticks=range(len(self.blocks)))
         axes.set_xticklabels([f"{1e3 * height:g} mm" for height in self.blocks])
         return to_png(figure)

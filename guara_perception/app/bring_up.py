@@ -49,7 +49,7 @@ class BringUp:
             PointFailed: a point did not pass; it is removed from the record.
             InvalidInput: no valid answer was given, a laser is connected before the points that need an LED have
                 passed, or bring_up.json is not a record.
-            DriverError: the board cannot be reached, or fails in a way that is not tested.
+            DriverError: the board cannot be reached, or fails unexpectedly.
         """
         self._laser = self._choose("What is wired to J1?", ("led", "laser")) == "laser"
         with self._board:

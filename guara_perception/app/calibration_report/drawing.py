@@ -131,7 +131,7 @@ def coverage_and_sigma(result: CalibrationResult) -> bytes:
 def halves(result: CalibrationResult) -> bytes | None:
     """Draw the difference between two lens models, each fitted to every other image.
 
-    Returns None if there are too few images for two models.
+    Returns None if the two models were not or could not be calibrated.
     """
     if result.cross_validation is None:
         return None
@@ -215,7 +215,7 @@ def stripes_over_plate(result: CalibrationResult) -> bytes:
 
 
 def plate_errors(result: CalibrationResult) -> bytes:
-    """Draw the height error of each stripe on each plate, and the error of each plate with planes fitted to the others.
+    """Draw the height error of each stripe on each plate, and of each plate with planes fitted to the other plates.
 
     The second plot is omitted if there is no leave-one-out result.
     """
@@ -237,7 +237,7 @@ def plate_errors(result: CalibrationResult) -> bytes:
         )
     axes[0].axhline(0, color=GREY, linewidth=0.8)
     axes[0].set(xlabel="stripe index (near to far)", ylabel="height error [mm]")
-    axes[0].set_title("plates measured with their own planes")
+    axes[0].set_title("laser planes fitted to all plates")
     axes[0].legend(fontsize=8, title="plate")
     if columns == 2:
         entries = result.laser.leave_one_out
@@ -249,7 +249,7 @@ def plate_errors(result: CalibrationResult) -> bytes:
         axes[1].axhline(0, color=GREY, linewidth=0.8)
         axes[1].set_xticks(position, names)
         axes[1].set(xlabel="plate left out", ylabel="mean height error [mm]")
-        axes[1].set_title("plates measured with the planes of the others")
+        axes[1].set_title("laser planes fitted to the other plates")
         axes[1].legend(fontsize=8)
     return to_png(figure)
 

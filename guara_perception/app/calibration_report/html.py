@@ -33,7 +33,7 @@ def write_report(result: CalibrationResult, folder: str | Path) -> Path:
     """Write `report.html` to a folder, which is created if needed; return the path of the file.
 
     Raises:
-        InvalidInput: `folder` is not a folder.
+        InvalidInput: `folder` is a file.
     """
     folder = Path(folder)
     check_folder(folder)

@@ -171,7 +171,9 @@ def test_a_watchdog_that_bit_in_mid_scan_is_reported(emulated: BenchBoard, scene
         with acquire(board, camera, firing_order[:6], options(OffFrames.ONE)) as stripes:
             verdicts = [stripe.verdict for stripe in stripes]
         assert len(verdicts) == 6 and verdicts[0] is StripeVerdict.DARK
-        assert any("refused to switch the laser on 1 times" in problem for problem in stripes.report.problems)
+        assert any(
+            "refused to switch the laser on because of a fault: 1" in problem for problem in stripes.report.problems
+        )
         assert BoardFault.WATCHDOG not in board.status().faults
 
 

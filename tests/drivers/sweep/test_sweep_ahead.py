@@ -202,7 +202,7 @@ def test_laser_that_the_board_puts_out_in_mid_scan_is_lit_again() -> None:
         taken = rig.scan()
         rig.scene.assert_still_and_lit(taken)
         assert all(stripe.verdict is StripeVerdict.OK for stripe in taken) and len(taken) == len(FIRING_ORDER)
-        assert rig.report.problems == ("the board refused to switch the laser on 1 times because of a fault",)
+        assert rig.report.problems == ("times that the board refused to switch the laser on because of a fault: 1",)
 
 
 def test_laser_that_the_board_will_not_light_again_ends_the_scan() -> None:
