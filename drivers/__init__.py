@@ -1,7 +1,8 @@
 """Devices of the rangefinder: USB laser board and cameras, and scans with both.
 
-The package can be used on its own. Real devices, emulated ones (`drivers.emulator`) and replayed frames have the same
-interfaces. Device libraries (pyusb, OpenCV, linuxpy, Aravis) are imported only when a device is used.
+The package can be used on its own. Real devices, emulated devices (`drivers.emulator`) and cameras that replay frames
+have the same interfaces. Importing `drivers` loads no device library; pyusb, OpenCV, linuxpy and Aravis are imported
+when they are first needed.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 
 class DriverError(Exception):
-    """Base class of all errors raised by the package `drivers`."""
+    """Base class of the errors defined in `drivers`; invalid arguments may raise a plain ValueError instead."""
 
 
 class BoardError(DriverError):
@@ -16,7 +16,7 @@ class BoardError(DriverError):
 
 
 class NoUsbBackend(BoardError, ImportError):
-    """No libusb could be loaded, so no USB device can be reached."""
+    """libusb could not be loaded, so no USB device can be reached."""
 
 
 class BoardNotFound(BoardError, ConnectionError):
@@ -52,7 +52,7 @@ class BoardTransferFailed(BoardError, ConnectionError):
 
 
 class BadReply(BoardError, ValueError):
-    """The board's reply has a wrong length, is damaged or invalid, or belongs to another request."""
+    """A reply, report or descriptor of the board is damaged or invalid, or a reply belongs to another request."""
 
 
 class ProtocolMismatch(BoardError, RuntimeError):
@@ -120,7 +120,7 @@ class CameraEnded(CameraError, EOFError):
 
 
 class CameraSettingRefused(CameraError, ValueError):
-    """The camera lacks a setting, format or size, does not allow a value, or reads back another one."""
+    """The camera lacks a setting, format or size, does not allow a value, or reports a different one."""
 
 
 class AcquisitionError(DriverError):

@@ -1,4 +1,4 @@
-"""Monotonic clock of all devices; it can be replaced, so that emulated devices run without waiting."""
+"""Monotonic clock of the drivers; it can be replaced, so that emulated devices run without waiting."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def sleep(seconds: float) -> None:
 
 @contextmanager
 def on_clock(clock: Clock) -> Iterator[None]:
-    """Make every device of this process use `clock` within the block."""
+    """Make `monotonic` and `sleep` use `clock` within the block, in all threads."""
     global _clock
     before, _clock = _clock, clock
     try:
@@ -57,7 +57,7 @@ class EmulatedClock:
             return self._now
 
     def catch_up(self) -> None:
-        """Advance the clock to the machine's monotonic clock, so that it can be compared with stamps of that clock."""
+        """Advance to the time of the machine's monotonic clock, so that stamps of both clocks can be compared."""
         with self._lock:
             self._now = max(self._now, time.monotonic())
 

@@ -71,7 +71,7 @@ class Board(ABC):
         """Connect to the board, with the laser off; does nothing if the board is open.
 
         Raises:
-            BoardError: the board cannot be reached.
+            BoardError: the board cannot be reached or used.
         """
 
     @abstractmethod
@@ -79,7 +79,7 @@ class Board(ABC):
         """Turn the laser off and disconnect; does nothing if the board is closed.
 
         Raises:
-            LaserStuckOn: the laser is still on.
+            LaserStuckOn: the laser did not go off on command.
         """
 
     @abstractmethod

@@ -103,7 +103,7 @@ class BoardStatus:
     Attributes:
         result: result of the command.
         request: command to which the status is the reply; 0 in a report.
-        sequence: number of requests served since power-up, modulo 65536.
+        sequence: number of requests answered by a status since power-up, modulo 65536.
         flags: state of the board.
         faults: faults that are set.
         step: position of the mirror according to the firmware [steps from the home switch].

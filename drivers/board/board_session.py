@@ -130,7 +130,7 @@ class BoardSession(Board):
     def close(self) -> None:
         """Turn the laser off, end the session and release the device; does nothing if the board is closed.
 
-        The device is released even if an exception is raised.
+        The device is released even if an exception is raised. If the board was unplugged, this is only logged.
 
         Raises:
             LaserStuckOn: the laser did not go off on command.
@@ -220,7 +220,7 @@ class BoardSession(Board):
                 return read(self._link.request(request, argument, size, deadline - timing.monotonic()))
             except WORTH_REPEATING as failure:
                 if attempt >= self.config.attempts or timing.monotonic() >= deadline:
-                    raise type(failure)(f"{failure} ({attempt} attempts)") from failure
+                    raise type(failure)(f"{failure} ({attempt} attempt{'s' * (attempt > 1)})") from failure
                 logger.warning("attempt %d of %d: %s", attempt, self.config.attempts, failure)
             attempt += 1
 

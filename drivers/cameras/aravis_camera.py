@@ -93,7 +93,7 @@ class AravisCamera(Camera):
         """Find the camera, configure it and start the acquisition; does nothing if the camera is open.
 
         Raises:
-            CameraBackendMissing: Aravis or its Python binding is not installed.
+            CameraBackendMissing: Aravis or its Python binding cannot be loaded.
             CameraNotFound: there is no such camera, or another program uses it.
             CameraSettingRefused: the camera cannot be set up; for example, it lacks the trigger line, the output line,
                 the size or the pixel format.

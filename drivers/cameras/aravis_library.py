@@ -74,7 +74,7 @@ class AravisDevice:
         name: name to pass to `AravisCamera`.
         maker, model, serial: as reported by the camera; empty if not reported.
         address: address of the camera on the network or bus.
-        protocol: "GigEVision", "USB3Vision" or "Fake".
+        protocol: such as "GigEVision" or "USB3Vision".
     """
 
     name: str
@@ -89,7 +89,7 @@ def find_aravis_cameras() -> tuple[AravisDevice, ...]:
     """Search for cameras on all network interfaces and on USB. The search takes about a second.
 
     Raises:
-        CameraBackendMissing: Aravis is not installed.
+        CameraBackendMissing: Aravis cannot be loaded; see `load_aravis`.
     """
     aravis = load_aravis()
     aravis.update_device_list()
@@ -106,7 +106,7 @@ def trigger_lines(name: str) -> tuple[str, ...]:
         name: name of the camera, as returned by `find_aravis_cameras`.
 
     Raises:
-        CameraBackendMissing: Aravis is not installed.
+        CameraBackendMissing: Aravis cannot be loaded; see `load_aravis`.
         CameraNotFound: the camera does not respond, or another program uses it.
     """
     aravis = load_aravis()

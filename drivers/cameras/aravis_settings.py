@@ -25,7 +25,7 @@ def lock_settings(camera: Any, aravis: Any, settings: CameraSettings, name: str)
         name: name of the camera, for error messages.
 
     Raises:
-        CameraSettingRefused: the camera lacks a setting, does not allow a value, or reads back another value.
+        CameraSettingRefused: the camera lacks a setting, does not allow a value, or reports a different one.
     """
     held: dict[str, float] = {}
     for setting, (feature, unit, tolerance, rounding) in FEATURES.items():

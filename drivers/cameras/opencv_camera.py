@@ -68,7 +68,8 @@ class OpenCvCamera(Camera):
         Args:
             source: number of a camera, path of a device ("/dev/video0"), a video file or an image sequence
                 ("frame_%03d.png"), URL of a stream, or a GStreamer pipeline.
-            backend: "any", "v4l2", "gstreamer", "ffmpeg", "images" or "firewire".
+            backend: "any", "v4l2", "gstreamer", "ffmpeg", "images" or "firewire". With "ffmpeg" and "images", every
+                source except a camera number is read like a file.
             size: required (width, height) of a live camera; None = the camera's default. Ignored for files.
             fps: requested frame rate of a live camera [Hz]; None = the camera's default. Ignored for files.
             lag: see `Camera`; None means 0 for a file.
@@ -259,7 +260,7 @@ def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> Came
         name: name of the camera, for messages.
 
     Raises:
-        CameraSettingRefused: the camera lacks a setting, or reads back another value.
+        CameraSettingRefused: the camera lacks a setting, or reports a different value.
     """
     held = {}
     for setting, wanted in settings.given().items():

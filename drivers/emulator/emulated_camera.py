@@ -15,7 +15,7 @@ from drivers.frame import Frame, read_only
 
 
 class Exposes(Protocol):
-    """Interface of a board that emulated cameras can see: `EmulatedBoard` or `RemoteBoard`."""
+    """Interface of a board that emulated cameras can see, such as `EmulatedBoard`."""
 
     def exposure(self, start: float, end: float) -> ExposureView:
         """Return the state of the board during an exposure from `start` to `end` [s]."""

@@ -105,7 +105,7 @@ class StripeStream:
     """Scan in progress, created by `acquire`.
 
     Attributes:
-        dark_after: indices of the stripes that are followed by a dark flash; empty if the board cannot make dark
+        dark_after: indices of the stripes for which a dark flash is planned; empty if the board cannot make dark
             flashes.
     """
 
@@ -179,7 +179,7 @@ class StripeStream:
 
     @property
     def report(self) -> ScanReport:
-        """Result of the scan so far; complete once the scan has ended."""
+        """Result of the scan so far; complete once the iteration has ended."""
         worker, grabber, verdicts = self._worker, self._worker.grabber, tuple(self._verdicts)
         return ScanReport(
             planned=tuple(stripe.index for stripe in self._task.firing_order),

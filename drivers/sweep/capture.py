@@ -20,8 +20,8 @@ class StripeVerdict(enum.Enum):
         AMBIENT_CHANGED: in step, but the ambient light or the exposure differs from that of the reference frame.
         DARK: the laser was on, but hardly any column shows it: the ground is black, or the laser has failed.
         LEAK: the off frame shows a stripe: the laser was not off, or the frame is older than the command.
-        NOT_MOVED: the stripe is where the previous one was: the mirror did not move, or the frame is older than the
-            command.
+        NOT_MOVED: the stripe has moved less than expected since the previous one: the mirror did not move, or the
+            frame is older than the command.
         OUT_OF_BAND: the stripe is outside the rows in which it can be.
         REPEATED: the frame is identical to the off frame or to the previous on frame, although laser or mirror changed.
         RESIZED: size or dtype of the frame differs from that of earlier frames.
@@ -41,7 +41,7 @@ class StripeVerdict(enum.Enum):
 
     @property
     def in_step(self) -> bool:
-        """True unless a frame is missing or contradicts the commands; a dark stripe does not contradict them."""
+        """True for OK, UNPROVED, AMBIENT_CHANGED and DARK, which do not contradict the commands."""
         return self in IN_STEP
 
 
@@ -113,7 +113,7 @@ class StripeCapture:
     def of(
         cls, stripe: PlannedStripe, reached: float, on: Frame | None, off: Frame | None, dark: Frame | None = None
     ) -> StripeCapture:
-        """Make a stripe from its frames, not yet verified; `reached` is `mirror_angle_reached`."""
+        """Make a stripe from its frames before the images are compared; `reached` is `mirror_angle_reached`."""
         return cls(
             index=stripe.index,
             mirror_angle=stripe.mirror_angle,
@@ -131,7 +131,7 @@ class StripeCapture:
 
 @dataclass(frozen=True, slots=True)
 class ScanReport:
-    """Result of a scan so far; complete once the scan has ended.
+    """Result of a scan so far; complete once the iteration over its stripes has ended.
 
     Attributes:
         planned: indices of the planned stripes, in the firing order.

@@ -16,7 +16,7 @@ class SweepOptions:
 
     Attributes:
         flash: longest duration of a stripe's flash [s].
-        period: shortest time between two triggers [s].
+        period: shortest time between two triggers [s]; the camera's `trigger_period` applies if it is longer.
         tolerance: allowed difference between an interval of triggers and the same interval on the camera's clock [s].
         repeats: largest number of additional sweeps for stripes whose frames could not be verified.
 

@@ -15,7 +15,7 @@ from drivers.sweep.capture import StripeEvidence, StripeVerdict
 from drivers.sweep.firing_order import RowRange
 
 # Least number of sampled columns, if the image has as many. Their median row is accurate to a fraction of a pixel and
-# takes 0.2 ms.
+# takes 0.2 ms to compute.
 COLUMNS = 80
 # Least number of sampled rows, if the image has as many; at any image size, their spacing is less than half a stripe's
 # width.
@@ -44,7 +44,7 @@ class ProofLimits:
         min_lit_fraction: least fraction of lit columns at which the laser counts as seen.
         min_leak_fraction: least fraction of columns that are brighter in the off frame for it to count as lit.
         max_offset: largest brightness change of the whole frame, as a fraction of full scale.
-        min_shift: least shift of a stripe, as a fraction of the expected shift.
+        min_shift: least shift of a stripe, as a fraction of the expected shift; 1 px until three shifts are known.
         max_out_of_band: largest fraction of lit columns outside the band.
     """
 

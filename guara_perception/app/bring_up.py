@@ -58,7 +58,7 @@ class BringUp:
         missing = [point for point in DARK if point not in passed]
         if self._laser and missing:
             raise InvalidInput(
-                f"J1 is a laser, but board {serial} has not passed point{'s' * (len(missing) > 1)} "
+                f"a laser is wired to J1, but board {serial} has not passed point{'s' * (len(missing) > 1)} "
                 f"{' and '.join(missing)} with an LED. Open SW1, wire the LED of docs/build.md to J1 and start again"
             )
         if not self._laser:

@@ -30,8 +30,8 @@ def calibrate(
         session_folder: folder with `session.json` (docs/files.md).
         robot: model, name or folder of the robot; None = the robot named in the session.
         distortion: lens coefficients to estimate: "k1k2", "k1k2p1p2" or "k1k2p1p2k3".
-        camera_info: file with known intrinsics (OpenCV, ROS or Kalibr), for which images of the board are optional and
-            serve only as a check; None = estimate the intrinsics.
+        camera_info: file with known intrinsics (OpenCV, ROS or Kalibr); images of the board are then optional and serve
+            only as a check. None = estimate the intrinsics.
         square: edge of the board's squares [m]; None = as in the session.
         not_mirrored: True to assert that the images are not mirrored, whatever the colours of the board.
         force: True to return a calibration even if its verdict is `refused`.
@@ -39,8 +39,8 @@ def calibrate(
     Raises:
         CalibrationRefused: the verdict is `refused` and `force` is False, or no calibration can be computed; the
             message gives the reasons.
-        CalibrationMismatch: the session belongs to another robot, or images differ from each other or from the known
-            intrinsics in size, or come from different cameras.
+        CalibrationMismatch: the session belongs to another robot, images differ in size from each other or from
+            the known intrinsics, or plates were scanned by different cameras.
         MissingFile, FileFormatError, InvalidInput: an argument is invalid, or the session cannot be read.
         kinematics.KinematicsError: the robot does not exist, or the stance does not fit it.
     """

@@ -89,6 +89,9 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
 
         A grid is rejected if it is damaged, belongs to another robot, extent, frame or run of the node, or is not newer
         than the last one.
+
+        Raises:
+            transport.MessageError: unknown extent.
         """
         receiver = self._client.receiver(extent)
         counts = {name: getattr(receiver, name) for name in ("received", "superseded", "missed")}
@@ -178,6 +181,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
             transport.ReceiveTimeout: no grid arrived in time.
             ScannerGone, ScannerUnavailable: no grid arrived, and the node went away or was never there.
             UnsafeGrid: a grid violates the safety invariant and must not be used.
+            transport.MessageError: unknown extent.
         """
         number = 0
         while True:
@@ -198,6 +202,9 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
         """Call `callback` with each new grid, on the client's own thread; a grid superseded meanwhile is skipped.
 
         Grids and arguments are as in `stream`. A grid that violates the safety invariant is logged and not passed on.
+
+        Raises:
+            transport.MessageError: unknown extent.
         """
 
         def hand_over(message: TerrainMessage) -> None:
@@ -239,6 +246,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
             transport.ReceiveTimeout: no such grid arrived in time although the node is alive.
             ScannerGone, ScannerUnavailable: no such grid arrived, and the node went away or was never there.
             UnsafeGrid: the grid violates the safety invariant and must not be used.
+            transport.MessageError: unknown extent.
         """
         if confirmed:
             accepted["confirmed_only"] = True

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 BLUE, ORANGE, GREEN, RED, GREY = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#999999"
 SERIES = (BLUE, ORANGE, GREEN, "#cc79a7", "#56b4e9", RED, "#000000")
 DPI = 110
-# Area of the paper's rectified image: 540 x 450 mm of floor [m].
+# Floor area of the paper's rectified image [m].
 AREA_X, AREA_Y = (0.50, 0.95), (-0.27, 0.27)
 FLOOR_EXTENT = (AREA_Y[1], AREA_Y[0], *AREA_X)
 FLOOR_LABELS = {"xlabel": "y, left of the robot [m]", "ylabel": "x, ahead of the robot [m]"}
@@ -255,7 +255,7 @@ def plate_errors(result: CalibrationResult) -> bytes:
 
 
 def mirror_steps(result: CalibrationResult) -> bytes:
-    """Draw the deviation of each stripe's laser plane from the plane of an ideal mirror."""
+    """Draw the angle by which each stripe's laser plane deviates from the one that an ideal mirror would give."""
     figure, (axes,) = new_figure(9.5, 3.4)
     sweep = result.laser.sweep
     axes.plot(sweep.indices, np.rad2deg(2 * sweep.step_errors), ".-", color=BLUE, linewidth=0.8)

@@ -60,7 +60,11 @@ class Given:
     help="names of laser-off pictures, as a shell pattern; default: names with a word such as off or dark",
 )
 @click.option("--number", type=int, help="which number in the names gives the order: 1 = first, -1 = last")
-@click.option("--mode", type=click.Choice(["standard", "coarse"]), help="scan pattern; default: by number of pictures")
+@click.option(
+    "--mode",
+    type=click.Choice(["standard", "coarse"]),
+    help="scan pattern; default: by number of pictures, standard with --indices",
+)
 @click.option("--indices", is_flag=True, help="the numbers are the indices of the stripes; some may be missing")
 @click.option("-c", "--calibration", type=FILE, help="calibration with the mirror angles; default: those of robot.toml")
 @click.option("--board", default="9x7", help="session: inner corners of the board, COLUMNSxROWS")
@@ -76,7 +80,7 @@ class Given:
 def command(pictures: tuple[Path, ...], out: Path, kind: str | None, robot: str, preview: bool, **values: Any) -> None:
     """Create a scan folder or a calibration session from PICTURES: PNG, JPEG, BMP, TIFF or PGM, in any order.
 
-    Pictures of a scan are ordered by a number in their names, and paired by that number and words such as on and off.
+    Pictures of a scan are ordered by a number in their names, and paired by that number and a word such as off.
     Before anything is written, the command shows the purpose of each picture. On a terminal, it asks for missing
     options and for confirmation.
 
