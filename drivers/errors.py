@@ -100,7 +100,7 @@ class CameraNotFound(CameraError, FileNotFoundError):
 
 
 class CameraBackendMissing(CameraError, ValueError):
-    """A library for the camera is missing: Aravis, linuxpy, or an OpenCV backend (FireWire, GStreamer)."""
+    """A library for the camera is missing: Aravis, linuxpy, or an OpenCV backend such as GStreamer."""
 
 
 class CameraNotOpen(CameraError, RuntimeError):

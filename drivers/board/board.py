@@ -35,7 +35,7 @@ class Board(ABC):
     Unless stated otherwise, methods that communicate with the board also raise `BoardNotOpen` if it is not open, and
     another `BoardError` if it does not respond.
 
-    `tests/drivers/board/test_any_board.py` tests everything that can be tested without instruments.
+    `tests/drivers/board/test_any_board.py` tests these guarantees as far as possible without instruments.
     """
 
     def __enter__(self) -> Self:

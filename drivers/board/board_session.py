@@ -181,7 +181,7 @@ class BoardSession(Board):
         return self._repeat(Request.MOTION, 0, MOTION_SIZE, MotionProfile.unpack)
 
     def read_record(self, timeout: float) -> BoardStatus | StripeRecord | None:
-        """Wait for the board's next report; return None if none arrived in time or it cannot be read.
+        """Wait for the board's next report; return None if no report arrives in time, or if it cannot be read.
 
         Args:
             timeout: longest wait [s].

@@ -68,7 +68,7 @@ class HeldSettings:
 class Camera(ABC):
     """Base class of cameras; a context manager. To support another camera, implement the five abstract methods.
 
-    If the camera can report its settings, also implement `held`, so that every scan checks them.
+    If the camera can report its settings, also implement `held`, so that `setting_changes` can detect changes.
 
     Attributes:
         name: name of the camera in messages.

@@ -1,6 +1,7 @@
 """Laser board emulated at the USB level, and an emulated camera that sees it.
 
-`emulated_backend(EmulatedBoard())` is a pyusb backend for `LaserBoard(backend=...)`. Imports `board` and `cameras`.
+`emulated_backend(EmulatedBoard())` is a pyusb backend for `LaserBoard(backend=...)`. Imports `drivers.board`,
+`drivers.cameras` and the files directly in `drivers`.
 """
 
 from __future__ import annotations

@@ -10,8 +10,9 @@ from drivers.arrays import Float
 from drivers.board.protocol import WAIT_UNIT_US
 
 # Positions in a sweep at which the board waits before the trigger. Each wait reveals a shift of the frames relative to
-# the triggers: the first waits after few frames, the last ones even if a camera has missed a third of the sweep. Their
-# distances are uneven: with equal distances, a shift by one distance would match all but the outermost waits.
+# the triggers: the first waits do so after few frames, the last ones even if the camera has missed the first 30 % of a
+# standard sweep. The waits are unevenly spaced: with equal spacing, a shift by that spacing would match all but the
+# outermost waits.
 WAITING_PLACES = (1, 3, 4, 8, 10, 15, 21, 27, 34)
 WAIT_UNIT = WAIT_UNIT_US * 1e-6
 # Least number of frames that the true shift must explain in addition to those that any other shift explains.

@@ -41,7 +41,7 @@ class FrameCounts:
     """Counts as in `FrameGrabber`, except for the following.
 
     Attributes:
-        used: number of stripes handed over.
+        used: number of stripes with verified frames.
         skipped: number of frames without a device time.
         dropped: number of all frames that are missing in the camera's counter.
     """

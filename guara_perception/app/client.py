@@ -53,7 +53,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
             robot: instance name of the robot.
             security: folder of a role made by `guara security init`, for a node with security.
             timeout: seconds to wait for the connection.
-            encoding: "lossless", or "compact" for slow links: an eighth of the size, heights accurate to 0.06 mm,
+            encoding: "lossless", or "compact" for slow links: about an eighth of the size, heights accurate to 0.06 mm,
                 everything else rounded conservatively, so that nothing is accepted that the lossless grid rejects.
 
         Raises:
@@ -159,7 +159,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
     ) -> MapRegions:
         """Return the convex steppable regions of the newest fused map, largest first, without the map itself.
 
-        Arguments and errors are those of `summary`. A client that connects later gets the last message immediately.
+        Arguments and errors are those of `summary`. The last message sent before the client connected is received too.
         """
         return message_to_regions(self._client.regions(timeout=timeout, max_age=max_age, **accepted))
 
