@@ -51,8 +51,8 @@ class Turn(FrozenArrays):
 
     Attributes:
         heights: (n,) measured heights above the floor [m].
-        sigmas: (n,) stated standard deviations of the heights [m]: for each block, the median over its cells, combined
-            with the standard deviation of the floor. The pose error, which blocks and floor share, is excluded.
+        sigmas: (n,) stated standard deviations of the heights [m]: for each block, the median over its inner cells,
+            combined with the standard deviation of the floor. The pose error, which blocks and floor share, is excluded.
         known: fraction of the grid that is known.
         reasons: reasons why the grid's health is not "ok".
     """
@@ -83,7 +83,7 @@ def parse_blocks(text: str) -> tuple[float, ...]:
 
 
 def measure(terrain: TerrainGrid, heights: Sequence[float]) -> Turn:
-    """Measure the blocks in a grid: for each block, the median height of its cells above the fitted floor.
+    """Measure the blocks in a grid: for each block, the median height of its inner cells above the fitted floor.
 
     Args:
         terrain: grid of one scan of a floor with nothing but the blocks on it.
