@@ -79,7 +79,7 @@ class BringUp:
             if not self._laser:
                 self._write(serial, passed)
         if self._laser:
-            self._tell("The laser goes dark as the LED did. Measure its power at the head: below 1 mW (docs/build.md)")
+            self._tell("The laser goes dark as it should. Measure its power: it must be below 1 mW (docs/build.md)")
         else:
             self._tell("Open SW1, glue the mirror on, exchange the LED for the laser, and run this again")
 
@@ -118,7 +118,10 @@ class BringUp:
             status = board.status()
             taken = status.device_time - began
             if status.laser_sensed or BoardFault.WATCHDOG not in status.faults:
-                raise PointFailed(f"still lit {taken:.2f} s after the last command. Open SW1; flash the firmware again")
+                raise PointFailed(
+                    f"the watchdog did not turn the light off within {taken:.2f} s of the last command. Open SW1; "
+                    "flash the firmware again"
+                )
         self._confirm(
             "Did it light up and go out by itself within half a second?",
             "the photodiode senses light that you do not see: D3 must see J1's light alone. Open SW1",
