@@ -52,7 +52,7 @@ class Turn(FrozenArrays):
     Attributes:
         heights: (n,) measured heights above the floor [m].
         sigmas: (n,) stated standard deviations of the heights [m]: for each block, the median over its inner cells,
-            combined with the standard deviation of the floor. The pose error, which blocks and floor share, is excluded.
+            combined with the standard deviation of the floor. The pose error, shared by blocks and floor, is excluded.
         known: fraction of the grid that is known.
         reasons: reasons why the grid's health is not "ok".
     """
