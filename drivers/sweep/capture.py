@@ -20,7 +20,7 @@ class StripeVerdict(enum.Enum):
         AMBIENT_CHANGED: in step, but the ambient light or the exposure differs from that of the reference frame.
         DARK: the laser was on, but hardly any column shows it: the ground is black, or the laser has failed.
         LEAK: the off frame shows a stripe: the laser was not off, or the frame is older than the command.
-        NOT_MOVED: the stripe has moved less than expected since the previous one: the mirror did not move, or the
+        NOT_MOVED: the stripe has moved much less than expected since the previous one: the mirror did not move, or the
             frame is older than the command.
         OUT_OF_BAND: the stripe is outside the rows in which it can be.
         REPEATED: the frame is identical to the off frame or to the previous on frame, although laser or mirror changed.

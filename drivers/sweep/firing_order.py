@@ -19,7 +19,7 @@ class PlannedStripe:
 
 # Image rows (first, end) in which a stripe must appear.
 RowRange = tuple[int, int]
-# Function that returns the row range of a stripe, given its index; known from a calibration.
+# Function that returns the row range of a stripe, computed from a calibration, given the index of the stripe.
 RowRangeOf = Callable[[int], RowRange]
 
 

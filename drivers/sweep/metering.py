@@ -135,7 +135,7 @@ def _measure(board: Board, camera: Camera, grabber: FrameGrabber) -> _Brightness
 
 
 def brightness_of(on: Image, off: Image) -> _Brightness:
-    """Measure the brightness of ridge and background, and the fraction of clipped columns."""
+    """Measure the brightness of ridge and background, and the fraction of lit columns that are clipped."""
     full = float(np.iinfo(on.dtype).max)
     stride = max(1, on.shape[1] // SAMPLES)
     bright, dark = (_strongest(image[:, ::stride]) / full for image in (on, off))
