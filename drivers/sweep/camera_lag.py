@@ -101,7 +101,7 @@ def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: flo
     if longest < shortest:
         raise LaserNotSeen(
             f"{camera.name}: some frames show the laser {(shortest - longest) * 1e3:.1f} ms earlier than others allow: "
-            "is the stripe clipped, does anything else light the scene?"
+            "is the stripe clipped, or does anything else light the scene?"
         )
     return LagMeasurement(longest, longest - shortest, period, toggles)
 

@@ -39,7 +39,7 @@ def check_firing_order(firing_order: Iterable[tuple[int, float]]) -> tuple[Plann
     for stripe in stripes:
         if stripe.index < 0 or stripe.index in seen:
             raise BadFiringOrder(
-                f"stripe index {stripe.index} in the firing order: each must be 0 or more and occur once"
+                f"stripe index {stripe.index} in the firing order; each index must be 0 or more and occur once"
             )
         if not math.isfinite(stripe.mirror_angle):
             raise BadFiringOrder(f"stripe {stripe.index} has mirror angle {stripe.mirror_angle}; it must be finite")
