@@ -84,9 +84,9 @@ class UsbLink:
             BoardNotFound: no board is plugged in, none has the configured serial number, or there are several and no
                 serial number is configured.
             BoardPermissionDenied: this user may not open the board.
-            BoardInUse: another program uses the board.
+            BoardInUse: the board is already claimed, usually by another program.
             BoardUnplugged: the board was unplugged during the call.
-            BoardError: a transfer failed for another reason, which the subclass gives.
+            BoardError: the board cannot be opened for another reason, which the subclass gives.
         """
         import usb.core
         import usb.util
