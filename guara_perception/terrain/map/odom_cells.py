@@ -26,12 +26,13 @@ MEMORY: dict[str, tuple[Any, Any]] = {
     "other_variance": (np.float64, 0.0),  # variance of that height [m^2]
     "pause": (np.int64, NEVER),  # number of the pause when last seen
     "stamp": (np.int64, 0),  # time when last seen [ns]
-    "looks": (np.uint8, 0),  # number of scans that saw the cell
+    "looks": (np.uint8, 0),  # number of scans fused since the cell became known, 255 at most
     "rise": (np.float64, 0.0),  # variance of the drift of odometry in z when last seen [m^2]
     "shift": (np.float64, 0.0),  # upper bound of the variance of horizontal drift when last seen [m^2]
     "turn": (np.float64, 0.0),  # variance of heading drift when last seen [rad^2]
 }
-# Squares are shrunk by this length, so that a square that only shares an edge with a cell does not touch the cell.
+# Each side of a square is moved inward by this length, so that a square that only shares an edge with a cell does not
+# touch the cell.
 SHRUNK_M = 1e-7
 
 
@@ -53,7 +54,7 @@ class OdomCells:
 
         Args:
             resolution: cell edge [m].
-            reach: least distance from the centre to every edge of the window [m].
+            reach: minimum distance from the centre to the edges of the window [m].
         """
         self.resolution = resolution
         self.side = 2 * (int(np.ceil(reach / resolution)) + 1)
@@ -107,7 +108,7 @@ class OdomCells:
         return values
 
     def _pieces(self, first: int, count: int, window: int) -> list[tuple[slice, slice]]:
-        """Slices of rows (or columns) into the rectangle and into memory, for the part of the rectangle in the window.
+        """Pairs of slices of rows (or columns), into the rectangle and into memory, for its part in the window.
 
         There are two pairs if this part wraps around in memory, and none if it is empty.
         """
@@ -183,11 +184,12 @@ class Squares:
 
         Args:
             layer: values of the block, of shape `shape`.
-            join: commutative, associative and idempotent function of two values.
+            join: commutative and associative ufunc of two arguments, such as `np.bitwise_or`.
             which: indices of the squares; None = all.
         """
         rows, columns = self.most
-        # table[i, j] reduces i + 1 rows and j + 1 columns, starting at each cell; no square extends beyond the block.
+        # table[i, j] reduces i + 1 rows and j + 1 columns, starting at each cell. Entries near the end of the block are
+        # incomplete, but no square reads them.
         table = np.empty((rows, columns, *self.shape), layer.dtype)
         table[0, 0] = layer
         for down in range(1, rows):

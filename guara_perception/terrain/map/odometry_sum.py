@@ -1,18 +1,19 @@
 """Test of the corrections of a walk against the accumulated drift of odometry, to detect moving ground.
 
-A registration is compared with the error of odometry in one motion. Ground that moves by less at each pause passes this
-test and drags the map along. Over several pauses the motions of the ground add up, but the errors of odometry grow only
-with the square root. So, for each earlier pause j, two sums since j are compared with the drift of odometry since j:
+The gate of a registration compares it with the error of odometry in one motion. Ground that moves by less at each pause
+passes this gate and drags the map along. Over several pauses the motions of the ground add up, but the errors of
+odometry grow only with the square root of the number of pauses. So, for each earlier pause j, two sums since j are
+compared with the drift of odometry since j:
 
     d = T_j^-1 T                        corrections of the map, where T is the correction of the drift
     d = sum of the motions from scan to scan minus those of odometry
 
 The second sum detects slow ground first: if few heights show the motion, the corrections follow only a small part of
-it. Let w be the displacement since j, s the fraction of w by which odometry may err along w, always with the same
-sign: if all feet slide back together, the distances between them do not change, so odometry cannot detect the slide.
-Let P_j be the covariance at j, of the drift for the first sum and of the noise for the second, F the transition from
-footprint j to the present one (`transition_between`), and N the covariance of the heights and of the present noise, for
-the second sum only. Then the covariance of d is
+it. Let w be the displacement since j, and s the sigma of odometry along w as a fraction of w, with an error of the same
+sign at all pauses: if all feet slide back together, the distances between them do not change, so odometry cannot detect
+the slide. Let P_j be the covariance at j, of the drift for the first sum and of the noise for the second, F the
+transition from footprint j to the present one (`transition_between`), and N the covariance of the heights and of the
+present noise, for the second sum only. Then the covariance of d is
 
     S = F P_j F' + drift of odometry since + N + s^2 w w'
 
@@ -21,8 +22,8 @@ plus the slip that is accepted where texture shows it (`shown_slip`).
 If d' S^-1 d exceeds a bound for any j, either the ground moved or odometry is worse than it states. It cannot be
 decided which, so all corrections since the earliest such j are discarded. Earlier corrections are kept: had the ground
 moved before, sums since earlier pauses would exceed the bound as well. If only the second sum exceeds the bound, and
-the corrections of a walk with texture agree better with odometry than with the scans, the heights moved: corrections
-are kept, and heights are no longer used.
+the corrections of a walk with texture agree better with odometry than with the scans, the heights moved, and the
+corrections are kept. In both cases, heights do not correct the walk during the next EARLIER_PAUSES pauses.
 """
 
 from __future__ import annotations
@@ -36,16 +37,16 @@ from guara_perception.arrays import Float
 from guara_perception.fields import Fields
 from kinematics.arrays import FrozenArrays
 
-# Number of earlier pauses that are compared. After so many pauses, the hind feet reach ground that was first seen at
-# the oldest of them.
+# Number of earlier pauses that are compared, and number of pauses without registration after a contradiction. After so
+# many pauses, the hind feet reach ground that was first seen at the oldest of them.
 EARLIER_PAUSES = 24
-# Bound of a sum. If a walk over still ground exceeds it, the corrections are lost and the walk continues with odometry;
-# with 2 sigmas this happened in one of six walks.
+# Bound of a sum [sigmas]. If a walk over still ground exceeds it, the corrections are lost and the walk continues with
+# odometry; with 2 sigmas this happened in one of six walks.
 MOST_SIGMAS = 3.0
 # Sigmas of slip along and across the displacement, relative to its length, that are accepted if texture over the whole
 # view shows the slip; and distance between the feet, which converts slip to yaw. In a simulation with physics, robots
 # with position servos without feed-forward slip by 4 to 13 % along the path and by less than 1 % across it. The
-# correction does not follow ground that fills the view and moves sideways by more than that.
+# small sigma across keeps the correction from following ground that fills the view and moves sideways.
 SHOWN_SLIP_ALONG, SHOWN_SLIP_ASIDE, LEVER_M = 0.06, 0.02, 0.3
 
 
@@ -79,7 +80,7 @@ class OdometrySum(FrozenArrays):
             robot.
         seen: (k, 3) x, y, yaw by which the motion since the pause, as shown by scans, exceeds that of odometry, about
             the current position of the robot.
-        seen_covariances: (k, 3, 3) covariances of `seen`.
+        seen_covariances: (k, 3, 3) covariances of `seen`, without the noise of the current pause.
         shown: (k,) length of that part of the path since the pause which texture over the whole view confirmed [m].
     """
 
@@ -136,7 +137,7 @@ class OdometrySum(FrozenArrays):
             odometry: (4, 4) current transform_footprint_to_odom from odometry.
             noise: (3, 3) covariance of the noise of the current pause alone.
             slip_share: sigma of odometry along the displacement, relative to its length.
-            textured: True if texture corrects the walk.
+            textured: True if there is texture of earlier pauses.
         """
         if not len(self.transforms):
             return None

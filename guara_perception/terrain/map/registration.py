@@ -5,14 +5,14 @@ the height of the map, both relative to the footprint and along the axes of odom
 
     sum w r^2 / s^2 / n + m' P^-1 m    with    r = H(R q + d) - (z + dz + rx y - ry x)
 
-is minimised over m = (dx, dy, dz, rx, ry, turn). R is the rotation by `turn`, d = (dx, dy), w Huber's weight, and P the
-prior covariance of m from odometry. s^2 is the variance of r: the variances of both heights, and the effect of a
-horizontal position error on a slope. Errors of neighbouring cells are correlated, so the information of the heights is
-divided by n.
+is minimised over m = (dx, dy, dz, rx, ry, turn). R is the rotation by `turn`, d = (dx, dy), w the Huber weight, and P
+the prior covariance of m from odometry. s^2 is the variance of r: the variances of both heights, FLOOR_SIGMA_M^2, and
+the effect of a horizontal position error on a slope. Errors of neighbouring cells are correlated, so the information of
+the heights is divided by n.
 
 Both height fields are smoothed in the same way, and the slope is the mean of both slopes (Malis, Improving vision-based
 control using efficient second-order minimization techniques, ICRA 2004). A slope that may be noise must not be used for
-x and y: a cell whose slope in the scan is below SLOPE_SIGMAS of its error counts as level, and a level cell observes
+x and y: a cell whose slope in the scan is below SLOPE_SIGMAS times its sigma counts as level, and a level cell observes
 only height and tilt. The slope of the map is not used for this decision, because the map has seams of a millimetre or
 two at the ends of scans. On level ground and gentle slopes, x, y and yaw therefore keep their priors. Slopes this small
 cannot be used: the map's heights are off by a millimetre over areas as large as a ramp, which is equivalent to a shift
@@ -53,7 +53,7 @@ CELLS_OF_TWO_SCANS = 8.0
 OPEN_SIGMA = 0.05
 # Additional sigma of the difference of two heights.
 FLOOR_SIGMA_M = 0.0007
-# Least sigma of independent errors of heights.
+# Lower bound of the sigma of independent errors of heights.
 OWN_SIGMA_M = 0.0003
 # Horizontal sigma of the position of a height relative to its cell.
 ASIDE_SIGMA_M = 0.004
@@ -271,7 +271,7 @@ class _Ground:
         return _Ground(np.stack((*_smooth(heights, cells.resolution), variance)), at, cells.resolution)
 
     def at(self, x: Float, y: Float) -> Float:
-        """Layers (4, n) interpolated bilinearly at points in the frame of `first`; the height is NaN where unknown."""
+        """Layers (4, n) interpolated bilinearly at points [m]; NaN outside the grid, the height also where unknown."""
         u, v = x / self.resolution - 0.5 - self.first[1], y / self.resolution - 0.5 - self.first[0]
         ny, nx = self.layers.shape[1:]
         j, i = np.floor(u).astype(np.intp), np.floor(v).astype(np.intp)

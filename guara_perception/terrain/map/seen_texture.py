@@ -42,7 +42,7 @@ MARGIN_PX = 33
 NEIGHBOURHOOD_PX, GREY, LEVELS_OF_CONTRAST = 27, 128, 400.0
 # Median grey level, from 0 to 255, up to which sensor noise is as strong as texture.
 DARK_LEVEL = 10.0
-# Largest height difference between a cell and its neighbours; steeper ground looks different from each side.
+# Largest height range of a cell and its eight neighbours; steeper ground looks different from each side.
 MOST_RISE_M = 0.008
 MOST_CORNERS, CORNER_QUALITY, CORNER_DISTANCE_PX = 120, 0.02, 6
 WINDOW_PX, PYRAMID = 11, 2
@@ -55,10 +55,10 @@ LEAST_CORNERS, LEAST_AGREEING, MOST_SIGMAS = 25, 0.5, 3.0
 # positions exceeds LEAST_EXTENT_M in every direction (it is at least 0.13 m over a whole view). Otherwise they may be
 # on a part of the view that moves by itself.
 WHOLE, LEAST_EXTENT_M = 0.8, 0.08
-# Largest deviation of an agreeing corner, in units of the spread, and bounds of the spread: above half a pixel of an
-# image, the agreement would be accidental.
+# Largest deviation of an agreeing corner, in units of the spread, and bounds of the spread. The upper bound is about
+# half a pixel of the image; with a larger spread, corners would agree by chance.
 AGREEING_SIGMAS, LEAST_SPREAD_M, MOST_SPREAD_M = 3.0, 0.0003, 0.0006
-# Least sigma of a corner per axis, a thirtieth of a pixel, and number of corners that count as one. Two motions, each
+# Least sigma of a corner per axis, a thirtieth of PIXEL_M, and number of corners that count as one. Two motions, each
 # estimated from every other corner, differ by 1.2 times as much as with independent corners. This comparison does not
 # show the errors that neighbouring corners share.
 LEAST_SIGMA_M, CORNERS_THAT_COUNT_AS_ONE = 0.0001, 2.0
@@ -78,7 +78,8 @@ class VisualMotion:
     Attributes:
         motion: (3,) x, y [m] and yaw [rad] from odometry to the texture, about the footprint; zero if refused.
         covariance: (6, 6) covariance of the pose, the prior if refused.
-        corners: number of corners that agree; if too few were found, the number of those.
+        corners: number of corners that agree; the number of corners found if these are too few, 0 without a usable
+            image.
         is_whole: True if nearly all corners agree and they extend over the view, which means that either the robot or
             all ground in view moved.
         inherited: fraction of the covariance that later pauses inherit.
@@ -102,7 +103,7 @@ class SeenTexture(FrozenArrays):
     """Texture of the ground in `odom`.
 
     Attributes:
-        texture: (ny, nx) contrast of each pixel as a grey level relative to GREY, 0 where unknown.
+        texture: (ny, nx) contrast of each pixel as a grey level, GREY for zero contrast, 0 where unknown.
         first: (2,) indices (y, x) of `texture[0, 0]`; pixel 0 begins at the origin.
     """
 
@@ -127,7 +128,8 @@ class GroundView:
     Attributes:
         picture: laser-off image.
         terrain: grid of the scan.
-        places: (ny, nx, 2) position of each cell in the image [px], or a position outside the image where unknown.
+        places: (ny, nx, 2) position of each cell in the image [px], far outside the image for cells not visible in it;
+            cells of unknown height are assumed at `level`.
         known: (ny, nx) 255 where a cell and its neighbours are known, level and inside the image, otherwise 0.
         level: median height [m].
         median: median grey level of the ground in the image.
@@ -184,7 +186,7 @@ class GroundView:
         outside = (-1e4, -1e4)
         places = np.asarray(cv2.warpAffine(self.places, to_cell, size, flags=how, borderValue=outside), np.float32)
         known = cv2.warpAffine(self.known, to_cell, size, flags=how) == 255
-        # A pixel of the view covers about three pixels of the image, so the image is averaged over three pixels.
+        # A pixel of the view is about three pixels of the image wide, so the image is averaged over 3 x 3 pixels.
         smooth = cv2.blur(self.picture.grey, (3, 3))
         seen = np.asarray(cv2.remap(smooth, places[..., 0], places[..., 1], cv2.INTER_LINEAR), np.float32)
         weight = known.astype(np.float32)
@@ -207,7 +209,7 @@ def visual_motion(
     Args:
         view: image and scan of the pause, or the reason why there is no image.
         seen: texture of earlier pauses, None if there is none.
-        transform: (4, 4) transform_footprint_to_odom from odometry.
+        transform: (4, 4) transform_footprint_to_odom from odometry, with earlier corrections.
         prior: (6, 6) covariance of the pose error relative to the texture, in REP-103 order.
         since: (3, 3) covariance of the odometry error since texture last corrected the walk or a new reference texture
             was taken.

@@ -37,11 +37,11 @@ def snapshot_layers(
     settings: Settings,
     soft: tuple[SoftFoothold, ...] = (),
 ) -> dict[str, Array]:
-    """Compute all layers of the extent `map`.
+    """Compute the layers of a grid of extent `map`, except `ceiling`.
 
-    Soles must be on the grid, but the discs of their tests also read known ground outside it. A grid cell that touches
-    unknown cells of the map is unknown, with the causes of all of them. Its lowest and highest samples are those of all
-    touched cells, so that no narrow bump is missed.
+    A sole must lie on the grid, but the discs of the tests also read known ground outside it. A grid cell that touches
+    unknown cells of the map is unknown, with the causes of all of them. The lowest and highest samples of a known cell
+    are those of all map cells that it touches, so that no narrow bump is missed.
     """
     inner, beyond = geometry, beyond_border(disc_kernel(settings.limits.disc_radius / geometry.resolution))
     geometry = inner.widened(beyond)

@@ -39,8 +39,8 @@ class SoftFoothold:
 def sunk_feet(soles: Mapping[str, SoleError], variance: float, tilt: Float) -> dict[str, float]:
     """Feet that sank below the map, with their depths [m].
 
-    The depth of a sole is measured relative to the height that the walk and the other soles that did not sink predict;
-    errors of height and tilt are common to all soles.
+    The depth of a sole is measured relative to the height predicted from the walk and from the other soles that did not
+    sink. Errors of height and tilt are common to all soles.
 
     Args:
         soles: leg -> error of its sole relative to the map.

@@ -45,8 +45,8 @@ class TerrainMap:
     """Rolling elevation map of one walk.
 
     `update` fuses the scan of a pause into cells that are fixed in `odom`, and returns a grid of extent `map`. The
-    result is deterministic to the byte. Memory is bounded: cells farther away than the reach of the map plus a margin
-    are forgotten.
+    result is deterministic to the byte. Memory is bounded: cells that leave a square window around the robot are
+    forgotten.
 
     Example:
         terrain_map = TerrainMap(robot)
@@ -64,7 +64,7 @@ class TerrainMap:
             resolution: edge length of a cell [m]; None = the robot's default.
 
         Raises:
-            InvalidInput: the resolution does not divide the area.
+            InvalidInput: the resolution is not positive, or does not divide the area.
             kinematics.KinematicsError: no such robot.
         """
         self._robot = robot_model(robot)
@@ -128,8 +128,9 @@ class TerrainMap:
 
         Raises:
             InvalidInput: the grid has another extent or cell size, is in the compact encoding, or its step is not
-                greater than that of the last scan; the pose is not rigid or tilts by more than 0.2 rad; a covariance is
-                not (6, 6), symmetric and positive semidefinite; covariance_since_last is given at some pauses only.
+                greater than that of the last scan; a field of its record that is needed here is unreadable; the pose is
+                not rigid or tilts by more than 0.2 rad; a covariance is not (6, 6), symmetric and positive
+                semidefinite; covariance_since_last is given at some pauses only.
         """
         state, settings = self._state, self._settings
         check_scan(terrain, self._grid.resolution, state.step)

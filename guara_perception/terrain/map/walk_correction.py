@@ -1,4 +1,5 @@
-"""Planar drift correction: a Kalman filter on (x, y, yaw) of the walk, fed by scan-to-map registration.
+"""Planar drift correction: a Kalman filter on (x, y, yaw) of the walk, fed by scan-to-map registration and
+ground texture.
 
 The odometry pose of a pause has two errors: drift, which persists, and noise, which affects this pause only. Let P be
 the covariance of the drift and W that of the noise. Registration observes their sum: it moves the pause by m and
@@ -71,7 +72,8 @@ class WalkCorrection:
         growth: (3, 3) covariance of the last motion after registration.
         own: (3, 3) covariance of the texture's error at the last pause only, zero if texture did not correct that
             pause.
-        shift, turn: variances of all motions since the start [m^2, rad^2].
+        shift, turn: sums of the largest horizontal variance and of the yaw variance of all motions since the start
+            [m^2, rad^2].
         refused: reason why the last registration was not used, None if it was used.
         sum: corrections since earlier pauses, and the drift of odometry accumulated since the same pauses.
         distrusted: number of future pauses whose registration is not used.
@@ -369,7 +371,7 @@ class SidewaysDrift(FrozenArrays):
         return SidewaysDrift(pauses[kept], total[kept], both[kept], slips[kept])
 
     def variances(self, seen: Index, x: Float, y: Float, transform_footprint_to_odom: Float) -> Float:
-        """Variances (2, n) of the positions of cells along x and y of the footprint [m^2].
+        """Variances (2, n) of the drift of cells since they were seen, along x and y of the footprint [m^2].
 
         Args:
             seen: (n,) pauses at which the cells were last seen.
@@ -399,7 +401,7 @@ class SidewaysDrift(FrozenArrays):
         """Read the sums from a file.
 
         Raises:
-            FileFormatError: a value is missing or impossible, or a drift shrinks.
+            FileFormatError: a value is missing or impossible, the pauses are not ascending, or a drift shrinks.
         """
         count = len(fields.sequence("pauses"))
         pauses = fields.array("pauses", (count,)) if count else np.empty(0)

@@ -74,8 +74,9 @@ def best_foothold(
 ) -> Foothold | None:
     """Find the best foothold near a nominal position; None if there is none (`best_refused` gives the reasons).
 
-    The foothold passes `check_foothold` and has the largest product of score, nearness and clearance factors. Ties are
-    decided by the smaller distance from the nominal position, then by the smaller x, then by the smaller y.
+    Candidates are the cell centres within the radius, the nominal position and `previous`. Of those that pass
+    `check_foothold`, the result has the largest product of score, nearness and clearance factors. Ties are decided by
+    the smaller distance from the nominal position, then by the smaller x, then by the smaller y.
 
     Args:
         x, y: nominal position in base_footprint [m].

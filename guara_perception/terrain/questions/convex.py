@@ -46,8 +46,8 @@ def grow_polygon(seed: Float, bounds: Float, squares: Float, half: float) -> Con
     Args:
         seed: (2,) point inside `bounds` and outside all squares.
         bounds: (k, 3) half-planes that bound the polygon, within 2 m of the seed.
-        squares: (n, 2) centres of axis-aligned squares.
-        half: half the edge of a square.
+        squares: (n, 2) centres of axis-aligned squares [m].
+        half: half the edge of a square [m].
     """
     best = _polygon(np.vstack((bounds, _cuts(seed, seed, np.eye(2), squares, half))), seed)
     for _ in range(MOST_ROUNDS - 1):
@@ -147,7 +147,8 @@ def _hull(points: Float) -> Index:
 def _ellipse(vertices: Float) -> tuple[Float, Float]:
     """Centre of a polygon, and the metric in which the ellipse of its second moments is a circle."""
     mean = vertices.mean(axis=0)
-    # In millimetres relative to the mean, so that 1e-3 mm^2, added to the variances below, is negligible.
+    # In millimetres relative to the mean. The 1e-3 mm^2 added to the variances below are negligible and keep the
+    # covariance invertible.
     x, y = 1e3 * (vertices - mean).T
     next_x, next_y = np.append(x[1:], x[0]), np.append(y[1:], y[0])
     cross = x * next_y - next_x * y

@@ -53,8 +53,8 @@ class FootholdVerdicts(FrozenArrays):
         ok: (...) mask of the positions where a sole may be placed.
         score: (...) float64 traversability, 0 where not ok.
         leg: leg of the query, or None.
-        beyond: (...) excess of the leg's joints over their limits [rad], NaN if no joint positions reach; zeros without
-            a leg.
+        beyond: (...) excess of the leg's joints over their limits [rad], NaN if no joint positions reach or the height
+            is unknown; zeros without a leg.
     """
 
     terrain: LayeredGrid

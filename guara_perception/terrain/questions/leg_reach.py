@@ -90,7 +90,7 @@ def standing_soles(terrain: LayeredGrid) -> tuple[StandingSole, ...]:
     """Soles that carried the body when the grid was made.
 
     Raises:
-        InvalidInput: the grid's record lacks robot, stance or transform.
+        InvalidInput: the grid's record contains neither these soles nor robot, stance and transform.
         kinematics.KinematicsError: no such robot.
     """
     terrain.record.check("support_feet_used", "support_soles")

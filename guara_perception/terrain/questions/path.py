@@ -61,11 +61,12 @@ def check_path(
     """Check the path of a foot or a part of the body over this terrain.
 
     A path with z must stay `clearance` away from the ground. The height of the ground in a cell is the highest sample
-    plus the confidence; where observations disagree, the highest of all observations counts. Every cell within
-    `clearance` of the path, seen from above, must be known and not STALE, or have a ceiling, which then bounds the
-    ground. Near the ends of the path, where a foot stands, less is required: at a distance d from the nearer end at
-    most d - 5 mm - confidence, which is the clearance of a vertical lift. If the path starts at a sole that carried the
-    body when the grid was made, cells wholly under that sole may be unknown, because they are no higher than the sole.
+    plus the confidence, a multiple of sigma; where observations disagree, the highest of all observations counts. Every
+    cell within `clearance` of the path, seen from above, must be known and not STALE, or have a ceiling, which then
+    bounds the ground. Near the ends of the path, where a foot stands, less is required: at a distance d from the nearer
+    end at most d - 5 mm - confidence, which is the clearance of a vertical lift. If the path starts at a sole that
+    carried the body when the grid was made, cells wholly under that sole may be unknown, because they are no higher
+    than the sole.
 
     A path without z is a track on the ground: every cell within `clearance` must be known and free of hazards other
     than EDGE.
@@ -76,7 +77,8 @@ def check_path(
 
     Raises:
         InvalidInput: the points have the wrong shape or are not finite, the path is longer than 20 m or has a
-            coordinate beyond 20 m, or the clearance is not 0 ... 1 m.
+            coordinate beyond 20 m, the clearance is not 0 ... 1 m, or the path has z and the metadata of the grid lacks
+            limits.
     """
     terrain = asked(terrain, allow_stale)
     path = checked_points(points, (2, 3), 1, "points of a path")

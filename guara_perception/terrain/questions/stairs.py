@@ -29,7 +29,8 @@ SAME_SIGMAS, SAME_OF_RISE = 3.0, 0.2
 SLOPE_SIGMAS, STEP_SIGMAS = 1.0, 4.0
 # Least and largest rise from one tread to the next.
 LEAST_RISE_M, MOST_RISE_M = 0.012, 0.30
-# Largest relative difference between the rises of one flight, and largest range of the directions of its edges.
+# Largest difference of the rises of a flight from its first rise, as a fraction of that rise, and largest range of the
+# directions of its edges.
 RISES_ALIKE = 0.35
 EDGES_ALIKE_RAD = 0.15
 # A tread deeper than this multiple of the median depth is a landing; a flight that includes a landing is rejected.
@@ -106,9 +107,13 @@ def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:
     """Detect stairs with two or more risers; None if there are none.
 
     Treads are level regions of known ground at similar rises of 12 mm to 0.3 m. There must be a straight edge between
-    neighbouring treads, and all edges must be nearly parallel. An edge is in the middle of the gap between the known
-    cells of both treads, or at the border of the upper tread if the gap is wider than 30 mm (or 2.2 cells, if that is
-    more). `check_foothold` decides if a foot may be placed on a tread.
+    neighbouring treads, all edges must be nearly parallel, and no tread may be much deeper than the others. An edge is
+    in the middle of the gap between the known cells of both treads, or at the border of the upper tread if the gap is
+    wider than 30 mm (or 2.2 cells, if that is more). `check_foothold` decides if a foot may be placed on a tread.
+
+    Raises:
+        InvalidInput: the metadata of the grid lacks limits.
+        MissingExtra: OpenCV is not installed.
     """
     terrain = asked(terrain, allow_stale)
     height = np.asarray(terrain.elevation, np.float64)

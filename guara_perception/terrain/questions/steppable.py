@@ -1,4 +1,4 @@
-"""Convex regions of safe footholds for optimising planners."""
+"""Convex regions of safe footholds for optimisation-based planners."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PLANE_TOLERANCE_M = 0.006
 SEED_RADIUS_M = 0.03
 # Least relative gain in area that replaces the region around the previous choice; it keeps the choice from alternating.
 HYSTERESIS = 1 / 3
-# Distance outside a cell of the points near its corners that a leg must reach.
+# A leg must reach points this far outside the corners of a cell.
 CORNER_OUTSIDE_M = 1e-4
 # Largest extent of a region from its seed along each axis, and least area, in a search over a whole grid.
 REGION_REACH_M = 0.4
@@ -129,7 +129,7 @@ def steppable_regions(
 ) -> list[SteppableRegion]:
     """Find convex regions of safe footholds over the whole grid, largest first; they may overlap.
 
-    Regions have the properties of a `steppable_region` and extend about 0.4 m from their seeds at most. Safe ground
+    Regions have the properties of a `steppable_region` and extend at most about 0.4 m from their seeds. Safe ground
     that is narrower than about 15 mm, and regions of less than 4 cm^2, are omitted.
 
     Raises:
