@@ -2,9 +2,9 @@
 
 Three or more soles that stayed in place give the rotation of the body since the last pause. This rotation transforms
 the vertical of that pause to the new one. The error of the carried vertical grows from pause to pause and is bounded by
-the support plane: if the plane's normal agrees with the carried vertical within noise, the plane is assumed to be
-level. Otherwise the plane is ignored, because on a long slope all planes tilt in the same direction, and each would
-pull the vertical a little further towards its normal.
+the support plane: if the carried vertical is accurate enough to distinguish level ground from a slope, and the plane's
+normal agrees with it within noise, the plane is assumed to be level. Otherwise the plane is ignored, because on a long
+slope all planes tilt in the same direction, and each would pull the vertical a little further towards its normal.
 """
 
 from __future__ import annotations

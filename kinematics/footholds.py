@@ -28,7 +28,7 @@ from kinematics.arrays import Float, read_only
 # slips.
 HUBER_LIMIT = 1.5
 
-# By chance, chi-square per degree of freedom exceeds 1 + this / sqrt(freedom) at most once in 100 fits.
+# By chance, chi-square per degree of freedom exceeds 1 + this / sqrt(freedom) in about one of 100 fits or fewer.
 MISFIT_LIMIT = 4.6
 
 # A sole whose pitch changed by more than this many standard deviations has rocked.
@@ -149,8 +149,8 @@ class Footholds:
             covariance=read_only(self.covariance - cross_covariance @ residual_weight @ cross_covariance.T),
         )
         cross = pose_covariance @ by_pose.T @ inverse @ cross_covariance.T
-        # A poor fit means that feet slipped, perhaps all of them. All footholds are then set to where the feet stand
-        # now.
+        # A poor fit, or feet in `instead`, mean that the feet in `stayed` may have slipped. All footholds are then set
+        # to where the feet stand now.
         standing = stayed if misfit == 1.0 and not instead else ()
         return fit, posterior._with(fit, cross, standing, legs, readings, covariances)
 

@@ -27,7 +27,7 @@ COLOURS_OF_A_BAR = 9
 FREE = "a foot may be placed here"
 REGION = 'tick "regions" to show them; the sole centre may be placed anywhere inside'
 NEVER_OBSERVED = "unknown because never observed: never safe"
-UNKNOWN = "observed, but without a reliable height: never safe"
+UNKNOWN = "no reliable height, for instance hidden or without a return: never safe"
 
 
 class Controls:

@@ -92,7 +92,7 @@ def _visual_shape(shape: Shape, colour: Colour) -> VisualShape:
 
 
 def primitive(kind: str, size: tuple[float, ...]) -> tuple[Float, Faces]:
-    """Vertices (n, 3) [m] and outward triangles (m, 3) of a primitive shape about the origin.
+    """Vertices (n, 3) [m] and outward-facing triangles (m, 3) of a primitive shape centred on the origin.
 
     Args:
         kind: "box", "cylinder" (axis z) or "sphere".
@@ -109,7 +109,7 @@ def primitive(kind: str, size: tuple[float, ...]) -> tuple[Float, Faces]:
 
 
 def _revolved(outline: list[tuple[float, float]]) -> tuple[Float, Faces]:
-    """Vertices and triangles of the solid that an outline of points (radius, z) describes by revolution about z."""
+    """Vertices and triangles of the surface of revolution of an outline, given as points (radius, z), about z."""
     angles = np.arange(ROUND_SIDES) * (2 * np.pi / ROUND_SIDES)
     rings = [np.column_stack((r * np.cos(angles), r * np.sin(angles), np.full(ROUND_SIDES, z))) for r, z in outline]
     index = np.arange(ROUND_SIDES)

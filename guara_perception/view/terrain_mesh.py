@@ -39,7 +39,7 @@ class Scale:
     high_text: str
 
 
-# Step to which the range of the height colours is rounded, and least range.
+# Multiples to which the ends of the range of height colours are rounded outwards, and minimum size of this range.
 ROUNDED_TO_M, LEAST_HEIGHT_RANGE_M = 0.01, 0.06
 
 # Fraction of the known cells that may be beyond either end of the range.

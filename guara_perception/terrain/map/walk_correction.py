@@ -1,5 +1,4 @@
-"""Planar drift correction: a Kalman filter on (x, y, yaw) of the walk, fed by scan-to-map registration and
-ground texture.
+"""Planar drift correction: a Kalman filter on (x, y, yaw) of the walk, fed by registration and ground texture.
 
 The odometry pose of a pause has two errors: drift, which persists, and noise, which affects this pause only. Let P be
 the covariance of the drift and W that of the noise. Registration observes their sum: it moves the pause by m and

@@ -38,12 +38,13 @@ def terrain_from_points(
     """Assess measured points like a scan; return a grid of extent "footprint" that `TerrainMap` accepts.
 
     A cell is known if it contains points, all of them within the height limits of the robot. Nothing is interpolated,
-    so cells must not be smaller than the spacing of the points. An unknown cell is OUT_OF_RANGE if it contains points,
-    OCCLUDED if something higher hides it from the sensor, DROPOUT if it was observed without a return, and otherwise
-    UNSCANNED.
+    so cells must not be smaller than the spacing of the points. An unknown cell is OUT_OF_RANGE if it contains points.
+    Otherwise it is OCCLUDED if the measured surface hides it from the sensor, DROPOUT if a ray without a return meets
+    it (both flags may be set), and UNSCANNED if neither applies.
 
     Args:
-        points: (n, 3) in base_footprint [m]; rows with NaN are ignored. Remove points of the robot itself beforehand.
+        points: (n, 3) in base_footprint [m]; rows with NaN or infinity are ignored. Remove points of the robot itself
+            beforehand.
         sigma: standard deviation of the heights, a scalar or (n,) [m].
         sensor_origin: (3,) position of the sensor in base_footprint [m].
         robot: model, name or folder; defines area, height limits and traversability limits; None = the Guará.

@@ -166,7 +166,7 @@ def refined(coarse: TerrainGrid, standard: TerrainGrid) -> TerrainGrid:
         standard: grid of `ScanProcessor.extended()` after stripes in between were added.
 
     Raises:
-        InvalidInput: the grids do not belong to one scan.
+        InvalidInput: the grids do not belong to one scan, or the metadata of `standard` lacks limits.
     """
     if coarse.geometry != standard.geometry or coarse.step != standard.step:
         raise InvalidInput("the coarse and the standard grid do not belong to one scan: geometry or step differ")

@@ -59,7 +59,7 @@ def test_scales_have_a_bar_and_say_what_is_unknown(grid: gp.TerrainGrid) -> None
     """A bar of colours with the values at its ends, the grey of unknown cells, and what is not drawn."""
     html = legend_html(terrain_mesh(grid, "elevation"))
     assert "linear-gradient(to right,rgb(" in html and "+0 mm" in html and "+60 mm" in html
-    assert css(UNKNOWN_COLOUR) in html and "<b>unknown</b>: observed, but without a reliable height" in html
+    assert css(UNKNOWN_COLOUR) in html and "<b>unknown</b>: no reliable height" in html
     assert "<b>not drawn</b>: unknown because never observed: never safe" in html
     assert "0 not traversable" in legend_html(terrain_mesh(grid, "traversability"))
 
