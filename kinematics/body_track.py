@@ -146,9 +146,9 @@ class BodyTrack:
             time_sigma: standard deviation of `time` [s].
 
         Returns:
-            The pose; None if samples around the time are missing, if fewer than three of BEGIN's feet stand or they are
-            on a line, if these feet moved relative to each other, if the joints deviate too much from a parabola, or if
-            the time is too uncertain (`MOST_TIME_SIGMA`).
+            The pose; None if samples around the time are missing, if fewer than three of BEGIN's feet stand in all of
+            these samples or they are on a line, if these feet moved relative to each other, if the joints deviate too
+            much from a parabola, or if the time is too uncertain (`MOST_TIME_SIGMA`).
         """
         samples = self._window(time)
         if samples is None or not time_sigma <= MOST_TIME_SIGMA:

@@ -26,11 +26,11 @@ SPACING = 0.005
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootholdClearance:
-    """Clearances at one foothold [m]: negative if the ground is penetrated, NaN if any ground below is unknown.
+    """Clearances at one foothold [m]; NaN if any ground below is unknown.
 
     Attributes:
         leg: smallest height above the ground of all points of the leg that are farther from the sole's centre than the
-            longer side of the sole; inf if there are none.
+            longer side of the sole; negative if the leg would penetrate the ground, inf if there are no such points.
         sole: smallest height of the sole above the ground; negative if a bump would press into the sole.
         sole_gap: largest height of the sole above the ground.
         joint_positions: (n,) positions of the leg's joints that place the sole on the foothold [rad].

@@ -44,7 +44,7 @@ class RobotFileError(KinematicsError, ValueError):
 
 
 class UnknownName(KinematicsError, KeyError):
-    """The robot has no such frame, joint, leg or posture; the message lists those that exist."""
+    """The robot has no such frame, link, joint, leg or posture; the message lists those that exist."""
 
 
 class JointPositionError(KinematicsError, ValueError):

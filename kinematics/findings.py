@@ -30,7 +30,7 @@ class Findings:
         self._wrong.append((line, text))
 
     def unused(self, text: str) -> None:
-        """Add a note on an entry that is not used; equal texts are merged into one note with their number."""
+        """Add a note on an entry that is not used; equal texts are merged into one note with a count."""
         self._unused[text] += 1
 
     @property

@@ -97,7 +97,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
         self._server.flush()
 
     def close(self) -> None:
-        """Stop serving."""
+        """Stop playback and the server."""
         self._halt.set()
         if (player := self._player) is not None:
             player.join()

@@ -82,7 +82,7 @@ class Controls:
         return bool(self._shown[name].value)
 
     def has_stripes(self, available: bool) -> None:
-        """Enable the check box "stripes" if there are stripes to show."""
+        """Enable the check box "stripes" if there are stripes to show, otherwise disable it."""
         self._shown["stripes"].disabled = not available
 
     def timeline(self, count: int, number: int, *, playing: bool) -> None:
@@ -122,7 +122,7 @@ def for_page(image: Image) -> Image:
 
 
 def legend_html(mesh: TerrainMesh) -> str:
-    """Legend of a mesh as HTML: hazards in three groups or a colour bar, then regions and cells that are not drawn."""
+    """Legend of a mesh as HTML: free cells and hazards, or a colour bar, then regions and cells that are not drawn."""
     rows = _scale_rows(mesh.scale) if mesh.scale is not None else _hazard_rows(mesh.legend)
     rows.append(_row("regions", REGION, f"border:2px solid rgb{REGION_COLOUR}".replace(" ", "")))
     rows.append(_row("not drawn", NEVER_OBSERVED, "border:1px dashed #888"))

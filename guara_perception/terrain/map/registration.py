@@ -101,7 +101,7 @@ def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom
     Args:
         cells: memory of the map.
         terrain: grid of the scan.
-        transform_footprint_to_odom: (4, 4) pose from odometry.
+        transform_footprint_to_odom: (4, 4) pose from odometry, with the corrections so far.
         prior: (6, 6) positive definite covariance of the pose error relative to the map, in REP-103 order.
     """
     base = transform_footprint_to_odom[:3, 3]

@@ -209,7 +209,7 @@ def visual_motion(
     Args:
         view: image and scan of the pause, or the reason why there is no image.
         seen: texture of earlier pauses, None if there is none.
-        transform: (4, 4) transform_footprint_to_odom from odometry, with earlier corrections.
+        transform: (4, 4) transform_footprint_to_odom from odometry, with the corrections so far.
         prior: (6, 6) covariance of the pose error relative to the texture, in REP-103 order.
         since: (3, 3) covariance of the odometry error since texture last corrected the walk or a new reference texture
             was taken.

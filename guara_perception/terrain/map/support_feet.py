@@ -67,6 +67,7 @@ def support_feet(
 
     Raises:
         InvalidInput: the record contains an unreadable stance, pose or list of supporting feet.
+        kinematics.KinematicsError: the stance does not fit this robot.
     """
     record = terrain.record
     record.check("stance", "transform_base_to_footprint", "support_feet_used")

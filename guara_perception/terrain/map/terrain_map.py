@@ -131,6 +131,7 @@ class TerrainMap:
                 greater than that of the last scan; a field of its record that is needed here is unreadable; the pose is
                 not rigid or tilts by more than 0.2 rad; a covariance is not (6, 6), symmetric and positive
                 semidefinite; covariance_since_last is given at some pauses only.
+            kinematics.KinematicsError: the stance of the scan does not fit the robot of the map.
         """
         state, settings = self._state, self._settings
         check_scan(terrain, self._grid.resolution, state.step)

@@ -1,6 +1,6 @@
 """Large convex polygons that avoid squares.
 
-Half-planes and an ellipse are computed in turn, as in IRIS (Deits and Tedrake, Computing large convex regions of
+Half-planes and an ellipse are computed alternately, as in IRIS (Deits and Tedrake, Computing large convex regions of
 obstacle-free space through semidefinite programming, WAFR 2014): each half-plane excludes the square that is nearest in
 the metric of the ellipse, and the next ellipse is computed from the polygon of the half-planes. Unlike in IRIS, it is
 the ellipse of the polygon's second moments, not the largest inscribed ellipse.

@@ -71,9 +71,9 @@ class Obstacle(FrozenArrays):
 def obstacles(terrain: LayeredGrid, *, allow_stale: bool = False) -> list[Obstacle]:
     """Find connected objects more than 6 mm and 4 sigma above or below the floor, sorted by x, then y.
 
-    Objects smaller than 1 cm^2 are omitted as noise. The floor is fitted to the known heights: of 101 trial planes, the
-    one with the smallest 35 % quantile of distances is refined by least squares. Unknown ground is not an obstacle, but
-    it is never traversable either.
+    Objects smaller than 1 cm^2 are omitted as noise. The floor is fitted to the known heights: of some 100 trial
+    planes, the one with the smallest 35 % quantile of distances is refined by least squares. Unknown ground is not an
+    obstacle, but it is never traversable either.
 
     Raises:
         MissingExtra: OpenCV is not installed.

@@ -120,7 +120,7 @@ def coarser(terrain: Grid, factor: int) -> Grid:
 
     One unknown fine cell makes the coarse cell unknown, and cells beside unknown cells become EDGE. Flags are combined.
     A coarse cell has the mean elevation, the largest slope, step, roughness, variance and age, and the smallest score,
-    clearance and number of looks. Its range images are dropped.
+    clearance and number of looks. Range images are dropped.
 
     Raises:
         InvalidInput: the factor does not divide the grid; the message lists the factors that do.

@@ -18,7 +18,7 @@ from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.obstacles import fit_plane
 from kinematics.arrays import FrozenArrays
 
-# Largest slope and smallest area of a tread.
+# Largest slope, smallest area and smallest number of cells of a tread.
 STEEPEST_TREAD_RAD = 0.12
 LEAST_TREAD_M2, LEAST_TREAD_CELLS = 0.0015, 20
 # Level regions belong to one tread if their mean heights differ by at most SAME_OF_RISE of the rise. The first rise of
@@ -259,7 +259,7 @@ class _Edge:
 
 def _edge(x: Float, y: Float, height: Float, cell: float, lower: float, upper: float, direction: Float) -> _Edge | None:
     """Edge between treads at two heights; None if there is no straight edge."""
-    # Along a diagonal climb, neighbouring cell centres in a strip are up to 1.4 cells apart.
+    # 2.2 cells, because along a diagonal climb even neighbouring cell centres of a strip are up to 1.4 cells apart.
     width, straight, widest = max(STRIP_M, cell), max(EDGE_STRAIGHT_M, cell), max(WIDEST_GAP_M, 2.2 * cell)
     along = direction[0] * x + direction[1] * y
     strip = np.floor((direction[0] * y - direction[1] * x) / width).astype(int)
