@@ -69,7 +69,7 @@ def distance_field(terrain: LayeredGrid, low: float, high: float, *, allow_stale
     # Imported here, because few programs need it and it takes as long to load as everything else that a grid needs.
     distance_transform_edt = optional_library("scipy.ndimage", None, "distance_field").distance_transform_edt
     if not (np.isfinite([low, high]).all() and low < high):
-        raise InvalidInput(f"heights {low} ... {high} m: both must be finite and the second the larger one")
+        raise InvalidInput(f"low is {low} m and high is {high} m; both must be finite and high above low")
     spacing = terrain.resolution
     layers = int(np.ceil((high - low) / spacing - 1e-9))
     if layers * terrain.hazard.size > MOST_VOXELS:

@@ -120,7 +120,7 @@ def pose_of(terrain: LayeredGrid, robot: RobotLike | None) -> StancePose:
     missing = [name for name in needed if getattr(record, name) is None]
     if missing:
         raise InvalidInput(
-            f"the grid's metadata lacks {', '.join(missing)}, so the reach of a leg cannot be computed; pass leg=None"
+            f"the grid's metadata lacks {', '.join(missing)}, so only queries with leg=None are possible"
         )
     return _pose(_model_of(terrain, robot), record)
 

@@ -71,7 +71,7 @@ def test_unknown_ground_is_solid_at_every_height() -> None:
 def test_what_is_refused() -> None:
     """Heights in the wrong order, too many voxels, points of another shape."""
     terrain = ground(0)
-    with pytest.raises(gp.InvalidInput, match="the second the larger one"):
+    with pytest.raises(gp.InvalidInput, match="high above low"):
         terrain.distance_field(0.1, 0.0)
     with pytest.raises(gp.InvalidInput, match="reduce the height range"):
         terrain.distance_field(0.0, 1000.0)
