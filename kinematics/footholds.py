@@ -24,7 +24,7 @@ import numpy as np
 
 from kinematics.arrays import Float, read_only
 
-# Huber's limit [sigmas], beyond which the influence of a residual is constant. It costs 5 % of efficiency if no foot
+# Huber's limit [sigmas], beyond which the influence of a residual is constant. It costs 7 % of efficiency if no foot
 # slips.
 HUBER_LIMIT = 1.5
 

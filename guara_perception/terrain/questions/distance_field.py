@@ -13,7 +13,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from kinematics.arrays import FrozenArrays
 
-# Largest number of voxels; computing this many takes about a second and 200 MB.
+# Largest number of voxels; computing this many takes about three seconds and 600 MB.
 MOST_VOXELS = 10_000_000
 
 

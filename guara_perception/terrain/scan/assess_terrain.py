@@ -19,7 +19,7 @@ from guara_perception.terrain.layers.layered_grid import numbers
 from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import load_robot
 
-# Largest magnitude of a height; above it the roughness is lost in rounding errors, which are 0.1 mm at 10 km.
+# Largest magnitude of a height; above it the roughness is lost in rounding errors, which reach 0.3 mm at 10 km.
 HIGHEST_M = 1e4
 
 
