@@ -18,8 +18,7 @@ SINK_M, SINK_SIGMAS = 0.008, 4.0
 # A standing foot slid if it moved farther than the others by more than CREEP_M, plus SLIP_SIGMAS of two readings of its
 # position; soles that rock on stiff ankles creep by about CREEP_M in MuJoCo.
 CREEP_M, SLIP_SIGMAS = 0.020, 4.0
-# The surface continues up to REACH_M from the foothold, over neighbouring cells that differ in height by less than
-# STEP_M.
+# The surface continues up to REACH_M from the foothold, over neighbours that differ in height by STEP_M at most.
 REACH_M, STEP_M = 0.30, 0.005
 # Largest number of footholds in memory, enough for 4.5 m of walking; the oldest are forgotten first.
 MOST_FOOTHOLDS = 128
