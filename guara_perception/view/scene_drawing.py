@@ -84,7 +84,7 @@ class SceneDrawing:
                 )
 
     def robot(self, moment: Moment) -> None:
-        """Draw the robot in its stance, at its pose in odom."""
+        """Draw the robot in its stance, at its pose in odom; hide it if the moment has no joint positions."""
         _set_pose(self._footprint, moment.transform_footprint_to_odom)
         joints = moment.joint_positions
         self._body.visible = joints is not None

@@ -26,8 +26,9 @@ def leg_clearance(
 
     The height of the ground is an upper bound: highest samples, or the ceiling of unknown ground, plus confidence.
     Parts of the leg that are closer to the sole's centre than the longer side of the sole are not tested. The result is
-    negative if the leg would be in the ground. It is NaN if the ground at the position is unknown, if ground below the
-    leg is unknown without a ceiling, STALE or off the grid, or if the leg cannot reach the position.
+    negative if the leg would be in the ground, and inf if no part of the leg is tested. It is NaN if the ground at the
+    position is unknown, if ground below the leg is unknown without a ceiling, STALE or off the grid, or if the leg
+    cannot reach the position.
 
     Args:
         x, y: centre of the sole in base_footprint [m].

@@ -43,8 +43,8 @@ class Swing(Verdict, FrozenArrays):
         ok: True if a path was found.
         points: (n, 3) corners of the path of the sole's centre in base_footprint [m], from start to end; (0, 3) if not
             ok.
-        clearance: least distance from the ground between the ends [m]; NaN if not ok, or if no part of the path must
-            keep the full clearance.
+        clearance: least distance from the ground over the part of the path that must keep the full clearance [m]; NaN
+            if not ok, or if there is no such part.
         reasons: each failed test of the first attempt with value and limit; empty if ok.
     """
 

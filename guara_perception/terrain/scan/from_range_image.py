@@ -39,7 +39,8 @@ def terrain_from_range_image(
     Args:
         ortho_image_mm: (rows, columns) heights [mm above z = 0], row r along x, column c along y, NaN = unknown, as in
             `terrain.pictures["ortho_image_mm"]`.
-        causes: (rows, columns) uint8 `Hazard` flags of the causes of unknown pixels, 0 where known; None = UNSCANNED.
+        causes: (rows, columns) uint8 `Hazard` flags of the causes of unknown pixels, 0 where known. None, or 0 in an
+            unknown pixel = UNSCANNED.
         sigma_mm: standard deviation of the heights, one number or (rows, columns) [mm]. None = exact heights: no cell
             is UNCERTAIN, and the tests have no margin for errors of the heights.
         area: ((x_min, x_max), (y_min, y_max)) covered by the image, in base_footprint [m].
