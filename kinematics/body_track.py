@@ -3,7 +3,7 @@
 The feet do not move on the ground, so the motion of the body since BEGIN follows from the positions of the soles in
 `base_link`. The joint positions are smoothed around the instant by a parabola in time, weighted by distance in time.
 A rigid motion is then fitted to the soles by generalised least squares, with each sole weighted by the noise of its leg
-as in `stillness`. The bias of a joint is the same at both times and cancels.
+as in `stillness`. The bias of a joint is the same at BEGIN and at the instant, and cancels.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from kinematics.urdf import Shape
 # Heights (n,) [m] of the ground in `base_footprint` for x (n,) and y (n,) [m]; NaN where unknown.
 HeightFunction = Callable[[Float, Float], npt.ArrayLike]
 
-# Distance between samples on sole and leg [m]: the default size of a grid cell.
+# Largest distance between neighbouring samples on sole and leg [m]: the default size of a grid cell.
 SPACING = 0.005
 
 

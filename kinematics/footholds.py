@@ -149,8 +149,8 @@ class Footholds:
             covariance=read_only(self.covariance - cross_covariance @ residual_weight @ cross_covariance.T),
         )
         cross = pose_covariance @ by_pose.T @ inverse @ cross_covariance.T
-        # A poor fit, or feet in `instead`, mean that the feet in `stayed` may have slipped. All footholds are then set
-        # to where the feet stand now.
+        # If the fit is poor or there are feet in `instead`, the feet in `stayed` may have slipped. All footholds are
+        # then set to where the feet stand now.
         standing = stayed if misfit == 1.0 and not instead else ()
         return fit, posterior._with(fit, cross, standing, legs, readings, covariances)
 

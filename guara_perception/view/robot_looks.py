@@ -26,7 +26,7 @@ class VisualShape:
 
     Attributes:
         vertices: (n, 3) in the link's frame [m].
-        faces: (m, 3), facing outwards.
+        faces: (m, 3) indices of the vertices of each triangle, facing outwards.
         colour: red, green, blue 0 ... 1.
     """
 

@@ -28,7 +28,7 @@ OUTLINE_M = 0.006
 # Size of the points of stripes [m], largest number of points drawn, and their height above the ground [m].
 STRIPE_SIZE_M, STRIPE_POINTS, STRIPE_LIFT_M = 0.0007, 12_000, 0.001
 EVEN_LIGHT = 2.2
-# Height of the ground plane, below the reach of the legs [m].
+# Height of the reference grid, below the ground that the legs can reach [m].
 GROUND_M = -0.09
 
 Picked = Callable[[Float, Float], None]
@@ -154,7 +154,7 @@ class SceneDrawing:
             self._lines("/odom/trail", track(poses), TRAIL_COLOUR, 2 * LINE_PX)
 
     def cell(self, terrain: TerrainGrid, point: Float | None) -> None:
-        """Mark the cell at a point (3,) of a grid with a square and a pin; None removes the mark."""
+        """Mark a point (3,) of a grid with a square and a pin; None removes the mark."""
         name = "/odom/cell"
         self._renew(name, terrain)
         if point is None:

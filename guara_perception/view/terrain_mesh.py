@@ -1,4 +1,4 @@
-"""Textured triangle mesh between the cell centres of a terrain grid, and its intersection with a ray."""
+"""Textured triangle mesh between the cell centres of a terrain grid, and intersection of rays with the cells."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Scale:
     high_text: str
 
 
-# Multiples to which the ends of the range of height colours are rounded outwards, and minimum size of this range.
+# Step to which the ends of the range of height colours are rounded outwards, and minimum size of this range.
 ROUNDED_TO_M, LEAST_HEIGHT_RANGE_M = 0.01, 0.06
 
 # Fraction of the known cells that may be beyond either end of the range.

@@ -26,7 +26,7 @@ MEMORY: dict[str, tuple[Any, Any]] = {
     "other_variance": (np.float64, 0.0),  # variance of that height [m^2]
     "pause": (np.int64, NEVER),  # number of the pause when last seen
     "stamp": (np.int64, 0),  # time when last seen [ns]
-    "looks": (np.uint8, 0),  # number of scans fused since the cell became known, 255 at most
+    "looks": (np.uint8, 0),  # number of scans with a height here since the cell became known, 255 at most
     "rise": (np.float64, 0.0),  # variance of the drift of odometry in z when last seen [m^2]
     "shift": (np.float64, 0.0),  # upper bound of the variance of horizontal drift when last seen [m^2]
     "turn": (np.float64, 0.0),  # variance of heading drift when last seen [rad^2]
@@ -108,9 +108,10 @@ class OdomCells:
         return values
 
     def _pieces(self, first: int, count: int, window: int) -> list[tuple[slice, slice]]:
-        """Pairs of slices of rows (or columns), into the rectangle and into memory, for its part in the window.
+        """Slices of rows (or columns) of a rectangle, each paired with the corresponding slice of memory.
 
-        There are two pairs if this part wraps around in memory, and none if it is empty.
+        They cover the part of the rectangle in the window: two pairs if this part wraps around in memory, none if it is
+        empty.
         """
         low, high = max(first, window), min(first + count, window + self.side)
         turn = low + -low % self.side

@@ -2,8 +2,8 @@
 
 The gate of a registration compares it with the error of odometry in one motion. Ground that moves by less at each pause
 passes this gate and drags the map along. Over several pauses the motions of the ground add up, but the errors of
-odometry grow only with the square root of the number of pauses. So, for each earlier pause j, two sums since j are
-compared with the drift of odometry since j:
+odometry grow only with the square root of the number of pauses. So, for each of the last EARLIER_PAUSES pauses j, two
+sums since j are compared with the drift of odometry since j:
 
     d = T_j^-1 T                        corrections of the map, where T is the correction of the drift
     d = sum of the motions from scan to scan minus those of odometry
@@ -22,8 +22,8 @@ plus the slip that is accepted where texture shows it (`shown_slip`).
 If d' S^-1 d exceeds a bound for any j, either the ground moved or odometry is worse than it states. It cannot be
 decided which, so all corrections since the earliest such j are discarded. Earlier corrections are kept: had the ground
 moved before, sums since earlier pauses would exceed the bound as well. If only the second sum exceeds the bound, and
-the corrections of a walk with texture agree better with odometry than with the scans, the heights moved, and the
-corrections are kept. In both cases, heights do not correct the walk during the next EARLIER_PAUSES pauses.
+the corrections of a walk with texture agree better with odometry than with the scans, only the heights are in doubt,
+and the corrections are kept. In both cases, heights do not correct the walk during the next EARLIER_PAUSES pauses.
 """
 
 from __future__ import annotations
@@ -164,7 +164,7 @@ class OdometrySum(FrozenArrays):
         return Contradiction(None if is_confirmed else self.transforms[first], covariances[first], moved_by, reason)
 
     def suspicion(self, odometry: Float, noise: Float, slip_share: float) -> float:
-        """Largest contradiction between the motions of scans and odometry since any pause [sigmas].
+        """Largest contradiction between the motions of scans and odometry since any of the k pauses [sigmas].
 
         Args:
             odometry, noise, slip_share: as in `contradiction`.

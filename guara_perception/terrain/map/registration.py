@@ -12,11 +12,11 @@ the heights is divided by n.
 
 Both height fields are smoothed in the same way, and the slope is the mean of both slopes (Malis, Improving vision-based
 control using efficient second-order minimization techniques, ICRA 2004). A slope that may be noise must not be used for
-x and y: a cell whose slope in the scan is below SLOPE_SIGMAS times its sigma counts as level, and a level cell observes
-only height and tilt. The slope of the map is not used for this decision, because the map has seams of a millimetre or
-two at the ends of scans. On level ground and gentle slopes, x, y and yaw therefore keep their priors. Slopes this small
-cannot be used: the map's heights are off by a millimetre over areas as large as a ramp, which is equivalent to a shift
-of 20 mm on a ramp of slope 0.05.
+x, y and yaw: a cell whose slope in the scan is below SLOPE_SIGMAS times its sigma counts as level, and a level cell
+observes only height and tilt. The slope of the map is not used for this decision, because the map has seams of a
+millimetre or two at the ends of scans. On level ground and gentle slopes, x, y and yaw therefore keep their priors.
+Slopes this small cannot be used: the map's heights are off by a millimetre over areas as large as a ramp, which is
+equivalent to a shift of 20 mm on a ramp of slope 0.05.
 
 Across its stripes, a laser scan shows an edge at the first stripe behind the true edge. This error is up to the spacing
 of the stripes, which grows with the distance, and has the same sign for all edges that face the robot. Registration to
@@ -219,7 +219,7 @@ def _smooth(heights: Float, resolution: float) -> tuple[Float, Float, Float]:
 
 @dataclass(frozen=True, slots=True)
 class _Scan:
-    """Known points of a scan, along the axes of odom.
+    """Known points of a scan, along the axes of odom or of the previous footprint.
 
     Attributes:
         about: (n, 3) points relative to the footprint [m].

@@ -8,7 +8,7 @@ to one pose of the camera, an error of this pose moves all corners in the same w
 
 where p is the corner relative to the footprint, m = (x, y, yaw), r the measured shift of a corner minus d, s the spread
 of the corners that agree, and P the prior covariance from odometry. Errors of neighbouring corners are correlated, so
-their information is divided by n.
+their information is divided by n. The covariance of the motion also contains VIEW_SIGMA.
 
 A pixel keeps the texture with which it was first seen, at the pose of the walk at that time. Errors therefore
 accumulate only as texture leaves the view. Let f be the fraction of the ground in view that is new at each pause. The
@@ -78,8 +78,8 @@ class VisualMotion:
     Attributes:
         motion: (3,) x, y [m] and yaw [rad] from odometry to the texture, about the footprint; zero if refused.
         covariance: (6, 6) covariance of the pose, the prior if refused.
-        corners: number of corners that agree; the number of corners found if these are too few, 0 without a usable
-            image.
+        corners: number of corners that agree; the number of corners found if these are too few, 0 if none were looked
+            for.
         is_whole: True if nearly all corners agree and they extend over the view, which means that either the robot or
             all ground in view moved.
         inherited: fraction of the covariance that later pauses inherit.
@@ -144,7 +144,7 @@ class GroundView:
 
     @staticmethod
     def of(picture: GroundPicture, terrain: TerrainGrid) -> GroundView:
-        """View of a scan, whose grid may be wider than the extent "footprint"."""
+        """View of a scan; its grid may be that of the area "wide" (`ScanProcessor.finish`)."""
         elevation = np.asarray(terrain.elevation, np.float32)
         is_known = np.isfinite(elevation)
         level = float(np.median(elevation[is_known])) if is_known.any() else 0.0

@@ -15,8 +15,9 @@ from guara_perception.terrain.map.support_feet import SoleError
 # applies, plus the height range of the map under the sole. Legs bend and maps drift by less; snow, foam and loose
 # gravel give way by more.
 SINK_M, SINK_SIGMAS = 0.008, 4.0
-# A standing foot slid if it moved farther than the others by more than CREEP_M, plus SLIP_SIGMAS of two readings of its
-# position; soles that rock on stiff ankles creep by about CREEP_M in MuJoCo.
+# A foot that slipped according to odometry slid if it moved farther than the others by more than CREEP_M plus
+# SLIP_SIGMAS standard deviations of the difference of two readings of its position. Soles that rock on stiff ankles
+# creep by about CREEP_M in MuJoCo.
 CREEP_M, SLIP_SIGMAS = 0.020, 4.0
 # The surface continues up to REACH_M from the foothold, over neighbours that differ in height by STEP_M at most.
 REACH_M, STEP_M = 0.30, 0.005

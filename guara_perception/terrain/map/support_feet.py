@@ -138,7 +138,8 @@ class SoleError:
         residual: height of the sole above the map [m].
         variance: variance of the residual, without the errors of odometry and attitude [m^2].
         arm: as in `FootMeasurement`.
-        relief: height range of the map under the sole, by which the sole may stand lower near an edge [m].
+        relief: range of the map's heights under the sole between the 10 % and the 90 % quantile, by which the sole may
+            stand lower near an edge [m].
         pause: number of the earliest of the pauses at which the cells under the sole were last seen.
     """
 
@@ -157,7 +158,7 @@ class HeightAnchor:
         offset: correction to be added to the z of leg odometry [m].
         variance: variance of the walk's height relative to the map [m^2].
         rise: increase of the variance of unseen cells since the start [m^2].
-        odometry: last variance of z according to leg odometry [m^2].
+        odometry: largest variance of z so far according to leg odometry [m^2].
         rejected: legs whose soles were outside the gate at this pause.
     """
 

@@ -64,8 +64,8 @@ class TerrainMap:
             resolution: edge length of a cell [m]; None = the robot's default.
 
         Raises:
-            InvalidInput: the resolution is not positive, or does not divide the area.
-            kinematics.KinematicsError: no such robot.
+            InvalidInput: the resolution is not positive, does not divide the area, or gives too many cells.
+            kinematics.KinematicsError: the robot cannot be loaded.
         """
         self._robot = robot_model(robot)
         self._settings = Settings.of(self._robot)
@@ -266,6 +266,7 @@ class TerrainMap:
         Raises:
             MissingFile: the folder does not exist.
             InvalidInput: the path is a folder.
+            OSError: the file cannot be written.
         """
         with whole_file(path) as temporary, temporary.open("wb") as stream:
             self.write(stream)
@@ -307,7 +308,7 @@ class TerrainMap:
         Raises:
             MissingFile: no such file.
             FileFormatError: the file is not a map file, is damaged, or belongs to another robot or robot.toml.
-            kinematics.KinematicsError: no such robot.
+            kinematics.KinematicsError: the robot cannot be loaded.
         """
         saved = read_map(path)
         robot = robot_model(saved.robot if robot is None else robot)

@@ -11,7 +11,8 @@ move all later pauses. The map's record contains the correction and its sigmas.
 
 Ground that moves drags the registered poses along, a little at each pause. The sum of the corrections is therefore
 compared with the accumulated drift of odometry (`OdometrySum`). If they contradict each other, registrations at the
-following pauses are not used. Unless texture confirms the corrections, they are undone, and all sigmas grow by them.
+following pauses are not used. Unless texture confirms the corrections, they are undone and added to the drift of all
+cells.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ from guara_perception.terrain.map.seen_texture import GroundView, SeenTexture, v
 from kinematics.arrays import FrozenArrays
 
 SIDEWAYS = [0, 1, 5]
-# Prior sigmas of height and tilt, which are nuisance parameters of the registration; the soles correct the height.
+# Least prior sigmas of height and tilt, which are nuisance parameters of the registration; the soles correct the
+# height.
 HEIGHT_SIGMA_M = 0.003
 TILT_SIGMA = 0.001
 # Lower bounds of the sigmas of a motion; they keep the covariances positive definite.
@@ -42,7 +44,7 @@ LEAST_SIGMA_M, LEAST_SIGMA_RAD = 1e-4, 3e-5
 # motions from scan to scan contradict odometry by more than SUSPICIOUS_SIGMAS.
 FEW_THINGS_SIGMA_M = 0.0015
 SUSPICIOUS_SIGMAS = 1.0
-# Lever arm of yaw [m]: distance from the robot to the centre of the scanned area.
+# Lever arm of yaw [m]: distance from the robot to the nearer part of the scanned area.
 LEVER_M = 0.6
 # Number of pauses kept. A cell last seen before the oldest of them counts as seen at that pause; it is stale anyway.
 MOST_PAUSES = 256
@@ -87,8 +89,8 @@ class WalkCorrection:
         learned: (2,) slip along the path measured by texture, and length of that path [m].
         is_denied: True if odometry contradicted the texture at the last pause, so that a new reference texture is
             taken.
-        corners: number of corners of the texture that agree on a motion at the last pause, None without images.
-        visual_refused: reason why the last image was not used, None if it was used or not given.
+        corners: as in `VisualMotion`, for the last pause; None for a walk without images.
+        visual_refused: reason why texture did not correct the last pause, None if it did or in a walk without images.
     """
 
     transform: Float = field(default_factory=partial(np.eye, 4))
@@ -322,7 +324,7 @@ def _shown_sigma(prior: Float, posterior: Float) -> float:
 
 
 def _without(growth: Float, noise: Float) -> Float:
-    """Drift covariance (3, 3) of a motion: its covariance minus the noise of both ends, bounded by the least sigmas."""
+    """Drift covariance (3, 3) of a motion: its covariance minus the noise of both ends, not below the least sigmas."""
     least = np.diag([LEAST_SIGMA_M, LEAST_SIGMA_M, LEAST_SIGMA_RAD])
     inverse = np.linalg.inv(least)
     variances, directions = np.linalg.eigh(inverse @ (growth - noise) @ inverse)
@@ -339,7 +341,7 @@ class SidewaysDrift(FrozenArrays):
 
     Attributes:
         pauses: (k,) numbers of the pauses, ascending.
-        total: (k, 3, 3) sums from the start to each pause [m, rad].
+        total: (k, 3, 3) sums from the start to each pause.
         own: (k, 3, 3) covariance of each pause's own error, added to the covariance of motions from or to the pause.
         slip: (k, 2) sigma of slip from the start to each pause, along x and y of odom; slip has the same sign in all
             pauses [m].

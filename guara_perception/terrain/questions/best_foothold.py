@@ -88,7 +88,7 @@ def best_foothold(
     Raises:
         InvalidInput: x or y is not a finite number, the radius is not 0 ... 1 m, or `previous` is neither a Foothold
             nor a pair of finite numbers. Also as in `check_foothold`.
-        kinematics.KinematicsError: no such leg or robot.
+        kinematics.KinematicsError: no such leg, or the robot cannot be loaded or does not fit the stance.
     """
     terrain = asked(terrain, allow_stale)
     px, py = _candidates(terrain, x, y, radius)

@@ -26,7 +26,7 @@ def connected_to(cells: Mask, iy: int, ix: int) -> Mask:
     if flat[0]:
         change = np.concatenate(([0], change))
     starts, ends = change[::2], change[1::2]
-    # For each run, the range [first, after) of the runs that overlap it in the row above, and in the row below.
+    # For each run, the range [first, after) of the runs that overlap it in the previous row, and in the next row.
     neighbours = [
         (np.searchsorted(ends, starts + step, "right").tolist(), np.searchsorted(starts, ends + step, "left").tolist())
         for step in (-width, width)

@@ -2,8 +2,8 @@
 
 Half-planes and an ellipse are computed alternately, as in IRIS (Deits and Tedrake, Computing large convex regions of
 obstacle-free space through semidefinite programming, WAFR 2014): each half-plane excludes the square that is nearest in
-the metric of the ellipse, and the next ellipse is computed from the polygon of the half-planes. Unlike in IRIS, it is
-the ellipse of the polygon's second moments, not the largest inscribed ellipse.
+the metric of the ellipse, among those not yet excluded, and the next ellipse is computed from the polygon of the
+half-planes. Unlike in IRIS, it is the ellipse of the polygon's second moments, not the largest inscribed ellipse.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def grow_polygon(seed: Float, bounds: Float, squares: Float, half: float) -> Con
 
     Args:
         seed: (2,) point inside `bounds` and outside all squares.
-        bounds: (k, 3) half-planes that bound the polygon, within 2 m of the seed.
+        bounds: (k, 3) half-planes around the seed that bound the polygon to within 2 m of it.
         squares: (n, 2) centres of axis-aligned squares [m].
         half: half the edge of a square [m].
     """
@@ -147,7 +147,7 @@ def _hull(points: Float) -> Index:
 def _ellipse(vertices: Float) -> tuple[Float, Float]:
     """Centre of a polygon, and the metric in which the ellipse of its second moments is a circle."""
     mean = vertices.mean(axis=0)
-    # In millimetres relative to the mean. The 1e-3 mm^2 added to the variances below are negligible and keep the
+    # In millimetres relative to the mean. Adding 1e-3 mm^2 to the variances below is negligible, and keeps the
     # covariance invertible.
     x, y = 1e3 * (vertices - mean).T
     next_x, next_y = np.append(x[1:], x[0]), np.append(y[1:], y[0])

@@ -19,7 +19,7 @@ MOST_VOXELS = 10_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DistanceField(FrozenArrays):
-    """Signed distance from the ground in voxels over a grid; unknown ground is solid at every height.
+    """Signed distance from the ground in voxels over a grid; unknown and STALE ground is solid at every height.
 
     Attributes:
         values: (nz, ny, nx) lower bounds of the signed distance of each voxel's centre from the nearest solid surface
@@ -61,8 +61,8 @@ def distance_field(terrain: LayeredGrid, low: float, high: float, *, allow_stale
     so is everything beside the grid or below `low`. Distances are lower bounds. The result is not cached.
 
     Raises:
-        InvalidInput: the heights are not finite or in the wrong order, there are more than MOST_VOXELS voxels, or the
-            metadata of the grid lacks limits.
+        InvalidInput: the heights are not finite, `low` is not below `high`, there are more than MOST_VOXELS voxels, or
+            the metadata of the grid lacks limits.
         MissingExtra: SciPy is not installed.
     """
     terrain = asked(terrain, allow_stale)

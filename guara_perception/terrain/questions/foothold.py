@@ -129,7 +129,7 @@ def check_foothold(
     Raises:
         InvalidInput: x and y are not numbers, their shapes cannot be broadcast together, or the metadata of the grid
             lacks limits. With a leg, also if the metadata lacks robot, stance or pose, or names another robot.
-        kinematics.KinematicsError: no such leg or robot.
+        kinematics.KinematicsError: no such leg, or the robot cannot be loaded or does not fit the stance.
     """
     terrain = asked(terrain, allow_stale)
     px, py = coordinates(x, y)
@@ -210,7 +210,7 @@ def enough_clearance(terrain: LayeredGrid, limits: TraversabilityLimits) -> floa
 
 
 def sole_flags(hazard: Flags, geometry: GridGeometry, x: Float, y: Float, limits: TraversabilityLimits) -> Flags:
-    """Union (n,) of the flags of all cells touched by each sole rectangle, aligned with x.
+    """Union (n,) of the flags of all cells that each sole rectangle, aligned with x, covers at least in part.
 
     A sole that extends beyond the grid has UNSCANNED among its flags.
 

@@ -36,7 +36,7 @@ def leg_clearance(
 
     Raises:
         InvalidInput: as in `check_foothold`.
-        kinematics.KinematicsError: no such leg or robot.
+        kinematics.KinematicsError: no such leg, or the robot cannot be loaded or does not fit the stance.
     """
     terrain = asked(terrain, allow_stale)
     pose = pose_of(terrain, robot)

@@ -22,7 +22,7 @@ from kinematics.transforms import transform_points
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StandingSole:
-    """Sole that carried the body when the grid was made: centre (3,) [m] and covariance (3, 3), in the grid's frame."""
+    """Sole that carried the body when the grid was made: centre (3,) [m] and covariance (3, 3) [m^2], in its frame."""
 
     centre: Float
     covariance: Float
@@ -64,7 +64,7 @@ def beyond_reach(
 
     Raises:
         InvalidInput: the grid's record lacks robot, stance or transform, or names a robot other than `robot`.
-        kinematics.KinematicsError: no such robot or leg.
+        kinematics.KinematicsError: no such leg, or the robot cannot be loaded or does not fit the stance.
     """
     pose = pose_of(terrain, robot)
     reach = reach_from_pose(pose, leg, soles_in_footprint)
@@ -81,7 +81,7 @@ def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotLike | None = None
 
     Raises:
         InvalidInput: the grid's record lacks robot, stance or transform, or names a robot other than `robot`.
-        kinematics.KinematicsError: no such robot or leg.
+        kinematics.KinematicsError: no such leg, or the robot cannot be loaded or does not fit the stance.
     """
     return _soles(pose_of(terrain, robot), [leg])[0]
 
@@ -91,7 +91,7 @@ def standing_soles(terrain: LayeredGrid) -> tuple[StandingSole, ...]:
 
     Raises:
         InvalidInput: the grid's record contains neither these soles nor robot, stance and transform.
-        kinematics.KinematicsError: no such robot.
+        kinematics.KinematicsError: the robot cannot be loaded or does not fit the stance.
     """
     terrain.record.check("support_feet_used", "support_soles")
     soles = terrain.record.support_soles
@@ -113,7 +113,7 @@ def pose_of(terrain: LayeredGrid, robot: RobotLike | None) -> StancePose:
 
     Raises:
         InvalidInput: the grid's record lacks robot, stance or transform, or names a robot other than `robot`.
-        kinematics.KinematicsError: no such robot.
+        kinematics.KinematicsError: the robot cannot be loaded or does not fit the stance.
     """
     record, needed = terrain.record, ("robot", "stance", "transform_base_to_footprint")
     record.check(*needed)

@@ -39,7 +39,8 @@ class PathVerdict(Verdict):
     Attributes:
         ok: True if the path or area is accepted.
         clearance: least distance from the ground over the part of the path that must keep the full clearance [m]; NaN
-            if there is no such part, the path has no z, or it passes over unknown or stale ground.
+            if there is no such part, the path has no z, or ground within the required clearance is STALE, off the grid,
+            or unknown without a bound.
         reasons: each failed test with value and limit; empty if ok.
     """
 
@@ -128,8 +129,8 @@ def check_polygon(terrain: LayeredGrid, corners: npt.ArrayLike, *, allow_stale: 
     """Check that all cells touched by a polygon (n, 2) [m] are known and free of hazards other than EDGE.
 
     Raises:
-        InvalidInput: there are fewer than three corners, a value is not finite, or the outline is longer than 20 m or
-            has a coordinate beyond 20 m.
+        InvalidInput: the corners are fewer than three, of the wrong shape or not finite, or the outline is longer than
+            20 m or has a coordinate beyond 20 m.
     """
     terrain = asked(terrain, allow_stale)
     outline = checked_points(corners, (2,), 3, "corners of a polygon")
@@ -230,7 +231,7 @@ def corridor_of(geometry: GridGeometry, samples: Float, clearance: float) -> Cor
 
 
 def top_heights(ground: SwingGround, cells: Corridor) -> tuple[Float, Float]:
-    """Upper bound of the ground in each cell of a corridor, and the confidence in it [m], 0 in unused cells."""
+    """Upper bounds of the ground in the cells of a corridor [m], and the confidence that they include, 0 if unused."""
     at = np.where(cells.used, cells.iy, 0), np.where(cells.used, cells.ix, 0)
     confidence = np.where(cells.used, ground.confidence * np.sqrt(ground.variance[at].astype(np.float64)), 0.0)
     return ground.top[at].astype(np.float64) + confidence, confidence
@@ -322,7 +323,7 @@ def _within(terrain: LayeredGrid, centre: Float, half: Float) -> Mask:
 
 
 def _sole_at(terrain: LayeredGrid, start: Float) -> StandingSole | None:
-    """Standing sole at the start of a path; None if there is none, or the grid has no stance."""
+    """Standing sole at the start of a path; None if there is none, or if the soles are not known."""
     try:
         soles = standing_soles(terrain)
     except (InvalidInput, KinematicsError):

@@ -53,7 +53,7 @@ class Verdict:
         return f"{type(self).__name__}({self})"
 
     def __str__(self) -> str:
-        """Text with values in millimetres and degrees."""
+        """Text with values in millimetres, degrees and per cent."""
         return self._ok_text() if self.ok else f"refused: {'; '.join(map(str, self.reasons))}"
 
     def _ok_text(self) -> str:

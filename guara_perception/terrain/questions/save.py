@@ -18,6 +18,7 @@ def save_terrain(terrain: LayeredGrid, path: str | Path) -> None:
     Raises:
         InvalidInput: the name does not end in .npz, or is that of a folder.
         MissingFile: the folder does not exist.
+        OSError: the file cannot be written.
     """
     if Path(path).suffix != ".npz":
         raise InvalidInput(f"{path}: a grid is saved as .npz; `guara convert` writes .ply, .pcd and .csv")

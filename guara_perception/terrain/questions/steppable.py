@@ -97,7 +97,7 @@ def steppable_region(
     Raises:
         InvalidInput: x or y is not finite, the radius is not above 0 and at most 1 m, or `previous` is of another type.
             Also as in `check_foothold`.
-        kinematics.KinematicsError: no such leg or robot.
+        kinematics.KinematicsError: no such leg, or the robot cannot be loaded or does not fit the stance.
     """
     terrain = asked(terrain, allow_stale)
     if not np.isfinite([x, y]).all():
@@ -164,7 +164,7 @@ class _Window:
         x, y: (nx,) and (ny,) coordinates of the cell centres [m].
         free: (ny, nx) mask of the cells in which a sole may be centred anywhere.
         height, variance: (ny, nx) heights [m] and their local variances [m^2].
-        bounds: (n, 3) half-planes of the part's rectangle.
+        bounds: (n, 3) half-planes of the searched rectangle; none after `cut`.
         resolution: cell edge [m].
         tolerance: largest distance of the ground of a region from its plane [m].
     """

@@ -83,7 +83,7 @@ def swing(
 
     Raises:
         InvalidInput: as in `check_path`, and as in `check_foothold` if a leg is given.
-        kinematics.KinematicsError: no such leg or robot.
+        kinematics.KinematicsError: no such leg, or the robot cannot be loaded or does not fit the stance.
     """
     terrain = asked(terrain, allow_stale)
     ends = checked_points([start, end], (3,), 2, "start and end of a swing")  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
 """Scan policy, and grids from the data of other sensors.
 
-Imports the other subpackages of `terrain`; `app` and users call it.
+Imports `layers`, `assessment`, `map` and `TerrainGrid`; `app` and users call it.
 """

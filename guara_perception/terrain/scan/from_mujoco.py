@@ -59,7 +59,7 @@ def terrain_from_mujoco(
     Raises:
         InvalidInput: there is no such body or joint, the scene has no ground, its state is not finite, the robot does
             not stand, or the area is invalid or not divisible by the resolution.
-        kinematics.KinematicsError: no such robot.
+        kinematics.KinematicsError: the robot cannot be loaded.
         MissingExtra: MuJoCo is not installed (extra `sim`).
     """
     mujoco = optional_library("mujoco", "sim", "a grid of a MuJoCo scene")

@@ -58,7 +58,7 @@ def terrain_from_points(
     Raises:
         InvalidInput: an array is not numeric or has the wrong shape, sigma is negative or not finite, the origin is
             not finite, or the resolution does not divide the area.
-        kinematics.KinematicsError: no such robot.
+        kinematics.KinematicsError: the robot cannot be loaded.
     """
     robot = robot_model("guara" if robot is None else robot)
     settings = Settings.of(robot)

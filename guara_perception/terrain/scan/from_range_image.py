@@ -53,7 +53,7 @@ def terrain_from_range_image(
         InvalidInput: the shape does not fit the area (pixels must be nearly square); heights are infinite or
             beyond 10 km; causes or sigma have another shape or values that are not allowed; causes contradict the
             heights; the area is invalid or not divisible by the resolution.
-        kinematics.KinematicsError: no such robot.
+        kinematics.KinematicsError: the robot cannot be loaded.
     """
     robot = robot_model("guara" if robot is None else robot)
     settings = Settings.of(robot)

@@ -64,7 +64,7 @@ class ScanPolicy:
 
         Raises:
             InvalidInput: the height limit is not a finite number above 0.
-            kinematics.KinematicsError: no such robot.
+            kinematics.KinematicsError: the robot cannot be loaded.
         """
         robot = robot_model(robot)
         self._settings = Settings.of(robot)
