@@ -42,6 +42,9 @@ def carry_gravity(
         support_now: (m, 3) all supporting soles in `base_link` of this pause [m], m >= 3.
         covariances_now: (m, 3, 3) covariances of `support_now` [m^2].
         noise: noise of stances, of which only `terrain_slope_sigma` is used.
+
+    Raises:
+        StanceError: the supporting soles are on one line.
     """
     rotation = turn_between(soles_now, soles_before)
     up = -rotation.T @ unit_vector(before.gravity_in_base)

@@ -26,7 +26,7 @@ SPACING = 0.005
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootholdClearance:
-    """Clearances at one foothold [m]; NaN if any ground below is unknown.
+    """Clearances of leg and sole at one foothold [m]; either is NaN if any ground below that part is unknown.
 
     Attributes:
         leg: smallest height above the ground of all points of the leg that are farther from the sole's centre than the

@@ -48,11 +48,11 @@ class UnknownName(KinematicsError, KeyError):
 
 
 class JointPositionError(KinematicsError, ValueError):
-    """Joint positions are missing, not finite, obviously not in radians, or of the wrong length."""
+    """Joint positions or velocities are missing, not finite numbers, clearly not in radians, or of the wrong shape."""
 
 
 class StanceError(KinematicsError, ValueError):
-    """A stance is malformed or cannot support the body, or a leg cannot reach a foothold."""
+    """A stance is malformed, lacks required data or cannot support the body, or a leg cannot reach a foothold."""
 
 
 class ArgumentError(KinematicsError, ValueError):

@@ -9,7 +9,7 @@ from kinematics.exceptions import RobotFileError
 
 
 class Findings:
-    """Collector of errors in one file, and of notes on entries that are not used.
+    """Collector of errors in one file, and of notes on content that is not used or cannot be checked.
 
     Args:
         path: path of the file, for messages.
@@ -30,7 +30,7 @@ class Findings:
         self._wrong.append((line, text))
 
     def unused(self, text: str) -> None:
-        """Add a note on an entry that is not used; equal texts are merged into one note with a count."""
+        """Add a note on content that is not used or cannot be checked; equal texts become one note with a count."""
         self._unused[text] += 1
 
     @property
@@ -40,12 +40,12 @@ class Findings:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on entries that are not used, equal texts merged."""
+        """Notes on content that is not used or cannot be checked, equal texts merged."""
         return tuple(f"{text} ({count} times)" if count > 1 else text for text, count in self._unused.items())
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Errors in the order of their lines, each with file and line."""
+        """Errors in the order of their lines, each with the file, and with the line if it is known."""
         return tuple(
             f"{self.path}:{line}: {text}" if line else f"{self.path}: {text}"
             for line, text in sorted(self._wrong, key=lambda finding: finding[0])

@@ -45,7 +45,7 @@ class Fit:
     Attributes:
         transform_footprint_to_odom: (4, 4), a rotation about z and a translation.
         covariance: (4, 4) covariance of the footprint's x, y, z [m] and heading [rad].
-        residual: rms horizontal distance of the soles from their footholds [m].
+        residual: rms horizontal distance of the soles that stayed from their footholds [m].
         misfit: chi-square per degree of freedom if noise does not explain the residuals, otherwise 1.
         last_covariance: (4, 4) covariance of the previous footprint's x, y, z and heading.
         with_last: (4, 4) cross-covariance of the previous footprint's x, y, z and heading with those of this one.

@@ -24,7 +24,7 @@ REACH_M, STEP_M = 0.30, 0.005
 # Largest number of footholds in memory, enough for 4.5 m of walking; the oldest are forgotten first.
 MOST_FOOTHOLDS = 128
 ALIKE = 2
-# Distance below which two footholds count as one.
+# Distance up to which two footholds count as one.
 APART_M = 0.02
 
 

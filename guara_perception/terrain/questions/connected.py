@@ -8,7 +8,7 @@ from guara_perception.arrays import Mask
 
 
 def connected_to(cells: Mask, iy: int, ix: int) -> Mask:
-    """4-connected component of a mask that contains the cell (iy, ix).
+    """4-connected component of the cell (iy, ix) in a mask.
 
     The search works on runs of cells along x, of which there are few. Runs that overlap in neighbouring rows are
     connected.

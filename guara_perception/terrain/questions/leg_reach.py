@@ -22,7 +22,7 @@ from kinematics.transforms import transform_points
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StandingSole:
-    """Sole that carried the body when the grid was made: centre (3,) [m] and covariance (3, 3) [m^2], in its frame."""
+    """Sole that carried the body when the grid was made, in its frame: centre (3,) [m], covariance (3, 3) [m^2]."""
 
     centre: Float
     covariance: Float

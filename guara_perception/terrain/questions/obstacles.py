@@ -30,8 +30,8 @@ FLOOR_SHARE = 0.35
 # Reciprocal of the FLOOR_SHARE quantile of |noise| in standard deviations. Boxes make the resulting sigma too large, so
 # it is refined.
 QUANTILE_TO_SIGMA = 1 / 0.4538
-# Largest number of cells, evenly distributed, to which a floor is fitted. The error of the floor is a thirtieth of the
-# noise of these cells.
+# Largest number of cells, evenly distributed, to which a floor is fitted. The rms error of the floor is then about
+# 4 % of the noise of these cells.
 CELLS = 2000
 # Approximate number of these cells that are used to score the trials.
 JUDGES = 250

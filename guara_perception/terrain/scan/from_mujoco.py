@@ -24,8 +24,8 @@ from kinematics.transforms import inverse, transform_points
 Area = tuple[tuple[float, float], tuple[float, float]]
 # Number of rays per cell along each axis. With cells of 5 mm they may miss relief narrower than 2.5 mm.
 RAYS = 2
-# Height above the height limit at which the rays start; a ray that starts inside a geom would meet its bottom. If there
-# is a ceiling over the robot, the rays meet it first, so the ground below it is unknown.
+# Height above the height limit at which the rays start; a ray that starts inside a geom would meet its bottom. Rays
+# meet a ceiling below this height first, so the ground under it is unknown.
 ABOVE_M = 20.0
 
 
