@@ -61,8 +61,8 @@ class TerrainMesh:
         picture: (ny, nx, 3) uint8, red, green, blue of each cell.
         texture_positions: (n, 2) float32, position of each vertex in `picture`, 0 ... 1 to the right and upwards; the
             first row of `picture` is at the top.
-        legend: (name, colour) of the hazards shown; empty for other colourings.
-        scale: colour scale of the other colourings; None for "hazard".
+        legend: (name, colour) of free cells and of the flags shown; empty unless the colouring is "hazard".
+        scale: colour scale of the other colourings, None for "hazard".
     """
 
     vertices: Float32

@@ -121,7 +121,7 @@ def check_foothold(
     Args:
         x, y: centres of the sole in base_footprint [m].
         leg: also require that this leg reaches the position, with the body at its pose in the scan.
-        robot: model for `leg`; None = the robot of the grid.
+        robot: model, name or folder, used with `leg`; None = the robot of the grid.
 
     Returns:
         A FootholdVerdict if x and y are numbers; FootholdVerdicts if they are arrays.

@@ -58,7 +58,7 @@ def beyond_reach(
     Args:
         terrain: grid with the stance in its record.
         leg: name of the leg.
-        soles_in_footprint: (n, 3) sole centres on the ground [m].
+        soles_in_footprint: (n, 3) centres of the level sole [m].
         robot: model, name or folder of the robot; None = the description in the grid or, without one, the name in it.
         margin: angle to keep from the limits [rad].
 

@@ -11,7 +11,12 @@ from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, coo
 
 
 def normal_at(terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Float:
-    """Unit normals (..., 3) of the planes fitted around the cell under each point; NaN where the slope is unknown."""
+    """Unit normals (..., 3) of the planes fitted around the cell under each point; NaN where the slope is unknown.
+
+    Raises:
+        InvalidInput: x and y are not numbers, their shapes cannot be broadcast together, or the metadata of the grid
+            lacks limits.
+    """
     terrain = asked(terrain, allow_stale)
     px, py = coordinates(x, y)
     x, y = px.ravel(), py.ravel()

@@ -312,6 +312,10 @@ def highest_at(terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, *, allo
     The bound is the highest sample, or the ceiling of unknown ground, plus confidence. It is NaN where the ground is
     unknown without a ceiling, STALE or off the grid. `check_path` and `swing` use the same heights, except under the
     sole at the start.
+
+    Raises:
+        InvalidInput: x and y are not numbers, their shapes cannot be broadcast together, or the metadata of the grid
+            lacks limits.
     """
     return highest_ground(bounded_ground(asked(terrain, allow_stale)), *coordinates(x, y))
 

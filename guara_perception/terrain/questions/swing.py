@@ -79,7 +79,7 @@ def swing(
         start, end: (3,) positions of the sole's centre on the ground, in base_footprint [m].
         clearance: required distance from the ground between the ends [m].
         leg: also require that this leg can follow the whole path, with the body at its pose in the scan.
-        robot: model for `leg`; None = the robot of the grid.
+        robot: model, name or folder, used with `leg`; None = the robot of the grid.
 
     Raises:
         InvalidInput: as in `check_path`, and as in `check_foothold` if a leg is given.
