@@ -6,9 +6,9 @@ to one pose of the camera, an error of this pose moves all corners in the same w
 
     d = (x, y) + yaw * (-py, px),        minimised: sum |r|^2 / s^2 / n + m' P^-1 m
 
-where p is the corner relative to the footprint, m = (x, y, yaw), r the measured shift of a corner minus d, s the spread
-of the corners that agree, and P the prior covariance from odometry. Errors of neighbouring corners are correlated, so
-their information is divided by n. The covariance of the motion also contains VIEW_SIGMA.
+where p is the corner relative to the footprint, m = (x, y, yaw), r the measured shift of a corner minus d, s the rms of
+r per axis over the corners that agree, and P the prior covariance from odometry. Errors of neighbouring corners are
+correlated, so their information is divided by n. The covariance of the measured motion also contains VIEW_SIGMA.
 
 A pixel keeps the texture with which it was first seen, at the pose of the walk at that time. Errors therefore
 accumulate only as texture leaves the view. Let f be the fraction of the ground in view that is new at each pause. The
@@ -51,9 +51,9 @@ MOST_RETURN_PX = 0.3
 # Least number and least fraction of the tracked corners that agree, and largest contradiction between their motion and
 # odometry [sigmas]. A pause outside these limits is refused.
 LEAST_CORNERS, LEAST_AGREEING, MOST_SIGMAS = 25, 0.5, 3.0
-# Corners show the motion of the whole view if more than WHOLE of them agree, and if the standard deviation of their
-# positions exceeds LEAST_EXTENT_M in every direction (it is at least 0.13 m over a whole view). Otherwise they may be
-# on a part of the view that moves by itself.
+# Corners show the motion of the whole view if more than the fraction WHOLE of them agree, and if the standard deviation
+# of their positions exceeds LEAST_EXTENT_M in every direction (it is at least 0.13 m over a whole view). Otherwise they
+# may be on a part of the view that moves by itself.
 WHOLE, LEAST_EXTENT_M = 0.8, 0.08
 # Largest deviation of an agreeing corner, in units of the spread, and bounds of the spread. The upper bound is about
 # half a pixel of the image; with a larger spread, corners would agree by chance.

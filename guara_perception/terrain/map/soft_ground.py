@@ -15,7 +15,7 @@ from guara_perception.terrain.map.support_feet import SoleError
 # applies, plus the height range of the map under the sole. Legs bend and maps drift by less; snow, foam and loose
 # gravel give way by more.
 SINK_M, SINK_SIGMAS = 0.008, 4.0
-# A foot that slipped according to odometry slid if it moved farther than the others by more than CREEP_M plus
+# A foot that odometry reports as slipped counts as slid if it moved farther than the others by more than CREEP_M plus
 # SLIP_SIGMAS standard deviations of the difference of two readings of its position. Soles that rock on stiff ankles
 # creep by about CREEP_M in MuJoCo.
 CREEP_M, SLIP_SIGMAS = 0.020, 4.0

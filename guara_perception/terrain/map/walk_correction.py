@@ -71,8 +71,7 @@ class WalkCorrection:
         noise: (3, 3) pose noise of the last pause, not carried to the next.
         last: transform_footprint_to_odom of the last pause from odometry, None before the first pause.
         growth: (3, 3) covariance of the last motion after registration.
-        own: (3, 3) covariance of the texture's error at the last pause only, zero if texture did not correct that
-            pause.
+        own: (3, 3) covariance of the last pause's own error if texture corrected that pause, otherwise zero.
         shift, turn: sums of the largest horizontal variance and of the yaw variance of all motions since the start
             [m^2, rad^2].
         refused: reason why the last registration was not used, None if it was used.

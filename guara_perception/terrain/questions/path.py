@@ -253,7 +253,7 @@ class SwingGround:
     Attributes:
         geometry: geometry of the grid.
         hazard: (ny, nx) flags.
-        top: (ny, nx) highest sample of each cell [m].
+        top: (ny, nx) highest sample of each cell, or bound of unknown ground [m].
         variance: (ny, nx) variance of the heights [m^2].
         confidence: number of sigmas that are added to `top`.
         rounding: largest relative error of `variance`, which was at least variance / (1 + rounding) before rounding.

@@ -49,8 +49,8 @@ def terrain_from_points(
         sensor_origin: (3,) position of the sensor in base_footprint [m].
         robot: model, name or folder; defines area, height limits and traversability limits; None = the Guará.
         no_returns: (m, 3) directions in base_footprint of rays without a return, for instance of depth pixels without a
-            value. A map forgets the cells that these rays meet. They are ignored if no cell is known. None = unknown: a
-            map keeps such cells, and they age.
+            value. A map forgets the cells that these rays meet; if no cell is known, the rays are ignored. None =
+            unknown: a map keeps such cells, and they age.
         resolution: cell edge [m]; None = the robot's default.
         stamp: time of the measurement [ns since the epoch].
         step: number of the stance pause.
