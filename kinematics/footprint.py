@@ -4,14 +4,14 @@ With u the unit vertical in `base_link` and p_i the supporting soles, the rows o
 footprint are
 
     x = (e_x - u_x u) / s,   s = sqrt(1 - u_x^2)      the body's x axis projected onto the horizontal
-    y = u x x
+    y = u cross x
     z = u
 
 and the translation is (0, 0, h) with h = -u . mean(p_i). The footprint is vertically below the body's origin, with
 z = 0 at the mean of the soles.
 
-A small change du of the vertical rotates the footprint about its own fixed axes by B du, where B has the rows y, -x and
-(u_x / s) y. The last row keeps the heading aligned with the body's x axis when the body tilts.
+A small change du of the vertical changes the rotation by B du about the footprint's axes, where B has the rows y, -x
+and (u_x / s) y. The last row keeps the heading aligned with the body's x axis when the body tilts.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ import numpy as np
 from kinematics.arrays import Float, read_only
 from kinematics.exceptions import StanceError
 
-# Two frames that no URDF has; their axes follow REP-103 (x forward, y left, z up).
+# Two frames that are not links of the URDF; their axes follow REP-103 (x forward, y left, z up).
 # Vertically below the body's origin, z = 0 at the mean of the supporting soles.
 BASE_FOOTPRINT = "base_footprint"
-# Equal to `base_footprint` of the first pause; tracked by leg odometry.
+# Equal to `base_footprint` of the first pause; leg odometry tracks the robot in it.
 ODOM = "odom"
 # Smallest rms distance of the soles from a line at which they define a plane [m]. At this distance, an error of 1 mm
 # tilts the plane by 6 degrees.
@@ -44,7 +44,7 @@ def transform_base_to_footprint(soles_in_base: Float, up: Float) -> Float:
 
 
 def turn_by_vertical(transform: Float) -> Float:
-    """Matrix B (3, 3): d(rotation of the footprint about its fixed axes [rad]) / d(vertical in `base_link`)."""
+    """Matrix B (3, 3): d(rotation about the footprint's axes [rad]) / d(vertical in `base_link`)."""
     x, y, up = transform[:3, :3]
     return np.array([y, -x, up[0] / np.sqrt(1.0 - up[0] ** 2) * y])
 
@@ -102,7 +102,8 @@ def fit_support_plane(soles_in_base: Float) -> SupportPlane:
         soles_in_base: (n, 3) sole centres [m], n >= 3.
 
     Raises:
-        StanceError: there are fewer than three soles, or they are within `LEAST_WIDTH` of one line in x and y.
+        StanceError: there are fewer than three soles, or their rms distance from a line in x and y is less than
+            `LEAST_WIDTH`.
     """
     count = len(soles_in_base)
     if count < 3:

@@ -36,6 +36,7 @@ from kinematics.transforms import unit_vector
 from kinematics.tree import RobotState
 
 # Longest and shortest window in which wrong zeros are searched for [pauses]: two cycles of four steps, and one cycle.
+# A jump is reported at SHORTEST pauses.
 LONGEST, SHORTEST = 9, 5
 # Sigma of the creep of a standing foot between two pauses, per horizontal axis [m]: 4 % of the 35 mm by which the body
 # moves in one of the four steps of a cycle.
@@ -45,25 +46,25 @@ SINK_SIGMA = 0.0005
 # An error is reported only if it exceeds both limits, the first in radians, the second in standard deviations.
 LEAST_ERROR, LEAST_SIGMAS = 0.045, 4.5
 # Alternative to LEAST_SIGMAS for a wrong zero: a limit in standard deviations of the noise stated in robot.toml, which
-# noise exceeds once in 10,000 tests. LEAST_SIGMAS refers to the noise estimated from the window itself. It must be
-# larger, because over one cycle that estimate is uncertain by a sixth.
+# noise exceeds once in 10,000 tests. For a wrong zero, LEAST_SIGMAS refers to the noise estimated from the window and
+# is larger, because over one cycle that estimate is uncertain by a sixth.
 STATED_SIGMAS = 3.9
-# Jumps of this size or more are not reported [rad]: a foot that swings along the arc of its leg looks like one. Also
-# the limit of zero errors that are below their reporting threshold and named as alternatives.
+# Jumps of this size or more are not reported [rad]: a foot that swings along the arc of its leg looks like one. A
+# zero error below its reporting threshold is named as an alternative only if it is smaller than this.
 LARGEST_JUMP = 0.35
 # A foot that moved by this multiple of `swing_least` or more was lifted, if the other feet are consistent without it.
 MOST_SWING = 1.25
-# Joints whose chi^2 exceeds the smallest one by more than this are not named.
+# Joints whose chi^2 exceeds the smallest one by this much or more are not named.
 AS_LIKELY = 9.0
-# The noise variance of a walk is estimated over the last LEARNED pauses. As a fraction of the variance stated in
-# robot.toml, it is at least LEAST_SCALE.
+# The noise variance of a walk is estimated over the last LEARNED pauses without a jump. Every estimate of the noise
+# variance, also that of a window, is at least LEAST_SCALE times the variance stated in robot.toml.
 LEAST_SCALE, LEARNED = 0.2, 36
 # A wrong zero is reported only if its standard deviation, from the window or as stated, is below this [rad].
 LARGEST_SIGMA = 0.03
 # Joints beyond their limits by more than this are reported [rad]; smaller excesses are attributed to encoder offsets or
 # to nominal limits.
 BEYOND_LIMIT = 0.1
-# Sigma of an unknown position and heading in `odom` [m, rad].
+# Prior sigma of the position and heading of the first pose in a window [m, rad]: practically free.
 UNKNOWN = 10.0
 
 
@@ -75,7 +76,7 @@ class JointFault:
         joints: names of these joints, the likeliest first.
         error: error of the first joint, reading minus truth [rad]; for kind "limit", distance beyond the limits.
         sigma: standard deviation of the error [rad]; 0 for kind "limit".
-        kind: "jump" (since the last pause), "offset" (in all pauses of the window) or "limit".
+        kind: "jump" (between two pauses), "offset" (in all pauses of the window) or "limit".
     """
 
     joints: tuple[str, ...]
@@ -101,7 +102,7 @@ class JointReport:
     Attributes:
         residual: rms residual of the closed chains between this pause and the last, in standard deviations; NaN if
             fewer than three feet stayed or there is no earlier pause to compare with.
-        faults: faults found; empty if all joints are consistent.
+        faults: faults found; a jump is repeated in the reports of the next four pauses.
     """
 
     residual: float
@@ -179,7 +180,7 @@ class _Chains:
                 blocks.append((whiten @ design, -whiten @ rotation @ jacobian[:3], whiten @ off))
                 if axis is not None:
                     ahead = rotation @ axis
-                    # z of w x ahead is w_x ahead_y - w_y ahead_x.
+                    # The z component of cross(w, ahead) is w_x ahead_y - w_y ahead_x.
                     design = np.zeros((1, width))
                     design[0, 6 * k + 3 : 6 * k + 5] = ahead[1], -ahead[0]
                     design[0, column[key] + 3] = -1.0
@@ -244,7 +245,7 @@ class JointCheck:
 
     @property
     def sigmas(self) -> dict[str, float]:
-        """Joint name -> standard deviation of its zero error after the pauses so far [rad]; inf if unobservable."""
+        """Joint name -> standard deviation of its zero error in the current window [rad]; inf if unobservable."""
         if not self._pauses:
             return dict.fromkeys(self._robot.joint_names, math.inf)
         _, sigma = _Chains(self._robot, self._pauses).errors(since_last=False)
@@ -252,7 +253,7 @@ class JointCheck:
 
     @property
     def bars(self) -> dict[str, float]:
-        """Joint name -> smallest zero error that is reported after the pauses so far [rad]; inf if none is reported."""
+        """Joint name -> smallest zero error that is reported in the current window [rad]; inf if none is reported."""
         if len(self._pauses) < SHORTEST:
             return dict.fromkeys(self._robot.joint_names, math.inf)
         return {name: bar for name, (*_, bar) in self._zeros(_Chains(self._robot, self._pauses)).items()}

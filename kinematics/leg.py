@@ -1,9 +1,10 @@
 """Kinematics of one leg: closed form for hip roll and two or three pitch joints, else numeric.
 
-Such a leg is recognised by its geometry, not by names: the first axis is parallel to x, the others are parallel to y,
-and the second is at the height of the first. Thigh, shank and foot are vectors of any direction in the leg's plane,
-which is perpendicular to the pitch axes, at the distance d (`aside`) from the first axis. With r the sole relative to
-the hip and phi the sole's pitch in the plane:
+Such a leg is recognised by its geometry with all joints at zero, not by names: the first axis is parallel to x, the
+others are parallel to y, and the second is at the height of the first. With four joints, all joint origins and the
+sole also have the same y, and the axes of the sole frame are those of `base_link`. Thigh, shank and foot are vectors of
+any direction in the leg's plane, which is perpendicular to the pitch axes, at the distance d (`aside`) from the first
+axis. With r the sole relative to the hip and phi the sole's pitch in the plane:
 
     hip roll     in the plane the sole is at (r_x, -h), h^2 = r_y^2 + r_z^2 - d^2
                  q1 = atan2(r_z, r_y) - atan2(-h, d)
@@ -12,9 +13,9 @@ the hip and phi the sole's pitch in the plane:
     thigh        at the angle psi(a) - atan2(l2 sin b, l1 + l2 cos b) from straight down
     ankle pitch  q4 = phi - q2 - q3
 
-psi(v) is the angle about y from straight down to v. Everything is vectorised over soles. A leg of three joints has no
-foot and no phi; its shank ends at a point, or at the centre of the ball of a round foot. This centre is above the sole,
-slightly to one side when the ball has rolled (`RobotState.soles_in_base`); its position is found by iteration.
+psi(v) is the angle about y from straight down to v. The closed form is vectorised over soles. A leg of three joints has
+no foot and no phi; its shank ends at a point, or at the centre of the ball of a round foot. This centre is above the
+sole, slightly to one side when the ball has rolled (`RobotState.soles_in_base`); its position is found by iteration.
 
 For other legs, `NumericLeg` runs damped Gauss-Newton on a Pinocchio model of that leg alone. Legs of up to three joints
 can only place the sole centre; longer legs also solve for the sole's pitch. Soles are solved one at a time, each
@@ -105,7 +106,7 @@ class LegGeometry:
                 last, ball = ball, self._ball(turns)
                 turns = self._solve(soles_in_base + ball, sole_pitch)
                 missed = np.abs(ball - last).max(axis=-1, initial=0.0)
-                if not (missed > BALL_TOLERANCE).any():  # NaN stays NaN.
+                if not (missed > BALL_TOLERANCE).any():  # False for NaN: no solution.
                     break
             turns[missed > BALL_TOLERANCE] = np.nan
         return np.asarray(turns * self.senses)

@@ -52,15 +52,14 @@ def load_robot(name_or_path: str | Path) -> RobotModel:
         name_or_path: name of a robot that comes with the package, or path of a robot folder.
 
     Raises:
-        LibraryMissing: Pinocchio is not installed, for example because only the distribution guara-client is.
+        LibraryMissing: Pinocchio is not installed, for example because only guara-client is installed.
         ArgumentError: `name_or_path` is empty or neither a string nor a path.
         RobotNotFound: there is neither a robot of this name nor such a robot folder; the message lists the names.
-        RobotFileError: a file is missing or invalid, or contradicts another; `findings` lists the errors of all files
-            that could be read, each with its file and, if known, its line.
+        RobotFileError: a file is missing or invalid, or contradicts another; `findings` lists all errors found,
+            each with its file and, if known, its line.
 
     Warns:
-        RobotFileWarning: one warning lists all unused content of the files, and each of `RobotModel.doubts` has its
-            own.
+        RobotFileWarning: one warning lists all `RobotModel.notes`, and each of `RobotModel.doubts` has its own.
     """
     _check_pinocchio()
     return _load(_find(name_or_path), {})
@@ -111,7 +110,7 @@ def _load(folder: Path, texts: Mapping[str, str]) -> RobotModel:
 
 
 def _read_urdf(path: Path, config: RobotToml, text: str | None) -> tuple[Urdf | None, tuple[str, ...]]:
-    """Read and check a URDF; return it without errors, or None with its errors."""
+    """Read and check a URDF; return it and an empty tuple, or None and its errors."""
     try:
         urdf = read_urdf(path, text)
         if config.name and urdf.name != config.name:
@@ -183,7 +182,7 @@ def robot_from_description(text: str) -> RobotModel:
 
 
 def plain_urdf(urdf: Urdf) -> str:
-    """Write a URDF as text, with the content that is used, in the order of the file."""
+    """Write the used content of a URDF as text: links, then joints, each in the order of the file."""
     root = Element("robot", name=urdf.name)
     for link in urdf.links:
         _add_link(root, link)

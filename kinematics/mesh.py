@@ -1,7 +1,7 @@
 """Collision meshes: their files, and the simple shapes that replace them.
 
-A mesh is replaced by the smallest box, cylinder or sphere, of those tried, that contains the mesh. Points on the robot
-are therefore never taken for terrain. Files are read by coal (Assimp), which comes with Pinocchio.
+A mesh is replaced by the smallest box, cylinder or sphere, of those tried, that contains it, so that no point of the
+mesh is taken for terrain. Files are read by coal (Assimp), which comes with Pinocchio.
 """
 
 from __future__ import annotations

@@ -13,14 +13,14 @@ from kinematics.srdf import Posture
 from kinematics.tree import KinematicTree, RobotState
 from kinematics.urdf import Joint, Shape, Urdf
 
-# Tolerance of heights [m], which robot.toml states to the millimetre.
+# Tolerance of heights and sole sizes [m], which robot.toml states to the millimetre.
 HEIGHT_TOLERANCE = 0.0005
 
 # Tolerance of differences between left and right legs [m]; a larger difference is a mistake in the file.
 PAIR_TOLERANCE = 0.0005
 
 # Largest accepted difference in height between a sole frame and the lowest point of its foot [m]. Every foothold is
-# wrong by this difference. On a round foot of 20 mm, a frame aligned with a tilted shank is wrong by 4 mm.
+# wrong by this difference. On a round foot of radius 20 mm, a frame aligned with a tilted shank is wrong by 4 mm.
 SOLE_TOLERANCE = 0.005
 
 
@@ -59,7 +59,7 @@ def check_names(config: RobotToml, urdf: Urdf, findings: Findings) -> None:
 def check_legs(tree: KinematicTree, findings: Findings) -> None:
     """Check chains, soles and left-right pairs of the legs; soles and pairs only if all chains are correct.
 
-    A foot without collision shapes cannot be checked; this is noted.
+    The sole size of a foot without collision shapes cannot be checked; this is noted.
     """
     before = len(findings.texts)
     for leg in tree.legs.values():

@@ -31,7 +31,7 @@ class PoseInOdom:
     """Pose of the footprint of one pause in `odom`, from any odometry; `LegOdometry` returns an `OdometryPose`.
 
     Attributes:
-        transform_footprint_to_odom: (4, 4) pose of the base_footprint of the pause's scan.
+        transform_footprint_to_odom: (4, 4) pose of the pause's footprint.
         covariance: (6, 6) covariance relative to the start, REP-103 order; must not decrease during a walk.
         covariance_since_last: (6, 6) covariance of the motion since the last pause; None if unknown.
         own_covariance: (6, 6) covariance of the error of this pause alone, which later pauses do not inherit; None =
@@ -65,9 +65,9 @@ class OdometryPose(PoseInOdom):
         swung_feet: feet that carried the body at both pauses and were set down elsewhere.
         slipped_feet: feet that carried the body at both pauses and moved by less than a swing.
         residual: rms horizontal distance of the feet that stayed from their footholds [m].
-        foot_slips: leg -> distance by which a foot moved since the last pause, for all common feet except
-            `swung_feet` [m]. Leg odometry cannot observe a slide common to all feet; such a slide is included only if
-            camera images have located the robot.
+        foot_slips: leg -> distance by which a foot moved since the last pause [m], for all feet that carried the body
+            at both pauses except `swung_feet`. Leg odometry cannot observe a slide common to all feet; such a slide is
+            included only if camera images have located the robot.
     """
 
     step: int

@@ -66,8 +66,8 @@ def read_urdf(path: Path, text: str | None = None) -> Urdf:
         text: text of the file; None = read it.
 
     Raises:
-        RobotFileError: the file is missing or is not XML, or elements or values that are used are wrong; the message
-            lists each of them with its line and what is allowed.
+        RobotFileError: the file cannot be read or is not XML, or elements or values that are used are wrong; the
+            message lists all of them with their lines.
     """
     root, text = read_xml(path) if text is None else (parse_xml(text, path), text)
     if root.tag != "robot":
@@ -81,7 +81,7 @@ def read_urdf(path: Path, text: str | None = None) -> Urdf:
 
 
 class _Reader:
-    """Reader of the elements of one file; a wrong value is recorded as a finding and replaced by a valid one."""
+    """Reader of the elements of one file; a wrong value is recorded as a finding, and reading continues."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -129,7 +129,7 @@ class _Reader:
         return transform
 
     def _named(self, element: Element) -> tuple[str, str]:
-        """Check the words of a link or joint; return its name and its designation in messages."""
+        """Check the names used in a link or joint; return its own name and its designation in messages."""
         name = element.get("name", "")
         if not name:
             self.findings.wrong(f"a <{element.tag}> has no name", element.line)
@@ -154,7 +154,7 @@ class _Reader:
     def _inertia(self, inertial: Element, transform: Float, mass: float) -> Float:
         """Inertia (3, 3) about the centre of mass, along the link's axes; zero if missing or physically impossible.
 
-        An impossible inertia of a link with a mass is noted.
+        An impossible inertia of a link with a mass is noted, unless it is zero.
         """
         inertia = inertial.find("inertia")
         if inertia is None:

@@ -107,8 +107,7 @@ def read_robot_toml(root: Table, findings: Findings) -> RobotToml:
 
     Args:
         root: the whole file.
-        findings: receives the errors; a wrong value is replaced by an allowed one, so that reading can continue. Use
-            the result only if no error was added.
+        findings: receives the errors; reading continues after each. Use the result only if no error was added.
     """
     table = root.gathering(findings)
     frames, legs, postures = table.table("frames"), table.table("legs"), table.table("postures")

@@ -28,7 +28,7 @@ def read_srdf(path: Path, urdf: Urdf, text: str | None = None) -> tuple[Posture,
 
     Args:
         path: the file.
-        urdf: the URDF, which must contain all joints and links named in the file.
+        urdf: the URDF, which must contain the joints of all postures and the links of <chain> and <disable_collisions>.
         text: text of the file; None = read it.
 
     Raises:

@@ -46,12 +46,12 @@ ENCODER_NOISE = 0.001
 
 @dataclass(frozen=True, slots=True)
 class StanceNoise:
-    """Standard deviations of the errors of a stance (robot.toml, table [stance]).
+    """Standard deviations of the errors of a stance, and the limit for unloaded feet (robot.toml, table [stance]).
 
     Attributes:
         encoder_sigma: bias of one joint angle [rad], constant over a pause.
-        encoder_noise: white noise of one joint reading [rad], including quantisation (step / sqrt(12)); default
-            `ENCODER_NOISE`, or `encoder_sigma` if that is smaller.
+        encoder_noise: white noise of one joint reading [rad], including quantisation (step / sqrt(12)). If robot.toml
+            does not give it, it is the smaller of `ENCODER_NOISE` and `encoder_sigma`.
         contact_sigma: position of the sole centre relative to the ground, per axis [m].
         sole_pitch_sigma: pitch of a flat sole while it carries the body [rad].
         imu_sigma: direction of gravity from an IMU at rest, per axis [rad].
@@ -177,8 +177,8 @@ def stance_pose(
 
     Raises:
         UnknownName: a leg that the robot does not have.
-        StanceError: too few feet for the attitude source, feet on a line, gravity requested but not given, or a body
-            tilted by more than 60 degrees.
+        StanceError: too few feet for the attitude source, three or more feet on a line, gravity or odometry requested
+            but not given, or a body tilted by more than 60 degrees.
         ArgumentError: an unknown attitude source, or a matrix that is not a transform.
     """
     legs = list(support_feet)

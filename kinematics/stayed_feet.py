@@ -41,9 +41,9 @@ def find_stayed_feet(
     """Find the rows of the feet that stayed, in ascending order; empty if no two feet stayed.
 
     Args:
-        soles_now: (n, 3) sole centres at this pause, in a frame of the body [m].
+        soles_now: (n, 3) sole centres at this pause, in a frame fixed to the body [m].
         covariances_now: (n, 3, 3) covariances of `soles_now` [m^2].
-        soles_before: (n, 3) the same soles at the previous pause, in the same frame of the body [m].
+        soles_before: (n, 3) the same soles at the previous pause, in the same frame [m].
         covariances_before: (n, 3, 3) covariances of `soles_before` [m^2].
         slip_sigmas: change of a distance, in standard deviations, above which a foot has moved.
         turn_limit: largest rotation of the body between two pauses [rad].
@@ -89,8 +89,8 @@ def sole_readings(pose: StancePose, legs: Sequence[str], noise: StanceNoise) -> 
 
     Returns:
         Readings (n, 4): x, y, z of the centre [m] and pitch of the sole relative to the horizontal [rad]; and their
-        covariances (n, 4, 4). These include errors of encoders and contact, but not the shift common to all soles that
-        an error of the vertical causes.
+        covariances (n, 4, 4). These include errors of encoders, contact, sole pitch and, for the pitch, the vertical,
+        but not the shift common to all soles that an error of the vertical causes.
     """
     rotation = pose.transform_base_to_footprint[:3, :3]
     tree, state = pose.state.tree, pose.state

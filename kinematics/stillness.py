@@ -239,6 +239,9 @@ class Stillness:
         REP-103 order in `base_link` (translation of the optical centre [m], rotation [rad]). The estimate is the mean
         over the shortest pulse that must be detected (`PULSE_S`) compared with all earlier readings; before a second
         reading, it is the difference between two single readings.
+
+        Raises:
+            StanceError: before a second reading, if there are fewer than three feet or they are on a line.
         """
         feet = self._feet or StandingFeet(self._robot, self._begin, self._names, self._camera)
         window = self._recent()

@@ -18,7 +18,7 @@ class Table:
     """One table of a TOML file; `number`, `text` and the other methods read and check a value.
 
     A wrong or missing value raises RobotFileError. In a table made by `gathering`, it is recorded as a finding and
-    replaced by an allowed value instead.
+    replaced by a value of the same type instead, which need not be allowed.
 
     Args:
         path: the file, for messages.
@@ -85,7 +85,7 @@ class Table:
         return kind(**values)
 
     def text(self, key: str) -> str:
-        """Non-empty string; "" replaces a wrong value."""
+        """Non-empty string; in a gathering table, "" replaces a wrong or missing value."""
         return str(self._value(key, _is_text, "a non-empty string", ""))
 
     def texts(self, key: str) -> tuple[str, ...]:
@@ -116,7 +116,7 @@ class Table:
         return (1.0, 1.0)
 
     def table(self, key: str) -> Table:
-        """Table of the given name inside this table; a missing or wrong one is replaced by an empty table."""
+        """Table of the given name inside this table; when gathering, an empty table replaces a missing or wrong one."""
         name = self._dotted(key)
         value = self.values.get(key)
         if isinstance(value, Mapping):

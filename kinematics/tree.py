@@ -179,12 +179,16 @@ class RobotState:
     Attributes:
         tree: the robot's kinematic tree.
         positions: (n,) joint positions [rad], of prismatic joints [m], in the order of `tree.joint_names`; read-only.
-        beyond_limits: joint name -> distance beyond its limits [rad]; empty if all joints are within their limits.
+        beyond_limits: joint name -> distance beyond its limits [rad], of prismatic joints [m]; empty if all joints are within
+            their limits.
 
     Raises:
         UnknownName: a joint that the robot does not have.
         JointPositionError: a joint is missing, a value is not finite or obviously not in radians, or an array has the
             wrong length.
+
+    Warns:
+        JointLimitWarning: joints are beyond their limits.
     """
 
     def __init__(self, tree: KinematicTree, joint_positions: Mapping[str, float] | npt.ArrayLike) -> None:
