@@ -179,8 +179,8 @@ class RobotState:
     Attributes:
         tree: the robot's kinematic tree.
         positions: (n,) joint positions [rad], of prismatic joints [m], in the order of `tree.joint_names`; read-only.
-        beyond_limits: joint name -> distance beyond its limits [rad], of prismatic joints [m]; empty if all joints are within
-            their limits.
+        beyond_limits: joint name -> distance beyond its limits [rad], of prismatic joints [m]; empty if all joints are
+            within their limits.
 
     Raises:
         UnknownName: a joint that the robot does not have.

@@ -3,8 +3,8 @@
 The deviation of four soles from a common plane is a single number. It can show that a foot hangs, but not which of the
 two feet at the ends of the raised diagonal. These criteria decide, in this order:
 
-1. Level: if the vertical is known, the three remaining feet must be level with each other. If this
-   fails for both candidates, the ground is uneven, there is no evidence of a hanging foot, and all four feet are kept.
+1. Level: if the vertical is known, the three remaining feet must be level with each other. If this fails for
+   both candidates, the ground is uneven, there is no evidence of a hanging foot, and all four feet are kept.
 2. Balance: the centre of mass must be above the triangle of the loaded feet, which is beyond the other diagonal as seen
    from the hanging foot. A foot carries load if the centre of mass is on the foot's side of that diagonal by more than
    the uncertainty of the centre of mass.

@@ -1,4 +1,4 @@
-"""Transport of terrain grids, scan requests and stance pauses over Zenoh and in recordings; usable on its own."""
+"""Exchange of terrain grids, scan requests and stance pauses over Zenoh, and recording of messages; usable alone."""
 
 from __future__ import annotations
 

@@ -117,6 +117,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         Raises:
             StaleTerrain: the newest grid may not be used, or the node has not published one yet.
             ScannerUnavailable: there is no grid and no node.
+            SessionClosed: the client is closed, and no grid was received before.
             MessageError: the newest sample is not a valid grid, or the extent is unknown.
         """
         receiver = self.receiver(extent)
@@ -257,6 +258,10 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
 
         A grid that may not be used is skipped, except one that withdraws another grid: it is always passed on, with the
         reasons why it is stale.
+
+        Raises:
+            MessageError: the extent is unknown.
+            SessionClosed: the client is closed.
         """
         notices, terms, receiver = Seldom(logger), Terms(**accepted), self.receiver(extent)
 

@@ -132,7 +132,7 @@ def node_configuration(
 
 
 def router_configuration(listen: Sequence[str], *, uplink: str | None = None) -> dict[str, Any]:
-    """Return the configuration of a site router: as for a node, but with a longer wait before samples are dropped."""
+    """Return the configuration of a site router: as for a node, but with longer waits and without shared memory."""
     return {**node_configuration(listen, uplink=uplink), **_base(shared_memory=False, patient=True)}
 
 

@@ -1,4 +1,4 @@
-"""Exceptions of the package `transport`, all derived from `TransportError`."""
+"""Exceptions of the package `transport`, all derived from `TransportError`, and conversion of other errors to them."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class StaleTerrain(TransportError, LookupError):
     although a confirmed one is required, or no longer confirmed by a live node.
 
     Attributes:
-        is_final: True if no later message can make the same grid usable again.
+        is_final: False if a later message or the return of the node may resolve the reasons.
     """
 
     def __init__(self, message: str = "", *, is_final: bool = True) -> None:

@@ -43,7 +43,7 @@ class RobotState:
 
 
 def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float = 2.0) -> tuple[RobotState, ...]:
-    """Query once the state of all robots, or of the given ones; no grids are transferred.
+    """Query the state of all robots, or of the given ones, once; no grids are transferred.
 
     Args:
         session: open session of a client of the router.
@@ -54,7 +54,7 @@ def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float
         State of each robot that is alive, sorted by name.
 
     Raises:
-        ScannerUnavailable: no robot is visible to this client.
+        ScannerUnavailable: none of the robots is alive and visible to this client.
         KeyNameError: one of `robots` cannot be part of a key.
         SessionClosed: the session is closed.
     """

@@ -65,7 +65,7 @@ def terrain_key(robot: str = DEFAULT_ROBOT, extent: str = "footprint", encoding:
         encoding: "lossless", or "compact" for slow links (see `transport.messages.terrain_message`).
 
     Raises:
-        KeyNameError: extent or encoding is unknown.
+        KeyNameError: extent or encoding is unknown, or the robot name cannot be part of a key.
     """
     names = {"footprint": "terrain", "map": "map"}
     if extent not in names:

@@ -117,7 +117,7 @@ def test_asking_before_there_is_a_grid_is_refused_in_words(start: Callable[..., 
         (reply,) = replies(session, f"{PREFIX}/map")
         assert str(reply.err.encoding) == "application/cdr;guara_msgs/msg/Refusal"
         refusal = decode(reply.err.payload.to_bytes(), "guara_msgs/msg/Refusal")
-        assert refusal.code == "no_terrain" and f"nothing was published on '{PREFIX}/map' yet" == refusal.message
+        assert refusal.code == "no_terrain" and f"nothing has been published on '{PREFIX}/map' yet" == refusal.message
 
 
 def test_replies_say_what_they_are(session: zenoh.Session) -> None:

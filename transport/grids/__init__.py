@@ -1,5 +1,5 @@
 """Publishing of grids, waiting for grids, and acceptance of received grids.
 
-Imports `links`, `queries`, `messages` and modules directly in `transport`; used by its modules `client`, `server` and
-`fleet`, and by `guara_perception`.
+Imports `links`, `queries`, `messages` and modules directly in `transport`; used by the modules `client`, `server`
+and `fleet` there, and by `guara_perception`.
 """

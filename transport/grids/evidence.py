@@ -123,9 +123,10 @@ def objections(
     A grid may be used while a live node confirms it: within the last `SILENT` seconds, the run that made the grid has
     reported that the robot is on the same walk and within the grid's valid pauses, and that the node hears the gait
     controller. Between the END of a pause and the next BEGIN, that pause counts as the current one, but a grid that is
-    still provisional may not be used. No confirmation is needed if no pauses are announced (a replay), or for a grid
-    without a run while there is no report. In every case, the age must be within `limit`, and the grid must not have
-    been withdrawn. If pauses are announced, a footprint grid must also be the newest one that its node has published.
+    still provisional may not be used. If no pauses are announced (a replay), a report made after the grid confirms it
+    for any time. A grid without a run needs no confirmation while there is no report. In every case, the age must be
+    within `limit`, and the grid must not have been withdrawn. If pauses are announced, a footprint grid must also be
+    the newest one that its node has published.
 
     Args:
         grid: the grid.

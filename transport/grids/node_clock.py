@@ -20,7 +20,8 @@ from transport.queries.remote_clock import ClockBound, RemoteClock
 logger = logging.getLogger(__name__)
 # Interval of queries of the node's clock [s].
 PERIOD = 10.0
-# A warning is logged if the offset of the wall clocks exceeds this, and again if it also changes by more than this [s].
+# A warning is logged if the wall clocks certainly differ by more than this [s], at the first reply and when the offset
+# has changed by more than this since the reply before.
 LOGGED_CHANGE = 1.0
 
 

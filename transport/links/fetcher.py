@@ -1,4 +1,4 @@
-"""Recovery of a publisher's last message after a loss, in pieces whose size adapts to the speed of the link."""
+"""Fetching of a publisher's last message, if published earlier or lost, in pieces adapted to the speed of the link."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class Fetcher:
         self._thread.start()
 
     def take(self, source: str, number: int, payload: bytes) -> None:
-        """Deliver a message received by subscription, unless a later one of the same publisher was delivered before."""
+        """Deliver a message received by subscription, unless this or a later one of its publisher was delivered."""
         with self._changed:
             announced, heard_at = self._announced.get(source, (-1, 0.0))
             self._patience.learn(time.monotonic() - heard_at if announced == number else 0.0)
@@ -244,7 +244,7 @@ class Fetcher:
         number: int,
         on_piece: Callable[[str, tuple[int, int, int], bytes], None],
     ) -> None:
-        """Query one piece, and wait until the last reply or the timeout."""
+        """Query one piece, and wait for the last reply, at most until the timeout or `close`."""
         finished = threading.Event()
         timeout = LARGE_PIECE_TIMEOUT if size > FIRST_PIECE else PIECE_TIMEOUT
 

@@ -4,10 +4,10 @@ Keys and heartbeat are those of Zenoh's advanced publisher, so that advanced sub
 served too. Zenoh's own publisher replies to late joiners on the thread and under the lock of its puts, so that one slow
 joiner delays all readers for seconds. Here, each query is answered on a separate thread.
 
-A reply cannot contain the number of a message (Zenoh's Python API has no argument for it), so that an advanced
-subscriber may receive a message twice: as published and as a reply. A `stamped` publisher identifies messages by
-timestamps, which replies can contain, so that each message is delivered once. Its subscribers query again whenever the
-token is declared anew.
+A reply cannot contain the number of a message (Zenoh's Python API has no argument for it), so an advanced subscriber
+may receive a message twice: as published and as a reply. A `stamped` publisher identifies messages by timestamps, which
+replies can contain, so that each message is delivered once. Its subscribers query again whenever the token is declared
+anew.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ class LastMessage:
         if self._last < 0 or self._is_closing or self._is_stamped:
             return
         number = (self._last & 0xFFFFFFFF).to_bytes(4, "little")
-        self._session.attempt(partial(self._beat.put, number), f"cannot announce what is on {self._key!r}")
+        self._session.attempt(partial(self._beat.put, number), f"cannot announce the last message on {self._key!r}")
 
     def _repeat(self) -> None:
         try:
@@ -153,7 +153,7 @@ class LastMessage:
             self._session.undeclare(self._token)
             self._token = self._session.attempt(
                 lambda: zenoh_api.declare_token(self._session.raw, self._announcements),
-                f"cannot announce what is on {self._key!r}",
+                f"cannot announce the last message on {self._key!r}",
             )
 
     def _answer_history(self, query: Any) -> None:
@@ -166,7 +166,7 @@ class LastMessage:
         if number >= 0:
             query.reply(self._key, payload(), encoding=self._encoding, attachment=attachment, timestamp=stamp)
         else:
-            refuse(query, "no_terrain", f"nothing was published on {self._key!r} yet")
+            refuse(query, "no_terrain", f"nothing has been published on {self._key!r} yet")
 
     def _answer_piece(self, query: Any) -> None:
         if query.parameters.get("piece") is None:

@@ -70,7 +70,7 @@ class AliveWatcher(TokenWatcher):
         return bool(self.names)
 
     def wait(self, alive: bool, timeout: float) -> bool:
-        """Wait until the token is alive (or gone, if not `alive`); False after `timeout` [s] or if closed before."""
+        """Wait until the token is alive, or gone if not `alive`; return False after `timeout` [s] or if closed."""
         with self._changed:
             self._changed.wait_for(lambda: self.is_alive == alive or self.is_closed, timeout)
             return self.is_alive == alive

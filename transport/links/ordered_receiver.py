@@ -1,4 +1,4 @@
-"""Receiver that passes every message on a key to a callback, in the order of arrival."""
+"""Receiver that passes the messages on a key to a callback, in the order of arrival."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 class OrderedReceiver(NewestReceiver[T]):
-    """Receiver of a key that also calls a function with every message, on a separate thread."""
+    """Receiver of a key that also calls a function with each message, unless too many wait, on a separate thread."""
 
     def __init__(
         self,

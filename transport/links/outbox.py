@@ -39,7 +39,7 @@ class Outbox:
 
     @property
     def pending(self) -> int:
-        """Number of actions that are waiting or running."""
+        """Number of waiting actions plus running threads: an upper bound of the actions that have not ended."""
         with self._changed:
             return sum(map(len, self._lanes.values())) + len(self._threads)
 

@@ -26,7 +26,7 @@ class Publisher(Resource):
 
     Attributes:
         key: key on which payloads are published.
-        count: number of calls of `put`.
+        count: number of successful calls of `put`.
     """
 
     def __init__(
