@@ -43,7 +43,7 @@ LONGEST, SHORTEST = 9, 5
 SLIP_SIGMA = 0.0015
 # Sigma of the sinkage of a standing foot between two pauses [m].
 SINK_SIGMA = 0.0005
-# An error is reported only if it exceeds both limits, the first in radians, the second in standard deviations.
+# A jump or wrong zero is reported only if it exceeds both limits, the first in radians, the second in sigmas.
 LEAST_ERROR, LEAST_SIGMAS = 0.045, 4.5
 # Alternative to LEAST_SIGMAS for a wrong zero: a limit in standard deviations of the noise stated in robot.toml, which
 # noise exceeds once in 10,000 tests. For a wrong zero, LEAST_SIGMAS refers to the noise estimated from the window and
@@ -59,7 +59,7 @@ AS_LIKELY = 9.0
 # The noise variance of a walk is estimated over the last LEARNED pauses without a jump. Every estimate of the noise
 # variance, also that of a window, is at least LEAST_SCALE times the variance stated in robot.toml.
 LEAST_SCALE, LEARNED = 0.2, 36
-# A wrong zero is reported only if its standard deviation, from the window or as stated, is below this [rad].
+# A wrong zero is reported only if its sigma, by the noise of the window or of robot.toml, is below this [rad].
 LARGEST_SIGMA = 0.03
 # Joints beyond their limits by more than this are reported [rad]; smaller excesses are attributed to encoder offsets or
 # to nominal limits.
@@ -91,7 +91,7 @@ class JointFault:
             return f"joint {names} is {self.error:.2f} rad beyond its limits: check its encoder"
         size = f"{self.error:+.2f} rad (sigma {self.sigma:.3f})"
         if self.kind == "jump":
-            return f"joint {names} jumped by {size} since the last pause, or its foot slipped: check its encoder"
+            return f"joint {names} jumped by {size} between two pauses, or its foot slipped: check its encoder"
         return f"joint {names} has a zero error of {size}: check its zero"
 
 

@@ -37,7 +37,7 @@ from kinematics.tree import KinematicTree, build_model
 ITERATIONS = 40
 # Damping of the normal equations [m^2 / rad^2], which keeps the step finite when the leg is stretched.
 DAMPING = 1e-6
-# Weight of pitch against position [m / rad]: the height of the ankle of the stock robot guara.
+# Weight of pitch relative to position [m / rad]: the height of the ankle of the stock robot guara.
 LENGTH = 0.1
 # Weighted error [m] below which the iteration has converged.
 TOLERANCE = 1e-9
@@ -48,7 +48,7 @@ GEOMETRY_TOLERANCE = 1e-9
 # Maximum number of iterations for the centre of a ball, and the change at which they end [m]. Each change is about a
 # tenth of the previous one, unless the knee is straight; soles without convergence count as out of reach.
 BALL_ITERATIONS, BALL_TOLERANCE = 12, 1e-7
-# By rounding, the cosine of a straight knee may exceed 1 by this much.
+# Rounding may make the cosine of a straight knee exceed 1 by this much.
 ROUNDING = 1e-12
 
 

@@ -30,7 +30,7 @@ class RobotModel:
         name: name of the robot.
         tree: kinematic tree (names, limits, Pinocchio's model).
         legs: names of the legs, in robot.toml's order.
-        joint_names: names of all joints: leg by leg from hip to sole, then any others.
+        joint_names: names of all moving joints: leg by leg from hip to sole, then any others.
         sole: length (x) and width (y) of the sole [m].
         noise: standard deviations of the errors of a stance (table [stance]).
         odometry_limits: limits of leg odometry: slip, swing and turn between two pauses (table [odometry]).
@@ -160,7 +160,7 @@ class RobotModel:
         solver = leg_kinematics(self.tree, leg)
         if isinstance(solver, NumericLeg):
             raise ArgumentError(
-                f"leg {leg!r} of {self.name!r} has another structure; allowed: roll, 2 or 3 pitch joints"
+                f"leg {leg!r} of {self.name!r} has no closed form; it needs hip roll and two or three pitch joints"
             )
         return solver.shanks_in_base(joint_positions)
 

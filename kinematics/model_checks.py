@@ -72,7 +72,7 @@ def check_legs(tree: KinematicTree, findings: Findings) -> None:
 
 
 def check_postures(tree: KinematicTree, postures: Mapping[str, Posture], findings: Findings) -> None:
-    """Check every posture of robot.toml against the URDF and the SRDF: limits, soles at one height, stated heights."""
+    """Check every posture of robot.toml against URDF and SRDF: limits, heights of soles, hips, camera and root."""
     for config in tree.config.postures:
         if config.name in postures:
             _check_posture(tree, config, postures[config.name], findings)

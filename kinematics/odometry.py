@@ -136,7 +136,8 @@ class LegOdometry:
     def restore(self, state: OdometryState, stance: Stance) -> None:
         """Continue from a state, given the stance of its pause.
 
-        The pose of the body is restored exactly if the stance includes gravity. `last.covariance` is zero after this.
+        The pose of the body is restored exactly if the stance includes gravity. After this, all covariances of `last`
+        except that of `last.pose` are zero.
 
         Raises:
             KinematicsError: as in `RobotModel.stance_pose`.

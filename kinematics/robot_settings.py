@@ -63,7 +63,8 @@ class PauseLimits:
         camera_rotation_limit: largest rotation of the camera during a scan [rad].
         time_limit: time without a message after which a pause of unannounced length is over [s].
         grace_share, grace_least, grace_most: allowed delay of the message that ends a pause: a fraction of the
-            announced length [-], and lower and upper bound of the delay [s]. No frame is taken during the delay.
+            announced length or else of `time_limit` [-], and lower and upper bound of the delay [s]. No frame is taken
+            during the delay.
         stance_sway: largest amplitude of a sway of the body about its feet during a scan, around any horizontal axis,
             that joints and images do not detect [rad]; 0, the default, means that the body does not sway.
     """
@@ -80,7 +81,7 @@ class PauseLimits:
     stance_sway: float = field(default=0.0, metadata={"least": 0.0, "most": MOST_SWAY})
 
     def grace(self, announced: float) -> float:
-        """Allowed delay [s] of the message that ends a pause of an announced length [s]."""
+        """Allowed delay [s] of the message that ends a pause of a given length [s]."""
         return min(max(self.grace_share * announced, self.grace_least), self.grace_most)
 
 

@@ -1,4 +1,4 @@
-"""Self-filter: finds points on the robot itself, and points that the robot hides from the camera or the laser.
+"""Self-filter: detection of points on the robot itself and of points that it hides from the camera or the laser.
 
 The robot is represented by the collision shapes of its URDF, each enlarged by a margin and placed by forward
 kinematics. Points on these shapes are not terrain; points in their shadow are occluded by the robot, not by terrain.

@@ -1,4 +1,4 @@
-"""Exchange of terrain grids, scan requests and stance pauses over Zenoh, and recording of messages; usable alone."""
+"""Terrain grids, scan requests and stance pauses over Zenoh: messages, sessions, security and recordings."""
 
 from __future__ import annotations
 

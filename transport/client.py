@@ -288,7 +288,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         """Request a scan and return its grid, or a later one; see `scan_client.request_scan` for arguments and errors.
 
         Raises:
-            ReceiveTimeout: the scan is complete, but no usable grid of this scan arrived in time.
+            ReceiveTimeout: the scan is complete, but no usable grid of this scan, or later one, arrived in time.
             ScannerUnavailable: the node is not alive at the start.
             ScannerGone: the node disappeared after the request.
         """

@@ -19,7 +19,7 @@ class VersionError(MessageError):
 
 
 class UnknownPhase(MessageError):
-    """A stance pause has a phase that only later versions know; the pause is ignored."""
+    """A stance pause message has a phase that only later versions know; the message is ignored."""
 
 
 class KeyNameError(TransportError, ValueError):
@@ -57,7 +57,7 @@ class StaleTerrain(TransportError, LookupError):
     although a confirmed one is required, or no longer confirmed by a live node.
 
     Attributes:
-        is_final: False if a later message or the return of the node may resolve the reasons.
+        is_final: False if waiting may resolve the objections to the newest grid.
     """
 
     def __init__(self, message: str = "", *, is_final: bool = True) -> None:

@@ -1,8 +1,8 @@
 """Last message of a publisher, kept for late subscribers and for slow links, over which it is fetched in pieces.
 
-Keys and heartbeat are those of Zenoh's advanced publisher, so that advanced subscribers (including rmw_zenoh) are
-served too. Zenoh's own publisher replies to late joiners on the thread and under the lock of its puts, so that one slow
-joiner delays all readers for seconds. Here, each query is answered on a separate thread.
+Announcement key and heartbeat are those of Zenoh's advanced publisher, so that advanced subscribers (including
+rmw_zenoh) are served too. Zenoh's own publisher replies to late joiners on the thread and under the lock of its puts,
+so that one slow joiner delays all readers for seconds. Here, each query is answered on a separate thread.
 
 A reply cannot contain the number of a message (Zenoh's Python API has no argument for it), so an advanced subscriber
 may receive a message twice: as published and as a reply. A `stamped` publisher identifies messages by timestamps, which
