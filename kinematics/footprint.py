@@ -113,7 +113,7 @@ def fit_support_plane(soles_in_base: Float) -> SupportPlane:
     if width < LEAST_WIDTH:
         raise StanceError(
             f"support_feet: the {count} soles lie on one line (within {1e3 * width:.1f} mm); "
-            "a support plane needs feet on both sides"
+            "a support plane needs a foot off this line"
         )
     terms = np.ones((count, 3))
     terms[:, :2] = soles_in_base[:, :2]

@@ -18,7 +18,7 @@ from kinematics.tree import LIMIT_TOLERANCE, KinematicTree
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reach:
-    """Inverse kinematics of one leg for sole centres (..., 3); arrays are read-only.
+    """Solution of the inverse kinematics of one leg for sole centres (..., 3); arrays are read-only.
 
     Attributes:
         joint_positions: (..., joints of the leg) [rad]; NaN where there is no solution.

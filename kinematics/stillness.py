@@ -228,7 +228,7 @@ class Stillness:
         scale = scales[np.argmax(seen)] if seen.any() else scales[-1]
         more = "send HOLD more often" if self._count > 2 else "send HOLD"
         return (
-            f"joints too noisy ({math.degrees(math.sqrt(self._variance)):.3f} degrees a reading) to see 1 mm or "
+            f"joints too noisy ({math.degrees(math.sqrt(self._variance)):.3f} degrees per reading) to detect 1 mm or "
             f"0.1 degrees in this pause, only {scale:.1f} mm or {0.1 * scale:.2f} degrees: {more}"
         )
 
