@@ -205,7 +205,7 @@ def test_a_foot_that_is_lifted_leaves_the_others(robot: RobotModel) -> None:
     stillness = Stillness(robot, begin, 0.0)
     stillness.add(1.0, Stance(moved.joint_positions, robot.legs[1:]))
     assert stillness.motion
-    with pytest.raises(StanceError, match="2 carried the body in all readings"):
+    with pytest.raises(StanceError, match="2 carried the body"):
         stillness.add(2.0, Stance(moved.joint_positions, robot.legs[:3][1:]))
 
 
