@@ -39,8 +39,8 @@ ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
 # Minimum z of the vertical in `base_link`: a body tilted by more than 60 degrees has fallen.
 LEAST_UP_Z = 0.5
 
-# Default white noise of a joint [rad]: 0.05 degrees, plus the quantisation of a 12-bit encoder. If the true
-# noise is several times larger, scans are withdrawn; if it is smaller, motions of 1.5 mm are still detected.
+# Default white noise of a joint [rad]: 0.05 degrees, plus the quantisation of a 12-bit encoder. If the true noise
+# is several times larger, scans are withdrawn; if it is smaller, motions of 1.5 mm are still detected.
 ENCODER_NOISE = 0.001
 
 

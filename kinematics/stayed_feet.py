@@ -1,8 +1,8 @@
 """Readings of standing soles, and the feet that stayed in place between two pauses.
 
 Feet that stay keep their distances from each other however the body moves. The largest set of feet whose mutual
-distances did not change is therefore taken as the feet that stayed. A swing can preserve a distance by chance, if
-one foot passes another. The line between two feet must therefore not have rotated by more than the body can turn.
+distances did not change is therefore taken as the feet that stayed. A swing can preserve a distance by chance, if one
+foot passes another. The line between two feet must therefore not have rotated by more than the body can turn.
 
 A flat sole that carries the body keeps its pitch to within a degree or two; a larger change is noise of the leg's
 joints. The same noise displaces the sole, and the covariance of pitch and position relates the two. A round foot has no

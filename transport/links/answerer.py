@@ -1,4 +1,4 @@
-"""Queryables that reply on separate threads, so that a slow link does not delay others; excess queries are dropped."""
+"""Queryables that reply on separate threads, so that a slow link delays no other reply; excess queries are dropped."""
 
 from __future__ import annotations
 
