@@ -124,7 +124,7 @@ def objections(
     reported that the robot is on the same walk and within the grid's valid pauses, and that the node hears the gait
     controller. Between the END of a pause and the next BEGIN, that pause counts as the current one, but a grid that is
     still provisional may not be used. If no pauses are announced (a replay), a report made after the grid confirms it
-    for any time. A grid without a run needs no confirmation while there is no report. In every case, the age must be
+    indefinitely. A grid without a run needs no confirmation while there is no report. In every case, the age must be
     within `limit`, and the grid must not have been withdrawn. If pauses are announced, a footprint grid must also be
     the newest one that its node has published.
 

@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 class OrderedReceiver(NewestReceiver[T]):
-    """Receiver of a key that also calls a function with each message, unless too many wait, on a separate thread."""
+    """Receiver that also passes messages to a callback, on a separate thread; if too many wait, some are dropped."""
 
     def __init__(
         self,
