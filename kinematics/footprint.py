@@ -28,8 +28,8 @@ from kinematics.exceptions import StanceError
 BASE_FOOTPRINT = "base_footprint"
 # Equal to `base_footprint` of the first pause; leg odometry tracks the robot in it.
 ODOM = "odom"
-# Smallest rms distance of the soles from a line at which they define a plane [m]. At this distance, an error of 1 mm
-# tilts the plane by 6 degrees.
+# Smallest rms distance of the soles from their best-fitting line at which they define a plane [m]. At this distance, an
+# error of 1 mm tilts the plane by 6 degrees.
 LEAST_WIDTH = 0.010
 
 
@@ -102,8 +102,8 @@ def fit_support_plane(soles_in_base: Float) -> SupportPlane:
         soles_in_base: (n, 3) sole centres [m], n >= 3.
 
     Raises:
-        StanceError: there are fewer than three soles, or their rms distance from a line in x and y is less than
-            `LEAST_WIDTH`.
+        StanceError: there are fewer than three soles, or their rms distance in x and y from the line that fits them
+            best is less than `LEAST_WIDTH`.
     """
     count = len(soles_in_base)
     if count < 3:

@@ -36,7 +36,7 @@ from kinematics.transforms import unit_vector
 from kinematics.tree import RobotState
 
 # Longest and shortest window in which wrong zeros are searched for [pauses]: two cycles of four steps, and one cycle.
-# A jump is reported at SHORTEST pauses.
+# A jump is reported at SHORTEST pauses in a row.
 LONGEST, SHORTEST = 9, 5
 # Sigma of the creep of a standing foot between two pauses, per horizontal axis [m]: 4 % of the 35 mm by which the body
 # moves in one of the four steps of a cycle.
@@ -56,8 +56,9 @@ LARGEST_JUMP = 0.35
 MOST_SWING = 1.25
 # Joints whose chi^2 exceeds the smallest one by this much or more are not named.
 AS_LIKELY = 9.0
-# The noise variance of a walk is estimated over the last LEARNED pauses without a jump. Every estimate of the noise
-# variance, also that of a window, is at least LEAST_SCALE times the variance stated in robot.toml.
+# The noise variance of a walk is estimated over the last LEARNED pauses at which noise explained the residuals and no
+# joint jumped. Every estimate of the noise variance, also that of a window, is at least LEAST_SCALE times the variance
+# stated in robot.toml.
 LEAST_SCALE, LEARNED = 0.2, 36
 # A wrong zero is reported only if its sigma, by the noise of the window or of robot.toml, is below this [rad].
 LARGEST_SIGMA = 0.03
@@ -73,8 +74,8 @@ class JointFault:
     """Error of one joint; several joints are named if an error of any of them explains the readings about equally well.
 
     Attributes:
-        joints: names of these joints, the likeliest first.
-        error: error of the first joint, reading minus truth [rad]; for kind "limit", distance beyond the limits.
+        joints: their names, the likeliest first.
+        error: error of the first joint, reading minus truth [rad]; for kind "limit", distance beyond its limits.
         sigma: standard deviation of the error [rad]; 0 for kind "limit".
         kind: "jump" (between two pauses), "offset" (in all pauses of the window) or "limit".
     """
@@ -102,7 +103,7 @@ class JointReport:
     Attributes:
         residual: rms residual of the closed chains between this pause and the last, in standard deviations; NaN if
             fewer than three feet stayed or there is no earlier pause to compare with.
-        faults: faults found; a jump is repeated in the reports of the next four pauses.
+        faults: faults found; a jump is repeated in the next four reports, unless a newer jump replaces it.
     """
 
     residual: float
@@ -214,7 +215,10 @@ class _Chains:
         return self.chi2 < _most(self.degrees)
 
     def errors(self, *, since_last: bool) -> tuple[Float, Float]:
-        """Error of each joint if it alone is wrong, and the standard deviation, infinite if unobservable [rad]."""
+        """Error of each joint if it alone is wrong, and its standard deviation, infinite if unobservable [rad].
+
+        With `since_last`, the joint is wrong in the last pause only; otherwise in all.
+        """
         design = self._by_joints * self._is_last if since_last else self._by_joints
         along = self._basis.T @ design
         information = np.sum(design**2, axis=0) - np.sum(along**2, axis=0)
@@ -317,7 +321,7 @@ class JointCheck:
         return [] if fault is None else [fault]
 
     def _zeros(self, chains: _Chains) -> dict[str, tuple[float, float, float, float]]:
-        """Joint name -> chi^2 without its zero error, the error, the error's sigma, and the reporting threshold.
+        """Joint name -> chi^2 once its zero error is corrected, the error, its sigma, and the reporting threshold.
 
         The sigma is scaled to the residual. The threshold is the smallest error that is reported, as in `bars`.
         """

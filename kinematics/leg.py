@@ -10,12 +10,14 @@ axis. With r the sole relative to the hip and phi the sole's pitch in the plane:
                  q1 = atan2(r_z, r_y) - atan2(-h, d)
     ankle        a = sole - Ry(phi) foot
     knee bend    cos b = (|a|^2 - l1^2 - l2^2) / (2 l1 l2), b with its sign in the standing posture
-    thigh        at the angle psi(a) - atan2(l2 sin b, l1 + l2 cos b) from straight down
+    hip pitch    q2 = psi(a) - atan2(l2 sin b, l1 + l2 cos b) - psi(thigh)
+    knee         q3 = b + psi(thigh) - psi(shank)
     ankle pitch  q4 = phi - q2 - q3
 
-psi(v) is the angle about y from straight down to v. The closed form is vectorised over soles. A leg of three joints has
-no foot and no phi; its shank ends at a point, or at the centre of the ball of a round foot. This centre is above the
-sole, slightly to one side when the ball has rolled (`RobotState.soles_in_base`); its position is found by iteration.
+psi(v) is the angle about y from straight down to v; thigh, shank and foot are the vectors at zero angles, and l1 and l2
+the lengths of thigh and shank. The closed form is vectorised over soles. A leg of three joints has no foot and no phi;
+its shank ends at a point, or at the centre of the ball of a round foot. This centre is above the sole, slightly to one
+side when the ball has rolled (`RobotState.soles_in_base`); its position is found by iteration.
 
 For other legs, `NumericLeg` runs damped Gauss-Newton on a Pinocchio model of that leg alone. Legs of up to three joints
 can only place the sole centre; longer legs also solve for the sole's pitch. Soles are solved one at a time, each
@@ -85,7 +87,7 @@ class LegGeometry:
         return self._end(turns, (self.thigh, self.shank, self.foot)) - self._ball(turns)
 
     def shanks_in_base(self, joint_positions: npt.ArrayLike) -> tuple[Float, Float]:
-        """Compute positions (..., 3) in `base_link` [m] of knees, and of ankles or balls, from joint angles [rad]."""
+        """Compute the upper and lower ends (..., 3) of shanks in `base_link` [m] from joint positions [rad]."""
         turns = np.asarray(joint_positions, dtype=np.float64) * self.senses
         return self._end(turns, (self.thigh,)), self._end(turns, (self.thigh, self.shank))
 
@@ -253,9 +255,9 @@ class NumericLeg:
     def solve(self, soles_in_base: Float, sole_pitch: Float) -> Float:
         """Find joint positions (n, joints) [rad] within limits for sole centres (n, 3) [m] and pitches (n,) [rad].
 
-        NaN for a sole without a solution. Legs of three joints or fewer ignore the pitch.
+        NaN where no solution was found. Legs of three joints or fewer ignore the pitch.
         """
-        # Each call has its own workspace of Pinocchio, because solvers are shared between threads.
+        # Each call has its own Pinocchio data, because solvers are shared between threads.
         data = self._model.createData()
         solutions = np.full((len(soles_in_base), len(self._order)), np.nan)
         last: Float | None = None
@@ -281,7 +283,7 @@ class NumericLeg:
         return None
 
     def _error(self, data: Any, positions: Float, sole: Float, pitch: float) -> tuple[Float, Float]:
-        """Weighted error (3,) or (4,) of the sole's pose [m], and Jacobian of the pose; columns in the leg's order."""
+        """Weighted error (3,) or (4,) of the sole's pose [m], and weighted Jacobian; columns in the leg's order."""
         import pinocchio
 
         configuration = self._configuration(positions)

@@ -1,4 +1,4 @@
-"""Loading of a robot from its folder or from a one-line description, with all errors reported at once.
+"""Loading of a robot from its folder or from a one-line description; all errors found are reported together.
 
 The description is sent with the grids, so that receivers can compute the reach of the robot's legs. It is the
 compressed text of robot.toml, the SRDF and the parts of the URDF that are used. Its origin is not trusted: its size is
@@ -76,7 +76,7 @@ def _check_pinocchio() -> None:
 
 
 def _load(folder: Path, texts: Mapping[str, str]) -> RobotModel:
-    """Load a robot from its folder, or from `texts` ("toml", "urdf" and "srdf" -> text) if it is not empty."""
+    """Load a robot from its folder, or, if `texts` is not empty, from the texts under "toml", "urdf" and "srdf"."""
     root = open_robot_toml(folder / "robot.toml", texts.get("toml"))
     toml = Findings(root.path)
     config = read_robot_toml(root, toml)
@@ -124,7 +124,7 @@ def _read_urdf(path: Path, config: RobotToml, text: str | None) -> tuple[Urdf | 
 def _check_tree(
     urdf: Urdf, config: RobotToml, postures: Mapping[str, Posture] | None, findings: Findings
 ) -> KinematicTree | None:
-    """Build and check the tree of links and joints; errors are added to `findings`. None if it cannot be built."""
+    """Build the tree, and check its legs and postures; errors are added to `findings`. None if it cannot be built."""
     scan = None if postures is None else postures.get(config.scan_posture)
     try:
         tree = KinematicTree(urdf, config, None if scan is None else scan.joint_positions)
@@ -164,7 +164,11 @@ def robot_from_description(text: str) -> RobotModel:
 
     Raises:
         LibraryMissing: as in `load_robot`.
-        RobotFileError: the description is corrupt or too long, or a text in it has errors or refers to mesh files.
+        RobotFileError: the description is corrupt or too long, a text in it has errors, or its URDF refers to mesh
+            files.
+
+    Warns:
+        RobotFileWarning: as in `load_robot`.
     """
     _check_pinocchio()
     if len(text) > LARGEST_TEXT:

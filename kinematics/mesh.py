@@ -88,7 +88,7 @@ def read_mesh(path: Path, scale: tuple[float, ...]) -> Float:
 
 @lru_cache(maxsize=256)
 def mesh_shape(path: Path, scale: tuple[float, ...], stamp: int) -> tuple[str, tuple[float, ...], Float]:
-    """`bounding_shape` of a mesh file; cached by modification time `stamp` [ns], because legs share meshes."""
+    """`bounding_shape` of a mesh file with modification time `stamp` [ns]; cached, because legs share meshes."""
     return bounding_shape(read_mesh(path, scale))
 
 
@@ -99,7 +99,7 @@ def bounding_shape(vertices: Float) -> tuple[str, tuple[float, ...], Float]:
         Kind of the shape ("box", "cylinder" or "sphere"), size as in `Shape`, and transform_shape_to_points (4, 4).
 
     Raises:
-        RobotFileError: the points lie in one plane.
+        RobotFileError: the points enclose no volume.
     """
     from scipy.spatial import ConvexHull, QhullError
 

@@ -1,4 +1,4 @@
-"""`RobotModel`: the loaded and checked content of a robot folder."""
+"""Model of a robot, with the checked content of its robot folder."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from kinematics.tree import KinematicTree, RobotState
 
 
 class RobotModel:
-    """Robot loaded from a checked robot folder by `load_robot`. Do not modify it.
+    """Robot loaded and checked by `load_robot` or `robot_from_description`. Do not modify it.
 
     Attributes:
-        folder: the robot folder.
+        folder: the robot folder; only a label if the robot was loaded from a description.
         toml_text, srdf_text: texts of robot.toml and of the SRDF, for `describe_robot`.
         name: name of the robot.
         tree: kinematic tree (names, limits, Pinocchio's model).
@@ -33,7 +33,7 @@ class RobotModel:
         joint_names: names of all moving joints: leg by leg from hip to sole, then any others.
         sole: length (x) and width (y) of the sole [m].
         noise: standard deviations of the errors of a stance (table [stance]).
-        odometry_limits: limits of leg odometry: slip, swing and turn between two pauses (table [odometry]).
+        odometry_limits: limits of leg odometry (table [odometry]).
         pause_limits: limits of a stance pause (table [pause]).
         self_filter_settings: margin around the robot's own shapes, and ignored links (table [self_filter]).
         notes: content of the files that is not used or could not be checked.
@@ -128,7 +128,12 @@ class RobotModel:
         find_unloaded: bool = True,
         noise: StanceNoise | None = None,
     ) -> StancePose:
-        """Pose of the body at a pause; see `kinematics.stance_pose` for arguments and errors."""
+        """Pose of the body at a pause; arguments as in `kinematics.stance_pose`, `noise` None = that of the robot.
+
+        Raises:
+            UnknownName, JointPositionError: as in `state`, or a leg that the robot does not have.
+            StanceError, ArgumentError: as in `kinematics.stance_pose`.
+        """
         for foot in stance.support_feet:
             self.tree.leg(foot)
         return stance_pose(
@@ -151,11 +156,11 @@ class RobotModel:
         return reach_from_bodies(self.tree, leg, soles, transforms_base_to_ground)
 
     def shanks(self, leg: str, joint_positions: npt.ArrayLike) -> tuple[Float, Float]:
-        """Positions (..., 3) in `base_link` [m] of knees, and of ankles or balls, for joints (..., n) [rad] of a leg.
+        """Upper and lower ends (..., 3) of a leg's shank in `base_link` [m], for its joint positions (..., n) [rad].
 
         Raises:
             UnknownName: no such leg.
-            ArgumentError: the leg is not hip roll followed by two or three pitch joints, as the closed form needs.
+            ArgumentError: the leg has no closed form; see `kinematics.leg`.
         """
         solver = leg_kinematics(self.tree, leg)
         if isinstance(solver, NumericLeg):

@@ -25,7 +25,7 @@ SOLE_TOLERANCE = 0.005
 
 
 def check_names(config: RobotToml, urdf: Urdf, findings: Findings) -> None:
-    """Check that the URDF has every link and joint named in robot.toml.
+    """Check that the URDF has every link and every moving joint named in [frames] and [legs.<name>] of robot.toml.
 
     An empty link name, which stands for an optional or invalid entry, is skipped.
     """
@@ -186,7 +186,7 @@ def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
 
 
 def _check_limits(tree: KinematicTree, leg: LegConfig, twin: LegConfig, findings: Findings) -> None:
-    """Check that paired joints of the same kind have mirrored limits, if their mirrored axes at zero are parallel."""
+    """Check that paired joints of one kind have mirrored limits, if their axes at zero mirror each other up to sign."""
     joints = {joint.name: joint for joint in tree.urdf.joints}
     for joint, twin_joint in zip(leg.joints, twin.joints, strict=True):
         a, b = joints[joint], joints[twin_joint]
@@ -209,7 +209,7 @@ def _axis(tree: KinematicTree, joint: Joint) -> Float:
 
 
 def _lengths(tree: KinematicTree, leg: LegConfig) -> Float:
-    """Distances between the origins of successive joints of a leg, and from the last joint to the sole [m]."""
+    """Distances between the origins of successive moving joints of a leg, and from the last one to the sole [m]."""
     lengths, transform = [], np.eye(4)
     for joint in tree.urdf.path_to(leg.sole):
         transform = transform @ joint.transform_child_to_parent

@@ -61,13 +61,13 @@ class OdometryPose(PoseInOdom):
             readings and the vertical), along the axes of `odom`, REP-103 order; zeros at the first pause. The rest of
             the error is drift, which later pauses inherit.
         gravity: gravity estimate from which the next pause continues.
-        stayed_feet: feet that carried the body at both pauses and stayed.
-        swung_feet: feet that carried the body at both pauses and were set down elsewhere.
-        slipped_feet: feet that carried the body at both pauses and moved by less than a swing.
+        stayed_feet: feet named as supporting at both pauses, even if found unloaded, that stayed.
+        swung_feet: other such feet that moved by a swing or more.
+        slipped_feet: other such feet that moved by less than a swing.
         residual: rms horizontal distance of the feet that stayed from their footholds [m].
-        foot_slips: leg -> distance by which a foot moved since the last pause [m], for all feet that carried the body
-            at both pauses except `swung_feet`. Leg odometry cannot observe a slide common to all feet; such a slide is
-            included only if camera images have located the robot.
+        foot_slips: leg -> distance by which the foot moved since the last pause [m], for `stayed_feet` and
+            `slipped_feet`. Leg odometry cannot observe a slide common to all feet; it is included only if camera images
+            have located the robot.
     """
 
     step: int
@@ -194,8 +194,8 @@ class LegOdometry:
         pose = self._pose(state, stance, self._carried(state, stance, last, stayed))
         if len(stayed) < 2:
             raise OdometryLost(
-                f"{len(stayed)} feet stayed between two pauses ({', '.join(common) or 'none'} carried the body at "
-                "both); two are needed: scan more often than the feet move, or reset the odometry"
+                f"feet that stayed between two pauses: {len(stayed)} ({', '.join(common) or 'none'} carried the body "
+                "at both); two are needed: scan more often than the feet move, or reset the odometry"
             )
         legs, before = _named_feet(pose), footholds
         readings = sole_readings(pose, legs, self._robot.noise)
@@ -235,6 +235,7 @@ class LegOdometry:
         Raises:
             UnknownName, JointPositionError: the joints or legs of the stance are not those of this robot, or a position
                 is invalid.
+            StanceError: the supporting feet are on a line.
         """
         if self._last is None:
             return None
@@ -282,7 +283,8 @@ class LegOdometry:
         others = {leg: moved[leg] for leg in common if leg not in stayed}
         if len(stayed) > 2 or not others:
             return ()
-        # A foot that moved less than half as far as the one that swung may not have been lifted.
+        # A foot may not have been lifted if it moved less than `swing_least`, or less than twice that and less than
+        # half as far as the foot that moved farthest.
         farthest, least = max(others.values()), self._limits.swing_least
         return tuple(leg for leg, way in others.items() if way < least or (way < 2 * least and 2 * way < farthest))
 
@@ -295,7 +297,7 @@ class LegOdometry:
 
 
 def _exact(step: int, pose: StancePose, transform: Float) -> OdometryPose:
-    """Pose of a pause from which odometry starts or continues, with an exact footprint."""
+    """Pose of a pause at which odometry starts or continues; its footprint counts as exact."""
     return OdometryPose(
         step=step,
         pose=pose,

@@ -51,7 +51,7 @@ def reach_in_base(
     Args:
         tree: the robot's kinematic tree.
         leg: name of the leg.
-        soles_in_base: (..., 3) sole centres in `base_link` [m]; a point with NaN is not reachable.
+        soles_in_base: (..., 3) sole centres in `base_link` [m]; a point with NaN has no solution.
         sole_pitch: pitch of the sole in the leg's plane [rad], one number or an array (...); legs of three joints or
             fewer ignore the pitch.
 
@@ -108,7 +108,8 @@ def reach_from_bodies(
 
     Raises:
         UnknownName: the robot has no such leg.
-        ArgumentError: an array has the wrong shape.
+        ArgumentError: `soles` is not (..., 3), or the poses are not (..., 4, 4).
+        ValueError: the two arrays cannot be broadcast.
     """
     points = checked_points(soles, "soles")
     bodies = np.asarray(transforms_base_to_ground, dtype=np.float64)

@@ -152,9 +152,9 @@ class _Reader:
         return Link(name, mass, centre, inertia, shapes, element.line)
 
     def _inertia(self, inertial: Element, transform: Float, mass: float) -> Float:
-        """Inertia (3, 3) about the centre of mass, along the link's axes; zero if missing or physically impossible.
+        """Inertia (3, 3) about the centre of mass, along the link's axes; zero if missing, malformed or impossible.
 
-        An impossible inertia of a link with a mass is noted, unless it is zero.
+        An inertia that is malformed or impossible is noted if the link has a mass, unless the inertia is zero.
         """
         inertia = inertial.find("inertia")
         if inertia is None:
@@ -235,7 +235,9 @@ class _Reader:
 
 
 def check_words(element: Element, where: str, findings: Findings) -> None:
-    """Check names of attributes and elements in an element and its descendants, except inside child links and joints.
+    """Check the names of attributes and child elements in an element and those of its descendants that are read.
+
+    Child links and joints are left out.
 
     Args:
         element: an element that is read.

@@ -61,7 +61,7 @@ class PauseLimits:
         minimum_feet: minimum number of feet that carry the body.
         camera_translation_limit: largest translation of the camera during a scan [m].
         camera_rotation_limit: largest rotation of the camera during a scan [rad].
-        time_limit: time without a message after which a pause of unannounced length is over [s].
+        time_limit: time without BEGIN or HOLD after which a pause of unannounced length should have ended [s].
         grace_share, grace_least, grace_most: allowed delay of the message that ends a pause: a fraction of the
             announced length or else of `time_limit` [-], and lower and upper bound of the delay [s]. No frame is taken
             during the delay.

@@ -47,17 +47,17 @@ class PostureConfig:
 
 @dataclass(frozen=True, slots=True)
 class RobotToml:
-    """Kinematic content of robot.toml; tables that other packages read are in `root`, unchecked.
+    """Kinematic content of robot.toml; all other tables are in `root`, unchecked.
 
     Attributes:
         path: path of the file.
         name: name of the robot.
         sole: length and width of a sole [m].
-        sole_radius: radius of the ball of a round foot [m], whose lowest point is the origin of the sole frame; 0 for
-            flat soles.
+        sole_radius: radius of the ball of a round foot [m]; 0 for other feet. The origin of the sole frame is on the
+            ball, straight below its centre when the z axis of the frame is vertical.
         scan_posture: name of the posture in which the robot scans.
         base_frame, camera_frame, laser_frame: names of the links of body, camera and laser in the URDF.
-        imu_frame: name of the IMU's link; None without an IMU.
+        imu_frame: name of the IMU's link; None if not given.
         legs: the legs, in the order of the file.
         postures: the postures, in the order of the file.
         root: the whole file.

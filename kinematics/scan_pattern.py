@@ -27,7 +27,7 @@ def mirror_angle_for(mirror_x: float, mirror_height: float, floor_x: float) -> f
 
 
 def pattern_misses(root: Table, mirror_x: float, mirror_height: float) -> str | None:
-    """Describe the part of the area that the scan pattern of robot.toml misses; None if it covers all of it.
+    """Describe by how much the scan pattern of robot.toml misses the area; None if it covers all of the area.
 
     Args:
         root: content of robot.toml. The result is None if the table [scan] or [grid.footprint] is missing or invalid,

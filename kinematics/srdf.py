@@ -33,7 +33,7 @@ def read_srdf(path: Path, urdf: Urdf, text: str | None = None) -> tuple[Posture,
 
     Raises:
         RobotFileError: the file cannot be read or is not XML, names unknown joints or links, omits or repeats a joint,
-            has a value that is not finite or the wrong number of values, or repeats a posture.
+            has a value that is not a finite number or the wrong number of values, or repeats a posture.
     """
     root = read_xml(path)[0] if text is None else parse_xml(text, path)
     findings = Findings(path)

@@ -51,7 +51,7 @@ class Stance:
             field: name of the mapping, for messages.
 
         Raises:
-            StanceError: a field is missing or unknown, or its value is not allowed; the message names the field.
+            StanceError: `mapping` has the wrong type, or a field is missing, unknown or not allowed; the message says which.
         """
         if not isinstance(mapping, Mapping):
             raise StanceError(f"{field}: {mapping!r} is not an object with the fields {', '.join(FIELDS)}")

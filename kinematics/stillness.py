@@ -31,7 +31,7 @@ from kinematics.model import RobotModel
 from kinematics.stance import Stance
 from kinematics.tree import checked_positions
 
-# Probability of a false alarm per pause, over all tests made in it.
+# Largest probability of a false alarm per pause, over all tests made in it.
 FALSE_ALARMS = 0.003
 
 # Longest window [readings]: 5 s at 50 Hz. Slower motions appear as a difference between the first and the last window.
@@ -208,7 +208,9 @@ class Stillness:
 
     @property
     def still_until(self) -> float:
-        """Stamp until which the readings show that the camera stood still [s]; -inf before a second reading.
+        """Stamp until which the readings show that the camera stood still [s].
+
+        -inf before a second reading, and if the second reading already shows a motion.
 
         A motion that began earlier is detected with probability `POWER` if it has the size `WITH_HOLD` (for frequent
         readings) or `WITHOUT_HOLD`, unless `undetectable` states a larger size.
@@ -332,7 +334,10 @@ class Stillness:
         return max(1, min(recent, self._count - 1))
 
     def _needed(self) -> int:
-        """Number of readings after the start of a motion within which the motion is detected."""
+        """Number of readings after the start of a motion within which the motion is detected.
+
+        If the noise is too large for that, the number in the last `PULSE_S`.
+        """
         recent = self._recent()
         windows = np.arange(1, min(recent, MOST_NEEDED) + 1)
         enough = np.flatnonzero(self._power(windows, WITH_HOLD if recent >= OFTEN else WITHOUT_HOLD) >= POWER)
@@ -396,7 +401,7 @@ def _of_two(robot: RobotModel, begin: Stance, end: Stance, camera: npt.ArrayLike
 
 
 def _threshold(count: int) -> float:
-    """Smallest chi^2 of six degrees of freedom that is reported after this many readings.
+    """Limit of chi^2, with six degrees of freedom, above which a motion is reported after this many readings.
 
     Half of the allowed false alarms are allotted to the second reading, the other half to all later readings in
     proportion to 1 / ((n - 1)(n - 2)), which sums to less than one over a pause of any length. All tests at one reading

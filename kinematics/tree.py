@@ -120,7 +120,8 @@ def build_model(urdf: Urdf, only: tuple[str, ...] | None = None) -> Any:
 
     Args:
         urdf: a URDF that passed `check_urdf`.
-        only: joints that move, on a fixed base; None = all of them, on a free-flyer `root_joint`.
+        only: joints that move, on a fixed base, with all others fixed at zero; None = all joints move, on a free-flyer
+            `root_joint`.
 
     Raises:
         ValueError, RuntimeError: Pinocchio rejects a value.
@@ -342,9 +343,10 @@ def _refuse_other_units(tree: KinematicTree, positions: Float) -> None:
 
 
 def beyond_limits(tree: KinematicTree, positions: Float) -> dict[str, float]:
-    """Distance beyond its limits of each joint that exceeds them [rad]; issues one `JointLimitWarning` for all.
+    """Distance beyond its limits of each joint that exceeds them [rad], of prismatic joints [m].
 
-    Such positions are accepted, because encoders have offsets and the limits in a URDF are nominal.
+    One `JointLimitWarning` is issued for all. Such positions are accepted, because encoders have offsets and the limits
+    in a URDF are nominal.
     """
     beyond: dict[str, float] = {}
     complaints = []

@@ -47,7 +47,8 @@ def find_unloaded_foot(feet: FourFeet, sigmas: float) -> int | None:
 
     Args:
         feet: the four feet.
-        sigmas: minimum height of a hanging foot above the plane of the other three, in standard deviations.
+        sigmas: minimum height of a hanging foot above the plane of the other three, and largest height difference
+            between level feet, in standard deviations.
     """
     candidates = np.flatnonzero(_gaps_in_sigmas(feet) > sigmas).tolist()
     if feet.up is not None:

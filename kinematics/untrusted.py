@@ -1,4 +1,4 @@
-"""Parsers of TOML and XML from untrusted sources, with limits on size and nesting.
+"""Parsers of XML and TOML from untrusted sources, with limits on file size and, for TOML, on nesting.
 
 Robot files may come from anywhere, even over the network as part of a grid. XML entities and files far larger than
 those of any robot are rejected.

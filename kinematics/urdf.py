@@ -76,7 +76,7 @@ class Urdf:
         name: name of the robot.
         links, joints: all links and joints, in the order of the file.
         text: text of the file.
-        notes: one note for each kind of content that is not used.
+        notes: one note for each kind of content that is not used, except for common elements such as <visual>.
     """
 
     path: Path

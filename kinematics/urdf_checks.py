@@ -28,7 +28,7 @@ def check_urdf(urdf: Urdf, root: str | None = None) -> None:
         root: link that must be the root of the tree; None = any link.
 
     Raises:
-        RobotFileError: there are faults; the message lists each with file, line if known, and link or joint.
+        RobotFileError: there are faults; the message lists those found, each with the file and, if known, the line.
     """
     findings = Findings(urdf.path)
     moving = sum(joint.kind != "fixed" for joint in urdf.joints)
