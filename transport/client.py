@@ -39,7 +39,8 @@ logger = logging.getLogger(__name__)
 class PerceptionClient(AbstractContextManager["PerceptionClient"]):
     """Client of one robot: receives its grids and requests scans.
 
-    Each extent is subscribed to at its first use. `GridJudge` accepts or rejects each grid by sender, order and age.
+    Each kind of grid is subscribed to at its first use. `GridJudge` accepts or rejects each grid by sender, order and
+    age.
 
     Attributes:
         robot: instance name.
@@ -117,7 +118,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         Raises:
             StaleTerrain: the newest grid may not be used, or the node has not published one yet.
             ScannerUnavailable: there is no grid and no node.
-            SessionClosed: the client is closed, and no grid was received before.
+            SessionClosed: the client is closed; a usable grid that was received before is still returned.
             MessageError: the newest sample is not a valid grid, or the extent is unknown.
         """
         receiver = self.receiver(extent)
@@ -285,7 +286,9 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         on_progress: Callable[[ScanReply], None] | None = None,
         **accepted: Unpack[Accepted],
     ) -> TerrainMessage:
-        """Request a scan and return its grid, or a later one; see `scan_client.request_scan` for arguments and errors.
+        """Request a scan and return its grid, or a later one.
+
+        Arguments and further errors are as in `scan_client.request_scan`, `accepted` as in `latest`.
 
         Raises:
             ReceiveTimeout: the scan is complete, but no usable grid of this scan, or later one, arrived in time.

@@ -14,7 +14,8 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 # Time without a message after which a peer counts as dead [ms]; a hung node is then detected within 2.5 s.
 LEASE_MS = 2000
 
-# Longest wait for room on a link before a sample is dropped for this link [us]; all other readers wait meanwhile.
+# Longest wait for room on a link before a sample of several fragments is dropped for this link [us]; all other readers
+# wait meanwhile.
 WAIT_BEFORE_DROP_US = 20_000
 
 # The same wait for clients and site routers [us]. It may be longer: a client has a single link, and a robot's planner
@@ -86,7 +87,7 @@ def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:
     """Reject unprotected endpoints that other machines can reach, unless explicitly allowed.
 
     Raises:
-        ConfigurationError: an endpoint is not valid, or can be reached from other machines without `allow_insecure`.
+        ConfigurationError: an endpoint is not valid, or other machines can reach it and `allow_insecure` is False.
     """
     for endpoint in endpoints:
         if not (is_local(endpoint) or allow_insecure):
@@ -97,7 +98,7 @@ def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:
 
 
 def sending(*, patient: bool = False) -> dict[str, Any]:
-    """Return the section `transport/link/tx`: lease, queues, and wait before a sample is dropped."""
+    """Return the section `transport/link/tx`: lease, queues, and longest wait before a sample is dropped."""
     drop = {"max_wait_before_drop_fragments": PATIENT_WAIT_US if patient else WAIT_BEFORE_DROP_US}
     return {"lease": LEASE_MS, "queue": {"size": dict(QUEUES), "congestion_control": {"drop": drop}}}
 

@@ -39,7 +39,7 @@ class SessionClosed(TransportError, RuntimeError):
 
 
 class ScannerUnavailable(TransportError, ConnectionError):
-    """No scanner replies: none is running, or this client lacks permission to read grids or to request scans."""
+    """No scanner replies: none is running, it has another message version, or this client lacks permission."""
 
 
 class ConnectionFailed(ScannerUnavailable):
@@ -53,8 +53,9 @@ class ScannerGone(TransportError, ConnectionError):
 class StaleTerrain(TransportError, LookupError):
     """No usable grid: none is published yet, or the newest one may not be used.
 
-    A grid may not be used if it is too old, from another pause, walk or run of the node, withdrawn, provisional
-    although a confirmed one is required, or no longer confirmed by a live node.
+    A grid may not be used if it is too old, from another walk or run of the node, from a pause too long ago, withdrawn,
+    not or no longer confirmed by a live node, followed by a grid that has not arrived, or provisional although a
+    confirmed one is required.
 
     Attributes:
         is_final: False if waiting may resolve the objections to the newest grid.
@@ -66,7 +67,7 @@ class StaleTerrain(TransportError, LookupError):
 
 
 class ReceiveTimeout(TransportError, TimeoutError):
-    """The expected message did not arrive in time."""
+    """A message did not arrive, or could not be sent, in time."""
 
 
 class ScanBusy(TransportError, RuntimeError):
@@ -90,7 +91,7 @@ class RecordingError(TransportError, ValueError):
 
 
 class SecurityError(TransportError, ValueError):
-    """A security folder is incomplete or unreadable, or does not permit the requested change."""
+    """A security folder is incomplete or unreadable, or does not permit the requested operation."""
 
 
 @contextmanager

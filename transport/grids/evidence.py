@@ -64,7 +64,7 @@ class Word:
         epoch: identity of the walk.
         step: number of the current or last stance pause; None before the first.
         standing: True during the pause, False after it; None if no pauses are announced, as in a replay.
-        newest: sequence number last published, by extent; None = none yet.
+        newest: sequence number last published or skipped, by extent; None = none yet.
         hears_gait: False if the node no longer receives messages of the gait controller, which may have begun another
             pause.
     """

@@ -64,6 +64,7 @@ class GridJudge:
     Attributes:
         node: monitor of the node's liveliness token.
         clock: estimate of the node's clock.
+        refusal: checks a received grid; see `Evidence.refusal`.
     """
 
     def __init__(self, session: Session, robot: str) -> None:
@@ -139,6 +140,7 @@ class GridJudge:
 
         Raises:
             StaleTerrain: the grid may not be used; the error message gives the reasons and what to do.
+            SessionClosed: the session is closed, and the node would have to be queried.
         """
         grid, deadline = received.message, clock.now() + patience
         if self.node.is_alive:

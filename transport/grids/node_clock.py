@@ -44,7 +44,7 @@ class NodeClock(RemoteClock):
     """Monotonic clock of a node, bounded by queries of its status; a faster reply gives a tighter bound.
 
     Attributes:
-        offset: offset between the two wall clocks; None until the node has replied.
+        offset: offset between the two wall clocks; None until the node has reported its clock.
     """
 
     def __init__(self, session: Session, robot: str, report: Callable[[Status, float], str]) -> None:

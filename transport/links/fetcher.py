@@ -20,8 +20,8 @@ from transport.supervision import join
 # messages. The reader then unsubscribes and fetches announced messages instead.
 SUBSCRIBING_RATE = 3e6
 # Timeouts of a piece, whose reply may be lost [s]; the second one applies to pieces larger than FIRST_PIECE, which are
-# requested only over a fast link. Pieces grow if a reply takes less than QUICK and shrink if it takes more than SLOW
-# [s].
+# requested only over a fast link. Pieces grow if a reply takes less than QUICK, and shrink if it takes more than SLOW
+# [s] or does not arrive.
 PIECE_TIMEOUT, LARGE_PIECE_TIMEOUT = 5.0, 1.0
 QUICK, SLOW = 0.025, 0.25
 # First and smallest size of a piece [bytes]; less than one batch of Zenoh (64 KiB), so that a small message fits into
@@ -35,7 +35,7 @@ REMEMBERED = 32
 # Longest wait for an announced message, used until the delay is known; shortest wait, which allows for a busy machine
 # [s].
 LONGEST_GRACE, SHORTEST_GRACE = 0.3, 0.02
-# A message counts as lost when its delay exceeds this multiple of the largest delay so far.
+# A message counts as lost when its delay exceeds this multiple of the largest delay so far, within the limits above.
 MARGIN = 4.0
 # Factor by which the largest delay decays with each message.
 KEPT = 0.9

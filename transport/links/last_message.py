@@ -28,7 +28,7 @@ from transport.links.answerer import Answerer, refuse
 from transport.links.session import Session
 
 logger = logging.getLogger(__name__)
-# Largest number of pending queries; further queries are dropped, and the readers repeat them.
+# Largest number of pending queries per queryable; further queries are dropped, and the readers repeat them.
 MAXIMUM_ANSWERS = 16
 # Largest piece [bytes]; it fits into the queue of a link (`configuration.QUEUES`).
 MAXIMUM_PIECE = 768 * 1024

@@ -70,7 +70,10 @@ class AliveWatcher(TokenWatcher):
         return bool(self.names)
 
     def wait(self, alive: bool, timeout: float) -> bool:
-        """Wait until the token is alive, or gone if not `alive`; return False after `timeout` [s] or if closed."""
+        """Wait until the token is alive, or gone if not `alive`; return False if it is not after `timeout` [s].
+
+        Closing ends the wait.
+        """
         with self._changed:
             self._changed.wait_for(lambda: self.is_alive == alive or self.is_closed, timeout)
             return self.is_alive == alive
