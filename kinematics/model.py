@@ -80,7 +80,7 @@ class RobotModel:
 
     @property
     def config(self) -> RobotToml:
-        """Content of robot.toml."""
+        """Kinematic content of robot.toml."""
         return self.tree.config
 
     @property
@@ -152,7 +152,7 @@ class RobotModel:
         return reach_in_base(self.tree, leg, soles_in_base, sole_pitch)
 
     def reach_from(self, leg: str, soles: npt.ArrayLike, transforms_base_to_ground: npt.ArrayLike) -> Reach:
-        """As `reach`, for level soles on the ground and given body poses; see `kinematics.reach.reach_from_bodies`."""
+        """As `reach`, but for level soles on the ground and given body poses; see `reach.reach_from_bodies`."""
         return reach_from_bodies(self.tree, leg, soles, transforms_base_to_ground)
 
     def shanks(self, leg: str, joint_positions: npt.ArrayLike) -> tuple[Float, Float]:

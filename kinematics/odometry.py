@@ -32,7 +32,7 @@ class PoseInOdom:
 
     Attributes:
         transform_footprint_to_odom: (4, 4) pose of the pause's footprint.
-        covariance: (6, 6) covariance relative to the start, REP-103 order; must not decrease during a walk.
+        covariance: (6, 6) covariance relative to the start, REP-103 order.
         covariance_since_last: (6, 6) covariance of the motion since the last pause; None if unknown.
         own_covariance: (6, 6) covariance of the error of this pause alone, which later pauses do not inherit; None =
             no such error.

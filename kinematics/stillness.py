@@ -255,7 +255,7 @@ class Stillness:
         return CameraMotion(float(shift), float(turn), not self._motion)
 
     def _learn(self, feet: StandingFeet, change: Float) -> None:
-        """Update the estimate of the white noise, which is at least that stated in robot.toml, by one joint change."""
+        """Update the estimate of the white noise with one joint change; the value of robot.toml is its minimum."""
         stated = self._robot.noise.encoder_noise**2
         self._energies.append(float(np.sum((feet.residual @ change) ** 2)) / 2.0)
         degrees = len(feet.residual)

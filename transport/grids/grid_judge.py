@@ -64,7 +64,7 @@ class GridJudge:
     Attributes:
         node: monitor of the node's liveliness token.
         clock: estimate of the node's clock.
-        refusal: checks a received grid; see `Evidence.refusal`.
+        refusal: records or rejects a received grid; see `Evidence.refusal`.
     """
 
     def __init__(self, session: Session, robot: str) -> None:
@@ -156,7 +156,7 @@ class GridJudge:
         reasons = tuple(f"the {grid.extent} grid of step {grid.step} {objection.text}" for objection in found)
         refused = [] if terms.allow_stale else [objection.text for objection in found]
         if terms.confirmed_only and grid.provisional:
-            refused.append("is provisional; allowed: confirmed ones")
+            refused.append("is provisional, but a confirmed one is required")
         if refused:
             text = f"newest {grid.extent} grid (step {grid.step}) {', and '.join(refused)}. {ADVICE}"
             raise StaleTerrain(text, is_final=not found or cure is Cure.NONE)

@@ -61,7 +61,7 @@ class GridPublishers:
 
     @property
     def count(self) -> int:
-        """Number of terrain messages that have been published."""
+        """Number of grids that have been published."""
         return sum(publisher.count for publisher in self._terrain.values())
 
     def post(

@@ -1,4 +1,4 @@
-"""Fetching of a publisher's last message, if published earlier or lost, in pieces adapted to the speed of the link."""
+"""Fetching of a publisher's last message, if it precedes the subscription or was lost, in pieces that suit the link."""
 
 from __future__ import annotations
 
