@@ -152,7 +152,10 @@ class RobotModel:
         return reach_in_base(self.tree, leg, soles_in_base, sole_pitch)
 
     def reach_from(self, leg: str, soles: npt.ArrayLike, transforms_base_to_ground: npt.ArrayLike) -> Reach:
-        """As `reach`, but for level soles on the ground and given body poses; see `reach.reach_from_bodies`."""
+        """As `reach`, but for level soles on the ground and given poses of the body.
+
+        Arguments and errors are as in `kinematics.reach.reach_from_bodies`.
+        """
         return reach_from_bodies(self.tree, leg, soles, transforms_base_to_ground)
 
     def shanks(self, leg: str, joint_positions: npt.ArrayLike) -> tuple[Float, Float]:

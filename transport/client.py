@@ -257,8 +257,8 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
     ) -> None:
         """Call `callback` with each new grid, on a separate thread; grids superseded during a call are left out.
 
-        A grid that may not be used by `accepted` (as in `latest`) is skipped, except one that withdraws another grid: it
-        is always passed on, with the reasons why it is stale.
+        A grid that may not be used by `accepted` (as in `latest`) is skipped, except one that withdraws another grid:
+        it is always passed on, with the reasons why it is stale.
 
         Raises:
             MessageError: the extent is unknown.
