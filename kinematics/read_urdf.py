@@ -235,7 +235,7 @@ class _Reader:
 
 
 def check_words(element: Element, where: str, findings: Findings) -> None:
-    """Check the names of attributes and child elements in an element and those of its descendants that are read.
+    """Check the names of attributes and child elements, in an element and in those of its descendants that are read.
 
     Child links and joints are left out.
 

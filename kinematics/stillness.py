@@ -182,7 +182,7 @@ class Stillness:
         Raises:
             ArgumentError: `time` is not finite.
             StanceError: fewer than three feet carried the body in all readings, or these feet are on a line.
-            UnknownName, JointPositionError: the joints of the stance are not those of this robot, or a position is
+            UnknownName, JointPositionError: joints or supporting feet are not those of this robot, or a position is
                 invalid.
         """
         positions, time = checked_positions(self._robot.tree, stance.joint_positions), _checked_time(time)
@@ -373,7 +373,7 @@ def camera_motion(
     Raises:
         ArgumentError: the matrix is not a transform.
         StanceError: fewer than three feet carried the body at both readings, or these feet are on a line.
-        UnknownName, JointPositionError: the joints of a stance are not those of this robot, or a position is invalid.
+        UnknownName, JointPositionError: joints or supporting feet are not those of the robot, or a position is invalid.
     """
     return _of_two(robot, begin, end, transform_camera_to_base).between_first_and_last()
 

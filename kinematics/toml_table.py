@@ -73,8 +73,8 @@ class Table:
     def record(self, kind: type[T]) -> T:
         """Dataclass whose fields are numbers, each from the key of the same name; fields with a default need no key.
 
-        Each number must be within the bounds in the field's metadata. Without metadata, it must be above 0, for a field
-        of type int at least 1.
+        Each number must be within the bounds in the field's metadata. Without metadata, it must be above 0, or at least
+        1 in a field of type int.
         """
         values = {}
         for each in fields(kind):  # type: ignore[arg-type]

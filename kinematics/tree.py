@@ -343,7 +343,7 @@ def _refuse_other_units(tree: KinematicTree, positions: Float) -> None:
 
 
 def beyond_limits(tree: KinematicTree, positions: Float) -> dict[str, float]:
-    """Distance beyond its limits of each joint that exceeds them [rad], of prismatic joints [m].
+    """Distance beyond its limits [rad], of prismatic joints [m], for each joint that exceeds them.
 
     One `JointLimitWarning` is issued for all. Such positions are accepted, because encoders have offsets and the limits
     in a URDF are nominal.

@@ -39,7 +39,7 @@ class SessionClosed(TransportError, RuntimeError):
 
 
 class ScannerUnavailable(TransportError, ConnectionError):
-    """No scanner replies: none is running, it has another message version, or this client lacks permission."""
+    """No scanner replies: none with this version of the messages is running, or this client lacks permission."""
 
 
 class ConnectionFailed(ScannerUnavailable):
@@ -53,9 +53,9 @@ class ScannerGone(TransportError, ConnectionError):
 class StaleTerrain(TransportError, LookupError):
     """No usable grid: none is published yet, or the newest one may not be used.
 
-    A grid may not be used if it is too old, from another walk or run of the node, from a pause too long ago, withdrawn,
-    not or no longer confirmed by a live node, followed by a grid that has not arrived, or provisional although a
-    confirmed one is required.
+    A grid may not be used if it is too many seconds or pauses old, from another walk or run of the node, withdrawn, not
+    or no longer confirmed by a live node, followed by a grid that has not arrived, or provisional although a confirmed
+    one is required.
 
     Attributes:
         is_final: False if waiting may resolve the objections to the newest grid.
