@@ -1,8 +1,9 @@
 """Readings of standing soles, and the feet that stayed in place between two pauses.
 
 Feet that stay keep their distances from each other however the body moves. The largest set of feet whose mutual
-distances did not change is therefore taken as the feet that stayed. A swing can preserve a distance by chance, if one
-foot passes another. The line between two feet must therefore not have rotated by more than the body can turn.
+distances did not change is therefore taken as the feet that stayed; of equally large sets, the one with the smallest
+changes. A swing can preserve a distance by chance, if one foot passes another. The line between two feet must therefore
+not have rotated by more than the body can turn.
 
 A flat sole that carries the body keeps its pitch to within a degree or two; a larger change is noise of the leg's
 joints. The same noise displaces the sole, and the covariance of pitch and position relates the two. A round foot has no
@@ -90,7 +91,8 @@ def sole_readings(pose: StancePose, legs: Sequence[str], noise: StanceNoise) -> 
     Returns:
         Readings (n, 4): x, y, z of the centre [m] and pitch of the sole relative to the horizontal [rad]; and their
         covariances (n, 4, 4). These include errors of encoders, contact, sole pitch and, for the pitch, the vertical,
-        but not the shift common to all soles that an error of the vertical causes.
+        but not the shift common to all soles that an error of the vertical causes. The pitch of a round foot has the
+        variance `NOTHING_KNOWN`.
     """
     rotation = pose.transform_base_to_footprint[:3, :3]
     tree, state = pose.state.tree, pose.state
