@@ -1,4 +1,4 @@
-"""Errors of guara_perception, and checks that many modules share: missing libraries and stale grids."""
+"""Errors of guara_perception, and shared functions that raise or convert them."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class MissingFile(PerceptionError, FileNotFoundError):
 
 
 class FileFormatError(PerceptionError, ValueError):
-    """A file that cannot be read, or whose content its format does not allow; the message names file and fault.
+    """A file that cannot be read, or whose content is invalid; the message names file and fault.
 
     Attributes:
-        findings: one or more faults of the file.
+        findings: faults of the file, one or more.
     """
 
     findings: tuple[str, ...]
@@ -48,7 +48,7 @@ class CalibrationRefused(PerceptionError, RuntimeError):
 
 
 class UnsafeGrid(PerceptionError, RuntimeError):
-    """A grid that violates the safety invariant; it must not be sent or used."""
+    """A grid that violates the safety invariant, or whose layers are malformed; it must not be sent or used."""
 
 
 class PlannerFailed(PerceptionError, RuntimeError):
@@ -73,10 +73,10 @@ def optional_library(name: str, extra: str | None, purpose: str) -> Any:
     Args:
         name: name of the module.
         extra: extra of guara-perception that includes the library; None = guara-perception itself depends on it.
-        purpose: what needs the library, for the message.
+        purpose: feature that needs the library, for the message.
 
     Raises:
-        MissingExtra: the library is not installed.
+        MissingExtra: the library cannot be imported.
     """
     try:
         return importlib.import_module(name)

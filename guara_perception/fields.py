@@ -79,7 +79,7 @@ def refuse_not_finite(data: Any, source: str, path: str = "") -> None:
 
 
 class Fields:
-    """JSON object whose fields are checked when they are read; a wrong value raises FileFormatError.
+    """JSON object whose fields are checked when they are read; a missing or wrong value raises FileFormatError.
 
     Attributes:
         data: the parsed object.
@@ -160,7 +160,7 @@ class Fields:
         return Fields(self._of_type(name, dict), self.source, self._below(name))
 
     def items(self, name: str) -> Iterator[Fields]:
-        """Iterate over a list of objects."""
+        """Iterate over a list of up to MOST_ITEMS objects."""
         values = self.sequence(name)
         if len(values) > MOST_ITEMS:
             raise FileFormatError(f"{self.path_to(name)} has {len(values)} items, allowed: up to {MOST_ITEMS}")

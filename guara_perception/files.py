@@ -132,7 +132,7 @@ def check_folder(path: Path) -> None:
 
 
 def check_target(path: str | Path, *endings: str) -> Path:
-    """Reject an output path that cannot be written, before time is spent on the output.
+    """Reject an unsuitable output path, before time is spent on the output.
 
     Args:
         path: file to write.
@@ -161,7 +161,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     Raises:
         MissingFile: the folder of `path` does not exist.
         InvalidInput: `path` is a folder.
-        OSError: the file cannot be written, for example on a full disk; the error names `path`.
+        OSError: the file cannot be written; an error of a full disk names `path`.
     """
     path = check_target(path)
     temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")

@@ -10,7 +10,7 @@ import numpy as np
 from guara_perception.arrays import Image
 from guara_perception.exceptions import FileFormatError
 
-# Largest image file [byte], and largest number of pixels of an image: the largest cameras of this kind have 12 Mpx.
+# Largest image file [byte], and largest number of pixels of an image: the largest suitable cameras have 12 Mpx.
 LARGEST_PICTURE = 128 * 1024 * 1024
 MOST_PIXELS = 16_000_000
 # Allowed image formats, by their names in Pillow; PPM includes PGM.

@@ -100,7 +100,7 @@ class Scan:
 
     @property
     def end(self) -> int:
-        """Stamp of the last stripe [ns since the Unix epoch]; `stamp` if the stripes have none."""
+        """Latest stamp of the stripes [ns since the Unix epoch]; `stamp` if they have none."""
         return max(self.stamp, *(stripe.stamp or 0 for stripe in self.stripes))
 
     def frames(self) -> Iterator[tuple[ScanStripe, Image, Image | None]]:

@@ -98,7 +98,7 @@ def camera_checks(
     halves_px: Float | None,
     floor_sigma: Float,
 ) -> list[Check]:
-    """Checks of camera and mount. A given lens is checked only by its agreement with the images.
+    """Checks of camera and mount. For a given lens, the checks of its estimation are omitted.
 
     Args:
         intrinsics: lens and views.
@@ -161,7 +161,7 @@ def laser_checks(laser: LaserFit, near: float, far: float, filled: int, stripes:
         laser: fit of the planes.
         near, far: sigma of a single height on the floor at the near and the far edge of the area [m].
         filled: number of stripes whose plane comes from the mirror model.
-        stripes: number of stripes in the plate scans.
+        stripes: number of different stripes in the plate scans.
     """
     errors = laser.line_errors
     left_out = max((one.rms for one in laser.leave_one_out), default=np.nan)

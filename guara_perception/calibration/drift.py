@@ -25,7 +25,7 @@ LINE_TOLERANCE_M = 0.0005
 LEAST_PARTS = 6
 LEAST_SHARE = 0.7
 HOLDS, DRIFTING, UNKNOWN = "holds", "drifting", "unknown"
-# A scan shows a floor if at least this many stripes, and this share of the stripes with enough points, are straight.
+# A scan shows a floor only if at least this many stripes, and this share of those with enough points, are straight.
 MIN_STRIPES = 8
 MIN_FLOOR_SHARE = 0.6
 # Least extent of the floor along x. Rough ground also has straight stripes, but they extended over at most 0.23 m in 36
@@ -58,8 +58,8 @@ SOLE_SIGMA_M = 0.0012
 JUMP_SHARE = 0.8
 JUMP_STRIPES = 2
 HIGHEST_JUMP_M = 0.030
-# Number of most recent scans with a floor that are considered, and number of these that must show drift. One scan is
-# not enough: a threshold in the floor or a bump along one stripe imitates drift, but not at the next pause.
+# The verdict is "drifting" if NEEDED of the last REMEMBERED scans with a floor show drift. One scan is not enough:
+# a threshold in the floor or a bump along one stripe imitates drift, but not at the next pause.
 REMEMBERED = 3
 NEEDED = 2
 
@@ -142,7 +142,7 @@ def _parts(points: Mapping[int, Float]) -> tuple[Index, Float, Float, Float]:
 
 
 def _largest_agreement(y: Float, z: Float) -> Mask:
-    """Mask (s, PARTS) of the parts on each stripe's best line, the line through two parts that has most inliers."""
+    """Mask (s, PARTS) of the parts on each stripe's best line, the line through two parts that fits most parts."""
     if not len(z):
         return np.zeros((0, PARTS), np.bool_)
     first, second = PAIRS.T

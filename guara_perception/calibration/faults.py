@@ -20,7 +20,8 @@ from guara_perception.exceptions import CalibrationRefused
 # Least height difference between two plates that together determine a laser plane.
 MIN_HEIGHT_DIFFERENCE_M = 0.010
 # Largest deviation of the laser plane's rotation between neighbouring stripes from the commanded one [rad]. The
-# periodic error of a stepper causes 0.01 to 0.02 degrees; a full step of the Guara causes 0.7 degrees.
+# periodic error of a stepper causes 0.01 to 0.02 degrees; a shift by one stripe of Guara's standard pattern causes
+# 0.7 degrees.
 MISSED_STEP = float(np.deg2rad(0.10))
 # Least share of the stripes on a plate that must be found, and least share of all stripes that must be found on plates
 # of two heights.
@@ -33,7 +34,7 @@ BORDER_STRIPES = 6
 # One of four or more plates is named as wrong if the remaining plates agree this many times better than after leaving
 # out any other plate.
 CLEARLY = 2.0
-# Largest deviation of the laser from its nominal mount, in standard deviations of PARAMETERS.
+# Largest deviation of the laser from its nominal mount, in multiples of the prior standard deviations in PARAMETERS.
 MAX_DEVIATION = 2.5
 
 
@@ -102,7 +103,7 @@ def lines_at_borders(jumps: Sequence[Jump], lines: Sequence[PlateLine], lost: Se
     Args:
         jumps: jumps of all plates.
         lines: lines of all plates.
-        lost: stripes of the plate scans for which no line was found.
+        lost: stripes of the plate scans without a usable line.
     """
     found = []
     for jump in jumps:

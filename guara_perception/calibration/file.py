@@ -22,8 +22,8 @@ logger = logging.getLogger(__name__)
 def load_calibration(path: str | Path) -> Calibration:
     """Read and validate a calibration file.
 
-    The `hash` of the result is that of the content. If the file states another hash, because it was edited by hand, a
-    warning is logged.
+    The `hash` of the result is that of the content. If the file states another hash, for example after an edit by
+    hand, a warning is logged.
 
     Raises:
         MissingFile: there is no such file, or `path` is a folder.
@@ -40,7 +40,7 @@ def parse_calibration(content: bytes, source: str) -> Calibration:
         source: origin of the content, for messages.
 
     Raises:
-        FileFormatError: the content is not a calibration; the message names the field.
+        FileFormatError: the content is not a calibration.
     """
     return _validated(parse_json(content, source), source)
 

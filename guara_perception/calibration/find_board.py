@@ -11,15 +11,16 @@ from guara_perception.calibration.checkerboard import find_checkerboard
 
 # Contrast below which an image counts as blank [grey levels].
 BLANK_CONTRAST = 12
-# Largest width of an edge between black and white (10 to 90 %). A sharp lens gives 2 to 3 px; wider edges than
-# MAX_EDGE_WIDTH_PX displace the corners.
+# Largest width of an edge between black and white (10 to 90 %). A sharp lens gives 2 to 3 px; edges wider than
+# the limit displace the corners.
 MAX_EDGE_WIDTH_PX = 5.0
 
 
 def find_board(picture: Image, board: BoardSpec, name: str = "") -> BoardView:
     """Find the inner corners of a board in an image, to a few hundredths of a pixel.
 
-    The view is unusable, with a reason, if the image is blank or blurred or the board was not found.
+    The view is unusable, with a reason, if the image is blank, blurred or mirrored, or too little of the board was
+    found.
 
     Args:
         picture: (h, w) or (h, w, 3) image, uint8 or uint16.
@@ -43,7 +44,7 @@ def board_ink(board: BoardSpec) -> Mask:
     """Cells (rows, columns) of the whole board, True where there is ink.
 
     Row 0 and column 0 are at the corner from which the inner corners of the board are counted. A square of a
-    checkerboard is one cell; a square of a ChArUco board consists of several cells, the bits of a marker.
+    checkerboard is one cell; a square of a ChArUco board consists of several cells, each as large as a bit of a marker.
 
     Raises:
         InvalidInput: a ChArUco board needs more markers than the largest dictionary has.

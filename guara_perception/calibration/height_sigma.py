@@ -48,7 +48,7 @@ class HeightUncertainty:
         """Read the uncertainty from a calibration.
 
         Returns:
-            The uncertainty; None without a stored covariance, for example in a calibration of nominal dimensions.
+            The uncertainty; None without a stored covariance, for example in a nominal calibration.
 
         Raises:
             FileFormatError: the stored covariance does not follow docs/calibration.md.
@@ -120,7 +120,7 @@ def field_terms(offsets: Float) -> Float:
 
 
 def field_covariance(offsets: Float, errors: Sequence[Float], parameters: Float) -> Float:
-    """Covariance of the height field, propagated from the calibration parameters.
+    """Covariance (10, 10) of the coefficients of the height field, propagated from the calibration parameters.
 
     Args:
         offsets: (n, 3) points relative to the field's origin [m].

@@ -35,8 +35,9 @@ class Intrinsics(FrozenArrays):
 
     Attributes:
         camera: camera model.
-        free: names of the estimated parameters, in the order of `sigma`.
-        sigma: standard deviations of fx, fy, cx, cy [px] and of the distortion coefficients.
+        free: names of the parameters with an uncertainty, in the order of `sigma`.
+        sigma: standard deviations of fx, fy, cx, cy [px] and of the distortion coefficients; assumed if the model was
+            given.
         views: views that were used.
         poses: (n, 6) transforms from board to camera in these views: rotation vector [rad] and translation [m].
         errors_px: (n,) rms corner error of each of these views [px].

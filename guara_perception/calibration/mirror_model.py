@@ -15,7 +15,7 @@ from kinematics.arrays import FrozenArrays
 
 @dataclass(frozen=True, slots=True)
 class MirrorModel(FrozenArrays):
-    """Fixed laser plane, and a mirror that rotates about an axis approximately in its face, in one frame.
+    """Fixed laser plane and rotating mirror in a common frame; the axis lies approximately in the mirror's face.
 
     At mirror angle theta, the fixed laser plane is reflected in a mirror with the normal m = Rot(axis, gain theta) m0.
     The reflected plane is n = (I - 2 m m') n0, d = d0 + 2 (n0 . m)(m . q), which rotates by twice the mirror angle.

@@ -40,8 +40,8 @@ LEAST_OTHERS = 4
 CLEARER = 2.0
 # Crosses reach a correlation of 0.8; the texture of a floor hardly reaches 0.6.
 SURE_SCORE = 0.7
-# Largest deviation from the nominal mount. A larger one means another robot, points measured from another origin, or
-# swapped marks.
+# Largest deviation from the nominal mount. Usual causes of a larger one are another robot, points measured from another
+# origin, and swapped marks.
 MAX_SHIFT_M = 0.050
 MAX_TURN = float(np.deg2rad(8.0))
 # Marks are collinear if the ratio of their extents across and along their longest direction is below this.
@@ -124,7 +124,10 @@ def _misplaced(camera: CameraModel, points: Float, pose: FloorPose, nominal: Flo
     """
     missing = [i for i, mark in enumerate(pose.marks) if mark.score < SURE_SCORE]
     if missing:
-        return f"only a spot of the floor resembles {_named(points, missing)}: lay down a dark, flat and whole cross"
+        return (
+            f"only a weak match was found for {_named(points, missing)}, perhaps a spot of the floor: lay down a dark, "
+            "flat and whole cross"
+        )
     fits = []
     for i in range(len(points) if len(points) > LEAST_OTHERS else 0):
         others = [k for k in range(len(points)) if k != i]

@@ -31,7 +31,8 @@ def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Cal
     Args:
         calibration: calibration with a mirror model, as computed by `calibrate`; the model is needed only if a stripe
             is missing.
-        indices: one or more indices in the standard pattern, at most one spacing outside the calibrated range.
+        indices: one or more indices in the standard pattern, outside the calibrated range by at most the largest
+            spacing of the calibrated indices.
 
     Raises:
         CalibrationMismatch: there is no index, an index is too far outside, or the mirror model is missing.

@@ -63,7 +63,7 @@ class PlateLine(FrozenArrays):
 
 @dataclass(frozen=True, slots=True)
 class LostLine:
-    """Stripe of a plate scan for which no line was found, and the reason."""
+    """Stripe of a plate scan without a usable line, and the reason."""
 
     index: int
     plate: int
@@ -97,7 +97,7 @@ def plate_lines(
         on_stripe: called after each stripe, for a progress bar.
 
     Returns:
-        Lines that were found, and stripes for which no line was found.
+        Lines that were found, and stripes without a usable line.
 
     Raises:
         CalibrationMismatch: the size of a frame differs from that of the camera.
@@ -157,7 +157,7 @@ def _beside(profile: StripeProfile, floor: PlateLine | None, tolerance: float) -
 def _line(
     profile: StripeProfile, beside: Mask, camera: CameraModel, transform: Float, height: float
 ) -> tuple[Float, Float, float] | str:
-    """Averaged points [px], weights and sigma [px] of a straight line on a level plane, or why there is none."""
+    """Averaged points [px], weights and sigma [px] of a straight line on a level plane, or the reason for its lack."""
     border = np.convolve(beside, np.ones(2 * BORDER_COLUMNS + 1), mode="same") > 0
     columns = np.flatnonzero(np.isfinite(profile.position_px) & ~border)
     if columns.size < MIN_COLUMNS and beside.sum() > columns.size:

@@ -104,7 +104,7 @@ def quality_record(checks: Sequence[Check], verdict: str, reasons: Sequence[str]
 
 
 def coverage(views: Sequence[BoardView], size: tuple[int, int]) -> Index:
-    """Number of corners in each of COVERAGE_CELLS, (rows, columns)."""
+    """Number of corners in each cell of the image, (6, 8); see COVERAGE_CELLS."""
     u, v = np.concatenate([np.empty((0, 2)), *(view.corners_px for view in views)]).T
     ranges = (0, size[1]), (0, size[0])
     return np.histogram2d(v, u, COVERAGE_CELLS[::-1], ranges)[0].astype(np.intp)
@@ -149,8 +149,8 @@ def cross_validation(
         distance: height of the camera above the floor [m].
 
     Returns:
-        Pixels (n, 2), and differences (n, 2) at these pixels [px]; None if a half has fewer than three views or cannot
-        be calibrated.
+        Pixels (63, 2), and differences (63, 2) at these pixels [px]; None if a half has fewer than three views or
+        cannot be calibrated.
     """
     halves = views[0::2], views[1::2]
     if min(len(half) for half in halves) < 3:

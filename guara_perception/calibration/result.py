@@ -30,15 +30,15 @@ class CalibrationResult:
     Attributes:
         calibration: calibration ready to be saved; its `quality` contains verdict and reasons.
         session: the calibrated session.
-        transform_base_to_footprint: (4, 4) pose at the session's stance.
+        transform_base_to_footprint: (4, 4) pose of the body at the session's stance.
         intrinsics: lens from the boards alone, or the given lens.
-        floor: mount from the fiducials alone.
+        floor: pose of the camera over the floor, from the fiducials alone.
         fit: lens and mount from boards and fiducials.
         surface: the paper's homography.
         lines: laser lines on the plates.
-        lost: stripes in plate scans for which no laser line was found.
+        lost: stripes in plate scans without a usable laser line.
         laser: laser planes and mirror model.
-        checks: figures of merit that determine the verdict.
+        checks: figures of merit; together with the warnings, they determine the verdict.
         coverage: (6, 8) number of board corners in each cell of the image.
         cross_validation: pixels (n, 2), and differences (n, 2) at these pixels between the lenses calibrated from the
             two halves of the views [px]; None if not computed.
@@ -86,7 +86,7 @@ def stripe_records(
 
 
 def mirror_record(laser: LaserFit, fit: CameraFit, mount: FloorPose, missing: Sequence[int]) -> dict[str, Any]:
-    """Object `mirror` of calibration.json: mirror model in the camera frame, and deviations of the stripes from it."""
+    """Object `mirror` of calibration.json; docs/calibration.md describes its fields."""
     to_camera = np.asarray(np.linalg.inv(fit.transform_camera_to_footprint))
     return {
         "frame": "camera_optical_frame",
@@ -113,10 +113,9 @@ def covariance_record(fit: CameraFit, laser: LaserFit) -> dict[str, Any]:
 
 
 def paper_record(surface: SurfaceMap, fit: CameraFit, lines: Sequence[PlateLine]) -> dict[str, Any]:
-    """Object `paper` of calibration.json, in rectified floor coordinates.
+    """Object `paper` of calibration.json; docs/calibration.md describes its fields.
 
-    It contains homography, camera height, nadir, and the constants n, d, k of each stripe found at two or more heights
-    (eqs. 17 to 19).
+    Only stripes that were found at two or more heights of plates have constants n, d and k (eqs. 17 to 19).
     """
     camera_position = fit.transform_camera_to_footprint[:3, 3]
     seen: dict[int, list[tuple[float, float]]] = {}

@@ -10,7 +10,7 @@ from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import CameraModel, plane_in_frame
 
 # Half length of the sampled part of the line in which a laser plane and a horizontal plane intersect. Seen from half a
-# metre, it extends beyond the image.
+# metre, this part extends beyond the image.
 HALF_LENGTH_M = 1.2
 SAMPLES = 49
 

@@ -208,14 +208,14 @@ class _Solver:
         )
 
     def estimate(self) -> tuple[float, float, Float]:
-        """Estimate jitter, scatter and wobble from the lines, by expectation maximisation."""
+        """Estimate jitter and scatter by expectation maximisation, and wobble from planes fitted with a wide prior."""
         jitter, scatter = 5 * JITTER_FLOOR, 3e-5
         jitter, scatter = self.noise(WOBBLE_FLOOR, jitter, scatter)
         wobble = self.wobble(jitter, scatter)
         return *self.noise(wobble, jitter, scatter), wobble
 
     def noise(self, wobble: Float, jitter: float, scatter: float) -> tuple[float, float]:
-        """Maximum likelihood estimates of jitter [rad] and scatter [m]."""
+        """Maximum likelihood estimates of jitter [rad] and scatter [m], not below their lower bounds."""
         for _ in range(NOISE_ITERATIONS):
             solved = self.solve(wobble, jitter, scatter)
             jitter = max(float(np.sqrt(np.mean(solved.turn_square))), JITTER_FLOOR)
@@ -223,7 +223,7 @@ class _Solver:
         return jitter, scatter
 
     def wobble(self, jitter: float, scatter: float) -> Float:
-        """Standard deviations (2,) of tilt and shift of unconstrained planes about the model, after removing noise."""
+        """Standard deviations (2,) of tilt and shift about the model, after removing noise; the prior is wide."""
         solved = self.solve(FREE_WOBBLE, jitter, scatter)
         square = np.median(solved.change[:, 1:] ** 2, axis=0) * MEDIAN_TO_MEAN_SQUARE
         explained = np.median(np.diagonal(solved.covariance, axis1=1, axis2=2)[:, 1:], axis=0)

@@ -36,8 +36,9 @@ class SurfaceMap(FrozenArrays):
 def surface_map(pixels: npt.ArrayLike, points: npt.ArrayLike) -> SurfaceMap:
     """Compute the homography by the normalised direct linear transform.
 
-    The paper sets the element i to 1 and solves eight equations for four marks. Here pixels and points are centred and
-    scaled, and the solution is the singular vector with the smallest singular value, which allows any number of marks.
+    The paper sets the last element, i, to 1 and solves eight equations for four marks. Here pixels and points are
+    centred and scaled, and the solution is the singular vector with the smallest singular value, which allows any
+    number of marks.
 
     Args:
         pixels: (n, 2) undistorted pixels, n >= 4.
@@ -45,7 +46,7 @@ def surface_map(pixels: npt.ArrayLike, points: npt.ArrayLike) -> SurfaceMap:
 
     Raises:
         InvalidInput: the arrays differ in shape, there are fewer than four marks, or the marks do not determine a
-            homography (three of four are collinear, or two coincide).
+            homography (for example, three of four are collinear).
     """
     u, x = np.asarray(pixels, dtype=np.float64), np.asarray(points, dtype=np.float64)
     if u.shape != x.shape or u.ndim != 2 or len(u) < 4:
@@ -100,7 +101,7 @@ def stripe_constants(
         heights).
 
     Raises:
-        InvalidInput: there are fewer than two heights, or the stripe has the same position at all of them
+        InvalidInput: there are fewer than two different heights, or the stripe has the same position at all of them
             (eq. 17 is singular).
     """
     v, z = np.asarray(x, dtype=np.float64), height_of_camera - np.asarray(heights, dtype=np.float64)

@@ -17,8 +17,8 @@ from kinematics.arrays import FrozenArrays
 
 # Image size of the paper: rows along x, columns along y.
 ROWS, COLUMNS = 512, 640
-# Largest stretch by the central projection up to which the samples of neighbouring image columns fill all pixels of the
-# perspective image.
+# Largest stretch by the central projection at which the samples of neighbouring image columns must fill all pixels of
+# the perspective image.
 LARGEST_STRETCH = 1.25
 # Largest number of lines added between neighbouring image columns: enough for columns 4 mm apart, as on distant ground.
 MOST_BETWEEN = 5

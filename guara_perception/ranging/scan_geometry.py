@@ -113,7 +113,7 @@ def scan_geometry(
         calibration: calibration of the rangefinder.
         transform_base_to_footprint: (4, 4) pose of the body.
         settings: settings of the robot.
-        mode: mode of the scan.
+        mode: "coarse" or "standard".
     """
     transform = transform_base_to_footprint @ calibration.transform_camera_to_base
     pattern = set(settings.pattern(mode))
@@ -159,7 +159,8 @@ class StripeRanger:
             geometry: geometry of the scan.
             locator: converts image rows to points.
             height_limits: lowest and highest height that counts as terrain [m].
-            on_robot: returns the mask of points (n, 3) in base_footprint that lie on the robot itself.
+            on_robot: returns the mask of points (n, 3) in base_footprint that lie on the robot itself; not used for
+                stripes with a place, which contains the body.
         """
         self._geometry, self._locator = geometry, locator
         self._height_limits, self._on_robot = height_limits, on_robot
@@ -171,7 +172,8 @@ class StripeRanger:
 
         Args:
             profiles: profiles of usable frames by index.
-            places: pose of camera and body at the flash of each stripe; None = the camera stood still.
+            places: pose of camera and body at the flash of each stripe, which requires a `Triangulator`; None = the
+                camera stood still.
         """
         found: dict[int, StripePoints] = {}
         for group in in_groups(list(profiles), TOGETHER if places is None else 1):

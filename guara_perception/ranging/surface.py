@@ -117,8 +117,9 @@ class Links:
         points: (3, s, w) float32 points of these stripes.
         confirmed: (s, w) mask of the requested points that the stripes on both sides confirm.
         own: number of the swath of each of the s stripes, -1 if not requested.
-        links: three masks (s - 1, w) per pair of stripes: the first is linked to the stripe before it, the two are
-            linked to each other, the second is linked to the stripe after it.
+        links: three masks (s - 1, w) with one row for each pair of successive stripes: the first stripe is linked to
+            the one before it; the two are linked to each other, and the pair is requested; the second is linked to the
+            one after it.
         wanted: (s - 1, w) mask of the columns in which lines are requested.
         pairs: number of the swath of each of the s - 1 pairs, -1 if not requested.
     """
@@ -187,8 +188,8 @@ def _links(
 ) -> tuple[Mask, Mask]:
     """Masks (s, w) of the columns in which each stripe is linked to the previous one and to the next one.
 
-    No column is linked if the neighbour is missing or the two are parted. At an end of the pattern all columns are
-    linked, because no stripe beyond it could contradict the surface.
+    No column is linked if the neighbour is missing or the two are parted. All columns are linked to a neighbour beyond
+    an end of the pattern, because no stripe there could contradict the surface.
     """
     stride = pattern.step
     around = sorted({near for index in indices for near in (index - stride, index, index + stride) if near in stripes})
@@ -228,7 +229,7 @@ def confirmed_points(seen: Links, variance: Array) -> SurfaceSamples:
 def joined_surface(seen: Links, variance: Array, resolution: float) -> list[SurfaceSamples]:
     """Sample the lines between each stripe and the next in the columns in which the two are linked.
 
-    A line is shortened by OPEN_END_M at an end at which the surface ends; the samples cut off are NaN.
+    A line is shortened by OPEN_END_M at an end at which the surface ends; the heights of the samples cut off are NaN.
 
     Args:
         seen: points and links of s stripes.
@@ -318,7 +319,10 @@ def shares(n: int) -> Float:
 
 
 def sample_count(difference: Array, is_line: Mask, resolution: float) -> list[int]:
-    """Number of samples per line in each of s sets (3, s, w): SAMPLES_PER_CELL per cell length, from 2 to 64."""
+    """Number of samples per line in each of s sets of lines (3, s, w), from 2 to 64.
+
+    The longest line of a set has SAMPLES_PER_CELL samples per cell length.
+    """
     squares = np.where(is_line, difference[0] ** 2 + difference[1] ** 2, 0)
     longest = np.sqrt(squares.max(axis=1)).tolist()
     return [min(max(math.ceil(SAMPLES_PER_CELL * length / resolution), 2), 64) for length in longest]

@@ -34,16 +34,16 @@ FOLLOWED_PX = 320
 # Mean level up to which an image counts as dim, mean level to which it is then brightened [grey levels of 255], and
 # largest gain.
 DIM_LEVEL, BRIGHT_LEVEL, MOST_GAIN = 32.0, 100.0, 16.0
-# Corners: largest number, quality relative to the best one, least distance [px]. An estimate needs LEAST_CORNERS, and
-# LEAST_SHARE of all, that were tracked and agree.
+# Corners: largest number, quality relative to the best one, least distance [px]. An estimate needs at least
+# LEAST_CORNERS corners, and LEAST_SHARE of all corners, that were tracked and agree.
 MOST_CORNERS, QUALITY, APART_PX, LEAST_CORNERS, LEAST_SHARE = 48, 0.01, 14, 16, 0.6
 WINDOW_PX, LEVELS = 13, 2
-# Number of corners that are tracked at first, each near its position in the reference; up to twice as many are used.
+# Nominal number of corners in the first, fast test for a camera that stands still; it uses up to twice as many.
 FEW_CORNERS = 20
 # Largest error of a corner that agrees with the homography, and median motion below which an image counts as unmoved
 # [px].
 AGREE_PX, STILL_PX = 0.7, 0.15
-# Distance to which the glow of the line reaches beyond its rows, and least noise of a corner [px].
+# Distance to which the glow of the line reaches beyond its rows, and least noise of a corner [px of the reduced image].
 GLOW_PX, LEAST_NOISE_PX = 6, 0.03
 # Iterations of the fit, and largest condition number of its equations (below 1e3 for corners all over the image).
 STEPS, MOST_CONDITION = 4, 1e9
@@ -84,7 +84,7 @@ def corners(picture: Image) -> Float:
 
 
 def aligned(picture: Image, to: Image) -> Image | None:
-    """Warp an image to the view of another; None if no motion is detected, or too few corners are found.
+    """Warp an image to the view of another; None if no motion is detected, or too few corners agree.
 
     Args:
         picture: laser-off image, (h, w) or (h, w, 3).

@@ -48,7 +48,7 @@ def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> s
 
     Args:
         coverage: share of the expected ground that was seen.
-        counts: image columns of all stripes per StripeStatus.
+        counts: number of image columns of all stripes per StripeStatus.
         wrong: description of a fault of the light, the frames or the pattern as a whole; empty if there is none.
         weak: description of a weak line; empty if the line is not weak.
     """
@@ -84,7 +84,7 @@ def wrong_pattern(fired: Iterable[int], stride: int) -> str:
 
 
 def wrong_frames(samples: FrameSamples, geometry: ScanGeometry) -> str:
-    """Describe frames that are turned, flipped, out of order, or lit where no stripe can be; empty if none are."""
+    """Describe frames that are turned, flipped, out of order, or lit where no stripe can be; empty if none is found."""
     rows = samples.rows
     if len(rows) < FEWEST_FRAMES:
         return ""

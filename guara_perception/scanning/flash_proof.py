@@ -32,8 +32,8 @@ COMPARED_PX, MEAN_PX, LARGEST_PX = 640, 5, 25
 LEAST_LEVEL, LEAST_SIGMAS = 5.0, 8.0
 # Displacement that may remain between aligned images, because the ground is not flat [px].
 WITHIN_PX = 1
-# Light in at least this fraction of the columns or rows is a line. A smaller light, such as a lamp, only makes its
-# pixels unusable.
+# Light in at least this fraction of the columns or rows is a line. A smaller light that does not move, such as a lamp,
+# only makes its pixels unusable.
 LINE_SHARE = 0.08
 # Least extent of a spot of light that is compared with the next dark frame, as a fraction of the columns or rows.
 SPOT_SHARE = 0.01
@@ -44,17 +44,17 @@ LEAST_OVERLAP = 0.3
 NO_LINE, PLAIN_LINE = 0.02, 0.1
 # Largest shift between frames and flashes that is tested [frames].
 MOST_SHIFT = 6
-# Returns within this distance of light in a dark frame are not used [px of images COMPARED_PX wide].
+# Returns within this distance of light in a dark frame are not used [px of the reduced images].
 BESIDE_PX = 6
 
 
 def second_line(
     pair: FramePair, profile: StripeProfile, align: Callable[[Image, Image], Image | None] | None = None
 ) -> float:
-    """Brightness of a second line relative to a stripe, as the median over the columns; 1 if the two lines merge.
+    """Brightness of a second line relative to a stripe, estimated over many columns; 1 if the two lines merge.
 
-    It is 0 if too few columns show the stripe, and without a laser-off image, because a bright edge of the scene would
-    look like a line.
+    It is 0 if too few columns show the stripe well, and without a laser-off image, because a bright edge of the scene
+    would look like a line.
 
     Args:
         pair: images of the stripe.
@@ -112,7 +112,7 @@ class FlashProof:
     """Comparison of the frames of a sweep with the sequence of its lit and dark flashes."""
 
     def __init__(self) -> None:
-        """Start a sweep without dark flashes."""
+        """Start a sweep; no dark flash is expected yet."""
         self._planned: set[int] = set()
         self._seen: dict[int, float] = {}
         self._darks: dict[int, tuple[float, Mask]] = {}

@@ -40,7 +40,7 @@ WEAKEST_LINE = 50.0
 MOST_TEXTURE = 3.0
 # Percentiles that bound the darkest and the brightest tenth of a scene [%].
 TENTHS = (10, 90)
-# Least share of the columns that must show a stripe before the stripe is called weak.
+# Share of the columns that must show a stripe before the stripe can be called weak.
 LEAST_SEEN = 0.01
 
 
@@ -57,7 +57,7 @@ class FrameSample:
         peak: height of the stripe, median over these columns [grey levels of 255].
         contrast: difference between the brightest and the darkest tenth of the image [grey levels of 255]; 0 with a
             laser-off image, which removes the scene.
-        rows: (GLANCED,) brightest row in some columns of the whole image [px]; NaN where no row stands out.
+        rows: (GLANCED,) brightest row of the image in each of `FrameSamples.columns` [px]; NaN where no row stands out.
     """
 
     clipped: float
@@ -135,7 +135,7 @@ class FrameSamples:
         return ""
 
     def margins(self) -> dict[str, float]:
-        """Margins of the light, by name; none without samples.
+        """Margins of the light, by name; empty without samples.
 
         "margin_clipped" and "margin_steady" are 1 far from the limits of `excess`, 0 at them and negative beyond;
         "stripe_level" is the height of the stripe [grey levels of 255], which falls as the lens or the laser ages.
@@ -163,7 +163,7 @@ class FrameSamples:
         )
 
     def texture(self) -> str:
-        """Description of texture that hides the stripe because there are no laser-off images; empty if it does not."""
+        """Description of texture that hides the stripe in a scan without laser-off images; empty if there is none."""
         samples = self._with_laser()
         if not samples or (contrast := _median(samples, "contrast")) <= MOST_TEXTURE * _median(samples, "peak"):
             return ""

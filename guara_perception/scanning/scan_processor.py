@@ -215,7 +215,7 @@ class ScanProcessor:
         """Stop using the track, with `track_fault` as the reason, and place all stripes at the pose of the stance.
 
         This also applies to stripes added later and to all copies of this scan. The caller must know that the body
-        stood still.
+        stood still. Without a fault, there is no effect.
         """
         if self._places is not None:
             self._places.left = self.track_fault
@@ -419,7 +419,7 @@ class ScanProcessor:
     def pairs(self) -> Index:
         """Index (ny, nx) of the first stripe of the pair that encloses each cell on flat ground, -1 where none does.
 
-        With a track, the stripes are projected from the current pose of the body.
+        With a track, the stripes are projected from the latest known pose of the body.
         """
         now = None if self._places is None or self._places.left else self._places.now()
         if now is None:
@@ -538,7 +538,7 @@ class _Proved:
         proof: findings on the light of the scan.
         profiles: profile of each stripe; those not confirmed are bad.
         surface: surface of the confirmed stripes.
-        motion: description of motion during the scan, empty if there was none.
+        motion: description of detected motion during the scan, and of a track that is not used; may be empty.
         places: pose of camera and body at each stripe; None if all stripes have the pose of the stance.
     """
 

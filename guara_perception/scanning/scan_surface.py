@@ -313,7 +313,7 @@ def lost_cells(
         geometry: the grid.
 
     Returns:
-        Runs [ix, first iy, end iy] of cells, in order; they are few, because stripes run along y.
+        Runs (ix, first iy, end iy) of cells, in order, without the end; they are few, because stripes run along y.
     """
     known = np.isfinite(elevation)
     heights = np.append(elevation[known], 0.0)

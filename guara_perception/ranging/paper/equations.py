@@ -1,6 +1,6 @@
 """Equations of the paper's chain by number: lens (8), floor (9, 10), heights (16 to 19), ortho image (20, 21).
 
-Eqs. 1 to 7 and 11 to 13 are solved by the calibration (`CameraModel`, `surface_map`).
+Eqs. 1 to 7 and 11 to 13 belong to the calibration (`CameraModel`, `surface_map`).
 
 Eqs. 14 to 19 are exact in rectified floor coordinates (after eqs. 9 and 10): there f and the pitch drop out, v is the
 position on the floor measured across the stripe, and z = H - h, where H is the height of the optical centre.

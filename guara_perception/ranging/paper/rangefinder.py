@@ -83,7 +83,7 @@ class PaperRangefinder:
             self.view_point[:2] = (marks[0] + marks[2]) / 2
 
     def stripe(self, plane_in_camera: Float) -> tuple[StripeConstants, Float]:
-        """Constants of stripes, and the horizontal unit vectors (..., 2) across the stripes along which v is measured.
+        """Constants of stripes, and the horizontal unit vectors (..., 2) along which v is measured.
 
         The paper's stripes are parallel to the rows of its image. A real stripe is slightly rotated, so v is measured
         across the stripe itself, which keeps eqs. 17 and 18 exact.
@@ -127,7 +127,7 @@ class PaperRangefinder:
     def measure(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
     ) -> tuple[Float, Float]:
-        """Points as from `points`, and standard deviations (..., w) of their heights [m] due to `sigma_px`."""
+        """Points as from `points`, and standard deviations (..., n) of their heights [m] due to `sigma_px`."""
         rows = np.asarray(position_px, dtype=np.float64)
         above = self.points(plane_in_camera, rows - DIFFERENCE_PX)[2]
         below = self.points(plane_in_camera, rows + DIFFERENCE_PX)[2]

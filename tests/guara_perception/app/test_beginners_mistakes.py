@@ -38,7 +38,12 @@ MISTAKES = (
         "the_one_cross_that_was_measured_wrongly_is_named",
     ),
     ("all crosses off", "near where the nominal mount predicts them", REFUSALS, "fault_is_refused"),
-    ("one cross forgotten", "resembles", CROSSES, "a_forgotten_cross_is_named_and_no_cross_is_called_wrongly_measured"),
+    (
+        "one cross forgotten",
+        "weak match",
+        CROSSES,
+        "a_forgotten_cross_is_named_and_no_cross_is_called_wrongly_measured",
+    ),
     ("crosses in millimetres", "give metres, not", RECORD, "wrong_options_are_refused"),
     (
         "board not on the floor",
