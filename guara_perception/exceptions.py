@@ -20,7 +20,7 @@ class InvalidInput(PerceptionError, ValueError):
 
 
 class MissingFile(PerceptionError, FileNotFoundError):
-    """A file or folder that does not exist."""
+    """A file or folder that does not exist, or a folder given in place of a file."""
 
 
 class FileFormatError(PerceptionError, ValueError):

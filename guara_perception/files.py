@@ -29,7 +29,7 @@ def read_bounded(path: Path, largest: int) -> bytes:
     """Read a file of limited size.
 
     Raises:
-        FileFormatError: the file is longer than `largest` [byte] or cannot be read.
+        FileFormatError: the file is longer than `largest` bytes or cannot be read.
     """
     try:
         with path.open("rb") as file:
@@ -45,7 +45,7 @@ def read_toml(path: Path, largest: int) -> dict[str, Any]:
     """Read a TOML file of limited size.
 
     Raises:
-        FileFormatError: the file is longer than `largest` [byte], cannot be read, or is not TOML.
+        FileFormatError: the file is longer than `largest` bytes, cannot be read, or is not TOML.
     """
     try:
         return tomllib.loads(read_bounded(path, largest).decode())
@@ -59,7 +59,7 @@ def read_arrays(
 ) -> dict[str, Array]:
     """Read the wanted arrays of an .npz file; other arrays are not decompressed.
 
-    Wanted arrays that the file does not contain are missing in the result.
+    Wanted arrays that the file does not contain are missing from the result.
 
     Args:
         path: path of the file.
@@ -161,7 +161,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     Raises:
         MissingFile: the folder of `path` does not exist.
         InvalidInput: `path` is a folder.
-        OSError: the file cannot be written; an error of a full disk names `path`.
+        OSError: the file cannot be written. On a full disk, the error names `path`.
     """
     path = check_target(path)
     temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")

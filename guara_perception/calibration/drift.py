@@ -165,7 +165,7 @@ class Drift:
     Attributes:
         verdict: "holds", "drifting", or "unknown" if the scan shows no flat floor to compare with.
         reasons: reasons, with numbers, for a verdict other than "holds".
-        floor_share: share of the stripes with points that run straight over one floor.
+        floor_share: share of the stripes with enough points that are straight and, if a plane was fitted, near it.
         floor_height: height of the floor at the mean x of its visible part [m].
         floor_tilt: angle of the floor relative to the horizontal [rad].
         stripe_rms: rms distance of the stripes' centres and ends from one plane [m].

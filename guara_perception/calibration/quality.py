@@ -34,7 +34,7 @@ class Check:
         usable_from: limit between good and usable.
         refused_from: limit between usable and refused.
         meaning: description of the value.
-        advice: what to do if the verdict is not good.
+        advice: remedy if the verdict is not good.
         higher_is_better: True if values below the limits are worse; False if values above the limits are worse.
     """
 

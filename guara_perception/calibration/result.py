@@ -29,7 +29,7 @@ class CalibrationResult:
 
     Attributes:
         calibration: calibration ready to be saved; its `quality` contains verdict and reasons.
-        session: the calibrated session.
+        session: session from which it was computed.
         transform_base_to_footprint: (4, 4) pose of the body at the session's stance.
         intrinsics: lens from the boards alone, or the given lens.
         floor: pose of the camera over the floor, from the fiducials alone.

@@ -208,7 +208,7 @@ class _Solver:
         )
 
     def estimate(self) -> tuple[float, float, Float]:
-        """Estimate jitter and scatter by expectation maximisation, and wobble from planes fitted with a wide prior."""
+        """Estimate jitter and scatter by expectation maximisation, and wobble from loosely constrained planes."""
         jitter, scatter = 5 * JITTER_FLOOR, 3e-5
         jitter, scatter = self.noise(WOBBLE_FLOOR, jitter, scatter)
         wobble = self.wobble(jitter, scatter)
@@ -223,7 +223,7 @@ class _Solver:
         return jitter, scatter
 
     def wobble(self, jitter: float, scatter: float) -> Float:
-        """Standard deviations (2,) of tilt and shift about the model, after removing noise; the prior is wide."""
+        """Standard deviations (2,) of tilt and shift of loosely constrained planes about the model, without noise."""
         solved = self.solve(FREE_WOBBLE, jitter, scatter)
         square = np.median(solved.change[:, 1:] ** 2, axis=0) * MEDIAN_TO_MEAN_SQUARE
         explained = np.median(np.diagonal(solved.covariance, axis1=1, axis2=2)[:, 1:], axis=0)

@@ -13,7 +13,7 @@ from guara_perception.calibration.mirror_model import PARAMETERS, MirrorModel, p
 from guara_perception.calibration.plates import PlateLine
 from kinematics.arrays import FrozenArrays
 
-# Prior standard deviation of one position of the mirror's stepper [rad].
+# Prior standard deviation of the position error of the mirror's stepper at one stripe [rad].
 STEP_ERROR_SIGMA = float(np.deg2rad(0.02))
 # Assumed scatter of one point of a line, which is an average over neighbouring columns.
 POINT_SIGMA_M = 5e-5

@@ -159,8 +159,8 @@ class StripeRanger:
             geometry: geometry of the scan.
             locator: converts image rows to points.
             height_limits: lowest and highest height that counts as terrain [m].
-            on_robot: returns the mask of points (n, 3) in base_footprint that lie on the robot itself; not used for
-                stripes with a place, which contains the body.
+            on_robot: returns the mask of points (n, 3) in base_footprint that lie on the robot itself; for
+                stripes with a `StripePlace`, its body is used instead.
         """
         self._geometry, self._locator = geometry, locator
         self._height_limits, self._on_robot = height_limits, on_robot

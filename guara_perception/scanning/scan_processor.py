@@ -215,7 +215,7 @@ class ScanProcessor:
         """Stop using the track, with `track_fault` as the reason, and place all stripes at the pose of the stance.
 
         This also applies to stripes added later and to all copies of this scan. The caller must know that the body
-        stood still. Without a fault, there is no effect.
+        stood still. It has no effect without a fault.
         """
         if self._places is not None:
             self._places.left = self.track_fault
@@ -236,7 +236,13 @@ class ScanProcessor:
         self._proof.expect(dark_after)
 
     def add_dark(self, index: int, dark: Image, *, off: Image | None = None) -> None:
-        """Add the image of the dark flash after a stripe whose own images cannot be used."""
+        """Add the image of the dark flash after a stripe whose own images cannot be used.
+
+        Args:
+            index: index of the stripe.
+            dark: image of the dark flash.
+            off: a laser-off image for comparison; None = the first dark image that was added without one.
+        """
         self._proof.add_dark(index, dark, off)
 
     def _what_is_proved(self) -> _Proved:

@@ -46,8 +46,8 @@ ROUNDING = 1e-6
 class SharedVariance:
     """Height variance shared by neighbouring cells, from the stance pose, camera motion and the calibration.
 
-    An error of a calibrated plane affects its whole stripe, and the planes of neighbouring stripes are fitted together.
-    Noise of single stripe positions and relief between stripes are not included.
+    Errors of the calibrated planes are shared, because each plane serves a whole stripe and the planes of neighbouring
+    stripes are fitted together. Noise of single stripe positions and relief between stripes are not included.
     """
 
     def __init__(self, geometry: ScanGeometry, pose: Float, motion: Float | None) -> None:
@@ -313,7 +313,7 @@ def lost_cells(
         geometry: the grid.
 
     Returns:
-        Runs (ix, first iy, end iy) of cells, in order, without the end; they are few, because stripes run along y.
+        Runs [ix, first iy, end iy] of cells, end exclusive, in order; they are few, because stripes run along y.
     """
     known = np.isfinite(elevation)
     heights = np.append(elevation[known], 0.0)
