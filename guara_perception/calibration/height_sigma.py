@@ -15,7 +15,7 @@ from guara_perception.fields import Fields
 from guara_perception.stripes.kernel.library import address, addresses, kernel
 from kinematics.arrays import read_only
 
-# Monomials of the height field, in terms of the offset from the field's origin.
+# Monomials of the field of height errors, in the coordinates of the offset from the field's origin.
 FIELD_TERMS = ("1", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
 # Least distance of the camera from a laser plane; a closer camera sees the plane edge-on and gives unusable heights.
 MIN_BASELINE_M = 1e-3
@@ -120,7 +120,7 @@ def field_terms(offsets: Float) -> Float:
 
 
 def field_covariance(offsets: Float, errors: Sequence[Float], parameters: Float) -> Float:
-    """Covariance (10, 10) of the coefficients of the height field, propagated from the calibration parameters.
+    """Covariance (10, 10) of the coefficients of the field of height errors, from that of the camera parameters.
 
     Args:
         offsets: (n, 3) points relative to the field's origin [m].

@@ -157,7 +157,7 @@ def _beside(profile: StripeProfile, floor: PlateLine | None, tolerance: float) -
 def _line(
     profile: StripeProfile, beside: Mask, camera: CameraModel, transform: Float, height: float
 ) -> tuple[Float, Float, float] | str:
-    """Averaged points [px], weights and sigma [px] of a straight line on a level plane, or a reason for rejecting it."""
+    """Averaged points [px], weights and sigma [px] of the straight line on a level plane, or a reason to reject it."""
     border = np.convolve(beside, np.ones(2 * BORDER_COLUMNS + 1), mode="same") > 0
     columns = np.flatnonzero(np.isfinite(profile.position_px) & ~border)
     if columns.size < MIN_COLUMNS and beside.sum() > columns.size:

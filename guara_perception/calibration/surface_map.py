@@ -85,10 +85,10 @@ def stripe_constants(
 ) -> dict[str, float]:
     """Fit the paper's constants n, d, k of one stripe to its positions on plates of known height.
 
-    Let H be the height of the optical centre, h that of a plate, and v the rectified x [m] in the column through the
-    nadir. Then z = H - h = n / (v d - k) is exact (eqs. 17 to 19). Two heights determine n and k; more heights leave a
-    residual. The scale d is the smallest minus the largest z, as in eq. 17. The equation
-    z v d - z k = n is then linear in k and n.
+    Let H be the height of the optical centre, h that of a plate, and v the rectified x [m] of the stripe at the y of
+    the nadir. Then z = H - h = n / (v d - k) is exact (eqs. 17 to 19). Two heights determine n and k; more heights
+    leave a residual. The scale d is the smallest minus the largest z, as in eq. 17, so that the equation
+    z v d - z k = n is linear in k and n.
 
     Args:
         index: index of the stripe.

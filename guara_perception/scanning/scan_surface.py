@@ -212,7 +212,7 @@ class ScanSurface:
         return shared
 
     def lost_cells(self, layers: Mapping[str, Array], is_lost: Mask, area: str) -> tuple[Run, ...]:
-        """Unknown cells that only lost stripes could have measured; see the function `lost_cells`.
+        """Unknown cells that lost stripes might have measured; see the function `lost_cells`.
 
         Args:
             layers: layers of the area.
