@@ -120,12 +120,12 @@ def field_terms(offsets: Float) -> Float:
 
 
 def field_covariance(offsets: Float, errors: Sequence[Float], parameters: Float) -> Float:
-    """Covariance (10, 10) of the coefficients of the field of height errors, from that of the camera parameters.
+    """Covariance (10, 10) of the coefficients of the field of height errors, from that of lens and mount.
 
     Args:
         offsets: (n, 3) points relative to the field's origin [m].
         errors: p arrays (n,), the derivatives of the heights with respect to each parameter.
-        parameters: (p, p) covariance of the parameters.
+        parameters: (p, p) covariance of these parameters.
     """
     effect = np.linalg.lstsq(field_terms(offsets.T).T, np.column_stack(errors), rcond=None)[0]
     return np.asarray(effect @ parameters @ effect.T)

@@ -55,7 +55,7 @@ class StripePlace:
     covariance: Float
 
     def height_variance(self, points: Float) -> Float:
-        """Variances (...) of the heights of points (3, ...) in base_footprint."""
+        """Variances (...) of the heights of points (3, ...) in base_footprint [m^2]."""
         return variance_by_motion(points, self.transform_camera_to_footprint[:3, 3], self.covariance[2:5, 2:5])
 
 
@@ -159,8 +159,8 @@ class StripeRanger:
             geometry: geometry of the scan.
             locator: converts image rows to points.
             height_limits: lowest and highest height that counts as terrain [m].
-            on_robot: returns the mask of points (n, 3) in base_footprint that lie on the robot itself; for
-                stripes with a `StripePlace`, its body is used instead.
+            on_robot: returns the mask of points (n, 3) in base_footprint that lie on the robot itself; for stripes
+                with a `StripePlace`, its body is used instead.
         """
         self._geometry, self._locator = geometry, locator
         self._height_limits, self._on_robot = height_limits, on_robot

@@ -71,7 +71,7 @@ class StripePoints:
         object.__setattr__(self, "status", read_only(self.status))
 
 
-# Shared by the stripes without such points, which are the majority.
+# Shared by the stripes without out-of-range or doubtful points, which are the majority.
 NO_POINTS = ColumnPoints(np.empty(0, np.int32), np.empty((0, 3), np.float32))
 
 

@@ -120,7 +120,7 @@ class Links:
         links: three masks (s - 1, w) with one row for each pair of successive stripes: the first stripe is linked to
             the one before it; the two are linked to each other, and the pair is requested; the second is linked to the
             one after it.
-        wanted: (s - 1, w) mask of the columns in which lines are requested.
+        wanted: (s - 1, w) mask of the columns whose lines are not wholly outside `y_range`.
         pairs: number of the swath of each of the s - 1 pairs, -1 if not requested.
     """
 

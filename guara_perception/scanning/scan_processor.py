@@ -313,7 +313,7 @@ class ScanProcessor:
         )
 
     def drift(self) -> Drift:
-        """Drift of the calibration, from the measured floor relative to the plane of the soles.
+        """Check the calibration for drift by the floor that this scan measured; see `check_drift`.
 
         Frames mirrored left to right cause an apparent drift that vanishes when they are mirrored back. The result then
         names this cause.

@@ -130,7 +130,7 @@ class ScanSurface:
             parted: pairs of neighbouring stripes between which there is no surface.
 
         Raises:
-            InvalidInput: the resolution does not divide the footprint.
+            InvalidInput: `cell` does not divide the footprint.
         """
         self._order = np.array(list(geometry.stripes), dtype=np.int64)
         self._pattern = pattern
@@ -254,7 +254,7 @@ def area_rows(settings: Settings, cell: float) -> dict[str, tuple[GridGeometry, 
         cell: edge of the cells [m].
 
     Raises:
-        InvalidInput: the resolution does not divide the footprint.
+        InvalidInput: `cell` does not divide the footprint.
     """
     footprint = GridGeometry.over(settings.footprint_x, settings.footprint_y, cell)
     (low, high), (map_low, map_high) = settings.footprint_y, settings.map_y
