@@ -48,7 +48,7 @@ def _is_bounded(content: bytes, source: str) -> bool:
     """Check the size in the header of an image before anything is decoded; False without a header of a known format.
 
     Raises:
-        FileFormatError: the image has too many pixels.
+        FileFormatError: the image has no pixels or too many.
     """
     # Imported here: few programs read pictures.
     from PIL import Image

@@ -180,8 +180,8 @@ def _cross_model(p: Float, position: Float) -> Float:
     """Grey levels (n,) of a dark cross on a floor whose brightness varies linearly.
 
     Args:
-        p: (11,) centre x and y, two bar angles, half length, half width and blur of the bars, contrast, brightness of
-            the floor and its slopes along x and y; lengths in units of ARM_M.
+        p: (11,) centre x and y, angle of one bar to x and of the other to y [rad], half length, half width and blur
+            of the bars, contrast, brightness of the floor and its slopes along x and y; lengths in units of ARM_M.
         position: (n, 2) positions on the floor, in units of ARM_M.
     """
     one, other = _ink_of_bar(p, position, p[2]), _ink_of_bar(p, position, p[3] + np.pi / 2)

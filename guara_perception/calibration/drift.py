@@ -34,7 +34,8 @@ MIN_DEPTH_M = 0.30
 # Largest median roughness of a flat floor along the stripes. Flat floors have 0.02 to 0.08 mm. Ground that undulates by
 # 2 mm has at least 0.14 mm where it looks flat, and a floor with glare, which must be rejected, has 0.16 mm.
 MAX_ROUGHNESS_M = 0.00012
-# Straight stripes farther than this from the plane of the others are on something else, such as a box or a threshold.
+# Straight stripes farther than this from the plane of the others are not used to fit it: they are on something else,
+# such as a box or a threshold, or the mirror missed a step.
 APART_M = 0.008
 # Largest rms distance of the stripes (centres and ends) from one plane, and largest distance of the centre of a single
 # stripe; the latter is also the smallest jump. A good calibration has 0.01 to 0.06 mm rms.
@@ -47,7 +48,8 @@ MAX_FORM_M = 0.00003
 FORM_SIGMAS = 3.0
 # Distance from y = 0 at which the ends of the stripes are evaluated.
 HALF_WIDTH_M = 0.2
-# Largest height and tilt of the floor relative to the soles. The uncertainty of the stance is added in quadrature.
+# Largest height and tilt of the floor relative to the soles. STANCE_SIGMAS times the uncertainty of the stance
+# is added in quadrature.
 MAX_FLOOR_HEIGHT_M = 0.003
 MAX_FLOOR_TILT = float(np.deg2rad(0.6))
 STANCE_SIGMAS = 3.0
@@ -69,7 +71,7 @@ class FloorLines(FrozenArrays):
     """Straight stripes of a scan as lines z = offset + slope y, ascending by index.
 
     A stripe on a flat floor stays straight when the camera or the laser moves, but ground that is not flat bends it.
-    Straight stripes therefore prove a floor, and the positions of the lines test the calibration.
+    Straight stripes therefore indicate a flat floor, and the positions of the lines test the calibration.
 
     Attributes:
         seen: number of stripes with enough points.
@@ -142,14 +144,14 @@ def _parts(points: Mapping[int, Float]) -> tuple[Index, Float, Float, Float]:
 
 
 def _largest_agreement(y: Float, z: Float) -> Mask:
-    """Mask (s, PARTS) of the parts on each stripe's best line, the line through two parts that fits most parts."""
+    """Mask (s, PARTS) of the parts on each stripe's best line, the line through two parts with the largest weight."""
     if not len(z):
         return np.zeros((0, PARTS), np.bool_)
     first, second = PAIRS.T
     slope = (z[:, second] - z[:, first]) / (y[:, second] - y[:, first])
     distance = z[:, None, :] - z[:, first, None] - slope[:, :, None] * (y[:, None, :] - y[:, first, None])
     distance = np.nan_to_num(np.abs(distance), nan=np.inf)
-    # Weights decrease with the distance, so that the closest of several lines with equally many parts wins.
+    # The weight of a part on the line decreases from 1 to 0.5 with its distance.
     weight = np.maximum(1.0 - 0.5 * distance / LINE_TOLERANCE_M, 0.0) * (distance < LINE_TOLERANCE_M)
     best = np.argmax(weight.sum(axis=2), axis=1)
     return np.asarray(distance[np.arange(len(z)), best] < LINE_TOLERANCE_M)
@@ -403,7 +405,7 @@ class DriftWatch:
     def verdict(self) -> str:
         """Verdict on the walk: "unknown" before the first scan with a floor.
 
-        Later, it is "drifting" if two of the last three scans with a floor drifted, and "holds" otherwise.
+        Later, it is "drifting" if two or more of the last three scans with a floor show drift, and "holds" otherwise.
         """
         if not self._with_floor:
             return UNKNOWN

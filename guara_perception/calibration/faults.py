@@ -19,7 +19,7 @@ from guara_perception.exceptions import CalibrationRefused
 
 # Least height difference between two plates that together determine a laser plane.
 MIN_HEIGHT_DIFFERENCE_M = 0.010
-# Largest deviation of the laser plane's rotation between neighbouring stripes from the commanded one [rad]. The
+# Largest error of the laser plane's rotation from one stripe to the next, relative to the median error nearby [rad]. The
 # periodic error of a stepper causes 0.01 to 0.02 degrees; a shift by one stripe of Guara's standard pattern causes
 # 0.7 degrees.
 MISSED_STEP = float(np.deg2rad(0.10))
@@ -161,7 +161,7 @@ def check_order(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
     The mirror is ahead of the camera, so each stripe appears farther ahead in the image on a higher plate.
 
     Raises:
-        CalibrationRefused: the heights of some plates are swapped.
+        CalibrationRefused: the stripes on a higher plate are not farther ahead than on a lower one.
     """
     rows = {(line.plate, line.index): float(np.median(line.pixels[:, 1])) for line in lines}
     ahead = _direction(lines)

@@ -19,8 +19,8 @@ MAX_EDGE_WIDTH_PX = 5.0
 def find_board(picture: Image, board: BoardSpec, name: str = "") -> BoardView:
     """Find the inner corners of a board in an image, to a few hundredths of a pixel.
 
-    The view is unusable, with a reason, if the image is blank, blurred or mirrored, or too little of the board was
-    found.
+    The view is unusable, with a reason, if the image is blank, blurred or mirrored, if too little of the board was
+    found, or if the image shows a different board.
 
     Args:
         picture: (h, w) or (h, w, 3) image, uint8 or uint16.

@@ -1,4 +1,4 @@
-"""Intrinsic calibration from board views, with removal of outliers, standard deviations and errors of the views."""
+"""Intrinsic calibration from board views: lens with standard deviations, corner errors, and removal of outliers."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ class MirrorModel(FrozenArrays):
     """Fixed laser plane and rotating mirror in a common frame; the axis lies approximately in the mirror's face.
 
     At mirror angle theta, the fixed laser plane is reflected in a mirror with the normal m = Rot(axis, gain theta) m0.
-    The reflected plane is n = (I - 2 m m') n0, d = d0 + 2 (n0 . m)(m . q), which rotates by twice the mirror angle.
+    The reflected plane is n = (I - 2 m m') n0, d = d0 + 2 (n0 . m)(m . q), which rotates by 2 gain theta.
 
     Attributes:
         laser_plane: (4,) plane n0 . X + d0 = 0 of the light before the mirror, n0 a unit vector.
@@ -62,7 +62,7 @@ class MirrorModel(FrozenArrays):
 
 
 def nominal_mirror(point: Float) -> MirrorModel:
-    """Nominal mirror in base_link or another level frame with x forward.
+    """Nominal mirror in base_link or another frame with x forward and z up.
 
     The axis passes through `point` and is parallel to y. The laser plane points straight down at angle zero and forward
     at positive angles. The incoming light is horizontal and meets a mirror inclined by 45 degrees; this is a

@@ -31,12 +31,13 @@ def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Cal
     Args:
         calibration: calibration with a mirror model, as computed by `calibrate`; the model is needed only if a stripe
             is missing.
-        indices: one or more indices in the standard pattern, outside the calibrated range by at most the largest
+        indices: two or more indices in the standard pattern, outside the calibrated range by at most the largest
             spacing of the calibrated indices.
 
     Raises:
         CalibrationMismatch: there is no index, an index is too far outside, or the mirror model is missing.
         FileFormatError: the stored mirror model or covariance does not follow the documentation.
+        InvalidInput: there is a single index, an index is negative, or a stored vector does not have unit length.
     """
     wanted = sorted(set(indices))
     known = np.array(calibration.indices)
@@ -93,8 +94,8 @@ def stored_mirror(calibration: Calibration) -> tuple[MirrorModel, Float, Float]:
 def step_errors(wanted: Float, indices: Float, errors: Float) -> tuple[Float, float]:
     """Estimate the errors of the mirror's position at other stripes [rad], and their standard deviation.
 
-    The error of a stepper is periodic in its steps. If one wave explains the known errors, the wave is evaluated;
-    otherwise the errors of neighbouring stripes are interpolated.
+    The error of a stepper is periodic in its steps. If one wave explains nine or more known errors, the wave is
+    evaluated; otherwise the errors of neighbouring stripes are interpolated.
 
     Args:
         wanted: (n,) indices of the stripes.

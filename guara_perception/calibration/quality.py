@@ -72,8 +72,8 @@ def verdict_of(checks: Sequence[Check], warnings: Sequence[str]) -> tuple[str, t
 
     Args:
         checks: all figures.
-        warnings: faults that were compensated, such as an omitted view or a stripe filled in by the mirror model; with
-            any warning, the verdict is `usable` at best.
+        warnings: faults that do not prevent a calibration, such as an omitted view or a stripe filled in by the mirror
+            model; with any warning, the verdict is `usable` at best.
     """
     verdicts = [check.verdict for check in checks]
     reasons = [check.reason for check in checks if check.verdict == REFUSED]
@@ -85,7 +85,7 @@ def verdict_of(checks: Sequence[Check], warnings: Sequence[str]) -> tuple[str, t
 
 
 def quality_record(checks: Sequence[Check], verdict: str, reasons: Sequence[str]) -> dict[str, Any]:
-    """Convert checks and verdict to the object `quality` of calibration.json."""
+    """Convert checks and verdict to the object `quality` of calibration.json, without `handedness`."""
     return {
         "verdict": verdict,
         "reasons": list(reasons),

@@ -54,7 +54,7 @@ def _band(lowest: float, highest: float, margin: int, height: int) -> tuple[int,
 
 
 def _lines(camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float) -> Float:
-    """Pixels (s, h, SAMPLES, 2) along the intersections of laser planes with horizontal planes; NaN if not visible."""
+    """Pixels (s, h, SAMPLES, 2) along the intersections of laser planes with horizontal planes; NaN as in `project`."""
     translation = transform_camera_to_footprint[:3, 3]
     planes = plane_in_frame(planes_in_camera, transform_camera_to_footprint)
     steepness = np.maximum(np.hypot(planes[:, 0], planes[:, 1]), 1e-12)[:, None]

@@ -62,15 +62,16 @@ def fit_stripes(
     """Fit one plane per stripe.
 
     Each plane deviates from the model's plane in three degrees of freedom: turn about the mirror axis, tilt along the
-    stripe, and shift. The turn has a wide prior, because it contains the error of the stepper. The priors of tilt and
-    shift are estimated from the agreement of the stripes with the model. Each line is also rotated by the jitter of the
-    mirror, an error common to all columns of the line. If the jitter were neglected, the sigmas would be too small.
+    stripe, and shift. The turn has a wide prior, because it contains the rest of the stepper's error. The priors of
+    tilt and shift are estimated from the agreement of the stripes with the model. Each line is also rotated by the
+    jitter of the mirror, an error common to all columns of the line. If the jitter were neglected, the sigmas would be
+    too small.
 
     Args:
         lines: lines of all stripes on all plates.
         points: (n, 3) points of each line in base_footprint [m].
         sweep: fitted mirror model.
-        nominal: nominal mirror from which the fit of `sweep` started.
+        nominal: nominal mirror, to which `sweep.parameters` refer.
         noise_of: earlier fit whose jitter, scatter and wobble are used; None = estimate them.
     """
     model = sweep.planes

@@ -49,7 +49,8 @@ class StripePoints:
     """Points of one stripe, one entry per image column; float32, because a scan keeps all its stripes.
 
     Attributes:
-        points: (w, 3) in base_footprint [m], NaN where there is no trusted return within the height limits.
+        points: (w, 3) in base_footprint [m], NaN where there is no trusted return within the height limits, or where
+            it comes from the robot itself.
         variance: (w,) variance of the height [m^2], due to the stripe position and, with a track, to the pose of the
             camera; NaN where there is no point.
         strength: (w,) height of the return above background [grey levels]; meaningful only where there is a point.

@@ -1,6 +1,6 @@
 """Surface of a scan: points of stripes that both neighbours confirm, and lines between neighbours that agree.
 
-Two neighbouring stripes of the pattern are linked in an image column if their heights differ by less than
+Two neighbouring stripes of the pattern are linked in an image column only if their heights differ by less than
 `join_height`. A stripe can confirm returns of another stripe but never create them, so fewer stripes give less surface.
 """
 
