@@ -19,8 +19,8 @@ from guara_perception.exceptions import CalibrationRefused
 
 # Least height difference between two plates that together determine a laser plane.
 MIN_HEIGHT_DIFFERENCE_M = 0.010
-# Largest error of the laser plane's rotation from one stripe to the next, relative to the median error nearby [rad]. The
-# periodic error of a stepper causes 0.01 to 0.02 degrees; a shift by one stripe of Guara's standard pattern causes
+# Largest error of the laser plane's rotation from one stripe to the next, relative to the median error nearby [rad].
+# The periodic error of a stepper causes 0.01 to 0.02 degrees; a shift by one stripe of Guara's standard pattern causes
 # 0.7 degrees.
 MISSED_STEP = float(np.deg2rad(0.10))
 # Least share of the stripes on a plate that must be found, and least share of all stripes that must be found on plates

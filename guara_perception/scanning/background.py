@@ -35,7 +35,7 @@ FOLLOWED_PX = 320
 # largest gain.
 DIM_LEVEL, BRIGHT_LEVEL, MOST_GAIN = 32.0, 100.0, 16.0
 # Corners: largest number, quality relative to the best one, least distance [px]. An estimate needs at least
-# LEAST_CORNERS corners, and LEAST_SHARE of all corners, that were tracked and agree.
+# LEAST_CORNERS corners that agree; LEAST_SHARE of all corners must be tracked, and LEAST_SHARE of those must agree.
 MOST_CORNERS, QUALITY, APART_PX, LEAST_CORNERS, LEAST_SHARE = 48, 0.01, 14, 16, 0.6
 WINDOW_PX, LEVELS = 13, 2
 # Nominal number of corners in the first, fast test for a camera that stands still; it uses up to twice as many.
@@ -331,7 +331,7 @@ class BackgroundWitness:
         return not sigmas or LEAST_SIGMAS * float(np.median(sigmas)) > WRONG_M
 
     def _told(self) -> dict[int, list[_Seen]]:
-        """Estimates that are sure; none if at most half of all are sure, as in the dark, where these are accidental."""
+        """Estimates that are sure; none if at most half of all are, because they are then accidental, as in the dark."""
         told = {index: [look for look in looks if look.is_sure] for index, looks in self._seen.items()}
         count, whole = (sum(map(len, looks.values())) for looks in (told, self._seen))
         return told if 2 * count > whole else {}

@@ -19,16 +19,16 @@ NO_LIGHT = 0.01
 FEWEST_OF_PATTERN = 8
 # Half length of a stripe's line on z = 0 [m].
 HALF_LENGTH_M = 0.6
-# Largest distance of light from a stripe's line, as a fraction of the image height, below half the stripe spacing. A
-# frame fits a stripe if at least half of its light is within this distance.
+# Largest distance of light from a stripe's line, as a fraction of the image height; it is less than half the stripe
+# spacing. A frame fits a stripe if at least half of its light is within this distance.
 FIT_PX_OF_HEIGHT = 0.008
 # Least share of the sampled frames that must fit for a cause to be named, and least number of sampled frames.
 FITTING_SHARE = 0.6
 FEWEST_FRAMES = 4
 # Least share of turned or flipped frames that is reported while other frames are upright.
 MIXED_SHARE = 0.15
-# Least `_Fit.fine` at which a match to unexpected stripes is accepted: 0.98 for true matches, below 0.65 for accidental
-# ones.
+# Least `_Fit.fine` at which a match to unexpected stripes is accepted. True matches have 0.98, accidental ones less
+# than 0.65.
 FINE_SHARE = 0.8
 # Stripes are nearly symmetric from left to right: if the distances of two fits differ by less than this factor, turned
 # frames cannot be told from flipped ones. The ratio is 1.08 for a camera centred to a quarter of a pixel, 2 for most.
@@ -73,7 +73,7 @@ def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> s
 
 
 def wrong_pattern(fired: Iterable[int], stride: int) -> str:
-    """Describe a scan in which no two neighbours of its pattern were fired; empty for any other scan."""
+    """Describe a scan in which no two neighbours of its pattern were fired; empty for others and for few stripes."""
     indices = sorted(fired)
     if len(indices) < FEWEST_OF_PATTERN or np.diff(indices).min() <= stride:
         return ""
@@ -125,8 +125,10 @@ class _Fit:
         name: the orientation, in words.
         stripe: index of the stripe that each frame fits best.
         fits: (f,) mask of the frames that fit their stripe.
-        fine: share of the light near those stripes that is within a third of `within`; about 1/3 by chance.
-        distance: mean distance of the light from the best stripes [px], capped at `within`.
+        fine: share of the light near those stripes that is within a third of `within`; about 1/3 for evenly spread
+            light.
+        distance: mean distance of the light from the best stripes [px], capped at `within`; a column without light counts
+            as `within`.
     """
 
     name: str

@@ -210,7 +210,8 @@ class FlashProof:
     def _explains(self, shots: list[tuple[int, bool]], lines: list[int], shift: int) -> bool:
         """Test that a shift of the frames explains the lines in dark flashes.
 
-        The frames of lit flashes at the shifted places then show no line, but those beside them do.
+        The frame that was exposed during a dark flash is then recorded for a lit flash. It shows no line, but frames
+        near it do.
         """
         found = 0
         for place, (index, is_lit) in enumerate(shots):

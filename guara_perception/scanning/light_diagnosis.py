@@ -16,7 +16,8 @@ SAMPLED_FRAMES = 12
 ROWS_APART, PIXELS_APART = 32, 8
 # Number of evenly spaced columns of a frame in which the brightest row and a clipped core are searched for.
 GLANCED = 12
-# Light counts if it exceeds the background of its column by this [grey levels of 255] and by this many sigmas.
+# Light counts if it exceeds the background of its column by this [grey levels of 255] and by this many median absolute
+# deviations.
 LEAST_LEVEL = 12.0
 LEAST_SIGMAS = 8.0
 # Spacing of the rows in which light and a core are searched for, as a fraction of the image height: 2 px of 512.
@@ -138,7 +139,8 @@ class FrameSamples:
         """Margins of the light, by name; empty without samples.
 
         "margin_clipped" and "margin_steady" are 1 far from the limits of `excess`, 0 at them and negative beyond;
-        "stripe_level" is the height of the stripe [grey levels of 255], which falls as the lens or the laser ages.
+        "stripe_level", missing if no stripe was found, is the height of the stripe [grey levels of 255], which falls as
+        the lens or the laser ages.
         """
         samples, lit = list(self._samples.values()), self._with_laser()
         result = {}

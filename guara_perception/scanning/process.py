@@ -122,7 +122,7 @@ def _check_still(scan: Scan, calibration: Calibration, robot: RobotModel) -> Non
 
 
 def _check_fit(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
-    """Reject a scan of another robot, camera or pattern; warn if mirror angles or the calibration hash differ."""
+    """Reject a scan of another robot, camera or pattern, or with uncalibrated stripes; warn of other differences."""
     if scan.robot != robot.name:
         raise CalibrationMismatch(
             f"{scan.source}: robot is {scan.robot!r}, but the given model is {robot.name!r}: use the robot of the scan"

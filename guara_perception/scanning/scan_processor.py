@@ -215,7 +215,7 @@ class ScanProcessor:
         """Stop using the track, with `track_fault` as the reason, and place all stripes at the pose of the stance.
 
         This also applies to stripes added later and to all copies of this scan. The caller must know that the body
-        stood still. It has no effect without a fault.
+        stood still. Without a fault, the call has no effect.
         """
         if self._places is not None:
             self._places.left = self.track_fault
@@ -341,12 +341,12 @@ class ScanProcessor:
         return self.add_all([FramePair(index, on, off, dark)])[0]
 
     def add_all(self, pairs: Sequence[FramePair]) -> list[StripeProfile]:
-        """Process frame pairs; with laser-off frames and without dark flashes, their order does not matter.
+        """Process frame pairs; with laser-off frames and without dark flashes, their order affects only the test for motion.
 
         One call with several pairs is faster than a call for each pair, with the same result.
 
         Without laser-off frames, the background of a stripe is the pixelwise minimum of one channel of two earlier
-        frames of the sweep. Add such stripes in order. The first stripes have no earlier frames, so their background is
+        frames of the sweep. Add such stripes in order. The first stripes have too few earlier frames, so their background is
         estimated from their own frames. A later stripe is rejected if one of its two earlier frames was lost.
 
         A frame that cannot be used (blank, of another size, swapped with its pair, not an array) marks its stripe as
