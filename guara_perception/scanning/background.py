@@ -331,7 +331,7 @@ class BackgroundWitness:
         return not sigmas or LEAST_SIGMAS * float(np.median(sigmas)) > WRONG_M
 
     def _told(self) -> dict[int, list[_Seen]]:
-        """Estimates that are sure; none if at most half of all are, because they are then accidental, as in the dark."""
+        """Estimates that are sure; none if at most half of all are, since they are then accidental, as in the dark."""
         told = {index: [look for look in looks if look.is_sure] for index, looks in self._seen.items()}
         count, whole = (sum(map(len, looks.values())) for looks in (told, self._seen))
         return told if 2 * count > whole else {}

@@ -127,8 +127,8 @@ class _Fit:
         fits: (f,) mask of the frames that fit their stripe.
         fine: share of the light near those stripes that is within a third of `within`; about 1/3 for evenly spread
             light.
-        distance: mean distance of the light from the best stripes [px], capped at `within`; a column without light counts
-            as `within`.
+        distance: mean distance of the light from the best stripes [px], capped at `within`; a column without light
+            counts as `within`.
     """
 
     name: str

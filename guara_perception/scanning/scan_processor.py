@@ -341,13 +341,13 @@ class ScanProcessor:
         return self.add_all([FramePair(index, on, off, dark)])[0]
 
     def add_all(self, pairs: Sequence[FramePair]) -> list[StripeProfile]:
-        """Process frame pairs; with laser-off frames and without dark flashes, their order affects only the test for motion.
+        """Process frame pairs; with laser-off and without dark frames, their order affects only the test for motion.
 
         One call with several pairs is faster than a call for each pair, with the same result.
 
         Without laser-off frames, the background of a stripe is the pixelwise minimum of one channel of two earlier
-        frames of the sweep. Add such stripes in order. The first stripes have too few earlier frames, so their background is
-        estimated from their own frames. A later stripe is rejected if one of its two earlier frames was lost.
+        frames of the sweep. Add such stripes in order. The first stripes have too few earlier frames, so their background
+        is estimated from their own frames. A later stripe is rejected if one of its two earlier frames was lost.
 
         A frame that cannot be used (blank, of another size, swapped with its pair, not an array) marks its stripe as
         bad; the scan continues and its report lists the stripe.
