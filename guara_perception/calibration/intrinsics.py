@@ -1,4 +1,4 @@
-"""Intrinsic calibration from board views: lens with standard deviations, corner errors, and removal of outliers."""
+"""Intrinsic calibration from board views: camera model with standard deviations, corner errors, outliers."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def sigma_image_mm(terrain: TerrainGrid) -> Float32:
 
 
 def _under_pixels(terrain: TerrainGrid, layer: Array) -> Array:
-    """Value (512, 640) of a layer in the cell under the centre of each pixel."""
+    """Value (512, 640) of a layer of the footprint's grid in the cell under the centre of each pixel."""
     geometry = terrain.geometry
     ny, nx = geometry.shape
     x = geometry.origin[0] + (np.arange(ROWS) + 0.5) * nx * geometry.resolution / ROWS

@@ -346,11 +346,12 @@ class ScanProcessor:
         One call with several pairs is faster than a call for each pair, with the same result.
 
         Without laser-off frames, the background of a stripe is the pixelwise minimum of one channel of two earlier
-        frames of the sweep. Add such stripes in order. The first stripes have too few earlier frames, so their background
-        is estimated from their own frames. A later stripe is rejected if one of its two earlier frames was lost.
+        frames of the sweep. Add such stripes in order. The background of the first stripes, which have too few earlier
+        frames, is estimated from their own frames. A later stripe is rejected if one of its two earlier frames was
+        lost.
 
-        A frame that cannot be used (blank, of another size, swapped with its pair, not an array) marks its stripe as
-        bad; the scan continues and its report lists the stripe.
+        A frame that cannot be used, for example because it is blank, has another size or is swapped with its pair,
+        marks its stripe as bad; the scan continues and its report lists the stripe.
 
         Args:
             pairs: one frame pair per stripe.
