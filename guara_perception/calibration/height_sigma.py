@@ -25,8 +25,8 @@ MIN_BASELINE_M = 1e-3
 class HeightUncertainty:
     """Height uncertainty due to the calibration, without errors of the stripe's position in the image.
 
-    The variance of a height is the sum of two terms: the error of the stripe's laser plane, including the repeatability
-    of the mirror, and a smooth field of height errors caused by the lens and the mount of the camera.
+    The variance of a height is the sum of two variances: that due to the stripe's laser plane, including the
+    repeatability of the mirror, and that of a smooth field of height errors due to lens and mount of the camera.
 
     Attributes:
         planes: stripe index -> (4, 4) covariance of its plane (nx, ny, nz, d) in the camera frame.

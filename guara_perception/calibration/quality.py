@@ -68,7 +68,7 @@ class Check:
 
 
 def verdict_of(checks: Sequence[Check], warnings: Sequence[str]) -> tuple[str, tuple[str, ...]]:
-    """Verdict on a calibration, which is that of the worst check, and the reasons for it.
+    """Verdict on a calibration, by its worst check and its warnings, and the reasons for it.
 
     Args:
         checks: all figures.

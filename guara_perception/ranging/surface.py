@@ -115,7 +115,7 @@ class Links:
     Attributes:
         indices: indices of s stripes.
         points: (3, s, w) float32 points of these stripes.
-        confirmed: (s, w) mask of the requested points that the stripes on both sides confirm.
+        confirmed: (s, w) mask of the requested points inside `y_range` that the stripes on both sides confirm.
         own: number of the swath of each of the s stripes, -1 if not requested.
         links: three masks (s - 1, w) with one row for each pair of successive stripes: the first stripe is linked to
             the one before it; the two are linked to each other, and the pair is requested; the second is linked to the

@@ -35,7 +35,8 @@ FOLLOWED_PX = 320
 # largest gain.
 DIM_LEVEL, BRIGHT_LEVEL, MOST_GAIN = 32.0, 100.0, 16.0
 # Corners: largest number, quality relative to the best one, least distance [px]. An estimate needs at least
-# LEAST_CORNERS corners that agree; LEAST_SHARE of all corners must be tracked, and LEAST_SHARE of those must agree.
+# LEAST_CORNERS corners that agree. LEAST_SHARE of all corners must be tracked, and LEAST_SHARE of those, or in
+# `aligned` of all, must agree.
 MOST_CORNERS, QUALITY, APART_PX, LEAST_CORNERS, LEAST_SHARE = 48, 0.01, 14, 16, 0.6
 WINDOW_PX, LEVELS = 13, 2
 # Nominal number of corners in the first, fast test for a camera that stands still; it uses up to twice as many.
@@ -116,7 +117,7 @@ def motion_text(moved: Mapping[int, float], parted: int, count: int, *, has_trac
     """Describe motion of the body during a scan; empty if all stripes are used and joined.
 
     Args:
-        moved: stripe index -> error of the heights of a stripe that is not used [m].
+        moved: stripe index -> largest error of the heights of a stripe that is not used [m].
         parted: number of pairs of neighbouring stripes that are not joined, because of motion between them.
         count: number of stripes.
         has_track: True if the motion of the body was measured with the joints.

@@ -49,7 +49,7 @@ def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> s
     Args:
         coverage: share of the expected ground that was seen.
         counts: number of image columns of all stripes per StripeStatus.
-        wrong: description of a fault of the light, the frames or the pattern as a whole; empty if there is none.
+        wrong: description of a fault of the whole scan (motion, light, frames or pattern); empty if there is none.
         weak: description of a weak line; empty if the line is not weak.
     """
     found = f"only {100 * coverage:.0f} % of the ground that should be visible returned laser light"
