@@ -321,7 +321,7 @@ def shares(n: int) -> Float:
 def sample_count(difference: Array, is_line: Mask, resolution: float) -> list[int]:
     """Number of samples per line in each of s sets of lines (3, s, w), from 2 to 64.
 
-    The longest line of a set has SAMPLES_PER_CELL samples per cell length.
+    Within these bounds, the longest line of a set has at least SAMPLES_PER_CELL samples per cell length.
     """
     squares = np.where(is_line, difference[0] ** 2 + difference[1] ** 2, 0)
     longest = np.sqrt(squares.max(axis=1)).tolist()
