@@ -56,7 +56,7 @@ class PlannerFailed(PerceptionError, RuntimeError):
 
 
 class MirrorSlipped(PerceptionError, RuntimeError):
-    """The mirror did not reach its commanded position; the scan is not used."""
+    """The mirror lost motor steps during a scan; the scan is not used."""
 
 
 class DamagedInstallation(PerceptionError, ImportError):

@@ -181,8 +181,8 @@ def stance_checks(robot: RobotModel, stance: Stance) -> list[Check]:
 
     The mount follows from the pose of the camera over the floor, known from the images, and the pose of `base_link`,
     known either from the plane of the soles or from gravity. On a level floor, both give the same mount. Because the
-    camera pose is common to both, the angle between the two mounts of a nearly level body is that between the floor
-    normals in `base_link`.
+    camera pose is common to both, the two mounts of a nearly level body differ by the angle between the floor normals
+    in `base_link`.
 
     Args:
         robot: model of the robot.

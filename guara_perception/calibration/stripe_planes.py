@@ -71,7 +71,7 @@ def fit_stripes(
         lines: lines of all stripes on all plates.
         points: (n, 3) points of each line in base_footprint [m].
         sweep: fitted mirror model.
-        nominal: nominal mirror, to which `sweep.parameters` refer.
+        nominal: nominal mirror, from which `sweep.parameters` are the deviations.
         noise_of: earlier fit whose jitter, scatter and wobble are used; None = estimate them.
     """
     model = sweep.planes

@@ -73,7 +73,7 @@ def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> s
 
 
 def wrong_pattern(fired: Iterable[int], stride: int) -> str:
-    """Describe a scan in which no two neighbours of its pattern were fired; empty for others and for few stripes."""
+    """Describe a scan in which no two neighbours of its pattern were fired; empty otherwise, and for few stripes."""
     indices = sorted(fired)
     if len(indices) < FEWEST_OF_PATTERN or np.diff(indices).min() <= stride:
         return ""
