@@ -16,12 +16,12 @@ MOST_PIXELS = 16_000_000
 # Allowed image formats, by their names in Pillow; PPM includes PGM.
 PICTURE_FORMATS = "PNG", "JPEG", "BMP", "TIFF", "PPM"
 TIFF_BEGINNINGS = b"II*\0", b"MM\0*"
-# Decode without conversion, and without the rotation that an EXIF tag requests.
+# Keep the bit depth, keep grey images grey, and ignore the rotation that an EXIF tag requests.
 AS_STORED = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
 
 
 def decode_picture(content: bytes, source: str) -> Image:
-    """Decode an image file without conversion: BGR or grey, 8 or 16 bit.
+    """Decode an image file to BGR or grey levels, with the 8 or 16 bit of the file and without an alpha channel.
 
     Raises:
         FileFormatError: the format is not allowed, the data are damaged, the image has too many pixels or is not 8 or

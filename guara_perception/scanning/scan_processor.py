@@ -156,7 +156,8 @@ class ScanProcessor:
     def _undetectable_motion(self) -> Float | None:
         """Covariance (6, 6) of the camera motion that the joint readings before and after the scan cannot detect.
 
-        None with fewer than three support feet: the node cannot test stillness then, and never confirms the scan.
+        None with fewer than three support feet, or with feet on a line: the node cannot test stillness then, and never
+        confirms the scan.
         """
         camera = self._calibration.transform_camera_to_base
         try:
