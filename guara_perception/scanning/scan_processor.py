@@ -94,9 +94,9 @@ class ScanProcessor:
             InvalidInput: unknown mode or method, a threshold that the method does not accept, a resolution that does
                 not divide the footprint, or a track with a method other than 'precise'.
             CalibrationMismatch: the calibration belongs to another robot or holds no stripe of this mode.
-            MissingFile, FileFormatError: the calibration's file is missing or invalid, or its covariance is not as
-                documented.
-            kinematics.KinematicsError: unknown robot, or a stance that does not fit the robot.
+            MissingFile, FileFormatError: the calibration's file is missing or invalid, its covariance is not as
+                documented, or the robot's settings are invalid.
+            kinematics.KinematicsError: the robot cannot be loaded, or the stance does not fit it.
         """
         check_method(method, threshold)
         if not isinstance(calibration, Calibration):
