@@ -82,7 +82,7 @@ def open_only_node(
     timeout: float = NAME_TIMEOUT,
     is_stopped: Callable[[], bool] = lambda: False,
 ) -> Session:
-    """Open a session as `open_node` does; if a node already uses the port, notify it and wait for it to stop.
+    """Open a session as `open_node` does; if it cannot listen, notify the node that uses the port, and try again.
 
     Args:
         robot: instance name; the other node reports that a node waits for this name.
@@ -91,7 +91,8 @@ def open_only_node(
         is_stopped: returns True to end the wait.
 
     Raises:
-        ConnectionFailed: the port is still in use after the wait, or an error of `open_node`.
+        ConnectionFailed: the node cannot listen until `timeout` has passed or `is_stopped` returns True, or cannot
+            connect to the router given by `connect`.
         ConfigurationError, SecurityError: as in `open_node`.
     """
     deadline = time.monotonic() + timeout
@@ -109,7 +110,9 @@ def open_only_node(
                     raise ConnectionFailed(f"{error} (waited {timeout:g} s for the port to become free)") from error
                 if not has_knocked:
                     has_knocked = True
-                    logger.warning("the port is in use; waiting up to %g s for it to become free: %s", timeout, error)
+                    logger.warning(
+                        "cannot listen yet; waiting up to %g s for the port to become free: %s", timeout, error
+                    )
                     _knock(stack, listen, security, robot)
             time.sleep(POLL)
 

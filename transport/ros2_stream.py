@@ -1,4 +1,4 @@
-"""Joint samples from ROS 2 as StanceStream batches: joints from JointState, gravity from Imu (`sensor_msgs`)."""
+"""StanceStream batches from ROS 2: joints from JointState, gravity and angular velocity from Imu (`sensor_msgs`)."""
 
 from __future__ import annotations
 
@@ -82,7 +82,8 @@ class Ros2Stream:
     """Receiver of `/<robot>/joint_states` and `/<robot>/imu` that converts their messages to StanceStream batches.
 
     JointState contains neither the support feet nor the walk. Every leg is marked as supporting, so that the support
-    feet of BEGIN apply, and the samples belong to the current walk. Stamps are on the gait's clock.
+    feet of BEGIN apply, and the samples belong to the current walk. The stamps of both topics must be on the clock that
+    stamps the pauses.
     """
 
     def __init__(

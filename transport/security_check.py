@@ -36,7 +36,7 @@ ACTIONS = (
 # Name of a client without a certificate.
 STRANGER = "nobody"
 
-# Actions that each role should be allowed.
+# Actions that should succeed, by role.
 READER = ("connect", "read grids", "read the last grid", "see the status")
 EXPECTED: dict[str, tuple[str, ...]] = {
     "planner": (*READER, "request a scan"),
@@ -144,7 +144,7 @@ def check_router(folder: str | Path, router: str, *, robot: str | None = None) -
 
     Raises:
         SecurityError: there is no such router, it does not serve the robot, or the robot has no planner or viewer left.
-        ConnectionFailed: the router does not start with its configuration.
+        ConnectionFailed: the router does not start with its configuration, or does not accept the node.
     """
     members = open_members(folder)
     if router not in members.routers:

@@ -50,7 +50,8 @@ class PerceptionServer(Resource):
 
     Attributes:
         robot: instance name.
-        run: identity of this run of the node, generated at each start and contained in every grid and status.
+        run: identity of this run of the node, generated at each start and sent in every status. The metadata of grids
+            must contain it.
         views: sender of messages for viewers.
         follow_status: adds a receiver of status payloads; see `StatusReporter.follow`.
     """
@@ -75,7 +76,7 @@ class PerceptionServer(Resource):
             name_timeout: longest wait for another node of this name to stop [s].
 
         Raises:
-            NameTaken: after `name_timeout`, another node of this name is still running on this router.
+            NameTaken: after `name_timeout`, another node still uses the name, or waits for it and takes precedence.
             KeyNameError: the robot's name cannot be part of a key.
             ConfigurationError: the ROS 2 domain is not valid, or the robot's name cannot be part of a ROS 2 topic.
             SessionClosed: the session is closed.
@@ -178,7 +179,7 @@ class PerceptionServer(Resource):
         return terrain.step != self._step or (terrain.epoch or self._epoch) != self._epoch
 
     def _answer(self, extent: str) -> TerrainMessage | None:
-        """Return the newest grid for a query and count the answer. The client decides if it may use the grid."""
+        """Return the newest grid for a query and count the answer. The client decides whether it may use the grid."""
         with self._lock:
             terrain = self._newest.get(extent)
             is_old = terrain is None or terrain.withdrawn or self._is_other_pause(terrain)
@@ -211,7 +212,8 @@ class PerceptionServer(Resource):
         """Send message objects to ROS 2 if there is a bridge. Returns immediately.
 
         Args:
-            make: returns pairs of topic (below `/<robot>/`) and message object; called on a thread of the outbox.
+            make: returns pairs of topic, named as in `Ros2Bridge.put`, and message object; called on a thread of the
+                outbox.
             lane: name of a queue of length one, in which a new call replaces a waiting one.
         """
         bridge = self._bridge

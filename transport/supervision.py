@@ -74,7 +74,7 @@ class Failure:
     continues: bool = True
 
     def __str__(self) -> str:
-        """Describe the failure in one line."""
+        """Describe the failure."""
         end = " for good" if self.is_final else " and continues" if self.continues else ""
         return f"{self.part} failed{end}: {self.error}"
 

@@ -60,8 +60,9 @@ def direct(callback: Callable[[Any], None], finished: Callable[[], None] | None 
 def declare_publisher(session: Any, key: str, priority: str, encoding: str | None = None) -> Any:
     """Declare a publisher that drops samples only for readers whose link is congested.
 
-    The publisher never blocks. A put that blocks for one reader is late for all others, and modes that block Zenoh's
-    own threads (`BLOCK_FIRST`, the cache of its advanced publisher) also stop the links of healthy readers.
+    A put waits for room on a link no longer than the configured wait before a drop (see `transport.configuration`). A
+    put that blocks for one reader is late for all others, and modes that block Zenoh's own threads (`BLOCK_FIRST`, the
+    cache of its advanced publisher) also stop the links of healthy readers.
 
     Args:
         session: raw Zenoh session.
@@ -178,8 +179,8 @@ def get_replies(
         session: raw Zenoh session.
         selector: key expression, with parameters if there are any.
         timeout: time after which Zenoh ends the query with an error reply [s].
-        on_reply: called on Zenoh's thread with each reply. The key of a reply identifies its sender, since access rules
-            restrict who may use the key.
+        on_reply: called on Zenoh's thread with each reply. With security, the key of a reply identifies its sender,
+            because access rules restrict who may use the key.
         on_finished: called on Zenoh's thread after the last reply, even if there was none.
         payload: payload of the query.
         encoding: Zenoh encoding of the payload.

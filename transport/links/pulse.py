@@ -28,7 +28,7 @@ class Pulse:
         """Call `action` once per period until `remove(owner)` or `close`.
 
         Args:
-            owner: object to which the action belongs; a second action of the same owner replaces the first.
+            owner: object that identifies the action for `remove`; an owner has at most one action.
             action: function that sends a small message; must return quickly.
             first: True = call this action before the existing ones.
         """
@@ -39,7 +39,7 @@ class Pulse:
                 self._thread.start()
 
     def remove(self, owner: object) -> None:
-        """Remove the action of `owner`; a call in progress is not interrupted. May be called twice."""
+        """Remove the action of `owner`; the current round may still call it. May be called twice."""
         with self._lock:
             self._actions = {other: action for other, action in self._actions.items() if other is not owner}
 

@@ -25,7 +25,8 @@ class NewestReceiver(Resource, Generic[T]):
 
     Each accepted payload replaces the previous one. The first thread that reads a payload decodes it; with `refusal`,
     the thread that receives it does. A slow reader therefore skips superseded messages and never delays another reader.
-    A latched receiver also fetches the last message of each publisher if that message was published earlier or lost.
+    A latched receiver also fetches the last message of each publisher if that message was published before the
+    subscription, or lost; over a slow link, it unsubscribes and fetches the messages instead.
 
     Attributes:
         key: key of the messages.
@@ -51,13 +52,13 @@ class NewestReceiver(Resource, Generic[T]):
             session: open session.
             key: key of the messages.
             decode: decodes a payload; raises MessageError if the payload is not valid.
-            latched: True = fetch the last message published before, and detect and fetch lost messages.
+            latched: True = also fetch the last message published before the subscription, and lost messages.
             refusal: returns the reason to refuse a message, or ""; called once per valid message, on Zenoh's or the
                 fetcher's thread. Refused messages are counted, and logged at a limited rate.
 
         Raises:
             SessionClosed: the session is closed.
-            TransportError: the key is not valid.
+            TransportError: Zenoh rejected the subscription, for example because the key is not valid.
         """
         self.key = key
         self._decode, self._refusal = decode, refusal
@@ -78,7 +79,7 @@ class NewestReceiver(Resource, Generic[T]):
         self._listen(True)
 
     def _listen(self, wanted: bool) -> None:
-        """Subscribe, or unsubscribe in order to fetch messages piece by piece."""
+        """Subscribe, or unsubscribe because the fetcher gets the messages in pieces."""
         with self._listening:
             if wanted and self._raw is None and not self.is_closed:
                 self._raw = zenoh_api.declare_subscriber(self._session.raw, self.key, self._on_sample)
@@ -88,7 +89,7 @@ class NewestReceiver(Resource, Generic[T]):
 
     @property
     def fetched(self) -> int:
-        """Number of samples that were fetched because they were published earlier or lost."""
+        """Number of samples that were fetched instead of being received by subscription."""
         return 0 if self._fetcher is None else self._fetcher.fetched
 
     def _on_sample(self, sample: Any) -> None:
@@ -143,22 +144,22 @@ class NewestReceiver(Resource, Generic[T]):
         return None if sample is None else self._open(sample)
 
     def wait_for(self, predicate: Callable[[T], bool], timeout: float | None) -> Received[T]:
-        """Wait as `wait_until` does, with a predicate of the message alone."""
+        """Call `wait_until` with a predicate that receives only the message."""
         return self.wait_until(lambda received: predicate(received.message), timeout)
 
     def wait_until(
         self, predicate: Callable[[Received[T]], bool], timeout: float | None, *, after: int = 0
     ) -> Received[T]:
-        """Wait until `predicate` accepts the newest message; invalid samples are skipped.
+        """Wait until `predicate` accepts the newest message, and return that message; invalid samples are skipped.
 
         Args:
-            predicate: called on the calling thread with every new message and its time of arrival (only the newest if
-                several arrive during a call); returns True to accept the message.
+            predicate: called on the calling thread with the newest message and its time of arrival, then with every
+                new one (only the newest if several arrive during a call); returns True to accept the message.
             timeout: longest wait [s]; None = no limit. Ctrl-C ends the wait.
             after: number of a sample; only samples with larger numbers are considered.
 
         Raises:
-            ReceiveTimeout: no accepted message arrived in time.
+            ReceiveTimeout: no message was accepted in time.
             SessionClosed: the receiver is closed.
         """
         deadline = None if timeout is None else time.monotonic() + timeout
@@ -201,7 +202,7 @@ class NewestReceiver(Resource, Generic[T]):
             raise SessionClosed(f"the receiver of {self.key!r} is closed")
 
     def on_newest(self, callback: Callable[[Received[T]], None]) -> None:
-        """Call `callback` with every new message, on a separate thread.
+        """Call `callback` with the newest message, if there is one, and with every new message, on a separate thread.
 
         Of the messages that arrive during a call, only the newest is passed on. Invalid messages and exceptions of the
         callback are logged, and the thread continues with the next message.

@@ -9,7 +9,7 @@ V = TypeVar("V")
 
 
 class Recent(dict[K, V]):
-    """Dictionary that keeps at most `most` entries: those that were set most recently."""
+    """Dictionary with at most `most` entries, the most recently set ones; set entries only by `self[key] = value`."""
 
     def __init__(self, most: int) -> None:
         """Create an empty dictionary."""
@@ -17,7 +17,7 @@ class Recent(dict[K, V]):
         self._most = most
 
     def __setitem__(self, key: K, value: V) -> None:
-        """Set an entry, and drop the oldest one if there are too many."""
+        """Set an entry, and drop the least recently set one if there are too many."""
         self.pop(key, None)
         super().__setitem__(key, value)
         while len(self) > self._most:

@@ -1,4 +1,4 @@
-"""Bridge to ROS 2: publishes messages like rmw_zenoh, so that ROS 2 nodes receive them as topics."""
+"""Bridge to ROS 2: publishes messages as rmw_zenoh does, so that ROS 2 nodes can subscribe to them."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ def make_attachment(sequence: int, stamp: int, identity: bytes) -> bytes:
 
 
 class Ros2Bridge(Resource):
-    """Topics for ROS 2 nodes that use rmw_zenoh; reliable, and transient local for late subscribers.
+    """Publisher of topics for ROS 2 nodes that use rmw_zenoh: reliable, and transient local for late subscribers.
 
-    The topics `/<robot>/occupancy` and `/<robot>/grid_map` are declared at once, other topics with their first message.
+    The topics `/<robot>/occupancy` and `/<robot>/grid_map` are declared on creation, others with their first message.
     """
 
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT, domain: int = 0) -> None:
@@ -76,7 +76,8 @@ class Ros2Bridge(Resource):
         check_name(robot)
         if "-" in robot or robot[0].isdigit():
             raise ConfigurationError(
-                f"robot name {robot!r} cannot be part of a ROS 2 topic; use letters, digits and '_', and no digit first"
+                f"robot name {robot!r} cannot be part of a ROS 2 topic; use only letters, digits and '_', not starting "
+                "with a digit"
             )
         self._robot, self._domain = robot, domain
         self._bridged, self._lock = session, threading.Lock()

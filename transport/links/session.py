@@ -31,12 +31,12 @@ RETRY_INTERVAL = 0.1
 
 CHECK_LISTEN = (
     "Check: is another node or a Zenoh router running on this port (then stop it, or connect to it instead)? "
-    "does the address belong to this machine? with security: are certificate and key in the folder readable and "
-    "in date?"
+    "does the address belong to this machine? with security: are certificate and key in the folder readable, and "
+    "is the certificate still valid?"
 )
 CHECK_CONNECT = (
     "Zenoh reports all causes alike. Check: is the node running and does it listen there? does the "
-    "protocol match (tcp without security, tls with it)? with security: is the certificate in date and from "
+    "protocol match (tcp without security, tls with it)? with security: is the certificate still valid and from "
     "the same CA as the node's, does the node's certificate name this host? with a password: is it right? "
     "The node's log (RUST_LOG=warn) shows the cause."
 )
@@ -47,7 +47,7 @@ Configuration = Mapping[str, Any] | str
 class Session(AbstractContextManager["Session"]):
     """Open Zenoh session that owns everything declared in it; use it in a `with` block.
 
-    Made by `open_node` or `open_client`. Everything declared through this package is closed with the session. The
+    Made by `open_node` or `open_client`. Closing the session closes everything declared in it through this package. The
     session is closed at the latest when the main thread ends, so that a script that fails does not hang.
 
     Attributes:
@@ -180,15 +180,15 @@ def open_node(
         security: folder made by `guara security init`, or its subfolder `node`.
         allow_insecure: True = `listen` and `uplink` may reach beyond this machine without security.
         shared_memory: True = Zenoh passes large payloads through /dev/shm between processes of one machine. This saves
-            a millisecond per grid, but leaks 17 MB and 2 descriptors for each process that dies.
-        timeout: longest wait for an external router [s].
+            a millisecond per grid, but a client keeps 17 MB and 2 descriptors of every node that dies.
+        timeout: time for repeated attempts to connect to an external router [s].
 
     Raises:
         ConfigurationError: an endpoint is not valid, is open to other machines without security, or is not encrypted
             although `security` is given; or both `connect` and `uplink` are given.
         SecurityError: the security folder is incomplete or unreadable, or others can read its private key.
-        ConnectionFailed: the node cannot listen, for example because the port is in use, or the external router does
-            not respond.
+        ConnectionFailed: the node cannot listen, for example because the port is in use, or cannot connect to the
+            external router.
     """
     if connect is not None and uplink is not None:
         raise ConfigurationError(

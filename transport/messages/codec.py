@@ -34,7 +34,7 @@ def encode(message: Any) -> bytearray:
         encoding.
 
     Raises:
-        MessageError: a field does not fit its type.
+        MessageError: `message` is not a ROS 2 message object, or a field does not fit its type.
     """
     name = getattr(message, "__msgtype__", None)
     if name is None:
@@ -104,7 +104,7 @@ def make_header(stamp: int, frame_id: str) -> Any:
 
 
 def check_version(message: Any, name: str, major: int) -> None:
-    """Check that a message object has the major version `major`.
+    """Check that a message object has the major version `major`; `name` is its name in the error message.
 
     Raises:
         VersionError: the message has another major version.
@@ -265,7 +265,7 @@ SUBMESSAGES: Mapping[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
     "guara_msgs/msg/FrameTransform": (make_transform, read_transform),
 }
 CLASSES: Mapping[str, Any] = {"guara_msgs/msg/Obstacle": ObstacleMessage, "guara_msgs/msg/GroundPatch": GroundPatch}
-# Message fields that are not copied from an attribute of the same name: functions that compute them from the dataclass.
+# Functions that compute message fields from the dataclass; other fields are copied from attributes of the same name.
 MADE: Mapping[str, Callable[[Any], Any]] = {
     "header": lambda value: make_header(value.stamp, value.frame_id),
     "version_major": lambda value: value.version[0],
@@ -277,7 +277,7 @@ MADE: Mapping[str, Callable[[Any], Any]] = {
     "outline": lambda value: [make_point(x, y, 0.0) for x, y in value.outline.tolist()],
     "scan_end_clock": lambda value: math.nan if value.scan_end_clock is None else value.scan_end_clock,
 }
-# Attributes that are not copied from a message field of the same name: functions that compute them from the message.
+# Functions that compute attributes from the message; other attributes are copied from message fields of the same name.
 READ: Mapping[str, Callable[[Any], Any]] = {
     "stamp": lambda message: read_time(message.header.stamp if hasattr(message, "header") else message.stamp),
     "frame_id": lambda message: message.header.frame_id,

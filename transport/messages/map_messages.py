@@ -31,7 +31,7 @@ VERSION_MAJOR, VERSION_MINOR = 1, 0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class MapOrigin:
-    """Fields that messages derived from a map have in common; all but the version are copied from the map's message.
+    """Common fields of messages derived from a map; all but type and version are copied from the map's message.
 
     Attributes:
         type_name: ROS 2 type of the message.
@@ -175,7 +175,7 @@ def _unpack(packed: Array, name: str, dtype: np.dtype[Any], shape: tuple[int, in
 
 
 MAXIMUM_REGIONS, MAXIMUM_CORNERS = 1000, 256
-# Tolerance of the length of a half-plane's normal [-], and of the distance from a corner to half-planes and plane [m].
+# Tolerance of the length of a half-plane's normal, and of the distance of a corner from half-planes and plane [m].
 TOLERANCE = 1e-6
 
 
@@ -223,7 +223,7 @@ class RegionMessage:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RegionsMessage(MapOrigin):
-    """All steppable regions of a map.
+    """Steppable regions of a map.
 
     Attributes:
         regions: the regions, in the order given by the sender.
@@ -236,7 +236,7 @@ class RegionsMessage(MapOrigin):
     regions: tuple[RegionMessage, ...]
 
     def __post_init__(self) -> None:
-        """Check the fields, and the number of regions."""
+        """Check the fields and the number of regions."""
         super(RegionsMessage, self).__post_init__()
         set_fields(self, regions=tuple(self.regions))
         if len(self.regions) > MAXIMUM_REGIONS:

@@ -137,23 +137,23 @@ def decode_scan_request(payload: bytes) -> ScanRequest:
 
 
 def encode_scan_reply(reply: ScanReply) -> bytearray:
-    """Encode a ScanReply as CDR; a message that is too long is truncated."""
+    """Encode a ScanReply as CDR; the text in `message` is truncated if it is too long."""
     return encode(to_ros(SCAN_REPLY, reply, message=SENTENCE.cut(reply.message)))
 
 
 def decode_scan_reply(payload: bytes) -> ScanReply:
-    """Decode a ScanReply; MessageError if the payload is damaged or its state is unknown."""
+    """Decode a ScanReply; MessageError if the payload is damaged or a value is not allowed."""
     message = decode(payload, SCAN_REPLY)
     return from_ros(ScanReply, message, state=ScanState(message.state))
 
 
 def encode_refusal(refusal: Refusal) -> bytearray:
-    """Encode a Refusal as CDR; a message that is too long is truncated."""
+    """Encode a Refusal as CDR; the text in `message` is truncated if it is too long."""
     return encode(to_ros(REFUSAL, refusal, message=SENTENCE.cut(refusal.message)))
 
 
 def decode_refusal(payload: bytes) -> Refusal:
-    """Decode a Refusal; MessageError if the payload is damaged."""
+    """Decode a Refusal; MessageError if the payload is damaged or a value is not allowed."""
     return from_ros(Refusal, decode(payload, REFUSAL))
 
 

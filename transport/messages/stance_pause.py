@@ -14,7 +14,7 @@ from transport.messages.codec import decode, encode, from_ros, to_ros
 from transport.messages.submessages import GroundPatch, StanceMessage, finite, set_fields
 from transport.messages.typestore import LARGEST_COUNT, STANCE_PAUSE, check_value
 
-# Largest payload [bytes]; an announcement with sixteen patches of known ground has 20 kB.
+# Largest payload [bytes]; an announcement with sixteen patches of 48 corners each has 20 kB.
 MAXIMUM_ANNOUNCEMENT = 256 * 1024
 # Longest identity of a walk [characters].
 MAXIMUM_EPOCH = 100
@@ -128,8 +128,8 @@ def _decoded(payload: bytes | bytearray | memoryview) -> Any:
     except MessageError as error:
         if len(payload) < 8:
             raise
-        # Without `standing_pauses`, the payload ends with the zero byte of `epoch`. Without `epoch` as well, it ends at
-        # a multiple of four bytes. Any other payload was truncated.
+        # If `standing_pauses` is missing, the payload ends with the zero byte that terminates `epoch`. If `epoch` is
+        # missing too, it ends at a multiple of four bytes. Any other payload was truncated.
         fill, one, nothing = bytes(-len(payload) % 4), (1).to_bytes(4, "little" if payload[1] else "big"), bytes(4)
         for is_earlier, missing in ((payload[-1] == 0, fill + nothing), (not fill, one + nothing + nothing)):
             if not is_earlier:

@@ -84,8 +84,8 @@ def grid_map_message(
 ) -> Any:
     """Make a grid_map_msgs/GridMap message object.
 
-    A GridMap starts at the corner of maximum x and y, has rows along -x and columns along -y, and is stored in
-    column-major order. The data of `a[iy, ix]`, x fastest, are therefore `a[::-1, ::-1].ravel()`.
+    A GridMap starts at the corner of maximum x and y; its row index increases along -x, and its column index along -y.
+    It is stored in column-major order. The data of `a[iy, ix]`, x fastest, are therefore `a[::-1, ::-1].ravel()`.
 
     Args:
         layers: (ny, nx) arrays of equal shape by name, including "elevation"; converted to float32.
@@ -306,7 +306,7 @@ def camera_info_message(
         stamp: time [ns since the epoch].
 
     Raises:
-        MessageError: a shape is wrong, a value is not finite, or the stamp is not valid.
+        MessageError: `matrix` or `distortion` has another shape or is not finite, or the stamp is not valid.
     """
     intrinsic = checked_array(matrix, (3, 3), "camera matrix")
     width, height = size

@@ -29,7 +29,7 @@ def set_fields(message: Any, **values: Any) -> None:
 
 
 def frozen(array: Array) -> Array:
-    """Return a read-only C-contiguous array: `array` itself if it is one already, otherwise a copy."""
+    """Return a read-only, aligned, C-contiguous array: `array` itself if it is one, otherwise a copy."""
     is_frozen = array.flags.c_contiguous and array.flags.aligned and not array.flags.writeable
     result = array if is_frozen else np.array(array, order="C")
     result.setflags(write=False)
@@ -96,7 +96,7 @@ def checked_array(array: npt.ArrayLike, shape: tuple[int | None, ...], what: str
 
 
 def _determinant(m: Float) -> float:
-    """Compute the determinant of a 3 x 3 matrix, for every received transform; faster than `numpy.linalg.det`."""
+    """Compute the determinant of a 3 x 3 matrix; faster than `numpy.linalg.det` for a single matrix."""
     (a, b, c), (d, e, f), (g, h, i) = m.tolist()
     return float(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 

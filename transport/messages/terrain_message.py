@@ -38,14 +38,13 @@ MODES = ("coarse", "standard")
 ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
 # Longest identity of a walk or run [characters].
 MAXIMUM_IDENTITY = 100
-# Rounding units [m] of elevations (whose noise is at least 0.1 mm), of step height and roughness, and of clearance, and
-# rounding unit of slopes [rad].
-# Powers of two, so that their multiples are exact in float32.
+# Rounding units of elevations, of step height and roughness, of clearance (all in [m]), and of slopes [rad]: powers of
+# two, so that their multiples are exact in float32. That of elevations, 0.12 mm, is close to their lowest noise.
 HEIGHT_UNIT, RELIEF_UNIT, CLEARANCE_UNIT, SLOPE_UNIT = 2.0**-13, 2.0**-12, 2.0**-10, 2.0**-9
 # Mantissa bits kept when rounding: a variance grows by at most 1/8, a local variance at most doubles, a traversability
 # shrinks by at most 1/32.
 VARIANCE_BITS, LOCAL_BITS, SCORE_BITS = 3, 0, 5
-# From this many units on, a value is not rounded: the multiple may not fit the 23 mantissa bits of a float32.
+# Values of this many units or more are not rounded, because the multiple may not fit the 23 mantissa bits of a float32.
 WHOLE_NUMBERS = 2.0**23
 MANTISSA_BITS = 23
 # Dtype of a layer by the message field that holds its values. Messages number the types from 1 in this order.
@@ -136,7 +135,8 @@ class TerrainMessage:
         obstacles: obstacles and holes.
         point_counts: numbers of points measured, used, and rejected by cause.
         stage_ms: processing time by stage [ms].
-        coverage: fraction of known cells, 0 ... 1.
+        coverage: fraction of known cells, 0 ... 1; of a processed scan, cells that are UNSCANNED, OCCLUDED or SELF are
+            left out.
         health: health of this scan.
         health_reasons: reasons why `health` is not OK.
         metadata: text of a JSON object.
@@ -388,7 +388,9 @@ def _read_layers(message: Any) -> dict[str, Array]:
 
 def _pairs(names: list[str], values: Array, what: str) -> dict[str, Any]:
     if len(names) != len(values) or len(set(names)) != len(names):
-        raise MessageError(f"{what} has {len(set(names))} different names and {len(values)} values; allowed: one each")
+        raise MessageError(
+            f"{what}: {len(set(names))} distinct names, {len(values)} values; allowed: one value per name"
+        )
     return dict(zip(names, values.tolist(), strict=True))
 
 
@@ -415,7 +417,10 @@ def encode_compact(terrain: TerrainMessage) -> bytes:
 
 
 def rounded(terrain: TerrainMessage) -> TerrainMessage:
-    """Return a copy with rounded float32 layers: elevations to the nearest unit, others conservatively; idempotent."""
+    """Return a copy with rounded float32 layers; rounding it again changes nothing.
+
+    Elevations are rounded to the nearest unit, other layers conservatively. `ROUNDING` is added to the metadata.
+    """
     layers = {name: ROUND[name](array) if name in ROUND else array for name, array in terrain.layers.items()}
     metadata = {**json.loads(terrain.metadata), "rounding": dict(ROUNDING)}
     return dataclasses.replace(terrain, layers=layers, metadata=json.dumps(metadata))

@@ -81,7 +81,7 @@ def typestore() -> Typestore:
 
 @cache
 def warm_up() -> None:
-    """Load the definitions of common messages; otherwise the first of them is delayed by a tenth of a second."""
+    """Load the definitions of common messages; otherwise the first message is delayed by a tenth of a second."""
     for name in (TERRAIN, STANCE_PAUSE, SCAN_REQUEST, SCAN_REPLY, QUERY_REQUEST, OCCUPANCY, GRID_MAP, STATUS):
         typestore().get_msgdef(name)
 
@@ -96,7 +96,7 @@ def message_class(type_name: str) -> Any:
     if type_name not in known:
         own_types = ", ".join(message_files())
         raise MessageError(
-            f"message type {type_name!r} is not known; known are the types of ROS 2 Jazzy and {own_types}"
+            f"message type {type_name!r} is not known; known types: those of ROS 2 Jazzy, and {own_types}"
         )
     return known[type_name]
 
@@ -203,7 +203,7 @@ def _number(value: float) -> str:
 
 NAME, WORD, SENTENCE = (Range(characters=most) for most in (100, 200, 10_000))
 METRES = Range(low=-FURTHEST, high=FURTHEST, unit="m")
-# CELLS: cells of a grid. PARTS: obstacles of a grid, or corners of an obstacle.
+# Number of cells of a grid (CELLS), and of obstacles of a grid or corners of an obstacle (PARTS).
 CELLS, PARTS = Range(entries=4_000_000), Range(entries=100_000)
 # Number of compressed bytes; their decompressed size has a limit of its own.
 PACKED = Range(entries=64 * 1024 * 1024)
@@ -265,7 +265,7 @@ EXCEPTIONS: Mapping[str, Mapping[str, Range]] = {
 # Types whose messages are checked after decoding, including all submessages.
 TYPES: tuple[str, ...] = (STANCE_PAUSE, TERRAIN, SUMMARY, REGIONS, SCAN_REQUEST, SCAN_REPLY, REFUSAL, QUERY_REQUEST)
 TYPES += (SCAN_START, STRIPE, SCAN_END, STATUS, TIME, STANCE_STREAM)
-# Length of a gravity vector in any unit: g, m/s^2 or sensor counts.
+# Allowed length of a gravity vector, in any unit: g, m/s^2 or sensor counts.
 GRAVITY_LENGTH = Range(low=1e-3, high=1e6)
 
 

@@ -24,7 +24,7 @@ class Answer:
     """Event of a query: a reply, an error, or the end of the query.
 
     Attributes:
-        key: key of a reply, which identifies the sender, because access rules restrict who may use the key.
+        key: key of a reply. With security, it identifies the sender, because access rules restrict who may use the key.
         payload: payload of a reply, or None.
         error: payload of an error reply, or None.
         timed_out: True if the deadline has passed.

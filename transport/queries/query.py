@@ -72,7 +72,7 @@ def query_terrain(
         robot: instance name.
         extent: "footprint" or "map".
         region: (x_min, x_max, y_min, y_max) in the frame of the grid [m]; None = the whole grid.
-        timeout: longest wait [s].
+        timeout: time granted to the node [s]; the wait may be 0.5 s longer.
         encoding: "lossless" or "compact"; nodes of earlier versions always reply lossless.
 
     Raises:
@@ -82,7 +82,7 @@ def query_terrain(
         ScannerUnavailable: no node replies: none is running, or this client may not query it.
         ReceiveTimeout: no reply arrived in time.
         SessionClosed: the session is closed.
-        TransportError: the node refused the query for another reason.
+        TransportError: the node or Zenoh refused the query for another reason.
     """
     request = QueryRequest(extent=extent, region=region)
     payload = encode_query_request(request)

@@ -64,7 +64,7 @@ class RemoteClock(Resource):
     """
 
     def __init__(self, session: Session, key: str, *, period: float) -> None:
-        """Start to query the clock every `period` [s]."""
+        """Start to query the clock every `period` [s], or every `RETRY` seconds while there is no reply."""
         self.key, self._period = key, period
         self._tried = threading.Event()
         self._wake = threading.Event()
@@ -73,12 +73,12 @@ class RemoteClock(Resource):
         self._thread.start()
 
     def wake(self) -> None:
-        """Query now instead of after the period, for example because the queryable has appeared."""
+        """Let the thread query now instead of after the period, for example because the queryable has appeared."""
         self._tried.clear()
         self._wake.set()
 
     def wait(self, timeout: float) -> None:
-        """Wait up to `timeout` [s] until a query has ended since the last call of `wake`."""
+        """Wait up to `timeout` [s] until a query has ended after the last call of `wake`."""
         self._tried.wait(max(0.0, timeout))
 
     def ask(self, timeout: float = ANSWER_TIMEOUT) -> bool:

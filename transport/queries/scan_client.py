@@ -62,13 +62,15 @@ def request_scan(
         The DONE reply, with step and sequence number of the terrain message, which was published before the reply.
 
     Raises:
-        MessageError: an argument is not allowed, or a reply is damaged or belongs to another request.
+        KeyNameError: the robot's name cannot be part of a key.
+        MessageError: another argument is not allowed, or a reply is damaged or belongs to another request.
         ScannerUnavailable: no scanner replies: none is running, or this client may not request scans.
         ScanBusy: the scanner is working on another request.
         ScanFailed: the scanner refused the request or could not complete the scan; `code` is the cause.
         ScanTimeout: the scan was not done in time.
         ScannerGone: the node disappeared during the scan, or before it replied.
         SessionClosed: the session is closed.
+        TransportError: Zenoh rejected the request.
     """
     request = ScanRequest(id=request_id or uuid.uuid4().hex, mode=mode, timeout=timeout)
     payload, encoding = encode_scan_request(request), cdr(SCAN_REQUEST)

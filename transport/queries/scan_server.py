@@ -1,4 +1,4 @@
-"""Server of scan requests, processed one at a time; repeated requests get the result of the first."""
+"""Server for scan requests, processed one at a time; a repeated request gets the result of the first."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ScanJob:
     Attributes:
         request: the accepted request.
         cancelled: event that is set when the handler should stop.
-        progress: function that reports the numbers of stripes done and in total to the client; returns immediately.
+        progress: function that reports the numbers of stripes done and in total to the clients; returns immediately.
     """
 
     def __init__(self, request: ScanRequest, report: Callable[[int, int], None]) -> None:
@@ -69,11 +69,11 @@ Admission = Callable[[ScanRequest], None]
 
 
 class ScanServer(Answerer):
-    """Server of the scan requests of one robot.
+    """Server for the scan requests to one robot.
 
     Only one request is processed at a time; others are refused as busy. A request with the id of the running scan joins
     it, and one with the id of one of the last `REMEMBERED` scans gets the result of that scan. At the deadline,
-    `ScanJob.cancelled` is set, and the client gets a FAILED reply.
+    `ScanJob.cancelled` is set, and the clients get a FAILED reply; the server stays busy until the handler returns.
     """
 
     def __init__(

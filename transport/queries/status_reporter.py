@@ -18,7 +18,7 @@ from transport.messages.typestore import STATUS, cdr
 from transport.supervision import join
 
 logger = logging.getLogger(__name__)
-# Number of pulse periods, half a second each, between two reports without a change.
+# Number of pulse periods (0.5 s each) between two periodic reports.
 BEATS = 2
 # Shortest time between two reports on change [s], so that a flood of events does not cause a flood of messages.
 LEAST_GAP = 0.05

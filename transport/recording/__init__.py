@@ -1,4 +1,4 @@
-"""Recordings of scans, grids and calibration in MCAP files: writing, reading, and recovery of truncated files.
+"""Recordings of scans, grids and calibration in MCAP files: writing, reading, and recovery of damaged files.
 
 Imports the messages; used by the programs that write, show and replay recordings.
 """

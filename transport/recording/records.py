@@ -190,7 +190,8 @@ def read_frame(message: Any, stamp: int) -> FrameRecord:
     """Convert a sensor_msgs/Image or sensor_msgs/CompressedImage message object to a frame.
 
     Raises:
-        MessageError: encoding or file format is not allowed, or the length of the data does not match the size.
+        MessageError: encoding, byte order or file format is not allowed, the image is empty, or the length of the data
+            does not match its size.
     """
     if message.__msgtype__ == COMPRESSED_IMAGE:
         return FrameRecord(data=message.data.tobytes(), format=message.format, stamp=stamp)

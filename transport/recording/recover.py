@@ -27,7 +27,7 @@ class Recovery:
         attachments: number of recovered attachments.
         damaged_chunks: number of complete chunks that were left out because their content is damaged.
         bytes_lost: number of bytes after the last readable record; 0 if all records could be read.
-        was_whole: True if the file was complete and nothing was damaged.
+        was_whole: True if all data were present and undamaged; the index at the end of the file is not checked.
     """
 
     messages: int
@@ -73,7 +73,10 @@ def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
 
 
 def _records(stream: Any, counts: Counter[str], path: Path) -> Iterator[Any]:
-    """Iterate over the records, including those in chunks, until the end of the file or a damaged record."""
+    """Iterate over the records, including those in chunks, until the end of the data or a damaged record.
+
+    Damaged chunks are skipped and counted.
+    """
     from mcap.records import Chunk, DataEnd
     from mcap.stream_reader import StreamReader
 

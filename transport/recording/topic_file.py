@@ -55,7 +55,7 @@ class TopicFile(AbstractContextManager["TopicFile"]):
 
     @property
     def size(self) -> int:
-        """Current size of the file, including buffered data [bytes]."""
+        """Size of the file [bytes]: includes data buffered for a full disk, but not the unfinished chunk."""
         with self._lock:
             return self._file.tell()
 
@@ -75,7 +75,7 @@ class TopicFile(AbstractContextManager["TopicFile"]):
         """Add a CDR payload to a topic of `TYPES`; `stamp` is its publish time [ns], None = the time of writing.
 
         Raises:
-            RecordingError: the file is closed, or the disk is full and the buffer exceeds `MAXIMUM_PENDING`.
+            RecordingError: the file is closed, or writing fails and the buffer exceeds `MAXIMUM_PENDING`.
         """
         with self._lock:
             self._check_open()

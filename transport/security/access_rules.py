@@ -21,7 +21,7 @@ from transport.keys import (
     summary_key,
 )
 
-# Roles of a robot's members, each with a certificate; the node is the router that enforces the rules.
+# Roles of a robot's members, each with a certificate. A node that is its own router enforces the rules of the others.
 ROLES = ("node", "gait", "planner", "viewer")
 
 # Roles that belong to no robot: site router, and fleet member, which may list the live robots and read their status.
@@ -103,8 +103,8 @@ def access_control(
 
     Only the following is allowed. Planner and viewer read everything under `<robot>/perception/v1` and query the newest
     grid and the status. The planner also requests scans. The gait publishes stance pauses and the stance stream, and
-    serves its clock. A second node announces that it waits for the name. A router linked to the node reads like a
-    viewer, or like a planner if it is one of `scanning_routers`.
+    serves its clock. A second node announces that it waits for the name. A router linked to the node has the rights of
+    a viewer, or of a planner if it is one of `scanning_routers`, and may watch status and tokens of all robots.
 
     Args:
         robot: instance name.
@@ -130,8 +130,9 @@ def router_access_control(
     """Return the section `access_control` of a router that serves several robots.
 
     Planner, viewer and gait of each robot have the same rights as at their node, and none for other robots. Each node
-    sends the grids of its own robot. A router below sends the grids of its robots and nothing else. A router above
-    reads and, if permitted, requests scans. No link between routers transfers stance pauses.
+    publishes under `<robot>/perception/v1` of its own robot, and receives the robot's stance pauses. A router below
+    publishes for its robots, and nothing else. A router above reads and, if permitted, requests scans. No link between
+    routers transfers stance pauses.
 
     Args:
         robots: common names of the members, by robot (instance name) and role.

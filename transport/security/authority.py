@@ -16,7 +16,7 @@ T = TypeVar("T")
 # Lifetime of a CA [days]. A CA is never renewed; it is replaced together with the whole security folder.
 AUTHORITY_DAYS = 3650
 
-# Longest lifetime of a server certificate that common TLS libraries accept [days].
+# Lifetime of a member's certificate [days]. Some TLS clients reject server certificates with a longer lifetime.
 CERTIFICATE_DAYS = 825
 
 
@@ -57,7 +57,7 @@ def _signed(
     key = ec.generate_private_key(ec.SECP256R1())
     now = datetime.datetime.now(datetime.UTC)
     end = now + datetime.timedelta(days=days)
-    # The certificate is valid from one hour ago on, for a robot whose clock is slightly behind.
+    # The validity begins one hour ago, so that a robot whose clock is slightly behind accepts the certificate.
     begin = min(now, end) - datetime.timedelta(hours=1)
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
     builder = (

@@ -140,7 +140,7 @@ def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
 
 
 def _complete_queues(configuration: dict[str, Any]) -> bool:
-    """Add missing settings of link queues to a member's configuration, and keep existing ones; always True."""
+    """Add missing settings of link queues to a configuration, and keep existing ones. Always return True (changed)."""
     link, made = configuration["transport"]["link"], sending()
     configured = link.get("tx", {})
     link["tx"] = {**made, **configured, "queue": {**made["queue"], **configured.get("queue", {})}}
@@ -170,7 +170,7 @@ def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = ()) ->
 
 
 def check_free(members: Members, name: str, member: Path) -> None:
-    """Check that no robot, router or fleet member has or had this name; SecurityError if one has."""
+    """Check that a name is not reserved and was never used for a robot, router or fleet member; raise SecurityError."""
     if member.exists() or name in RESERVED or name in members.robots or name in members.revoked:
         raise SecurityError(f"the name {name!r} is taken or was revoked; names are never used again")
 

@@ -28,17 +28,17 @@ from transport.security.whole_folder import create_folder, write_file
 # Name of the Zenoh configuration in a role's folder.
 CONFIGURATION = "zenoh.json5"
 
-# Endpoint of a secured node. It may listen on all interfaces, because clients need a certificate.
+# Default endpoint of a secured node. It may listen on all interfaces, because clients need a certificate.
 DEFAULT_LISTEN = "tls/0.0.0.0:7447"
 
-# Largest size [bytes] and nesting of a configuration; that of a node has 7 kB and seven levels. Deep nesting overflows
+# Largest size [bytes] and nesting of a configuration; that of a node has 5 kB and seven levels. Deep nesting overflows
 # the stack of Zenoh's parser, which terminates the process.
 LARGEST_CONFIGURATION = 1024 * 1024
 DEEPEST_CONFIGURATION = 32
 
 # Longest name of a robot or member [characters]: a common name is two names and a dot, and at most 64 characters long.
 LONGEST_NAME = 31
-# Folder names in a security folder that a robot cannot have.
+# Names that a robot cannot have, because other folders in a security folder have them.
 RESERVED = (*ROLES, "ca")
 
 TLS = "transport/link/tls"

@@ -279,7 +279,7 @@ def edit_configuration(path: Path, change: Callable[[dict[str, Any]], bool]) -> 
         The result of `change`.
 
     Raises:
-        SecurityError: the configuration does not have the form that `guara security` writes, or cannot be written.
+        SecurityError: the configuration cannot be read or written, or was not written by `guara security`.
     """
     try:
         configuration = json.loads(path.read_text(encoding="utf-8"))

@@ -40,7 +40,7 @@ def make_router(
     """Make the folder of a router, and grant the router access at its robots' nodes and at the router above.
 
     The router gets only the rights that it needs. At a node, it reads like a viewer (with `scans`, like a planner). To
-    the router above, it sends the grids of its own robots. Its certificate stands for all clients behind it.
+    the router above, it sends what its robots' nodes publish. Its certificate stands for all clients behind it.
 
     Args:
         folder: folder made by `init_security`; if it does not exist, it is made for all these robots.

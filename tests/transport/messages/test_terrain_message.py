@@ -191,7 +191,7 @@ def _damage(message, what: str) -> None:
         ("huge", "grid of 60000 x 60000 cells"),
         ("empty", "nx of Terrain is 0; allowed: 1 to"),
         ("missing", "missing layers: looks"),
-        ("names", "stage times has 1 different names and 2 values"),
+        ("names", "stage times: 1 distinct names, 2 values"),
         ("joints", "names a joint twice"),
         ("joint count", "1 joint names but 2 positions"),
         ("nan", "entry .* of joint_positions of Stance is nan"),
