@@ -17,8 +17,8 @@ SIGNS = np.array([[1.0, -1.0, -1.0, 1.0], [-1.0, 1.0, -1.0, 1.0], [-1.0, -1.0, 1
 def quaternion_from_matrix(rotation: Float) -> Quaternion:
     """Convert a (3, 3) rotation matrix to a unit quaternion (x, y, z, w) with w >= 0.
 
-    The result is a normalised row of 4 q q^T: the row with the largest diagonal element, whose norm is 2 or more
-    (Shepperd's method).
+    The result is the row of 4 q q^T with the largest diagonal element, normalised (Shepperd's method). The norm of this
+    row is at least 2.
     """
     # products = 4 q q^T: R + R^T gives xy, xz and yz; R - R^T gives the products with w; the diagonal of R gives the
     # squares.

@@ -39,7 +39,7 @@ ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
 # Longest identity of a walk or run [characters].
 MAXIMUM_IDENTITY = 100
 # Rounding units of elevations, of step height and roughness, of clearance (all in [m]), and of slopes [rad]: powers of
-# two, so that their multiples are exact in float32. That of elevations, 0.12 mm, is close to their lowest noise.
+# two, so that their multiples are exact in float32. The unit of elevations is 0.12 mm; their noise is at least 0.1 mm.
 HEIGHT_UNIT, RELIEF_UNIT, CLEARANCE_UNIT, SLOPE_UNIT = 2.0**-13, 2.0**-12, 2.0**-10, 2.0**-9
 # Mantissa bits kept when rounding: a variance grows by at most 1/8, a local variance at most doubles, a traversability
 # shrinks by at most 1/32.
@@ -252,7 +252,7 @@ class TerrainMessage:
         for name in ("provisional", "refinement_follows", "withdrawn"):
             flag = data.get(name, False)
             if not isinstance(flag, bool):
-                raise MessageError(f"{name} in the metadata is {flag!r}; allowed: true and false")
+                raise MessageError(f"{name} in the metadata is {flag!r}; allowed: true or false")
             set_fields(self, **{name: flag})
         if self.withdrawn and (np.isfinite(self.layers["elevation"]).any() or self.layers["traversability"].any()):
             raise MessageError("grid is withdrawn, but has known cells; allowed: none")

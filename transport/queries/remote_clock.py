@@ -17,14 +17,14 @@ logger = logging.getLogger(__name__)
 # Interval of attempts while there is no reply [s].
 RETRY = 0.5
 ANSWER_TIMEOUT = 2.0
-# Largest relative drift of two clocks: a time server slews a wall clock by up to 500 ppm, and oscillators add 50 ppm
-# each.
+# Upper bound of the relative drift of two clocks: a time server slews a wall clock by up to 500 ppm, and oscillators
+# add 50 ppm each.
 DRIFT = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class ClockBound:
-    """Time bounds of a reading: another clock showed `reading` between `asked` and `answered` on this machine's [s]."""
+    """Reading of another clock [s], shown between `asked` and `answered` on this machine's clock [s]."""
 
     reading: float
     asked: float

@@ -86,7 +86,7 @@ class Unpacker:
             # The decompressor allocates the size stated in the frame, not `max_output_size`.
             stated = zstandard.get_frame_parameters(chunk.data).content_size
             if stated not in (size, zstandard.CONTENTSIZE_UNKNOWN):
-                raise RecordingError(f"a chunk of {size} bytes states that it decompresses to {stated}")
+                raise RecordingError(f"a chunk declares {size} decompressed bytes, its zstd frame {stated}")
             data = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=size)
         elif chunk.compression == "lz4":
             import lz4.frame
@@ -95,7 +95,7 @@ class Unpacker:
         else:
             data = chunk.data
         if len(data) != size:
-            raise RecordingError(f"a chunk of {size} bytes decompresses to {len(data)}")
+            raise RecordingError(f"a chunk declares {size} decompressed bytes, but contains {len(data)}")
         if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
             raise RecordingError("the checksum of a chunk is wrong")
         return bytes(data)

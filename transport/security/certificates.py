@@ -170,7 +170,11 @@ def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = ()) ->
 
 
 def check_free(members: Members, name: str, member: Path) -> None:
-    """Check that a name is not reserved and was never used for a robot, router or fleet member; raise SecurityError."""
+    """Check that a name is not reserved, and that no robot, router or fleet member has or had it.
+
+    Raises:
+        SecurityError: the name is not free.
+    """
     if member.exists() or name in RESERVED or name in members.robots or name in members.revoked:
         raise SecurityError(f"the name {name!r} is taken or was revoked; names are never used again")
 

@@ -220,7 +220,7 @@ def open_members(folder: str | Path) -> Members:
 
 
 def take_in(folder: Path, write: Callable[[Path], None], larger: Callable[[], Members]) -> Path:
-    """Create the folder of a new member by `write`, then save the members returned by `larger`.
+    """Create the folder of a new member with `write`, then save the members returned by `larger`.
 
     If saving fails, the folder is removed.
 
@@ -279,7 +279,8 @@ def edit_configuration(path: Path, change: Callable[[dict[str, Any]], bool]) -> 
         The result of `change`.
 
     Raises:
-        SecurityError: the configuration cannot be read or written, or was not written by `guara security`.
+        SecurityError: the configuration cannot be read or written, or does not have the form that `guara security`
+            writes.
     """
     try:
         configuration = json.loads(path.read_text(encoding="utf-8"))
