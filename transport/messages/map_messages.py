@@ -187,7 +187,7 @@ class RegionMessage:
         halfspaces: (n, 3) rows a, b, c of a x + b y <= c, with a^2 + b^2 = 1 and c in [m].
         vertices: (m, 3) corners of the area on the plane, counter-clockwise [m].
         plane: (3,) coefficients p of z = p[0] x + p[1] y + p[2].
-        sigma: standard deviation of the ground heights about the plane [m].
+        sigma: standard deviation of the ground relative to the plane, including measurement errors [m].
         area: horizontal area [m^2].
     """
 

@@ -171,7 +171,7 @@ def point_cloud_message(fields: Mapping[str, Array], frame_id: str, stamp: int) 
 CUBE, LINE_LIST, TEXT_VIEW_FACING = 1, 5, 9
 ADD, DELETE_ALL = 0, 3
 MARKER = "visualization_msgs/msg/Marker"
-# RGB colours of obstacles, footholds and steppable regions, as in images and in the browser.
+# RGB colours of obstacles (and holes), footholds and steppable regions.
 OBSTACLE_COLOUR, FOOTHOLD_COLOUR, REGION_COLOUR = (0.835, 0.369, 0.0), (0.0, 0.447, 0.698), (0.0, 0.35, 0.24)
 # Width of lines, height of labels and thickness of soles [m].
 LINE_SCALE, TEXT_HEIGHT, SOLE_THICKNESS = (0.003, 0.0, 0.0), 0.018, 0.004

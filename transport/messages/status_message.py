@@ -25,7 +25,7 @@ class StatusItem:
         level: OK, WARN, ERROR or STALE.
         message: one line of text.
         hardware_id: name of the device or robot; may be empty.
-        values: values as text, by name; a name includes the unit of its value, if there is one.
+        values: values as text, by name.
     """
 
     name: str

@@ -133,11 +133,11 @@ class TerrainMessage:
         attitude_source: source of the body's attitude: "imu", "odometry", "support_plane" or "level".
         transforms: transforms at the time of the scan.
         obstacles: obstacles and holes.
-        point_counts: numbers of points measured, used, and rejected by cause.
+        point_counts: number of image columns of all stripes by status, such as OK or DROPOUT.
         stage_ms: processing time by stage [ms].
         coverage: fraction of known cells, 0 ... 1; of a processed scan, cells that are UNSCANNED, OCCLUDED or SELF are
             left out.
-        health: health of this scan.
+        health: health of the grid.
         health_reasons: reasons why `health` is not OK.
         metadata: text of a JSON object.
         frame_id: frame of the grid.

@@ -160,6 +160,10 @@ class RecordingWriter(TopicFile):
     def end_scan(self, *, stance_end: StanceMessage | None = None, stamp: int | None = None) -> None:
         """End the open scan and acknowledge it.
 
+        Args:
+            stance_end: stance after the scan; None if it was not read.
+            stamp: end of the scan [ns]; None = stamp of the scan.
+
         Raises:
             RecordingError: no scan is open, or the disk is full.
         """
