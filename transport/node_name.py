@@ -50,6 +50,8 @@ def claim_name(session: Session, robot: str, *, timeout: float = NAME_TIMEOUT) -
 
     Raises:
         NameTaken: after `timeout`, another node still uses the name, or waits for it and takes precedence.
+        KeyNameError: the name cannot be part of a key.
+        SessionClosed: the session is closed.
     """
     mine = uuid.uuid4().hex
     claim = AliveToken(session, claim_key(robot, mine))
@@ -85,13 +87,13 @@ def open_only_node(
     """Open a session as `open_node` does; if it cannot listen, notify the node that uses the port, and try again.
 
     Args:
-        robot: instance name; the other node reports that a node waits for this name.
+        robot: instance name; if the other node has the same name, its status reports that a node is waiting for it.
         listen, connect, uplink, security, allow_insecure: as in `open_node`.
         timeout: longest wait for the port to become free [s].
         is_stopped: returns True to end the wait.
 
     Raises:
-        ConnectionFailed: the node cannot listen until `timeout` has passed or `is_stopped` returns True, or cannot
+        ConnectionFailed: the node still cannot listen after `timeout`, or when `is_stopped` returns True; or it cannot
             connect to the router given by `connect`.
         ConfigurationError, SecurityError: as in `open_node`.
     """
@@ -140,7 +142,8 @@ class NameWatch:
             session: open session of the node.
             robot: instance name.
             run: identity of the node's own run.
-            on_change: called on Zenoh's thread when such a node appears or disappears; must not block.
+            on_change: called on Zenoh's thread when a node that uses or claims the name, also this one, appears or
+                disappears; must not block.
         """
         self._robot, self._run = robot, run
         self._claims = TokenWatcher(session, claim_key(robot), lambda _: on_change())

@@ -1,4 +1,4 @@
-"""Check of a security folder: each role tries every action, against a temporary node on this machine."""
+"""Check of a security folder: its members try every action at a temporary node or router on this machine."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class _Probe:
 
 
 def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Permission, ...]:
-    """Try every action at a temporary node, as each role and without a certificate.
+    """Try every action at a temporary node, as planner, viewer and gait, and without a certificate.
 
     The temporary node has the folder's own configuration and listens on a free port of this machine; a running node is
     not affected. Routers of this robot, and planner and node of one other robot, are tried too if the folder contains
@@ -114,7 +114,7 @@ def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Per
         robot: instance name; None = the first robot in the folder.
 
     Returns:
-        One entry per role and action.
+        One entry for each action of each role or member.
 
     Raises:
         SecurityError: a role's folder is missing, there is no such robot, or it has no planner or viewer left.

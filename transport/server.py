@@ -70,7 +70,7 @@ class PerceptionServer(Resource):
         Args:
             session: open session of the node.
             robot: instance name.
-            collect_status: returns further status items; called from the reporter's threads.
+            collect_status: returns further status items; called on several threads, and must return quickly.
             ros2_domain: ROS 2 domain to which occupancy, grid map and status (as `/diagnostics`) are bridged; None = no
                 bridge.
             name_timeout: longest wait for another node of this name to stop [s].
@@ -147,7 +147,7 @@ class PerceptionServer(Resource):
         Args:
             terrain: grid of either extent.
             occupancy: (ny, nx) int8 occupancy of the same grid; if given for extent "footprint", OccupancyGrid and
-                GridMap are published too, unless the pause of the grid is over.
+                GridMap are published too, unless another pause has begun since.
             summary: returns the encoded summary of a map, as from `encode_summary`; called on a thread of the outbox if
                 there are subscribers.
             regions: returns the steppable regions of a map; called on a background thread if there are subscribers, or

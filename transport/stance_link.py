@@ -21,8 +21,8 @@ from transport.queries.remote_clock import ClockBound, RemoteClock
 
 # Interval of queries of the gait's clock [s]. If the clock is set in between, the next reply reveals this.
 CLOCK_PERIOD = 2.0
-# Time without a reply after which a gait controller that has replied before counts as lost [s]; meanwhile,
-# it may have begun the next pause.
+# Time without a reply after which a gait controller that has replied before counts as lost [s]; it may then have begun
+# the next pause unnoticed.
 GAIT_SILENT = 4.0
 
 
@@ -134,8 +134,8 @@ class StanceReceiver(OrderedReceiver[StancePause]):
             session: open session.
             robot: instance name.
             on_pause: called with each announcement, on a background thread.
-            on_refused: called on that thread with the error when an announcement is not valid, so that the state of the
-                robot is unknown, or has an unknown phase (UnknownPhase); once for several that wait in a row.
+            on_refused: called on that thread with the error when an announcement is not valid (the state of the robot
+                is then unknown), or has an unknown phase (UnknownPhase); once for several that wait in a row.
         """
         super().__init__(session, stance_key(robot), decode_stance_pause, on_pause, on_refused)
 

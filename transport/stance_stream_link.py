@@ -80,8 +80,8 @@ class StanceStreamPublisher(Sender):
             angular_velocity: angular velocity of the body in `base_link` [rad/s]; None if not measured.
 
         Raises:
-            MessageError: a support foot is not one of the legs, the stamp is not later than the previous one, or a
-                queued sample is not valid.
+            MessageError: a support foot is not one of the legs, the stamp is not later than those of the queued
+                samples, or the batch to be sent is not valid.
             SessionClosed: the session is closed.
         """
         if unknown := set(stance.support_feet) - set(self._legs):

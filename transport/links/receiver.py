@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 class NewestReceiver(Resource, Generic[T]):
-    """Receiver of the messages on a key that keeps only the newest one.
+    """Receiver that keeps only the newest message on a key.
 
     Each accepted payload replaces the previous one. The first thread that reads a payload decodes it; with `refusal`,
     the thread that receives it does. A slow reader therefore skips superseded messages and never delays another reader.
@@ -52,7 +52,7 @@ class NewestReceiver(Resource, Generic[T]):
             session: open session.
             key: key of the messages.
             decode: decodes a payload; raises MessageError if the payload is not valid.
-            latched: True = also fetch the last message published before the subscription, and lost messages.
+            latched: True = also fetch the last message if it was published before the subscription, or lost.
             refusal: returns the reason to refuse a message, or ""; called once per valid message, on Zenoh's or the
                 fetcher's thread. Refused messages are counted, and logged at a limited rate.
 
@@ -79,7 +79,7 @@ class NewestReceiver(Resource, Generic[T]):
         self._listen(True)
 
     def _listen(self, wanted: bool) -> None:
-        """Subscribe, or unsubscribe because the fetcher gets the messages in pieces."""
+        """Subscribe if `wanted`, otherwise unsubscribe: on a slow link, or when the receiver is closed."""
         with self._listening:
             if wanted and self._raw is None and not self.is_closed:
                 self._raw = zenoh_api.declare_subscriber(self._session.raw, self.key, self._on_sample)

@@ -47,8 +47,8 @@ Configuration = Mapping[str, Any] | str
 class Session(AbstractContextManager["Session"]):
     """Open Zenoh session that owns everything declared in it; use it in a `with` block.
 
-    Made by `open_node` or `open_client`. Closing the session closes everything declared in it through this package. The
-    session is closed at the latest when the main thread ends, so that a script that fails does not hang.
+    Use `open_node` or `open_client` to open one. Closing the session closes everything declared in it through this
+    package. The session is closed at the latest when the main thread ends, so that a script that fails does not hang.
 
     Attributes:
         endpoints: addresses at which the session listens or to which it connects.
@@ -177,7 +177,7 @@ def open_node(
         connect: endpoint of an external router; the node then does not listen.
         uplink: endpoint of another router, to which a listening node also connects: in the background, and again after
             each loss of the link. A message crosses the uplink at most once, however many readers are behind it.
-        security: folder made by `guara security init`, or its subfolder `node`.
+        security: folder of the robot made by `guara security init`, or its subfolder `node`.
         allow_insecure: True = `listen` and `uplink` may reach beyond this machine without security.
         shared_memory: True = Zenoh passes large payloads through /dev/shm between processes of one machine. This saves
             a millisecond per grid, but a client keeps 17 MB and 2 descriptors of every node that dies.

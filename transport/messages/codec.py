@@ -30,7 +30,7 @@ def encode(message: Any) -> bytearray:
         message: instance of a class from `message_class`. Its arrays must be flat and have the dtype of the field.
 
     Returns:
-        The payload as a contiguous object that Zenoh and MCAP accept without a copy, which would take longer than the
+        The payload. If possible, it is the buffer of the serialiser itself, because a copy would take longer than the
         encoding.
 
     Raises:
@@ -60,7 +60,7 @@ def decode(payload: bytes | bytearray | memoryview, type_name: str) -> Any:
 
     Raises:
         MessageError: the type is unknown; the payload is too long, truncated, has more than 3 trailing bytes or does
-            not fit the type; or a field is outside its range in `transport.messages.typestore`.
+            not fit the type; or, if `check_ranges` checks the type, a field is outside its range.
     """
     message_class(type_name)
     if len(payload) > MAXIMUM_PAYLOAD:

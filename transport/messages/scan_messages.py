@@ -86,7 +86,7 @@ class Refusal:
     """Refusal of a scan request or query.
 
     Attributes:
-        id: id of the request; empty if it could not be read.
+        id: id of the scan request; empty if it could not be read, and for queries.
         code: short name of the cause, such as "busy", "bad_request", "not_stationary" or "no_terrain".
         message: description of the cause.
     """

@@ -95,8 +95,8 @@ def grid_map_message(
         stamp: time [ns since the epoch].
 
     Raises:
-        MessageError: the shapes differ or are empty, layer "elevation" is missing, or the geometry or the stamp is not
-            valid.
+        MessageError: the layers do not have a common, non-empty shape (ny, nx), "elevation" is missing, or the geometry
+            or the stamp is not valid.
     """
     edge, x, y = _geometry(resolution, origin)
     shapes = {np.shape(array) for array in layers.values()}
@@ -134,8 +134,8 @@ def point_cloud_message(fields: Mapping[str, Array], frame_id: str, stamp: int) 
         stamp: time [ns since the epoch].
 
     Raises:
-        MessageError: x, y or z is missing, lengths differ, a dtype is not in DATATYPES, a coordinate is not finite, or
-            the stamp is not valid.
+        MessageError: x, y or z is missing, the fields do not have a common shape (n,), a dtype is not in DATATYPES, a
+            coordinate is not finite, or the stamp is not valid.
     """
     missing = [name for name in ("x", "y", "z") if name not in fields]
     if missing:

@@ -11,7 +11,7 @@ from transport.messages.codec import decode, encode, from_ros, make_header, to_r
 from transport.messages.terrain_message import Health
 from transport.messages.typestore import SENTENCE, STATUS, WORD, message_class
 
-# Name of the item that the transport itself adds; its values include `step`, the number of the stance pause.
+# Name of the item about the transport itself; its values include `step`, the number of the stance pause.
 STATUS_NAME = "transport"
 ITEM = "diagnostic_msgs/msg/DiagnosticStatus"
 
@@ -35,7 +35,7 @@ class StatusItem:
     values: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Convert the values to read-only texts, and truncate texts that are too long for the message."""
+        """Convert the values to a read-only mapping of strings, and truncate strings that exceed their limits."""
         for name, allowed in (("name", WORD), ("message", SENTENCE), ("hardware_id", WORD)):
             object.__setattr__(self, name, allowed.cut(getattr(self, name)))
         values = {WORD.cut(str(key)): SENTENCE.cut(str(value)) for key, value in self.values.items()}

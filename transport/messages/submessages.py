@@ -194,7 +194,7 @@ class GroundPatch:
     """Ground declared safe by the gait controller.
 
     Attributes:
-        outline: (n, 2) float64 corners, at least 3, not closed, read-only [m].
+        outline: (n, 2) float64 corners, 3 to 64, not closed, read-only [m].
         height: z of the ground in the frame of the message that contains the patch [m].
         sigma: standard deviation of the height [m].
     """

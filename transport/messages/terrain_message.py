@@ -128,7 +128,7 @@ class TerrainMessage:
         resolution: edge length of a cell [m].
         origin: (x, y) of the corner of cell (0, 0) [m].
         layers: read-only arrays of shape (ny, nx), with the dtypes of `LAYERS`; values of unknown cells are NaN, except
-            in the layers of `EMPTY`.
+            in the layers of `EMPTY` and in `ceiling`, which is an upper bound of unknown heights.
         stance: posture during the scan.
         attitude_source: source of the body's attitude: "imu", "odometry", "support_plane" or "level".
         transforms: transforms at the time of the scan.
@@ -144,7 +144,7 @@ class TerrainMessage:
         version: (major, minor) of the message.
         epoch: identity of the walk, from the metadata; may be empty.
         run: identity of the run of the sending node, from the metadata; may be empty.
-        provisional: True until the robot is known to have stood still during the pause; from the metadata.
+        provisional: True until the node confirms that the robot stood still during the scan; from the metadata.
         refinement_follows: True if a finer grid of the same pause follows; from the metadata.
         withdrawn: True if this message withdraws an earlier grid; all its cells are then unknown. From the metadata.
         scan_end_clock: end of the scan on the node's monotonic clock [s], from the metadata; may be None.

@@ -68,7 +68,7 @@ def message_files() -> dict[str, str]:
 
 @cache
 def typestore() -> Typestore:
-    """Return the rosbags type store with all message types of this package; loaded at the first call."""
+    """Return the rosbags type store of ROS 2 Jazzy, guara_msgs and grid_map_msgs; loaded at the first call."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
@@ -291,7 +291,7 @@ def _check_all(message: Any) -> None:
 
 @cache
 def ranges(type_name: str) -> Mapping[str, Range]:
-    """Return the range of each field that has one. An integer without an entry has the range of its type."""
+    """Return the range of each field that has one; by default, an integer has the range of its type."""
     own, found = EXCEPTIONS.get(type_name, {}), {}
     for name, (kind, details) in typestore().get_msgdef(type_name).fields:
         allowed = own.get(name, FIELDS.get(name))

@@ -1,4 +1,4 @@
 """Queries over Zenoh and their servers: grids, scans, status, and the clock of another process.
 
-Imports `links`, `messages` and modules of `transport` itself; used by `grids` and other modules of `transport` itself.
+Imports `links`, `messages` and top-level modules of `transport`; used by `grids` and other top-level modules.
 """

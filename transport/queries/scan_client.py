@@ -139,7 +139,10 @@ def result_of(done: ScanReply, before: int) -> Callable[[Received[TerrainMessage
 
 
 def _has_gone(is_alive: Callable[[], bool]) -> bool:
-    """Test whether the node has died; the client may see the end of its replies before its token disappears."""
+    """Wait up to `GONE_WITHIN` until the node is no longer alive; return True if that happens.
+
+    The client may see the end of the node's replies before the node's token disappears.
+    """
     deadline = time.monotonic() + GONE_WITHIN
     while is_alive():
         if time.monotonic() > deadline:
@@ -152,7 +155,7 @@ def _read_refusal(payload: bytes) -> Refusal:
     try:
         return decode_refusal(payload)
     except MessageError:
-        # Zenoh itself replies with plain text, for example if a queryable raised an exception.
+        # An error reply of Zenoh itself is plain text.
         return Refusal(id="", code="failed", message=payload[:200].decode("utf-8", "replace"))
 
 

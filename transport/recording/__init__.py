@@ -1,6 +1,7 @@
 """Recordings of scans, grids and calibration in MCAP files: writing, reading, and recovery of damaged files.
 
-Imports the messages; used by the programs that write, show and replay recordings.
+Of the rest of the package, imports only messages, exceptions, keys and array types; used by the programs that write,
+show and replay recordings.
 """
 
 from __future__ import annotations

@@ -71,7 +71,7 @@ class GrowingFile:
         """Flush the file to the disk.
 
         Raises:
-            OSError: the disk failed or is gone.
+            OSError: the data cannot be written to the disk.
         """
         os.fsync(self._descriptor)
 

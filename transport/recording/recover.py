@@ -25,7 +25,8 @@ class Recovery:
     Attributes:
         messages: number of recovered messages.
         attachments: number of recovered attachments.
-        damaged_chunks: number of complete chunks that were left out because their content is damaged.
+        damaged_chunks: number of complete chunks that were left out because their content is damaged or exceeds the
+            limits of `Unpacker`.
         bytes_lost: number of bytes after the last readable record; 0 if all records could be read.
         was_whole: True if all data were present and undamaged; the index at the end of the file is not checked.
     """

@@ -1,4 +1,4 @@
 """Certificates of a private authority, and security folders and access rules based on them.
 
-Imported by the sessions, by `node_name`, and by programs that make, check and renew such folders.
+Imported by `links.session`, `node_name`, `security_check`, and programs that make, check and renew such folders.
 """

@@ -33,8 +33,8 @@ QUERYING = (*SUBSCRIBING, "query")
 SERVING = ("put", "reply", "declare_queryable", "liveliness_token")
 FLEET_KEYS = (FLEET_STATUS, FLEET_ALIVE)
 
-# Rules of each role of a robot. A router that reads from a node must not announce stances, and may request scans only
-# if explicitly permitted, because its certificate stands for all clients behind it.
+# Rules of planner, viewer and gait. A router that reads from a node must not announce stances, and may request scans
+# only if explicitly permitted, because its certificate stands for all clients behind it.
 READING = ("read", "history", "send", "ask")
 POLICIES = {"planner": (*READING, "trigger"), "viewer": READING, "gait": ("stance_in", "stance_out")}
 THIN = ("thin_read", "thin_ask", "thin_send")
@@ -131,8 +131,8 @@ def router_access_control(
 
     Planner, viewer and gait of each robot have the same rights as at their node, and none for other robots. Each node
     publishes under `<robot>/perception/v1` of its own robot, and receives the robot's stance pauses. A router below
-    publishes for its robots, and nothing else. A router above reads and, if permitted, requests scans. No link between
-    routers transfers stance pauses.
+    publishes for its robots and looks for their nodes, and nothing else. A router above reads and, if permitted,
+    requests scans. No link between routers transfers stance pauses.
 
     Args:
         robots: common names of the members, by robot (instance name) and role.

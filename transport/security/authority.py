@@ -90,7 +90,7 @@ def read_certificate(path: Path, take: Callable[[Any], T]) -> T:
 
 
 def make_authority(common_name: str) -> Credentials:
-    """Make a self-signed P-256 CA that may sign only end certificates and revocation lists."""
+    """Make a self-signed P-256 CA that may sign only end-entity certificates and revocation lists."""
     from cryptography import x509
 
     others = ("digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_agreement")

@@ -63,7 +63,7 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
         certificate that expires within `WARNING_DAYS` or for access rules of another version; otherwise OK.
 
     Raises:
-        SecurityError: there is no certificate, or a file cannot be read.
+        SecurityError: there is no certificate, a file cannot be read, or a node's configuration has no access rules.
     """
     root = Path(folder)
     left = {str(path.relative_to(root)): days_left(path) for path in _files(root, "pem")}
@@ -112,15 +112,16 @@ def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
 
     Args:
         folder: folder made by `init_security`.
-        names: roles or members; with several robots `<robot>.<role>`; routers as `<name>.router`. Empty = all that are
-            not revoked.
+        names: names of members, as in `Members.find`, such as `planner` or, with several robots, `<robot>.planner`.
+            Empty = all that are not revoked.
 
     Returns:
         Names of the renewed members.
 
     Raises:
-        SecurityError: a member does not exist or was revoked, the folder lacks its CA, or a file cannot be read or
-            changed.
+        SecurityError: a member does not exist or was revoked, the folder lacks its CA, a file cannot be read, or a
+            configuration cannot be changed.
+        OSError: a key or certificate cannot be written.
     """
     authority, members = open_authority(folder), open_members(folder)
     gone = members.shut_out

@@ -101,7 +101,7 @@ def init_security(
 
     Raises:
         SecurityError: the folder exists and is not empty, or cannot be written; no robot is given, or one is given
-            twice; a name is too long or reserved; or the number of hosts differs from that of the robots.
+            twice; a name is too long or reserved; or there are several robots and hosts, but not one host per robot.
         KeyNameError: a name cannot be part of a key.
         ConfigurationError: `listen` is not a TLS endpoint.
     """
@@ -196,7 +196,7 @@ def role_folder(folder: str | Path, role: str) -> Path:
 
 
 def _configuration_text(folder: Path) -> str:
-    """Read a role's Zenoh configuration; ValueError if its size or nesting could crash Zenoh's parser."""
+    """Read a role's Zenoh configuration; ValueError if it is too large or too deeply nested."""
     with (folder / CONFIGURATION).open("rb") as file:
         content = file.read(LARGEST_CONFIGURATION + 1)
     if len(content) > LARGEST_CONFIGURATION:
@@ -224,7 +224,7 @@ def load_configuration(
         folder: folder of a role.
         listen: endpoints that replace the configured ones; empty = no change.
         connect: endpoint that replaces the configured ones; a node becomes a client of the router there.
-        uplink: endpoint of a further router to which a node connects, with reconnection.
+        uplink: endpoint of another router, to which a node connects, again after each loss of the link.
         shared_memory: True = Zenoh passes large payloads through /dev/shm between processes of one machine.
         local: True = use the files in this folder, whatever paths are configured, and connect only to `connect` and
             `uplink`.

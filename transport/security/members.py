@@ -159,8 +159,8 @@ class Members:
             The folders whose rules changed and which must be copied to their machines again.
 
         Raises:
-            SecurityError: a configuration cannot be read or does not have the form that `guara security` writes, or a
-                file cannot be written.
+            SecurityError: a certificate or configuration cannot be read, a configuration does not have the form that
+                `guara security` writes, or a file cannot be written.
         """
         rules = {own.folder / "node": self._rules_of_node(robot) for robot, own in self.robots.items()}
         rules |= {self.root / name: self.rules_of_router(name) for name in self.routers}
@@ -220,7 +220,7 @@ def open_members(folder: str | Path) -> Members:
 
 
 def take_in(folder: Path, write: Callable[[Path], None], larger: Callable[[], Members]) -> Path:
-    """Create the folder of a new member with `write`, then save the members returned by `larger`.
+    """Create the folder of a new member or robot with `write`, then save the members returned by `larger`.
 
     If saving fails, the folder is removed.
 

@@ -62,7 +62,7 @@ def make_router(
 
     Raises:
         SecurityError: a name is taken, too long, reserved or unknown, no robot is given, the router above does not
-            serve a robot, `summary_only` is set without an uplink, or the folder lacks its CA.
+            serve all of the robots, `summary_only` is set without an uplink, or the folder lacks its CA.
         KeyNameError: a name cannot be part of a key.
         ConfigurationError: `listen` is not a TLS endpoint.
     """

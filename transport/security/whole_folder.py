@@ -1,4 +1,4 @@
-"""Atomic creation of folders, and creation of files that only their owner can read."""
+"""Atomic creation of folders, and creation of files, which may be private to their owner."""
 
 from __future__ import annotations
 
