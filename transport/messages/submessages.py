@@ -135,8 +135,7 @@ class TransformMessage:
         source_frame: name of the source frame, such as `base_link`.
         destination_frame: name of the destination frame, such as `base_footprint`.
         matrix: (4, 4) float64 matrix of a rotation and a translation [m], read-only.
-        covariance: (6, 6) float64 covariance in the order x, y, z, roll, pitch, yaw [m, rad], read-only; None if
-            unknown.
+        covariance: (6, 6) float64 covariance of x, y, z [m], roll, pitch and yaw [rad], read-only; None if unknown.
     """
 
     source_frame: str

@@ -131,8 +131,8 @@ def router_access_control(
 
     Planner, viewer and gait of each robot have the same rights as at their node, and none for other robots. Each node
     publishes under `<robot>/perception/v1` of its own robot, and receives the robot's stance pauses. A router below
-    publishes for its robots and looks for their nodes, and nothing else. A router above reads and, if permitted,
-    requests scans. No link between routers transfers stance pauses.
+    may only publish for its robots and look for their nodes. A router above reads and, if permitted, requests scans. No
+    link between routers transfers stance pauses.
 
     Args:
         robots: common names of the members, by robot (instance name) and role.

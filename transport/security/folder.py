@@ -36,7 +36,7 @@ DEFAULT_LISTEN = "tls/0.0.0.0:7447"
 LARGEST_CONFIGURATION = 1024 * 1024
 DEEPEST_CONFIGURATION = 32
 
-# Longest name of a robot or member [characters]: a common name is two names and a dot, and at most 64 characters long.
+# Longest name of a robot or router [characters]: a common name is two names and a dot, and at most 64 characters long.
 LONGEST_NAME = 31
 # Names that a robot cannot have, because other folders in a security folder have them.
 RESERVED = (*ROLES, "ca")
