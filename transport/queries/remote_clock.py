@@ -78,7 +78,7 @@ class RemoteClock(Resource):
         self._wake.set()
 
     def wait(self, timeout: float) -> None:
-        """Wait up to `timeout` [s] until a query has ended after the last call of `wake`."""
+        """Wait up to `timeout` [s] for a query to end after the last call of `wake`."""
         self._tried.wait(max(0.0, timeout))
 
     def ask(self, timeout: float = ANSWER_TIMEOUT) -> bool:

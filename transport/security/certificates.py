@@ -194,8 +194,8 @@ def add(folder: str | Path, name: str, role: str) -> Path:
         again.
 
     Raises:
-        SecurityError: the name is too long, taken or was revoked, the robot or role is unknown, the role is `node`, or
-            the folder lacks its CA.
+        SecurityError: the name is too long, reserved, taken or was revoked, the robot or role is unknown, the role is
+            `node`, or the folder lacks its CA.
         KeyNameError: the name cannot be part of a key.
     """
     authority, members = open_authority(folder), open_members(folder)
