@@ -21,8 +21,8 @@ _Device = TypeVar("_Device")
 FORMAT = "guara-devices/1"
 # Largest size of a devices file [byte]; it normally has a dozen lines.
 LARGEST_BYTES = 64 * 1024
-# Numeric keys of [camera] with their limits. All but the first two are settings, which are locked when the camera is
-# opened and read back.
+# Numeric keys of [camera] with their limits. All but the first two are settings: when the camera is opened, it is
+# locked to them, and they are read back.
 NUMBERS = {
     "fps": (0.1, 10_000.0),
     "lag": (0.0, 2.0),
@@ -35,7 +35,7 @@ UNITS = dict.fromkeys(("lag", "exposure"), " s (8 ms are 0.008)")
 LINES = ("trigger", "exposure_output", "pixel_format")
 # Prefixes of a camera's source that select a driver other than OpenCV.
 ARAVIS, V4L2 = "aravis", "v4l2"
-# Frames with the laser off: one for the scan, one per stripe (in changing light), or none.
+# Frames with the laser off: one before the first stripe, one per stripe (in changing light), or none.
 OFF_FRAMES = ("one", "per stripe", "none")
 # [s] Default exposure of a triggered camera; the laser is on for the same time.
 TRIGGERED_EXPOSURE_S = 0.004
@@ -59,11 +59,11 @@ class Devices:
         lag: measured `drivers.Camera.lag` [s], or None.
         settings: exposure [s], gain, white_balance [K] and gamma, as far as given; the camera is locked to them when it
             is opened, and they are read back.
-        board: vendor_id, product_id and serial of the laser board, by default those of the protocol; or source, the
-            "package.module:Class" of a `drivers.Board`.
+        board: vendor_id and product_id of the laser board (default: those of the protocol), and serial, needed only
+            for several boards; or source, the "package.module:Class" of a `drivers.Board`.
         trigger: camera line wired to the board's TRIGGER, for sweeps run by the board; None = a free-running camera.
-        exposure_output: camera line that is active during an exposure, or None.
-        pixel_format: pixel format to request; None = the camera's best.
+        exposure_output: line of an "aravis" camera that is active during an exposure, or None.
+        pixel_format: pixel format to request from an "aravis" or "v4l2" camera; None = chosen by the driver.
         off_frames: laser-off frames of a scan, one of OFF_FRAMES.
         identity: `drivers.Camera.identity`, compared when the camera is opened; empty if unknown.
         folder: folder of devices.toml, also searched for user-defined classes; None without a file.
@@ -89,8 +89,8 @@ class Devices:
             free: create a free-running camera even if `trigger` is given, for images outside a sweep.
 
         Raises:
-            InvalidInput: "package.module:Class" cannot be imported or is not a `drivers.Camera`, the driver rejects a
-                value, or a trigger is given for a camera without trigger input.
+            InvalidInput: "package.module:Class" cannot be imported or created or is not a `drivers.Camera`, the driver
+                rejects a value, or a trigger is given for a camera without trigger input.
         """
         from drivers import AravisCamera, Camera, OpenCvCamera, V4l2Camera
 
@@ -146,7 +146,7 @@ class Devices:
         """Create the laser board without opening it.
 
         Raises:
-            InvalidInput: the user-defined class cannot be imported or is not a `drivers.Board`.
+            InvalidInput: the user-defined class cannot be imported or created, or is not a `drivers.Board`.
         """
         from drivers import Board, BoardConfig, LaserBoard
 
@@ -167,7 +167,8 @@ def devices_of(
 
     Args:
         path: devices.toml, or None.
-        camera: as `Devices.source`; None or empty = unchanged.
+        camera: as `Devices.source`; None = unchanged. Any value removes the identity, which belongs to the camera in
+            the file.
         trigger, fps, off_frames: as in `Devices`; None = unchanged.
 
     Raises:
@@ -175,7 +176,6 @@ def devices_of(
     """
     known = Devices() if path is None else load_devices(path)
     if camera is not None:
-        # The identity in the file belongs to another camera.
         known = replace(known, identity="")
     given: dict[str, Any] = {"source": camera, "trigger": trigger, "fps": fps, "off_frames": off_frames}
     return replace(known, **{name: value for name, value in given.items() if value})
@@ -186,7 +186,7 @@ def load_devices(path: str | Path) -> Devices:
 
     Raises:
         MissingFile: the file does not exist.
-        FileFormatError: a key is unknown or a value invalid; the message names it and what is allowed.
+        FileFormatError: the file is not valid TOML, a key is unknown or missing, or a value is invalid.
     """
     path = existing_file(path, "; `guara record` writes one")
     data = read_toml(path, LARGEST_BYTES)

@@ -32,7 +32,7 @@ CHECKS = ("usb", "board", "camera", "cameras", "zenoh", "calibration", "drift", 
 # Age above which a calibration is doubtful, since a mount may have been knocked [days]. The paper's rig was calibrated
 # before each session.
 CALIBRATION_AGE_DAYS = 30
-# [byte] Free disk space required: a recorded standard scan takes about 60 MB, and ten of them must fit.
+# [byte] Free disk space required, enough for ten recorded standard scans with frames of 640 x 512 px.
 DISK_BYTES = 1_000_000_000
 NO_FLOOR = (
     "scan again with more floor in view; if flat, empty floor fills the view, the calibration belongs to another "
@@ -48,7 +48,7 @@ class Finding:
 
     Attributes:
         level: "ok", "skip" (not checked), "warn" or "FAIL".
-        message: what was found and, where something can be done, what to do.
+        message: what was found, and a remedy if there is one.
     """
 
     level: str
@@ -123,7 +123,10 @@ def check_board(devices: Devices) -> Finding:
 
 
 def check_camera(devices: Devices) -> Finding:
-    """Check that the camera opens, keeps its settings and delivers a frame; report how its frames are verified."""
+    """Check that the camera is that of devices.toml, keeps its settings and delivers frames of the right size.
+
+    The message also says how its frames are verified.
+    """
     held = ""
     triggered = devices.camera()
     with devices.camera(free=True) as camera:
@@ -134,7 +137,7 @@ def check_camera(devices: Devices) -> Finding:
         check_identity(camera.identity, devices.identity, "what is connected")
         named = f" ({camera.identity})" if camera.identity else ""
     if triggered.triggered:
-        # Opening fails if the camera has no trigger line.
+        # Opening fails if the camera does not have this trigger line.
         triggered.open()
         triggered.close()
     height, width = frame.image.shape[:2]

@@ -23,7 +23,7 @@ class FoundCamera:
         source: value for --camera and devices.toml.
         description: name or model, and connection.
         evidence: how the frames of the camera are verified, or the error if the camera cannot be opened.
-        lines: lines on which the camera can be triggered, for --trigger; empty if it cannot be triggered.
+        lines: lines on which the camera can be triggered, for --trigger; empty if none, or if it cannot be opened.
     """
 
     source: str

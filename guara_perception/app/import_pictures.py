@@ -103,8 +103,8 @@ def read_joints(path: Path, robot: RobotModel) -> Stance:
 
     Raises:
         MissingFile: the file does not exist.
-        FileFormatError: a line is invalid, an angle is too large for radians, or a joint is missing or
-            unknown.
+        FileFormatError: the file is not CSV, a line is invalid, an angle is too large for radians, or a joint is
+            missing or unknown.
     """
     if not path.is_file():
         raise MissingFile(f"{path}: no such file")

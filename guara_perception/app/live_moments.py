@@ -44,7 +44,7 @@ ROUTER_TIMEOUT_S = 2.0
 class LiveMoments(AbstractContextManager["LiveMoments"]):
     """Receiver of grids, points and camera images of one robot. It shows each pause with the data received so far.
 
-    Messages with equal stamps belong together. Once maps arrive, a scan is shown together with its map, in odom.
+    Messages with equal stamps belong together. After the first map, a scan is shown only once its map has arrived.
     """
 
     def __init__(

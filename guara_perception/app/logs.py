@@ -48,7 +48,7 @@ class JournalFormatter(logging.Formatter):
 class RateLimit(logging.Filter):
     """Filter that passes at most MOST records of one message within WITHIN_S.
 
-    The next record that passes reports how many were dropped.
+    The next record of that message that passes reports how many were dropped.
     """
 
     def __init__(self) -> None:

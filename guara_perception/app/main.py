@@ -57,7 +57,7 @@ ALIASES = {
     "acceptance": "robot",
     "service": "robot",
 }
-# Earlier commands that are still accepted, and the options that replace them.
+# Earlier commands that are still accepted, and the words that replace them.
 EARLIER = {"cameras": ["doctor", "--cameras"], "fleet": ["listen", "--all"]}
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
 # Variables set before numpy and OpenCV are loaded. Matrices are small, so linear algebra threads would only spin, which
@@ -175,7 +175,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except click.ClickException as error:
         return _say(_with_help(error), EXIT_BAD_INPUT)
     except BrokenPipeError:
-        # The reader has closed the pipe (`guara listen | head -1`). Python would report this once more at exit.
+        # The reader has closed the pipe (`guara listen | head -1`). Python would report this again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_FAILED
     except Exception as error:

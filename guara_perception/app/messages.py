@@ -64,7 +64,7 @@ def terrain_to_message(
         scan_start=start,
         scan_end=max(start, terrain.stamp if scan_end is None else scan_end),
         valid_for=valid_for if seconds is None else min(float(seconds), valid_for),
-        # base_footprint, the frame of a scan's grid, is valid for its pause only.
+        # A scan's grid is not moved to base_footprint of later pauses, so it is valid for its pause only.
         valid_pauses=0 if terrain.extent == "footprint" else 255 if pauses is None else pauses,
         mode=record.mode or "standard",
         method=record.method or "",
@@ -169,7 +169,7 @@ def add_samples(track: BodyTrack, robot: RobotModel, batch: StanceStream, begin:
     Samples that are not later than the newest sample of the track are dropped.
 
     Raises:
-        kinematics.KinematicsError: the batch lacks a joint of the robot.
+        kinematics.KinematicsError: the batch lacks a joint of the robot, or a position is not finite.
     """
     stamps, names = batch.stamps, list(batch.joint_names)
     times = (stamps - begin) * 1e-9

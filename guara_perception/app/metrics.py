@@ -40,8 +40,8 @@ WORDS = {"true": 1.0, "false": 0.0}
 class StatusCollector(Collector):
     """Collector that converts the status items to metrics at each request.
 
-    `guara_status_level{item}` is the level of an item (0 ok, 1 warning, 2 error); `guara_<item>_<value>` is a value of
-    an item, if it is a number, true (1) or false (0).
+    `guara_status_level{robot,item}` is the level of an item (0 ok, 1 warning, 2 error); `guara_<item>_<value>{robot}`
+    is a value of an item, if it is a number, true (1) or false (0).
     """
 
     def __init__(self, robot: str, items: Callable[[], list[StatusItem]]) -> None:

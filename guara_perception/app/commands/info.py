@@ -10,7 +10,7 @@ import click
 
 from guara_perception.app.options import FILE
 
-# Longest list that is printed in full, since a walk has hundreds of scans; --json always prints all entries.
+# Length above which a list is abbreviated, since a walk can have hundreds of scans; --json prints all entries.
 LONGEST_LIST = 8
 
 

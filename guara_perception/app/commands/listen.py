@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 # [s] Longest wait for the connection.
 CONNECTING_SECONDS = 5.0
-# [s] Default time to wait for the answers of the robots, with --all.
+# [s] Default of --timeout with --all: time to wait for the answers to each query.
 ANSWER_SECONDS = 2.0
 COLUMNS = ("robot", "step", "age", "health", "links")
 
@@ -45,7 +45,7 @@ COLUMNS = ("robot", "step", "age", "health", "links")
     help="fail if no grid arrives for this many seconds; with --all: time to wait for answers",
 )
 @click.option("--all", "lists_robots", is_flag=True, help="instead, list the running robots once")
-@click.option("--json", "as_json", is_flag=True, help="print one JSON object per grid instead, or one list of robots")
+@click.option("--json", "as_json", is_flag=True, help="print a JSON object per grid instead; with --all: a JSON list")
 def command(
     endpoint: str | None,
     names: tuple[str, ...],
@@ -97,7 +97,7 @@ def command(
 def list_robots(
     endpoint: str | None, names: tuple[str, ...], security: Path | None, timeout: float, as_json: bool
 ) -> None:
-    """Print the running robots and their messages as a table, or as a JSON list."""
+    """Print the running robots as a table followed by the messages of their status, or as a JSON list."""
     from transport import open_client
     from transport.fleet import robot_states
 

@@ -40,7 +40,8 @@ def command(
 ) -> None:
     """Compute the terrain grid of a recorded SCAN (folder or .mcap).
 
-    With several methods, separated by commas, the first grid is written to OUT.npz, the others to OUT-METHOD.npz.
+    With several methods, separated by commas, the first grid is written to OUT.npz, the others to OUT-METHOD.npz, and
+    the pictures of each method to a folder of its name in FIGURES.
 
     \b
     Example:

@@ -15,7 +15,8 @@ from guara_perception.exceptions import InvalidInput
 
 # Length of the ruler of `guara targets` if it is printed to scale [mm].
 RULER_MM = 150.0
-# Options of each part of the plan. With --redo, a part keeps its earlier values unless one of its options is given.
+# Options of each part of the plan. With --redo, a part keeps its earlier values unless one of its options is given;
+# then options that are not given have their defaults again.
 OPTIONS_OF = {
     "board": {"board", "pattern", "square", "printed_150"},
     "crosses": {"crosses", "printed_150"},
@@ -66,8 +67,9 @@ def command(
     """Record a calibration SESSION (exposure, board, floor, crosses, plates, in this order), and calibrate from it.
 
     A page in the browser shows the camera image and what to do. Run the same command again to continue an interrupted
-    session. With --redo, options that are not given keep their earlier values. The other commands use the resulting
-    SESSION/calibration.json and SESSION/devices.toml.
+    session. With --redo, the options of board, crosses, plates and stance keep their earlier values; if one option of a
+    part is given, give all of that part. The results are SESSION/calibration.json and SESSION/devices.toml, for -c and
+    --devices of other commands.
 
     \b
     Example:

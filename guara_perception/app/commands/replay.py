@@ -20,7 +20,7 @@ from guara_perception.scan import Scan
 @click.option("--extent", default="footprint,map", help="grids to save or publish: footprint, map or both")
 @click.option("-o", "--out", type=FILE, help="folder for a grid file of each pause and extent")
 @click.option("--publish", is_flag=True, help="publish over Zenoh like a node, with the current time as stamp")
-@click.option("--interval", type=click.FloatRange(0, 3600), default=1.0, help="seconds between two published scans")
+@click.option("--interval", type=click.FloatRange(0, 3600), default=1.0, help="wait between published scans [s]")
 @click.option("--listen", help="endpoint for clients; default: that of the security folder, or tcp/127.0.0.1:7447")
 @click.option("--connect", help="use an external Zenoh router instead of being one")
 @click.option("--security", type=FILE, help="folder made by `guara security init`")

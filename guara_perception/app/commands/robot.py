@@ -30,12 +30,16 @@ command.add_command(service.command)
 @click.argument("urdf", type=FILE)
 @click.option("-o", "--out", type=FILE, required=True, help="folder to create")
 @click.option("--name", help="name of the robot; default: that of the folder")
-@click.option("--height", type=click.FloatRange(0.02, 5.0), help="height of the hips above the soles in a scan [m]")
+@click.option(
+    "--height",
+    type=click.FloatRange(0.02, 5.0),
+    help="height of the hips above the soles in a scan [m]; default: chosen",
+)
 def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
     """Create a robot folder (robot.toml, URDF, SRDF, README) from a URDF.
 
     Legs, feet, soles, postures, camera and laser mounts, scan pattern and limits are proposed, each with its reason.
-    Values that were not measured are listed in the table [assumed] of robot.toml.
+    The table [assumed] of robot.toml lists the values to be measured before the robot walks.
 
     \b
     Example:

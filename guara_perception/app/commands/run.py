@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 from guara_perception.exceptions import FileFormatError, InvalidInput
 
-# Frames as JPEG of this quality take a ninth of the disk space, and shift stripes by 0.035 px rms (640 x 512 px,
-# simulated).
+# Frames as JPEG of this quality take a ninth of the disk space of lossless frames, and shift stripes by 0.035 px rms
+# (640 x 512 px, simulated).
 JPEG_QUALITY = 90
 
 
@@ -47,7 +47,9 @@ JPEG_QUALITY = 90
     default="wave",
     help="with --simulated: external = your own gait moves the robot by the stance pauses that it announces",
 )
-@click.option("--world", default="demo", help="with --simulated: demo, sunlit, or a world file (terrain and light)")
+@click.option(
+    "--world", default="demo", help="with --simulated: demo, sunlit, stones, or a world file (terrain, light)"
+)
 @click.option(
     "--record",
     type=FILE,
@@ -81,7 +83,7 @@ JPEG_QUALITY = 90
     type=click.Choice(["adaptive", "standard", "coarse"]),
     default="adaptive",
     hidden=True,
-    help="standard: every stripe; coarse: every n-th (robot.toml); adaptive: coarse, then the others near obstacles",
+    help="standard: every stripe; coarse: every n-th (robot.toml); adaptive: coarse; with obstacles, then the others",
 )
 @click.option(
     "--jpeg",

@@ -79,6 +79,8 @@ def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
 def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> None:
     """Create certificate and configuration of a Zenoh router (`zenohd`) that serves one or more robots.
 
+    Robots that FOLDER does not have yet are added, and FOLDER is created if needed.
+
     \b
     Example:
       guara security router site --robot rex --robot ada --host site.local
@@ -104,7 +106,7 @@ def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> 
 def check(context: click.Context, folder: Path, robot: str | None) -> None:
     """Start each node and router temporarily on this machine, connect in each role, and print the rights of the role.
 
-    Running nodes are not affected. Exits with 1 if the rights differ from the rules.
+    Running nodes are not affected. Exit 1 if any rights differ from the rules.
 
     \b
     Example:
@@ -133,7 +135,7 @@ def check(context: click.Context, folder: Path, robot: str | None) -> None:
 @click.argument("folder", type=FILE)
 @click.argument("names", nargs=-1)
 def renew(folder: Path, names: tuple[str, ...]) -> None:
-    """Renew keys and certificates of all members of FOLDER, or only of NAMES, with the same CA.
+    """Renew keys and certificates of all members of FOLDER that are not revoked, or only of NAMES, with the same CA.
 
     \b
     Example:
@@ -157,8 +159,8 @@ def renew(folder: Path, names: tuple[str, ...]) -> None:
 def add(folder: Path, name: str, role: str) -> None:
     """Add the member NAME with the rights of a role, such as a second planner.
 
-    In a folder with several robots, NAME has the form ROBOT.NAME. The role `fleet` does not belong to a robot. Through
-    the routers, its members see which robots are running, and their status.
+    In a folder with several robots, NAME has the form ROBOT.NAME. The role `fleet` does not belong to a robot: its
+    members connect to the routers, and see which robots are running and their status.
 
     \b
     Example:

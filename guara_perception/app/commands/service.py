@@ -71,7 +71,7 @@ def install(node: Path, name: str, user: str, units: Path, force: bool) -> None:
     if not node.is_file():
         raise MissingFile(f"{node}: no such file; the service reads its options there (docs/operations.md)")
     if path.exists() and path.read_text(encoding="utf-8") != text and not force:
-        raise InvalidInput(f"{path} is another unit; give --force to replace it, or another --name")
+        raise InvalidInput(f"{path} exists and differs; give --force to replace it, or another --name")
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
         temporary.chmod(0o644)

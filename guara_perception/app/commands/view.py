@@ -91,7 +91,7 @@ def show_in_rerun(file: Path | None, rerun: bool, save: Path | None) -> None:
     """Open a recording in Rerun, or write a file for Rerun.
 
     Raises:
-        InvalidInput: `save` without `rerun`, or no recording.
+        InvalidInput: `save` is given without `rerun`, or `file` is None.
         Exception: as in `open_in_rerun` and `save_rerun_scene`.
     """
     from guara_perception.app.scene.rerun_scene import open_in_rerun, save_rerun_scene

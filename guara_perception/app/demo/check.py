@@ -13,7 +13,7 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.questions.path import PathVerdict
 
-# Smallest number of hind footholds on scanned ground in a walk of at least WHOLE_WALK_PAUSES pauses. Hind feet reach
+# Required number of hind footholds on scanned ground in a walk of at least WHOLE_WALK_PAUSES pauses. Hind feet reach
 # scanned ground after 0.73 m.
 HIND_FOOTHOLDS_WANTED = 8
 WHOLE_WALK_PAUSES = 41
@@ -27,8 +27,8 @@ class CheckedFoothold:
         step: step of the pause at which the foothold was chosen.
         leg: name of the leg that steps there.
         is_hind: True for a hind leg.
-        is_scanned: True if a scan observed the cell; False if it is unknown or known only from gait or foot contacts.
-        is_hazard: True if the cell has a hazard in the published map or is outside the map.
+        is_scanned: True if the map contains the cell and at least one scan observed it.
+        is_hazard: True if the cell has any flag in the published map or is outside the map.
         is_swing_refused: True if `check_path` rejects the swing to the foothold on the published map.
         height_error: elevation of the map minus the true height [m]; NaN where unknown.
     """
@@ -61,7 +61,7 @@ class DemoCheck:
     grids_received: int = 0
 
     def add_grids(self, world: World, pause: WalkPause, *grids: TerrainGrid) -> float:
-        """Add the grids of a pause; return the median error of the first grid [m], NaN if no cell is known."""
+        """Add the grids of a pause; return the median absolute error of the first [m], NaN if no cell is known."""
         for grid in grids:
             unknown = (np.asarray(grid.hazard) & UNKNOWN_MASK) != 0
             self.unknown_called_safe += int(np.count_nonzero(unknown & (np.asarray(grid.traversability) > 0)))

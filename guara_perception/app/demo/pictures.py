@@ -1,4 +1,4 @@
-"""Pictures of the demo: a scan, the fused map with all footholds, and an animation of the growing map."""
+"""Pictures of the demo: a scan, the last fused map with the footsteps on it, and an animation of the map."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def draw_scan(path: Path, terrain: TerrainGrid) -> None:
 
 
 def draw_map(path: Path, pauses: Sequence[DemoPause]) -> None:
-    """Draw the map of the last pause to a file, with all footsteps of the walk that are inside the map."""
+    """Draw the map of the last pause to a file, with the footsteps of the legs in `LEG_COLOURS` on it."""
     fused = pauses[-1].fused
     figure, *panels = _draw_grid(fused, ("Fused map: heights", "Fused map: hazards and footholds"), (8.2, 5.6))
     figure.colorbar(panels[0].images[0], ax=panels[0], label="height [mm]", shrink=0.6)
@@ -84,7 +84,7 @@ def draw_map(path: Path, pauses: Sequence[DemoPause]) -> None:
 
 
 def animate(path: Path, pauses: Sequence[DemoPause]) -> None:
-    """Write an animated GIF with heights and hazards of the fused map at each pause."""
+    """Write an animated GIF with heights and hazards of the fused map and the chosen foothold at each pause."""
     from PIL import Image
 
     images = [Image.fromarray(_map_image(item)).quantize(64) for item in pauses]

@@ -164,7 +164,7 @@ def sway_failures(scans: Sequence[tuple[str, SwayingScan]]) -> list[str]:
 
 
 def draw_sway(path: Path, scans: Sequence[tuple[str, SwayingScan]]) -> None:
-    """Draw height errors and hazards of scans side by side, each below its title."""
+    """Draw the scans to a file, one column each: title, height errors, hazards."""
     with styled():
         figure, axes = new_figure(2, len(scans), size=(3.1 * len(scans), 5.0), sharey=True)
         for column, (title, scan) in enumerate(scans):

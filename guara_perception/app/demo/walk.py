@@ -35,7 +35,7 @@ GRID_TIMEOUT_S = 60.0
 # [s] Announced length of a pause: the longest wait for its four grids.
 PAUSE_S = 4 * GRID_TIMEOUT_S
 FPS = 120.0
-# JPEG quality of recorded frames, which shifts stripes by about 0.02 px.
+# JPEG quality of recorded frames.
 JPEG_QUALITY = 85
 # Number of pauses that are recorded, at 6 MB each: the last two cycles. They are consecutive: after a skipped
 # cycle, odometry would see the same posture again and take the cycle for standing still.
@@ -60,7 +60,7 @@ class DemoPause:
         fused: grid of the map, received by a client.
         foothold: foothold of the next leg; None if the foot stays, the planner found none, or the walk ends here.
         answer: reply of the planner.
-        error: median height error of the scan [m].
+        error: median absolute height error of the scan [m]; NaN if no cell is known.
     """
 
     pause: WalkPause
@@ -183,7 +183,7 @@ def goal_of(world: World) -> float:
 
 
 def first_recorded(cycles: float) -> int:
-    """Number of the first recorded step of a walk."""
+    """Number of the first step to record in a walk of `cycles` gait cycles."""
     return max(0, round(cycles * PAUSES_PER_CYCLE) + 1 - RECORDED_PAUSES)
 
 

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 Extent = tuple[float, float, float, float]
 SIZE = (9.6, 6.4)
-# Colour of the hatching and text of the legend, by cause of unknown cells. Colour-blind readers can distinguish all
-# colours from grey heights.
+# Colour of the hatching and text of the legend, by cause of unknown cells. The colours are from a palette for
+# colour-blind readers; black and grey are distinguished from heights by the hatching.
 CAUSES = {
     Hazard.DROPOUT: ("#d55e00", "no return (dark or hole)"),
     Hazard.OCCLUDED: ("#56b4e9", "hidden from camera or laser"),
@@ -142,7 +142,7 @@ def _label(axes: Axes) -> None:
 def _hatch(axes: Axes, mask: Mask, extent: Extent, colour: str, label: str) -> list[Patch]:
     """Hatch the pixels of a mask (rows along x, columns along y); return a list with the legend entry.
 
-    The list is empty if the mask is.
+    The list is empty if no pixel is set.
     """
     from matplotlib.patches import Patch
 

@@ -28,7 +28,7 @@ def draw_figures(
         folder: folder to write to.
         scan: the recorded scan, whose frames are read again.
         calibration: calibration with which the scan was processed.
-        processor: processor of the scan, after all its stripes.
+        processor: processor to which all stripes of the scan were added.
         terrain: grid of the scan, with range images (`with_pictures`).
 
     Returns:

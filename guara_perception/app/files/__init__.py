@@ -1,4 +1,4 @@
-"""Readers, writers and converters of scans, sessions and range images, in folders and recordings.
+"""Readers, writers and converters of scans, sessions, recordings, grids and range images.
 
-Most of `app` imports this folder, which imports neither the commands nor the node.
+This folder imports neither the commands nor the node.
 """

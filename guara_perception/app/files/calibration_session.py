@@ -17,7 +17,7 @@ FORMAT = "guara-calibration-session/1"
 SESSION_FILE = "session.json"
 # Placeholder for the board of a session without board images; its values are not used.
 NO_BOARD = BoardSpec(3, 3, 0.03)
-# Plausible heights of a plate above the soles [m].
+# Allowed heights of a plate above the soles [m].
 PLATE_HEIGHTS = (-0.5, 0.5)
 
 
@@ -30,9 +30,10 @@ def open_session(folder: str | Path, square: float | None = None) -> Calibration
 
     Raises:
         MissingFile: the folder, its session.json, or an image or scan named there does not exist.
-        FileFormatError: a field is invalid; the message names file, field, value and what is allowed.
-        InvalidInput: `square` is out of range, a plate was scanned by another robot or in another stance, or a scan is
-            named twice.
+        FileFormatError: a JSON file is not valid, or a field is missing or invalid; the message names it.
+        InvalidInput: the board or its squares are out of range, a plate was scanned by another robot or in another
+            stance, or a scan is named twice.
+        CalibrationMismatch: the plates were scanned by several cameras.
     """
     folder = Path(folder)
     if square is not None and not SQUARES[0] <= square <= SQUARES[1]:

@@ -15,7 +15,7 @@ from guara_perception.fields import Fields
 from guara_perception.files import existing_file, read_bounded, whole_file
 
 MODEL = "plumb_bob"
-# ROS's names of fields, with the names that OpenCV's files use or used, in lower case and without underscores.
+# ROS's names of fields, with current and earlier names in OpenCV's files, in lower case and without underscores.
 OPENCV_NAMES = {
     "camera_matrix": ("cameramatrix", "k", "m"),
     "distortion_coefficients": ("distortioncoefficients", "distcoeffs", "d"),
@@ -27,7 +27,7 @@ COEFFICIENTS = 5
 
 
 def write_camera_info(camera: CameraModel, path: str | Path) -> Path:
-    """Write a YAML file for ROS's camera_calibration and camera_info_manager; return its path.
+    """Write a YAML file in the format of ROS's camera_calibration and camera_info_manager; return its path.
 
     The model is `plumb_bob` (k1, k2, p1, p2, k3, as in `CameraModel`). The rectified image has the same camera matrix.
 
@@ -59,8 +59,8 @@ def read_camera_info(path: str | Path) -> CameraModel:
 
     Raises:
         MissingFile: the file does not exist.
-        FileFormatError: the file is not YAML, a field is missing or invalid, or the lens model has coefficients other
-            than k1, k2, p1, p2, k3.
+        FileFormatError: the file is not YAML, contains several cameras, a field is missing or invalid, or the lens
+            model has coefficients other than k1, k2, p1, p2, k3.
     """
     path = existing_file(path)
     content = _read_yaml(path)

@@ -23,7 +23,7 @@ def describe_file(path: str | Path) -> dict[str, Any]:
     """Describe the contents of a file or folder as plain values; the entry "kind" is its type.
 
     Raises:
-        MissingFile: the path does not exist.
+        MissingFile: the path, or a frame named in a scan folder, does not exist.
         InvalidInput: the file or folder is of another kind, or a robot folder cannot be loaded.
         FileFormatError: the file is damaged; the message names the field.
         UnsafeGrid: a recorded grid violates the safety invariant.

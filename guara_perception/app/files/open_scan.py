@@ -20,8 +20,8 @@ def open_scan(path: str | Path, step: int | None = None, *, missing_ok: bool = F
         missing_ok: also open a folder with missing frames, whose ground stays unknown.
 
     Raises:
-        MissingFile: the path does not exist.
-        FileFormatError: the file or folder is not a valid scan; the message names file and field.
+        MissingFile: the path does not exist, or a frame is missing from the folder and `missing_ok` is False.
+        FileFormatError: the file or folder is not a valid scan.
         InvalidInput: `path` is neither a folder nor an .mcap file, or contains no scan, no scan of this step, or scans
             of several steps while `step` is None, or scans of this step in several walks.
     """
@@ -51,8 +51,8 @@ def open_scans(path: str | Path, *, missing_ok: bool = False) -> list[Scan]:
     """Open the scan of a folder or all scans of an .mcap recording, in recorded order.
 
     Raises:
-        MissingFile: the path does not exist.
-        FileFormatError: the file or folder is not a valid scan; the message names file and field.
+        MissingFile: the path does not exist, or a frame is missing from the folder and `missing_ok` is False.
+        FileFormatError: the file or folder is not a valid scan.
         InvalidInput: `path` is neither a folder nor an .mcap file.
     """
     path = Path(path)

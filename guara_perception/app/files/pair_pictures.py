@@ -133,7 +133,7 @@ def _orders(pictures: Sequence[Path], number: int | None) -> dict[int, dict[int,
     if not orders:
         order = by_place[places[-1]]
         raise InvalidInput(
-            f"the order of the pictures is not clear: the number of another picture is in "
+            f"the order of the pictures is not clear: these repeat the number of another: "
             f"{names_of([p for p in pictures if p not in order.values()])}"
         )
     if len({tuple(path for _, path in sorted(order.items())) for order in orders.values()}) > 1:

@@ -27,7 +27,7 @@ class Recording(AbstractContextManager["Recording"]):
 
     Attributes:
         path: path of the file.
-        scans: recorded scans, in order; `process_scan` processes a scan again, possibly with other settings.
+        scans: recorded scans that have a laser-on frame, in order; `process_scan` can process them again.
         calibration: attached calibration, or None.
 
     Example:
@@ -86,7 +86,8 @@ def open_recording(path: str | Path) -> Recording:
 
     Raises:
         MissingFile: the file does not exist.
-        FileFormatError: the file is not a recording, or is truncated (`guara recover` then makes it readable).
+        FileFormatError: the file is not a recording, its calibration or a scan is invalid, or it is truncated (`guara
+            recover` then makes it readable).
     """
     return Recording(path)
 
@@ -100,9 +101,9 @@ def open_grid(path: str | Path, step: int | None = None, extent: str | None = No
         extent: "footprint" or "map"; None = the grid of the .npz file, or a footprint of the recording.
 
     Raises:
-        MissingFile, FileFormatError: the file does not exist or cannot be read.
+        MissingFile, FileFormatError: the file does not exist, or is no valid .npz file or recording.
         InvalidInput: the file contains no grid of this step and extent, or the extent is unknown.
-        UnsafeGrid: a grid violates the safety invariant.
+        UnsafeGrid: a grid of the recording violates the safety invariant.
     """
     path = Path(path)
     if path.suffix != ".mcap":

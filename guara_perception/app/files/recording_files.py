@@ -13,7 +13,8 @@ from guara_perception.exceptions import InvalidInput
 from transport.exceptions import RecordingError, os_errors
 
 SUFFIX = ".mcap"
-# [byte] Size at which the next file of a folder is started: 12 minutes of JPEG frames, 100 s of lossless frames.
+# [byte] Size at which the next file of a folder is started. For frames of 640 x 512 px and a pause every 4 s, this is
+# 12 minutes of JPEG frames or 100 s of lossless frames.
 FILE_SIZE = 1_000_000_000
 # With a limit, the next file is started at a fifth of the limit at the latest, so that finished files remain when the
 # oldest is removed.

@@ -44,7 +44,7 @@ def open_scan_folder(folder: str | Path, *, missing_ok: bool = False) -> Scan:
 
     Raises:
         MissingFile: the folder, its scan.json or a frame named there does not exist.
-        FileFormatError: a field is invalid; the message names file, field, value and what is allowed.
+        FileFormatError: `scan.json` is not valid JSON, or a field is missing or invalid; the message names it.
     """
     folder = Path(folder)
     if not folder.is_dir():

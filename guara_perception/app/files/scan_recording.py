@@ -42,8 +42,8 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
 
     Raises:
         MissingFile: the file does not exist.
-        FileFormatError: the file is not a recording, has an invalid scan, or is truncated (`guara recover` then makes
-            it readable).
+        FileFormatError: the file is not a recording, has an invalid scan or grid, or is truncated (`guara recover` then
+            makes it readable).
     """
     path = existing_file(path)
     with file_errors():

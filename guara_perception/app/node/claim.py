@@ -37,7 +37,7 @@ FORMAT = "guara-journal/1"
 LARGEST_JOURNAL = 64 * 1024 * 1024
 # Identifier of the current boot; `transport.clock` restarts at every boot.
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
-# Files of a robot folder on which a map depends.
+# Suffixes of the files of a robot folder on which a map depends.
 ROBOT_FILES = {".urdf", ".srdf", ".toml"}
 # Smallest number of feet that must have stood; with fewer, the motion since the claim is not known.
 LEAST_STANDING = 2
@@ -161,7 +161,8 @@ class Claim:
     ) -> tuple[str, bool]:
         """Compare the first scan after a restart with the claim.
 
-        If the scan is incomplete because its pause ended early, a misfit of image or heights does not reject the walk.
+        If stripes were not fired, for instance because the pause ended early, a misfit of image or heights does not
+        reject the walk.
 
         Args:
             stance: stance of the scan's pause.
@@ -179,7 +180,7 @@ class Claim:
         if len(standing) < LEAST_STANDING:
             return f"the gait reports fewer than two feet that never left the ground since step {self.step}", False
         if not 0.0 <= age <= validity:
-            return f"it is {age:.0f} s old, but ground is valid for only {validity:.0f} s", False
+            return f"the stored walk is {age:.0f} s old, but ground is valid for only {validity:.0f} s", False
         if stance.gravity_in_base is None or self.stance.gravity_in_base is None:
             return "gravity is not known, so it cannot be compared", False
         try:

@@ -19,8 +19,8 @@ MOST_LANDINGS, FEWEST_LANDINGS = 40, 8
 class ContactWatch:
     """Monitor with two status items.
 
-    `contact` has bias and sigma of the latest landings, and the worst landing of the last pause. `ground` reports feet
-    that sank or slid.
+    `contact` has bias and sigma of the latest landings, and the worst landing of the last pause with landings. `ground`
+    reports feet that sank or slid.
     """
 
     def __init__(self, status: NodeStatus) -> None:

@@ -72,8 +72,10 @@ def choose_rig(
 
     Raises:
         InvalidInput: a calibration is required but not given, `simulated` is combined with devices.toml, safety-related
-            values of a real robot are assumed, or a device cannot be created (see `rangefinder_of`).
-        CalibrationMismatch: devices and calibration belong to different cameras.
+            values of a real robot are assumed and `on_the_move` is True, or a device cannot be created (see
+            `rangefinder_of`).
+        CalibrationMismatch: devices and calibration belong to different cameras, or the calibration does not belong to
+            the simulated robot.
         MissingFile, FileFormatError: calibration, devices.toml or world cannot be read.
         kinematics.KinematicsError: the robot cannot be loaded.
     """
@@ -120,7 +122,8 @@ def _refuse_assumed(robot: RobotModel) -> None:
 def rangefinder_of(devices: Devices, *, free: bool = False) -> Rangefinder:
     """Create the rangefinder described by devices.toml without opening it.
 
-    When it is opened, the camera is locked to the given settings, if any.
+    When it is opened, the camera is locked to the settings in devices.toml, if any. A triggered camera is always locked
+    to an exposure.
 
     Args:
         devices: contents of devices.toml.

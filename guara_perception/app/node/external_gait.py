@@ -39,7 +39,7 @@ class ExternalGait:
     begins at the origin of the world.
 
     Attributes:
-        placed: number of pauses for which the robot was placed.
+        placed: number of placements of the robot so far.
     """
 
     def __init__(self, robot: SimulatedRobot, node: PerceptionNode, tell: Callable[[str], None] = logger.info) -> None:

@@ -11,7 +11,7 @@ from transport import Health, StatusItem
 
 
 class JointWatch:
-    """Check of the joint readings, with status item `joints`; used from one thread."""
+    """Check of the joint readings, with status item `joints`; not thread-safe."""
 
     def __init__(self, robot: RobotModel, status: NodeStatus) -> None:
         self._check, self._status = JointCheck(robot), status

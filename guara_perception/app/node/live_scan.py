@@ -13,7 +13,7 @@ from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.stripes.band import FramePair
 from transport import clock
 
-# Number of remaining stripes at which computation of the grid begins. These stripes take longer than the computation,
+# Number of remaining stripes at which computation of the grid begins. To scan them takes longer than the computation,
 # even on a computer three times slower than a desktop.
 STRIPES_AFTER = 3
 
@@ -29,7 +29,8 @@ class LiveScan:
         problems: problems of devices and light; empty for a good scan.
         stopped_early: True if the scan was stopped before its last stripe.
         failed: True if a device failed; the processor has the stripes scanned before.
-        instants: instant on `transport.clock` at which the host received the last frame of each stripe [s], by index.
+        instants: instant on `transport.clock` at which the host received the last frame of each stripe [s], by index;
+            the end of the scan for a fired stripe without a frame.
     """
 
     start: int

@@ -97,8 +97,8 @@ class PerceptionNode:
             calibration: calibration of this rangefinder.
             rangefinder: open devices.
             server: the node's side of the transport.
-            mode: mode of the scans at pauses: "coarse", "standard", or "adaptive" (coarse, then intermediate stripes
-                near obstacles).
+            mode: mode of the scans at pauses: "coarse", "standard", or "adaptive" (coarse, then the stripes in between
+                if this pause or a recent one has obstacles).
             method: stripe extraction method.
             threshold: binarisation threshold of the paper's methods; None = chosen for each frame.
             recorder: recorder of every scan; None = no recording.

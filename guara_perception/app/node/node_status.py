@@ -130,7 +130,7 @@ class NodeStatus:
         self.set(StatusItem(name="light", level=Health.OK, message="margins of the last scan", values=values))
 
     def problem(self, subsystem: str, message: str) -> None:
-        """Report a problem of a subsystem until `solved` is called or another problem replaces it."""
+        """Report a problem of a subsystem until `solved` (for "scan": `scanned`) is called, or another replaces it."""
         with self._lock:
             if subsystem == "scan":
                 self._failures += 1
@@ -185,7 +185,7 @@ def pause_item(pause: Pause | None, is_scanned: bool, gait_clock: tuple[float, f
         return StatusItem(name="pause", level=Health.OK, message=message, values={"state": "none"})
     seconds = time.monotonic() - pause.begun
     if pause.ended.is_set():
-        state, message = "moving", "is over; the next grid comes with the next pause"
+        state, message = "moving", "the pause is over; the next grid comes with the next pause"
     elif is_scanned:
         state = "standing"
         message = (

@@ -19,7 +19,7 @@ from transport import StancePause
 
 # Largest plausible excess of a position over a joint's limits; encoder offsets are only a few degrees.
 BEYOND_LIMITS_RAD = 0.5
-# Largest plausible position of a joint without limits: sixteen turns.
+# Largest plausible position of any joint: sixteen turns.
 LARGEST_POSITION_RAD = 100.0
 # Upper bound of an announced length [s]; a longer length is clipped. HOLD renews the announcement much earlier.
 LONGEST_S = 3600.0
@@ -59,7 +59,7 @@ class Pause:
         time_available: time from the stamp of BEGIN to the planned end [s]; 0 when not known.
         stream: joint samples during this pause; None if the robot must stand still.
         ended: set when the gait moves on, the robot has moved, or the robot is no longer known to stand still.
-        end_stance: stance read at the end; None before, and if the stance was unusable.
+        end_stance: stance of END; None before END, and if that stance was unusable or showed motion without a stream.
         newest_stamp: latest stamp of this pause's announcements.
         broken: reason why the robot is not known to have stood still to the end; empty otherwise.
         moved: True if a reading shows motion or could not be tested; False if readings are merely missing.
@@ -108,7 +108,10 @@ class Pause:
 
     @property
     def is_clock_known(self) -> bool:
-        """True if the gait's clock is known and no stamp lies in the future, as after a change of that clock."""
+        """True if the gait's clock is known and fits the pause.
+
+        It does not fit if a stamp lies in the future, for instance after the clock was changed.
+        """
         instants = [(self.earliest(stamp), arrival) for stamp, arrival in ((self.stamp, self.begun), self._still)]
         return all(earliest is not None and earliest <= arrival + AHEAD_S for earliest, arrival in instants)
 
@@ -116,7 +119,7 @@ class Pause:
     def planned_end(self) -> float:
         """Instant at which the gait is expected to move on; no frame is taken after it.
 
-        If no length was announced, this is `time_limit` after the last BEGIN or HOLD.
+        If no length was announced, this is `time_limit` after the arrival of BEGIN or of the last HOLD.
         """
         stamp, arrival, length = self._plan
         if not length:

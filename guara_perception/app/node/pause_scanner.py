@@ -37,7 +37,7 @@ TAILS = 5
 
 
 class PauseScanner:
-    """Scanner of successive pauses; used from one thread.
+    """Scanner of successive pauses; not thread-safe.
 
     Attributes:
         map: fused map of the walk.
@@ -81,6 +81,8 @@ class PauseScanner:
     ) -> TerrainMessage:
         """Scan at a pause and publish grid and map, as provisional until joint readings confirm the scan.
 
+        If a device fails during the sweep, the scan ends early, and the health of the grid states the failure.
+
         Args:
             pause: current pause of the gait.
             mode: one of SWEEPS.
@@ -94,7 +96,6 @@ class PauseScanner:
             CameraMoved: the robot moved, or may have moved, during the scan; at most a coarse grid was published, which
                 `settle` withdraws.
             MirrorSlipped: the mirror lost steps; the grid was published, then withdrawn, and is not in the map.
-            drivers.DriverError: camera or laser board failed.
             kinematics.KinematicsError: the stance does not fit the robot.
         """
         self._published.begin(pause)

@@ -176,7 +176,7 @@ def with_options(*options: str) -> Callable[[Path], list[str]]:
 @pytest.mark.parametrize(
     ("make", "reason"),
     [
-        (duplicate, "the order of the pictures is not clear: the number of another picture is in a_1.png"),
+        (duplicate, "the order of the pictures is not clear: these repeat the number of another: a_1.png"),
         (two_orders, "numbers 1, 2 of names such as 1_9.png give different orders: give --number, 1 for the first"),
         (
             odd_name,

@@ -54,7 +54,7 @@ def test_another_unit_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixt
     (tmp_path / "guara.service").write_text("[Unit]\n")
     command = ["service", "install", "--node", str(tmp_path / "node.toml"), "--units", str(tmp_path)]
     assert run(command) == 2
-    assert "is another unit; give --force" in capsys.readouterr().err
+    assert "exists and differs; give --force" in capsys.readouterr().err
     assert run([*command, "--force", "--user", "no-such-user"]) == 0
     assert "useradd --system" in capsys.readouterr().out
     assert run([*command, "--user", "no-such-user"]) == 0

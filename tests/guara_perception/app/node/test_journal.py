@@ -288,7 +288,7 @@ MISFITS = {
         "moved, but",
     ),
     "another walk": ({"epoch": "v"}, "the journal ends at step 3 of walk 'w'; this is step 4 of 'v'"),
-    "old": ({"time": BEGUN + 1000.0}, "it is 970 s old, but ground is valid for only 420 s"),
+    "old": ({"time": BEGUN + 1000.0}, "the stored walk is 970 s old, but ground is valid for only 420 s"),
     "the clock went back": ({"time": 10.0}, "it is -1020 s old"),
     "no picture": ({"picture": "no frame without laser"}, "the first image: no frame without laser"),
 }
