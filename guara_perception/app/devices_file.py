@@ -89,8 +89,8 @@ class Devices:
             free: create a free-running camera even if `trigger` is given, for images outside a sweep.
 
         Raises:
-            InvalidInput: "package.module:Class" cannot be imported or created or is not a `drivers.Camera`, the driver
-                rejects a value, or a trigger is given for a camera without trigger input.
+            InvalidInput: "package.module:Class" cannot be imported or instantiated, or is not a `drivers.Camera`; the
+                driver rejects a value; or a trigger is given for a camera without trigger input.
         """
         from drivers import AravisCamera, Camera, OpenCvCamera, V4l2Camera
 
@@ -146,7 +146,7 @@ class Devices:
         """Create the laser board without opening it.
 
         Raises:
-            InvalidInput: the user-defined class cannot be imported or created, or is not a `drivers.Board`.
+            InvalidInput: the user-defined class cannot be imported or instantiated, or is not a `drivers.Board`.
         """
         from drivers import Board, BoardConfig, LaserBoard
 

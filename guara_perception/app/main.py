@@ -57,7 +57,7 @@ ALIASES = {
     "acceptance": "robot",
     "service": "robot",
 }
-# Earlier commands that are still accepted, and the words that replace them.
+# Earlier commands that are still accepted, and their replacements.
 EARLIER = {"cameras": ["doctor", "--cameras"], "fleet": ["listen", "--all"]}
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
 # Variables set before numpy and OpenCV are loaded. Matrices are small, so linear algebra threads would only spin, which
@@ -143,7 +143,7 @@ def _accept_verbose(command: click.Command) -> None:
 @click.version_option(package_name="guara-perception", prog_name="guara")
 @click.option("-v", "--verbose", is_flag=True, help=LOG_HELP)
 def guara(verbose: bool) -> None:
-    """Terrain perception for walking robots: one camera, a swept laser stripe, grids that planners receive.
+    """Terrain perception for walking robots: terrain grids for planners, from a camera and a swept laser stripe.
 
     \b
     Example:

@@ -67,9 +67,9 @@ def command(
     """Record a calibration SESSION (exposure, board, floor, crosses, plates, in this order), and calibrate from it.
 
     A page in the browser shows the camera image and what to do. Run the same command again to continue an interrupted
-    session. With --redo, the options of board, crosses, plates and stance keep their earlier values; if one option of a
-    part is given, give all of that part. The results are SESSION/calibration.json and SESSION/devices.toml, for -c and
-    --devices of other commands.
+    session. With --redo, the options of board, crosses, plates and stance keep their earlier values. If one option of
+    a part is given, its other options have their defaults. The results are SESSION/calibration.json and
+    SESSION/devices.toml, for -c and --devices of other commands.
 
     \b
     Example:

@@ -24,7 +24,7 @@ GRID_TIMEOUT_S = 60.0
 
 
 def main() -> int:
-    """Answer requests until standard input ends, and return the exit code.
+    """Answer requests until standard input ends or an error occurs; return the exit code.
 
     The arguments of the program are the endpoint and the instance name of the robot.
     """

@@ -31,7 +31,7 @@ NO_STREAM, STREAM_HZ = 0.0, 200.0
 SHIFT, FREQUENCY = 0.005, 1.0
 # Height error above which a free cell counts as wrong [m].
 WRONG_M = 0.005
-# Required number of known cells with a stream, relative to that of the still scan; size of the camera images [px].
+# Required known cells with a stream, as a fraction of those of the still scan; size of the camera images [px].
 KEPT, SIZE = 0.9, (640, 512)
 
 
@@ -155,7 +155,7 @@ def sway_lines(scans: Sequence[tuple[str, SwayingScan]]) -> list[str]:
 
 
 def sway_failures(scans: Sequence[tuple[str, SwayingScan]]) -> list[str]:
-    """Failed conditions as text: wrong free cells, and too few known cells with a stream."""
+    """Failed conditions as text (wrong free cells, too few known cells with a stream); empty if there are none."""
     failures = [f"{title}: {scan.wrong} free cells are wrong" for title, scan in scans if scan.wrong]
     still, streamed = (int(np.isfinite(scan.errors).sum()) for _, scan in scans[:2])
     if streamed < KEPT * still:

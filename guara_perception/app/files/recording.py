@@ -98,7 +98,7 @@ def open_grid(path: str | Path, step: int | None = None, extent: str | None = No
     Args:
         path: path of the file.
         step: step of the pause; None = the grid of the .npz file, or the last grid of the recording.
-        extent: "footprint" or "map"; None = the grid of the .npz file, or a footprint of the recording.
+        extent: "footprint" or "map"; None = the grid of the .npz file, or a footprint grid of the recording.
 
     Raises:
         MissingFile, FileFormatError: the file does not exist, or is no valid .npz file or recording.

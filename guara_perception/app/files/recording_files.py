@@ -66,7 +66,7 @@ class RecordingFiles:
         )
 
     def next(self) -> Path:
-        """Path of the next file: an unused name with the next number.
+        """Path of the next file: the given file name if it is unused, otherwise a name with the next number.
 
         Raises:
             RecordingError: the folder does not exist or cannot be read.

@@ -57,7 +57,7 @@ class Journal:
         # The temporary file of an earlier run was never confirmed, or is incomplete.
         self._beside.unlink(missing_ok=True)
         self.claims: tuple[Claim, ...] = ()
-        self._outcome, self._level = "none was found: a new walk begins", Health.OK
+        self._outcome, self._level = "no journal was found: a new walk begins", Health.OK
         self._values: dict[str, str] = {"resumed": "0", "refused": "0", "written": "0", "failed": "0"}
         self._trouble = ""
         self._read(robot)

@@ -13,7 +13,7 @@ from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.stripes.band import FramePair
 from transport import clock
 
-# Number of remaining stripes at which computation of the grid begins. To scan them takes longer than the computation,
+# Number of remaining stripes at which computation of the grid begins. Scanning them takes longer than the computation,
 # even on a computer three times slower than a desktop.
 STRIPES_AFTER = 3
 

@@ -316,7 +316,7 @@ class PerceptionNode:
         name = f"thread {SCAN_THREAD}"
         is_due = self._thread.ident is not None and not self._closing.is_set()
         if not is_due or (self._thread.is_alive() and not self._is_hung()):
-            return StatusItem(name=name, level=Health.OK, message="runs")
+            return StatusItem(name=name, level=Health.OK, message="running")
         fault = f"no progress for more than {HANG_TIME_S:g} s" if self._thread.is_alive() else "not running"
         return StatusItem(name=name, level=Health.ERROR, message=f"{fault}: no pause is scanned. Restart the node")
 

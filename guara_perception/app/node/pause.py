@@ -28,7 +28,7 @@ AHEAD_S = 0.005
 
 UNKNOWN_END = (
     "the pause ended without a usable stance: it is not known whether the camera stood still during the scan. "
-    "The gait must send joints and support feet with END, all finite"
+    "The gait must send finite joint positions and the support feet with END"
 )
 
 

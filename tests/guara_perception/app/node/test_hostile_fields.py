@@ -114,7 +114,7 @@ def test_no_announcement_and_no_request_stops_a_node(
         status = bench.client.status()
         assert status is not None
         item = status.item("thread guara-scans")
-        assert item is not None and item.message == "runs"
+        assert item is not None and item.message == "running"
         print(f"{count} messages to the node")
         assert count > 500
     with open_recording(path) as recording:

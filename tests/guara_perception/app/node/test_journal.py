@@ -400,7 +400,7 @@ def test_a_journal_of_something_else_is_refused_by_name(
     journal, _ = opened(**{what: SEALS[what]})
     assert journal.claims == ()
     if what == "instance":
-        assert journal.item().message.startswith("none was found")
+        assert journal.item().message.startswith("no journal was found")
     else:
         assert f"{killed[1]}: {what} is " in journal.item().message
         assert journal.item().level is Health.WARN
@@ -468,7 +468,9 @@ def test_a_journal_that_cannot_be_written_stops_no_scan(walk: list[Scanned], ope
         journal.write(walk_map.claim(BEGUN))
         journal.confirm()
     assert journal.item().level is Health.WARN
-    assert journal.item().message.startswith("none was found: a new walk begins; the last claim was not written: ")
+    assert journal.item().message.startswith(
+        "no journal was found: a new walk begins; the last claim was not written: "
+    )
     assert journal.item().values["failed"] == "1"
 
 
