@@ -47,11 +47,11 @@ class DemoCheck:
     """Footholds, height errors and grid counts of a walk, collected pause by pause.
 
     Attributes:
-        footholds: all chosen footholds.
+        footholds: chosen footholds, without those of feet that stay and that of the last pause.
         errors: |elevation - truth| of the known cells of each scan, one array per pause [m].
         unknown_called_safe: number of unknown cells marked traversable; must be 0.
-        grids_published: number of single-scan grids published by the node.
-        grids_received: number of single-scan grids received by the planner.
+        grids_published: number of pauses at which the node published a grid.
+        grids_received: number of pauses whose scan grid the planner received.
     """
 
     footholds: list[CheckedFoothold] = field(default_factory=list)
