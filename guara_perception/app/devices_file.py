@@ -186,7 +186,7 @@ def load_devices(path: str | Path) -> Devices:
 
     Raises:
         MissingFile: the file does not exist.
-        FileFormatError: the file is not valid TOML, a key is unknown or missing, or a value is invalid.
+        FileFormatError: the file is too large or not valid TOML, a key is unknown or missing, or a value is invalid.
     """
     path = existing_file(path, "; `guara record` writes one")
     data = read_toml(path, LARGEST_BYTES)

@@ -38,7 +38,7 @@ NO_FLOOR = (
     "scan again with more floor in view; if flat, empty floor fills the view, the calibration belongs to another "
     "camera or mount"
 )
-# Longest time for one stripe of 1280x1024 px [s]: less than half the interval of frames at 30 per second.
+# Longest time for one stripe of 1280x1024 px [s]: less than half the frame interval at 30 frames per second.
 STRIPE_SECONDS = 0.015
 
 
@@ -132,7 +132,7 @@ def check_camera(devices: Devices) -> Finding:
     with devices.camera(free=True) as camera:
         if devices.settings:
             locked = camera.lock(devices.camera_settings())
-            held = "".join(f"{name} {getattr(locked, name):g} held; " for name in devices.settings)
+            held = "".join(f"{name} locked at {getattr(locked, name):g}; " for name in devices.settings)
         frame = camera.grab(2.0)
         check_identity(camera.identity, devices.identity, "what is connected")
         named = f" ({camera.identity})" if camera.identity else ""

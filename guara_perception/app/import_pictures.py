@@ -21,7 +21,7 @@ from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFi
 from guara_perception.settings import MODES, Settings
 from kinematics import KinematicsError, RobotModel, Stance
 
-# Largest plausible joint position [rad]; larger values are assumed to be in degrees.
+# Largest plausible joint position [rad]. Larger values are rejected, because they are probably in degrees.
 LARGEST_ANGLE = 2 * math.pi
 
 
@@ -63,7 +63,8 @@ def stripe_indices(pairs: Sequence[PicturePair], robot: RobotModel, mode: str | 
         wrong = [pair.on for pair in pairs if pair.number not in settings.pattern(mode or "standard")]
         if wrong:
             raise InvalidInput(
-                f"--indices: {names_of(wrong)}; allowed: indices of the pattern (0 ... {settings.stripes - 1})"
+                f"--indices: {names_of(wrong)}: no stripe of the pattern has this number; allowed: its indices (0 ... "
+                f"{settings.stripes - 1})"
             )
         return indices
     lengths = {name: len(settings.pattern(name)) for name in MODES if mode in (None, name)}
@@ -99,7 +100,7 @@ def mirror_angles(indices: Sequence[int], robot: RobotModel, calibration: Calibr
 def read_joints(path: Path, robot: RobotModel) -> Stance:
     """Read a stance from a CSV file with a line `joint, angle [rad]` for each joint and an optional heading.
 
-    The robot stands on all feet, and gravity is unknown.
+    The robot is assumed to stand on all feet, with unknown gravity.
 
     Raises:
         MissingFile: the file does not exist.

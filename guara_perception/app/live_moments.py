@@ -65,6 +65,7 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
 
         Raises:
             transport.KeyNameError: invalid robot name.
+            transport.ConfigurationError, transport.SecurityError: the endpoint or the security folder is not valid.
             transport.ConnectionFailed: no answer; the message lists what to check.
         """
         check_name(robot)
@@ -88,7 +89,7 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
         self._client.close()
 
     def missing(self) -> str:
-        """Explain why nothing has been shown yet, with the robots on this router.
+        """Explain why nothing has been shown yet; if the node is not found, list the robots on its router.
 
         The text is empty after the first moment, or if the session is closed. Querying the router takes up to
         `ROUTER_TIMEOUT_S`.
@@ -105,9 +106,10 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
         return f"waiting for a robot with instance name {self._robot!r}: no such node on this router; {others}"
 
     def state(self) -> tuple[str, bool]:
-        """Status line of the newest grid (age, and reasons why it is stale), and True if it is stale.
+        """Status line of the newest map, or of the newest scan before the first map, and True if it is stale.
 
-        Returns ("", False) before the first grid, and the text of an error with True if the grid cannot be received.
+        The line has step, age and the reasons why the grid is stale. Returns ("", False) before the first grid, and the
+        text of an error with True if the grid cannot be received.
         """
         extent = "map" if "map" in self._grids else "footprint"
         try:

@@ -17,7 +17,7 @@ MOST, WITHIN_S = 10, 60.0
 # Largest number of distinct messages that are tracked. Messages that are formatted before logging are all distinct and
 # would accumulate for months.
 MOST_MESSAGES = 1000
-# syslog(3) priority of each level. It prefixes the lines on standard error, in the format of sd-daemon(3).
+# syslog(3) priority of each level, the prefix of text lines sent to journald (sd-daemon(3)).
 PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
 
 

@@ -25,7 +25,7 @@ GROUPS = {
         "doctor": "Check camera, board, network and calibration of this machine",
     },
     "Calibrate": {
-        "targets": "Print board, crosses and labels to scale as a PDF",
+        "targets": "Draw board, crosses and labels to scale in a PDF",
         "record": "Record the pictures of a calibration session, step by step",
         "calibrate": "Compute a calibration from a recorded session",
     },

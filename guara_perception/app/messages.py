@@ -169,7 +169,8 @@ def add_samples(track: BodyTrack, robot: RobotModel, batch: StanceStream, begin:
     Samples that are not later than the newest sample of the track are dropped.
 
     Raises:
-        kinematics.KinematicsError: the batch lacks a joint of the robot, or a position is not finite.
+        kinematics.KinematicsError: the batch lacks a joint of the robot, a position is not finite, or the stamps do not
+            ascend.
     """
     stamps, names = batch.stamps, list(batch.joint_names)
     times = (stamps - begin) * 1e-9

@@ -57,7 +57,7 @@ def command(
     lists_robots: bool,
     as_json: bool,
 ) -> None:
-    """Print one line per usable grid of the node, starting with the newest grid.
+    """Print one line per usable grid or withdrawal of the node, starting with the newest.
 
     With --all, print the running robots, each with pause, age of the last grid, health and links, and exit. Only
     liveliness and status are queried; no grids are transferred.

@@ -15,8 +15,8 @@ from guara_perception.exceptions import InvalidInput
 
 # Length of the ruler of `guara targets` if it is printed to scale [mm].
 RULER_MM = 150.0
-# Options of each part of the plan. With --redo, a part keeps its earlier values unless one of its options is given;
-# then options that are not given have their defaults again.
+# Options of each part of the plan. With --redo, a part keeps its earlier values unless one of its options is given; its
+# other options then have their defaults.
 OPTIONS_OF = {
     "board": {"board", "pattern", "square", "printed_150"},
     "crosses": {"crosses", "printed_150"},
@@ -67,9 +67,9 @@ def command(
     """Record a calibration SESSION (exposure, board, floor, crosses, plates, in this order), and calibrate from it.
 
     A page in the browser shows the camera image and what to do. Run the same command again to continue an interrupted
-    session. With --redo, the options of board, crosses, plates and stance keep their earlier values. If one option of
-    a part is given, its other options have their defaults. The results are SESSION/calibration.json and
-    SESSION/devices.toml, for -c and --devices of other commands.
+    session. With --redo, board, crosses, plates and stance are as in the session. If an option of one of them is given,
+    its other options have their defaults. The results are SESSION/calibration.json and SESSION/devices.toml, for -c and
+    --devices of other commands.
 
     \b
     Example:
@@ -100,7 +100,7 @@ def command(
     if simulated and (devices is not None or camera is not None):
         raise InvalidInput("--simulated has its own devices: leave --devices and --camera out")
     if not 0.9 * RULER_MM <= printed_150 <= 1.1 * RULER_MM:
-        raise InvalidInput(f"--printed-150 is {printed_150:g} mm; allowed: 135 ... 165; print at 100 %")
+        raise InvalidInput(f"--printed-150 is {printed_150:g} mm; allowed: 135 ... 165 mm. Print at 100 %")
     scale = printed_150 / RULER_MM
     spec = parse_board(board, square * scale, pattern)
     spec = replace(spec, first_square=None) if not_mirrored else spec

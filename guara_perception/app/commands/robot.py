@@ -33,7 +33,7 @@ command.add_command(service.command)
 @click.option(
     "--height",
     type=click.FloatRange(0.02, 5.0),
-    help="height of the hips above the soles in a scan [m]; default: chosen",
+    help="height of the hips above the soles during a scan [m]; default: chosen for the reach of the legs",
 )
 def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
     """Create a robot folder (robot.toml, URDF, SRDF, README) from a URDF.
@@ -54,7 +54,7 @@ def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
         click.echo(f"{leg.name}: {kind_of(found.leg, found.foot)}, hip {leg.hip}, joints {', '.join(leg.joints)}")
     x, y, camera = made.mounts.area_x, made.mounts.area_y, camera_height(made, made.scan)
     click.echo(
-        f"scans from hips at {made.scan.hip_height:.3f} m, camera at {camera:.3f} m: "
+        f"scan posture: hips at {made.scan.hip_height:.3f} m, camera at {camera:.3f} m; area: "
         f"x {x[0]:.2f} ... {x[1]:.2f}, y {y[0]:.2f} ... {y[1]:.2f} m; soles {made.sole[0]:.3f} x {made.sole[1]:.3f} m"
     )
     for text in made.urdf.notes:
@@ -98,7 +98,7 @@ def check(
     if usable is not None and walk:
         with progress("Walking") as advance:
             walked = trial_walk(usable, progress=advance)
-        say(f"simulated walk: {walked.pauses} pauses, {walked.feet} footholds, known {walked.known:.0%}")
+        say(f"simulated walk: {walked.pauses} pauses, {walked.feet} footholds, {walked.known:.0%} of the area known")
         found["walk"] = {"pauses": walked.pauses, "footholds": walked.feet, "known": walked.known}
         findings += walk_findings(walked)
     if usable is not None and picture is not None:

@@ -83,7 +83,8 @@ JPEG_QUALITY = 90
     type=click.Choice(["adaptive", "standard", "coarse"]),
     default="adaptive",
     hidden=True,
-    help="standard: every stripe; coarse: every n-th (robot.toml); adaptive: coarse; with obstacles, then the others",
+    help="standard: every stripe; coarse: every n-th (robot.toml); adaptive: coarse, then the rest if there are "
+    "obstacles",
 )
 @click.option(
     "--jpeg",
@@ -275,7 +276,7 @@ def command(
                 legs=rig.robot.legs,
                 rotation_imu_to_base=None if frame is None else standing.transform_to_base(frame)[:3, :3],
             )
-        say(f"{instance}: listening on {', '.join(session.endpoints)}; Ctrl-C stops")
+        say(f"{instance}: listening on {', '.join(session.endpoints)}; press Ctrl-C to stop")
         if uplink is not None:
             say(f"{instance}: uplink to {uplink}; reconnects after a loss")
         say(f"guara-perception {version('guara-perception')}")
@@ -285,7 +286,7 @@ def command(
                 say(f"incomplete files: {len(cut)}; `guara recover {cut[-1]}` makes the newest readable")
         stack.enter_context(ServiceManager(node.is_well))
         if gait == "external":
-            say(f"{instance}: waiting for your gait: stance pauses on {stance_key(instance)}")
+            say(f"{instance}: waiting for your gait to announce stance pauses on {stance_key(instance)}")
         elif rig.simulation is not None:
             from guara_perception.app.node.simulated_walk import walk_until_stopped
 
@@ -330,7 +331,7 @@ def recording_size(quality: int | None) -> str:
     """Format of recorded frames, and the approximate size of one hour of recording."""
     rate = "at 640 x 512 px and a pause every 4 s"
     if quality is None:
-        return f"frames lossless, about 35 GB an hour {rate}; as JPEG (--jpeg {JPEG_QUALITY}) about 5 GB"
+        return f"lossless frames, about 35 GB an hour {rate}; as JPEG (--jpeg {JPEG_QUALITY}) about 5 GB"
     if quality > JPEG_QUALITY:
-        return f"frames as JPEG of quality {quality}, more than 5 GB an hour {rate}"
-    return f"frames as JPEG of quality {quality}, at most about 5 GB an hour {rate}; --jpeg 0 about 35 GB"
+        return f"JPEG frames of quality {quality}, more than 5 GB an hour {rate}"
+    return f"JPEG frames of quality {quality}, at most about 5 GB an hour {rate}; with --jpeg 0 about 35 GB"

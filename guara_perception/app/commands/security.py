@@ -104,9 +104,9 @@ def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> 
 @click.option("--robot", help="instance name of the robot; default: all robots of the folder")
 @click.pass_context
 def check(context: click.Context, folder: Path, robot: str | None) -> None:
-    """Start each node and router temporarily on this machine, connect in each role, and print the rights of the role.
+    """Start a copy of each node and router on this machine, try every action in each role, and print what is allowed.
 
-    Running nodes are not affected. Exit 1 if any rights differ from the rules.
+    Running nodes are not affected. Exit 1 if any result differs from the rules.
 
     \b
     Example:

@@ -16,7 +16,7 @@ NODE = Path("/etc/guara/node.toml")
 
 
 def unit_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add to a command the options that describe a unit."""
+    """Add the options that describe a unit to a command."""
     for option in (
         click.option("--node", type=FILE, default=NODE, help="node.toml with the options of `guara run`"),
         click.option("--name", default="guara", help="name of the service"),

@@ -91,8 +91,10 @@ def show_in_rerun(file: Path | None, rerun: bool, save: Path | None) -> None:
     """Open a recording in Rerun, or write a file for Rerun.
 
     Raises:
-        InvalidInput: `save` is given without `rerun`, or `file` is None.
-        Exception: as in `open_in_rerun` and `save_rerun_scene`.
+        InvalidInput: `save` is given without `rerun`, `file` is None or cannot be shown, or `save` is not an .rrd file.
+        MissingFile, FileFormatError: the recording does not exist or cannot be read.
+        MissingExtra: rerun-sdk is not installed.
+        PerceptionError: the viewer failed, for instance without a display.
     """
     from guara_perception.app.scene.rerun_scene import open_in_rerun, save_rerun_scene
 

@@ -14,7 +14,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.questions.path import PathVerdict
 
 # Required number of hind footholds on scanned ground in a walk of at least WHOLE_WALK_PAUSES pauses. Hind feet reach
-# scanned ground after 0.73 m.
+# scanned ground after 0.73 m of walking.
 HIND_FOOTHOLDS_WANTED = 8
 WHOLE_WALK_PAUSES = 41
 
@@ -47,7 +47,7 @@ class DemoCheck:
     """Footholds, height errors and grid counts of a walk, collected pause by pause.
 
     Attributes:
-        footholds: chosen footholds, without those of feet that stay and that of the last pause.
+        footholds: chosen footholds, except for feet that stay and at the last pause.
         errors: |elevation - truth| of the known cells of each scan, one array per pause [m].
         unknown_called_safe: number of unknown cells marked traversable; must be 0.
         grids_published: number of pauses at which the node published a grid.
@@ -61,7 +61,7 @@ class DemoCheck:
     grids_received: int = 0
 
     def add_grids(self, world: World, pause: WalkPause, *grids: TerrainGrid) -> float:
-        """Add the grids of a pause; return the median absolute error of the first [m], NaN if no cell is known."""
+        """Add the grids of a pause; return the median |height error| of the first [m], NaN if no cell is known."""
         for grid in grids:
             unknown = (np.asarray(grid.hazard) & UNKNOWN_MASK) != 0
             self.unknown_called_safe += int(np.count_nonzero(unknown & (np.asarray(grid.traversability) > 0)))

@@ -23,7 +23,8 @@ from guara_perception.terrain.drawing.style import draw_hazards, draw_layer, new
 from guara_perception.terrain.grid import TerrainGrid
 from kinematics import BodyTrack, RobotModel, Stance, load_robot
 
-# [s] Interval between the stripes; largest error of a flash's time; duration of the stream before and after the scan.
+# [s] Interval between the stripes; largest random error of a flash's time; duration of the stream before and after the
+# scan.
 STRIPE_PERIOD, INSTANT_ERROR, AROUND = 0.035, 0.001, 0.3
 # [1/s] Sampling rates of the joint stream. With NO_STREAM, only the stance at BEGIN is used.
 NO_STREAM, STREAM_HZ = 0.0, 200.0
@@ -40,12 +41,12 @@ class SwayingScan:
     """Scan of a swaying body.
 
     The grid is placed in the world with the true pose of the body at BEGIN. The errors therefore do not include the
-    tilt of the whole grid that is caused by the noise of the joint readings at BEGIN.
+    tilt and the height offset of the whole grid that the noise of the joint readings at BEGIN causes.
 
     Attributes:
         terrain: grid of the scan.
         x, y: (ny, nx) positions of the cells in the world [m].
-        errors: (ny, nx) heights of the cells minus the true heights [m].
+        errors: (ny, nx) heights of the cells minus the true heights [m]; NaN where unknown.
     """
 
     terrain: TerrainGrid
@@ -121,7 +122,7 @@ def scans_beside(robot_name: str | Path, world: str | Path, degrees: float) -> I
     Args:
         robot_name: name or folder of the robot.
         world: name of a world of the package, or a world file.
-        degrees: amplitude of the rotation; that of the translation is `SHIFT`.
+        degrees: amplitude of the rotation [degrees]; that of the translation is `SHIFT`.
 
     Yields:
         Title and result of each scan.

@@ -30,7 +30,8 @@ from transport import DEFAULT_ROBOT, open_client, open_node
 from transport.server import PerceptionServer
 from transport.stance_link import StancePublisher, StanceReceiver
 
-# A scan of 70 stripes takes 1.2 s at the demo's frame rate (two frames a stripe), and much longer on a busy machine.
+# [s] Longest wait for a grid. The simulated devices have their own clock: a scan takes as long as its computation,
+# which is slow on a busy machine.
 GRID_TIMEOUT_S = 60.0
 # [s] Announced length of a pause: the longest wait for its four grids.
 PAUSE_S = 4 * GRID_TIMEOUT_S
@@ -102,7 +103,7 @@ def demo_walk(
         WalkEnded: the planner found no foothold.
         kinematics.KinematicsError: the robot cannot be loaded.
         MissingFile, FileFormatError: the world does not exist or is not valid.
-        InvalidInput: `is_course` with a world without features.
+        InvalidInput: `is_course` with a world without features, or a leg cannot reach its foothold.
     """
     endpoint = free_endpoint()
     with ExitStack() as stack:

@@ -122,7 +122,7 @@ def corrected_image(
     """Rectify an image to a view from straight above the floor, without distortion and perspective.
 
     Args:
-        image: (h, w) or (h, w, 3) image of the calibrated camera.
+        image: (h, w) or (h, w, 3) 8-bit image of the calibrated camera.
         camera: intrinsic model.
         transform_camera_to_footprint: (4, 4) pose of the camera in base_footprint.
         area: x and y range of the floor, in base_footprint [m].

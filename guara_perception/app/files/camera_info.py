@@ -59,8 +59,8 @@ def read_camera_info(path: str | Path) -> CameraModel:
 
     Raises:
         MissingFile: the file does not exist.
-        FileFormatError: the file is not YAML, contains several cameras, a field is missing or invalid, or the lens
-            model has coefficients other than k1, k2, p1, p2, k3.
+        FileFormatError: the file is not YAML or contains several cameras, a field is missing or invalid, or the lens is
+            a fisheye or has non-zero coefficients besides k1, k2, p1, p2, k3.
     """
     path = existing_file(path)
     content = _read_yaml(path)

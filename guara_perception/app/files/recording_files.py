@@ -66,7 +66,7 @@ class RecordingFiles:
         )
 
     def next(self) -> Path:
-        """Path of the next file: the given file name if it is unused, otherwise a name with the next number.
+        """Path of the next file: the file name, if one was given and is unused, otherwise a name with the next number.
 
         Raises:
             RecordingError: the folder does not exist or cannot be read.
@@ -85,7 +85,7 @@ class RecordingFiles:
         The second is a reserve, since a file exceeds its size by up to one pause.
 
         Raises:
-            RecordingError: a file cannot be removed.
+            RecordingError: the folder cannot be read, or a file cannot be removed.
         """
         if self._limit is None or self.file_size is None:
             return

@@ -31,7 +31,7 @@ SCAN_FILE = "scan.json"
 # Largest stamp [ns] and largest step that grid files and messages can represent.
 MAXIMUM_STAMP = 2**63 - 1
 MAXIMUM_STEP = 2**31 - 1
-# Compression 1 takes a third of the time of the default, and 5 % more bytes on camera frames.
+# Compression level 1 takes a third of the time of the default; camera frames become 5 % larger.
 PNG_OPTIONS = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
@@ -43,7 +43,7 @@ def open_scan_folder(folder: str | Path, *, missing_ok: bool = False) -> Scan:
         missing_ok: also open a folder with missing frames; reading such a frame raises MissingFile.
 
     Raises:
-        MissingFile: the folder, its scan.json or a frame named there does not exist.
+        MissingFile: the folder or its scan.json does not exist, or a frame named there, unless `missing_ok` is True.
         FileFormatError: `scan.json` is not valid JSON, or a field is missing or invalid; the message names it.
     """
     folder = Path(folder)

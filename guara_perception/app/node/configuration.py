@@ -60,7 +60,7 @@ class ConfigurationWatch:
     """Monitor of the configuration files of a running node. A change takes effect only after a restart."""
 
     def __init__(self, *paths: Path | None) -> None:
-        """Store the current state of files and of all files in folders; None is skipped."""
+        """Store the current state of the given files and of all files in the given folders; None is skipped."""
         self._paths = [path for path in paths if path is not None]
         self._before = self._state()
 

@@ -66,8 +66,8 @@ def choose_rig(
         chosen: robot, calibration and devices given by the options.
         simulated: True for a simulated robot, world and devices.
         needs_calibration: False for a scan from which to calibrate.
-        on_the_move: True if footholds will be chosen from the grids; the safety-related keys of robot.toml must then be
-            measured.
+        on_the_move: True if footholds will be chosen from the grids; no safety-related value of robot.toml may then be
+            assumed.
         world: name or file of the simulated world.
 
     Raises:

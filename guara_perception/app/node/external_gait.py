@@ -27,7 +27,7 @@ FIT_STEPS = 8
 HANGING_M = 0.020
 # Tolerance for joint readings beyond the limits [rad]; covers encoder noise.
 LIMIT_ERROR_RAD = 0.01
-# Largest difference between the reported gravity and the tilt of the body on its feet [rad].
+# Tolerated difference between the reported gravity and the tilt of the body on its feet [rad].
 TILT_ERROR_RAD = 0.06
 
 

@@ -36,7 +36,8 @@ class Journal:
     file.
 
     Attributes:
-        claims: claims found in the files at the start, newest first; empty once rejected or once a pause is confirmed.
+        claims: claims found in the files at the start, newest first; empty after a rejection, and from the pause after
+            the first confirmed one.
     """
 
     def __init__(self, folder: Path, robot: RobotModel, seal: Seal) -> None:
@@ -75,7 +76,7 @@ class Journal:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Write the waiting claim, and end the thread; wait at most CLOSE_S."""
+        """Finish writing, and end the thread; wait at most CLOSE_S."""
         with self._has_news:
             self._is_closing = True
             self._has_news.notify_all()

@@ -27,7 +27,7 @@ VERDICTS = {"good": Health.OK, "usable": Health.OK, "unknown": Health.WARN, "ref
 
 
 class NodeStatus:
-    """Thread-safe collection of the node's status items, filled by the node's threads and read by the status thread."""
+    """Thread-safe collection of the node's status items."""
 
     def __init__(self, calibration: Calibration | None = None) -> None:
         """Create the items before the first scan.
@@ -60,7 +60,7 @@ class NodeStatus:
 
         Args:
             terrain: grid of the scan.
-            scan: record of the devices during the scan.
+            scan: times and faults of the devices during the scan.
             latency: time from the last frame until the grid was passed on for sending [s].
         """
         record = terrain.record
@@ -107,7 +107,7 @@ class NodeStatus:
             self._items["withdrawn"] = StatusItem(
                 name="withdrawn",
                 level=Health.OK,
-                message=f"{self._withdrawn.total()} grids since the start",
+                message=f"{self._withdrawn.total()} grids withdrawn since the start",
                 values={name: str(count) for name, count in self._withdrawn.items()},
             )
 

@@ -94,7 +94,8 @@ class PauseScanner:
 
         Raises:
             CameraMoved: the robot moved, or may have moved, during the scan; at most a coarse grid was published, which
-                `settle` withdraws.
+                `settle` confirms, cuts or withdraws.
+            CalibrationMismatch: the calibration belongs to another robot, or has no stripe of this mode.
             MirrorSlipped: the mirror lost steps; the grid was published, then withdrawn, and is not in the map.
             kinematics.KinematicsError: the stance does not fit the robot.
         """

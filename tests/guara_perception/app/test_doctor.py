@@ -160,7 +160,7 @@ def test_the_file_of_devices_is_checked(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.syspath_prepend(str(tmp_path))
     devices = Devices("own_of_doctor:Own", (96, 64), settings={"exposure": 0.004})
     finding = attempt(doctor.check_camera, devices)
-    assert finding.level == OK and "delivers 96x64 px; exposure 0.004 held" in finding.message
+    assert finding.level == OK and "delivers 96x64 px; exposure locked at 0.004" in finding.message
     other = attempt(doctor.check_camera, dataclasses.replace(devices, size=(640, 512)))
     assert other.level == FAIL and "devices.toml says 640x512" in other.message
     refused = attempt(doctor.check_camera, dataclasses.replace(devices, settings={"exposure": 0.6}))

@@ -107,7 +107,7 @@ def test_what_a_recording_takes_is_said(capsys: pytest.CaptureFixture[str]) -> N
     assert run(["run", "--simulated", "--jpeg", "90", "--lossless", "--record", "walk.mcap"]) == 2
     assert run(["run", "--simulated", "--lossless", "--jpeg", "90", "--record", "walk.mcap"]) == 2
     assert "--lossless and --jpeg are mutually exclusive" in capsys.readouterr().err
-    assert "frames lossless, about 35 GB an hour" in recording_size(None)
+    assert "lossless frames, about 35 GB an hour" in recording_size(None)
     assert "JPEG of quality 90, at most about 5 GB an hour" in recording_size(90)
     assert "more than 5 GB" in recording_size(95)
 
@@ -174,7 +174,7 @@ def test_a_running_node_ends_cleanly(free_endpoint: str, tmp_path: Path) -> None
         node.kill()
     assert node.returncode == 0
     assert printed.splitlines()[-1] == "stopped, laser off"
-    assert f"recording to {recording}: frames as JPEG of quality 80, at most about 5 GB an hour" in printed
+    assert f"recording to {recording}: JPEG frames of quality 80, at most about 5 GB an hour" in printed
     assert np.isfinite(terrain.elevation).any()
     assert gp.open_scan(recording, step=0).step == 0
 

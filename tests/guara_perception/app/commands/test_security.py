@@ -144,7 +144,7 @@ def test_a_running_node_warns_planners(start, keys: Path, free_endpoint: str, ev
     _give(keys, "node", 20)
     endpoint = free_endpoint.replace("tcp/127.0.0.1", "tls/localhost")
     node = start(*GUARA, "run", "--simulated", "--mode", "coarse", "--security", keys / "node", "--listen", endpoint)
-    assert node.line(PATIENCE) == f"guara: listening on {endpoint}; Ctrl-C stops"
+    assert node.line(PATIENCE) == f"guara: listening on {endpoint}; press Ctrl-C to stop"
     with PerceptionClient(open_client(endpoint, security=keys / "planner", timeout=PATIENCE)) as client:
         assert eventually(lambda: client.status() is not None and client.status().item("certificates") is not None)
         item = client.status().item("certificates")

@@ -192,7 +192,7 @@ def test_a_gait_in_another_process_drives_the_robot(
     printed, _ = node.communicate(timeout=PATIENCE)
     lines = printed.splitlines()
     assert node.returncode == 0 and lines[-1] == "stopped, laser off"
-    assert "guara: waiting for your gait: stance pauses on guara/gait/v1/stance" in lines
+    assert "guara: waiting for your gait to announce stance pauses on guara/gait/v1/stance" in lines
     scans = [line for line in lines if line.startswith("step ")]
     assert [line.split(",")[0] for line in scans] == [f"step {n}" for n in (0, 1, 2, 0, 1, 2, 0, 1, 0, 1, 2)]
     told = [line for line in lines if line.startswith("gait: ")]
