@@ -223,7 +223,7 @@ def is_bad_input(error: BaseException) -> bool:
 
 
 def _code_of(error: Exception, given: Sequence[str]) -> int:
-    """Exit code of an expected error. A calibration that `guara run` rejects has its own code, for service managers."""
+    """Exit code of an expected error. A calibration mismatch in `guara run` has its own code, for service managers."""
     kinds = {kind.__name__ for kind in type(error).__mro__}
     if "run" in given and kinds & {"CalibrationMismatch", "CalibrationRefused"}:
         return EXIT_CALIBRATION

@@ -73,7 +73,7 @@ def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
 @click.option("--listen", default="tls/0.0.0.0:7447", help="endpoint on which the router listens")
 @click.option("--uplink", default="", show_default="none", help="router in FOLDER to which this router connects")
 @click.option("--uplink-host", default="", show_default="first of its hosts", help="name or address of that router")
-@click.option("--scans", is_flag=True, help="let planners request scans from nodes that connect to this router")
+@click.option("--scans", is_flag=True, help="let planners request scans through this router")
 @click.option("--summary-only", is_flag=True, help="send only summaries, status and liveliness to the uplink")
 @click.option("--place", help="path of the router's folder on the machine where it runs; default: as created")
 def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> None:

@@ -27,7 +27,8 @@ class Recording(AbstractContextManager["Recording"]):
 
     Attributes:
         path: path of the file.
-        scans: recorded scans that have a laser-on frame, in order; `process_scan` can process them again.
+        scans: recorded scans that have a laser-on frame, in order; `process_scan` can process them again, except those
+            that were withdrawn.
         calibration: attached calibration, or None.
 
     Example:

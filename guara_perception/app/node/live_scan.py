@@ -57,7 +57,7 @@ def live_scan(
     return. The ground of a stripe that was not fired stays unscanned.
 
     The camera's locked settings are read back before the first stripe, and the light is checked in the first frames.
-    The problems name changed settings, and light that is clipped or too dark.
+    The problems also name changed settings, and light that is clipped or too dark.
 
     Args:
         rangefinder: open devices.

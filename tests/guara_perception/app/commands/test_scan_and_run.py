@@ -108,7 +108,7 @@ def test_what_a_recording_takes_is_said(capsys: pytest.CaptureFixture[str]) -> N
     assert run(["run", "--simulated", "--lossless", "--jpeg", "90", "--record", "walk.mcap"]) == 2
     assert "--lossless and --jpeg are mutually exclusive" in capsys.readouterr().err
     assert "lossless frames, about 35 GB an hour" in recording_size(None)
-    assert "JPEG of quality 90, at most about 5 GB an hour" in recording_size(90)
+    assert "JPEG frames of quality 90, at most about 5 GB an hour" in recording_size(90)
     assert "more than 5 GB" in recording_size(95)
 
 
