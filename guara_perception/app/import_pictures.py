@@ -63,7 +63,7 @@ def stripe_indices(pairs: Sequence[PicturePair], robot: RobotModel, mode: str | 
         wrong = [pair.on for pair in pairs if pair.number not in settings.pattern(mode or "standard")]
         if wrong:
             raise InvalidInput(
-                f"--indices: {names_of(wrong)}: no stripe of the pattern has this number; allowed: its indices (0 ... "
+                f"--indices: {names_of(wrong)}: no such stripe in the pattern; allowed: its indices (0 ... "
                 f"{settings.stripes - 1})"
             )
         return indices

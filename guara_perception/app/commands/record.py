@@ -67,9 +67,10 @@ def command(
     """Record a calibration SESSION (exposure, board, floor, crosses, plates, in this order), and calibrate from it.
 
     A page in the browser shows the camera image and what to do. Run the same command again to continue an interrupted
-    session. With --redo, board, crosses, plates and stance are as in the session. If an option of one of them is given,
-    its other options have their defaults. The results are SESSION/calibration.json and SESSION/devices.toml, for -c and
-    --devices of other commands.
+    session. With --redo, the options of board, crosses, plates and stance are those of the session; if one of a part is
+    given, the others of this part have their defaults.
+
+    The results are SESSION/calibration.json and SESSION/devices.toml, for -c and --devices of other commands.
 
     \b
     Example:

@@ -41,7 +41,7 @@ class SwayingScan:
     """Scan of a swaying body.
 
     The grid is placed in the world with the true pose of the body at BEGIN. The errors therefore do not include the
-    tilt and the height offset of the whole grid that the noise of the joint readings at BEGIN causes.
+    tilt and the height offset of the whole grid, which are caused by joint noise at BEGIN.
 
     Attributes:
         terrain: grid of the scan.
