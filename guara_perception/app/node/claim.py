@@ -192,7 +192,7 @@ class Claim:
         assert before is not None
         moved = sorted(set(standing).difference(pose.stayed_feet))
         if moved:
-            return f"feet moved although the gait reports that they stood: {', '.join(moved)}", False
+            return f"{', '.join(moved)} moved, but stood according to the gait", False
         tilted = _heights_changed(before, pose, robot)
         if tilted > HEIGHT_SIGMAS:
             return f"gravity does not agree: the heights of standing soles changed by {tilted:.1f} sigma", False

@@ -107,7 +107,7 @@ class NodeStatus:
             self._items["withdrawn"] = StatusItem(
                 name="withdrawn",
                 level=Health.OK,
-                message=f"{self._withdrawn.total()} grids withdrawn since the start",
+                message=f"{self._withdrawn.total()} grids since the start",
                 values={name: str(count) for name, count in self._withdrawn.items()},
             )
 

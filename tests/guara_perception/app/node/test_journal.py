@@ -285,7 +285,7 @@ MISFITS = {
     "lifted": ({"standing_pauses": dict.fromkeys(LEGS, 0) | {"rh": 4}}, NOT_SAID),
     "a foot that swung is said to stand": (
         {"standing_pauses": dict.fromkeys(("lf", "lh", "rf", "rh"), 4)},
-        "feet moved although",
+        "moved, but",
     ),
     "another walk": ({"epoch": "v"}, "the journal ends at step 3 of walk 'w'; this is step 4 of 'v'"),
     "old": ({"time": BEGUN + 1000.0}, "the stored walk is 970 s old, but ground is valid for only 420 s"),
