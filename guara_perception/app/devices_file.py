@@ -48,7 +48,7 @@ KNOWN = {
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """Camera and laser board of a robot, and their settings during its calibration.
+    """Camera and laser board of a robot, and their settings during the calibration.
 
     Attributes:
         source: source of the camera: number, device path, GStreamer pipeline, "aravis" or "aravis:NAME" for GigE and
