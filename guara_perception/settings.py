@@ -75,7 +75,7 @@ class Settings:
         join_height: largest height difference between neighbouring stripes on one surface [m].
         stripes: number of stripes of the standard pattern.
         coarse_every: stride of a coarse scan, which uses the stripes whose index is a multiple of this number.
-        mirror_angles: nominal first and last mirror angle, for the first calibration only [rad].
+        mirror_angles: nominal first and last mirror angle [rad]; a calibration has its own angles.
         limits: traversability limits.
         validity_pauses, validity_seconds: age up to which an observation may be used [pauses, s].
     """

@@ -81,7 +81,7 @@ class SweepBackground:
     """Backgrounds of a sweep without laser-off frames, from one channel of the last few laser-on frames.
 
     The background of a stripe is the minimum of two earlier frames, at the index offsets STRIPES_BEFORE. A stripe is
-    rejected if one of these frames was lost.
+    rejected if one of these frames was lost or unusable.
     """
 
     def __init__(self, stride: int) -> None:

@@ -19,8 +19,8 @@ NO_PLACE = (
     "the body's pose at the flash is unknown: joint samples are missing or irregular, feet moved or lifted, or the "
     "time of the flash is unknown or uncertain"
 )
-# Largest displacement of the ground, in any direction, by body motion between the flashes of two neighbouring stripes
-# that are joined. It is about half the spacing of coarse stripes, so that no stripe takes the place of another.
+# Largest displacement of the scanned ground relative to the body, in any direction, between the flashes of two
+# neighbouring stripes that are joined. It is the smallest spacing of stripes, so that two stripes do not change places.
 MOST_BETWEEN_M = 0.006
 # Largest standard deviation of the height difference between two stripes that are joined.
 MOST_SIGMA_M = 0.0015

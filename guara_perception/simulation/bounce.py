@@ -11,14 +11,13 @@ from guara_perception.simulation.scene_view import SceneView
 # Spacing of the receivers (pixels at which bounced light is computed), relative to the image width. Few suffice,
 # because bounced light varies smoothly.
 RECEIVER_SPACING = 1 / 64
-# Largest number of sources, sampled from the lit pixels of a stripe, on sloped and on horizontal surfaces each.
+# Largest number of sources sampled from the lit pixels of a stripe, separately on sloped and on horizontal surfaces.
 SOURCES = 32
 # z of the normal below which a surface counts as sloped. Horizontal ground cannot illuminate horizontal ground.
 SLOPED_COSINE = 0.97
 # Lower bound of the distance to a source, without which the light of a point source would be unbounded.
 NEAREST_M = 0.004
-# Bounced light that is below this level in the whole image is omitted. It is smaller than the rounding error of a pixel
-# [grey levels].
+# Bounced light below this level [grey levels] in the whole image is omitted. The rounding error of a pixel is larger.
 FAINTEST = 0.2
 
 
@@ -53,7 +52,7 @@ class Bounce:
                 continue
             chosen, values = pixels[is_source], brightness[is_source]
             pick = np.linspace(0, chosen.size - 1, min(SOURCES, chosen.size)).astype(np.intp)
-            # The sampled sources are scaled to emit as much light as all lit pixels.
+            # The sampled sources are scaled to the total brightness of all lit pixels of the same kind.
             factor = float(values.sum() / max(values[pick].sum(), 1e-6))
             self._add(total, receivers, chosen[pick], values[pick] * np.float32(factor))
         total *= np.float32(strength)
@@ -63,10 +62,10 @@ class Bounce:
         return np.asarray(cv2.resize(total, (width, height), interpolation=cv2.INTER_LINEAR))
 
     def _add(self, total: Float32, receivers: Mask, sources: Index, sent: Float32) -> None:
-        """Add the light of sources to receivers: product of the cosines at both ends, divided by the squared distance.
+        """Add the light of sources: reflectance / pi * source area * cosines at both ends / squared distance.
 
         Args:
-            total: light received so far by each receiver [grey levels of 255]; changed in place.
+            total: light reflected so far by each receiver [grey levels of 255]; changed in place.
             receivers: mask of the receivers to which light is added.
             sources: indices of the sources, in the flat image.
             sent: brightness of the sources [grey levels of 255].

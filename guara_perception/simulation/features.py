@@ -74,7 +74,7 @@ class Patch(Feature):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Raised(Feature):
-    """Base class of features with a top at `height` above the ground at their centre [m]."""
+    """Base class of features that rise up to `height` [m] above the ground at their centre."""
 
     height: float
 

@@ -25,7 +25,7 @@ class WaveGait:
 
     Attributes:
         lift_order: legs in the order in which they swing.
-        hips: leg -> (x, y) of its sole in base_link halfway between landing and lift-off [m].
+        hips: position (x, y) of each sole in base_link halfway between landing and lift-off [m], by leg.
         cycle_length: advance of the body in one cycle, in which each leg swings once [m].
         hip_height: height of the body's origin above the plane of the soles [m].
     """
@@ -87,17 +87,17 @@ def stand_on(
 ) -> tuple[Float, dict[str, float]]:
     """Compute pose and joint positions of a robot that stands on all feet, heading along x of the world.
 
-    The body is parallel to the plane through the feet, up to the slope LARGEST_TILT; the soles are level. If a foothold
-    is out of reach, the body is lowered by up to DEEPEST_CROUCH_M.
+    The body is parallel to the plane through the feet, up to the slope LARGEST_TILT; the x axes of the soles are level.
+    If a foothold is out of reach, the body is lowered by up to DEEPEST_CROUCH_M.
 
     Args:
         robot: the robot.
-        soles_in_world: leg -> sole centre (3,), for every leg [m].
+        soles_in_world: sole centre (3,) of every leg [m], by leg.
         position: x and y of the body's origin [m].
         height: distance of the body's origin from the plane of the feet, before any lowering [m].
 
     Returns:
-        transform_base_to_world (4, 4), and joint name -> position [rad].
+        transform_base_to_world (4, 4), and joint positions by name [rad].
 
     Raises:
         OutOfReach: a leg cannot reach its foothold even from the lowest pose of the body.

@@ -29,7 +29,7 @@ MAX_FOOTPRINT_M = 0.002
 # THINNING_PX-th row and column is tested.
 THINNING_PX = 4
 NEAR_PLANE_M = 0.020
-# Minimum height of camera and laser above the ground; a lower one counts as a collision.
+# Minimum height of camera and laser above the ground; a pose with a smaller height is rejected.
 LEAST_CLEARANCE_M = 0.05
 
 
@@ -53,7 +53,7 @@ class SimulatedRangefinder:
             calibration: true calibration of the rangefinder, for instance from `specimen`.
             robot: robot that carries the rangefinder.
             seed: seed of all noise; the same sequence of calls gives the same frames.
-            light: light and sensor; None = those of the world.
+            light: parameters of light and sensor; None = those of the world.
 
         Raises:
             CalibrationMismatch: the calibration belongs to another robot.
@@ -96,7 +96,7 @@ class SimulatedRangefinder:
 
         Args:
             transform_base_to_world: (4, 4) pose of the body.
-            joint_positions: joint name -> position [rad] of a robot that is drawn and casts shadows. None = draw none.
+            joint_positions: joint positions by name [rad]; the robot is drawn and casts shadows. None = no robot.
             view: result of an earlier call with the same arguments, so that it need not be computed again.
 
         Raises:
@@ -127,7 +127,7 @@ class SimulatedRangefinder:
         """Yield index, laser-on and laser-off frame of each stripe; frames are (h, w, 3) BGR uint8.
 
         Raises:
-            CalibrationMismatch: the calibration has no stripe of this index.
+            CalibrationMismatch: the calibration has no stripe with this index.
             InvalidInput: `set_pose` has not been called.
         """
         for index in indices:

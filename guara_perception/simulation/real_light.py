@@ -17,7 +17,8 @@ PLAIN = Light()
 WIDEST_SIGMA_M = 0.0045  # 12 px wide at half its height
 STRONGEST_SKIRT = 0.12
 STRONGEST_HALO = 150.0
-LEAST_CLIPPED, MOST_CLIPPED = 3.0, 8.0  # clipped cores of 2 to 4 px on soil
+# Factors of the laser light for "halo" and "clipping": the clipped cores on soil are 2 and 4 px wide.
+LEAST_CLIPPED, MOST_CLIPPED = 3.0, 8.0
 MOST_LEAKAGE = (0.25, 0.52, 1.0)
 # Factor of the ambient light. Soil then reaches red levels of 250 to 300 before clipping at 255, and brighter surfaces
 # are clipped.
@@ -62,7 +63,7 @@ EFFECTS: Mapping[str, Callable[[float], dict[str, Any]]] = MappingProxyType(
         "ghosts": lambda s: {"ghost": s * STRONGEST_GHOST},
     }
 )
-"""Name of each effect -> function that maps its strength to fields of `Light`."""
+"""Functions that map the strength of an effect to fields of `Light`, by the name of the effect."""
 
 
 def real_light(strengths: Mapping[str, float]) -> Light:
@@ -74,7 +75,7 @@ def real_light(strengths: Mapping[str, float]) -> Light:
         rangefinder = SimulatedRangefinder(world, calibration, robot, light=real_light({"ambient": 0.5, "jpeg": 1}))
 
     Args:
-        strengths: name of an effect in EFFECTS -> its strength, from 0 = none to 1 = as in the worst photograph.
+        strengths: strength of each effect, by its name in EFFECTS; 0 = none, 1 = as in the worst photograph.
 
     Raises:
         InvalidInput: there is no such effect, or a strength is not 0 ... 1.

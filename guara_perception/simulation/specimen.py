@@ -22,7 +22,7 @@ POSITION_SIGMA_M = 0.0015
 FOCAL_SIGMA = 0.005
 CENTRE_SIGMA_OF_WIDTH = 0.006
 DISTORTION_SIGMA = 0.01
-# Angle between two positions at which the mirror can stop [rad], for a stepper of 1.8 degrees with 256 microsteps.
+# Angle between two neighbouring positions of the mirror [rad], for a stepper of 1.8 degrees with 256 microsteps.
 MIRROR_STEP = 122718e-9
 
 

@@ -116,7 +116,7 @@ class StridePlanner:
         return Stride(0.0, soles[leg], None)
 
     def _places(self, terrain: TerrainGrid, leg: str) -> list[Place]:
-        """Best place in each strip across the track of a leg, if it is within reach."""
+        """Best safe place in each strip across the track of a leg, if it is within reach."""
         track = self._hips[leg][1]
         x, y = np.meshgrid(*terrain.geometry.centres())
         near = np.abs(y - track) <= ASIDE

@@ -71,7 +71,7 @@ class TargetCamera:
         return self._picture(level)
 
     def _on_plane(self, transform_plane_to_camera: Float) -> tuple[Float, Float, Float]:
-        """Coordinates x and y at which the pixels' rays meet the plane z = 0, and widths of the pixels there [m]."""
+        """Coordinates x and y at which the pixels' rays meet the plane z = 0, and effective pixel widths there [m]."""
         rotation, origin = transform_plane_to_camera[:3, :3], transform_plane_to_camera[:3, 3]
         into = self.rays @ rotation
         start = -origin @ rotation

@@ -85,7 +85,7 @@ class WalkPause:
         joint_positions: true joint positions, by joint [rad].
         transform_base_to_world: true pose (4, 4) of the body.
         transform_footprint_to_world: true pose (4, 4) of base_footprint.
-        soles_in_world: leg -> true position (3,) of its sole [m].
+        soles_in_world: true position (3,) of each sole [m], by leg.
     """
 
     step: int

@@ -41,7 +41,7 @@ class World:
         undulation: standard deviation of the bare ground about z = 0 [m].
         seed: seed of undulation and texture.
         flat_until: x up to which there is no undulation [m]; the undulation grows smoothly over the next 0.2 m.
-        light: illumination of the world.
+        light: parameters of light and sensor.
     """
 
     x: tuple[float, float] = (-1.0, 3.0)

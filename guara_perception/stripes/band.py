@@ -13,7 +13,7 @@ from guara_perception.arrays import Codes, Float, Float32, Image, Mask
 from guara_perception.stripes.kernel.library import Picture, addresses, kernel
 from kinematics.arrays import FrozenArrays
 
-# A band is checked for white in every eighth row, and in 40 to 79 columns of a wide image.
+# A band is tested for blank and white frames on every eighth row, and on 40 to 79 columns of a wide image.
 CHECKED_ROWS, CHECKED_COLUMNS = 8, 40
 # Fraction of full scale from which a pixel counts as clipped. JPEG and demosaicing keep clipped pixels just below 1.
 CLIPPED = 0.98
@@ -182,7 +182,7 @@ class StripeProfile(FrozenArrays):
         doubtful_px: (n,) float32, row of a return that must not be used, such as an ambiguous one, NaN where there is
             none.
         reason: reason why the whole frame is bad; empty for a usable frame.
-        remark: defect of the laser-off image, even if that image was not used; empty without a defect or an image.
+        remark: defect of the laser-off image, whether or not it was used; empty if there is none.
     """
 
     position_px: Float32
@@ -199,7 +199,7 @@ class StripeProfile(FrozenArrays):
         return bool(self.reason)
 
     def mirrored(self) -> StripeProfile:
-        """Profile that the same image mirrored left to right would have, without `remark`."""
+        """Profile of the image mirrored left to right, without `remark`."""
         return replace(self, remark="", **{name: getattr(self, name)[::-1] for name in PROFILE_ARRAYS})
 
 
@@ -282,6 +282,6 @@ def pictures_of(on: Image, off: Image | None) -> tuple[Picture, Picture | None]:
 
 
 def opening(picture: Image) -> Image:
-    """Vertical greyscale opening of an image, which removes everything that is as narrow as a stripe."""
+    """Vertical greyscale opening of an image, which removes bright lines as thin as a stripe."""
     column = np.ones((2 * BACKGROUND_HALF_HEIGHT_PX + 1, 1), np.uint8)
     return np.asarray(cv2.morphologyEx(picture, cv2.MORPH_OPEN, column))

@@ -76,7 +76,7 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
         threshold: fixed threshold of the binarisation [grey levels of 8 bits]; None = derive it by Otsu's method.
 
     Returns:
-        Profile with one position per column, in rows of the whole image.
+        Profile in rows of the whole image; a bad frame if the brightness beside the stripe changed too much.
     """
     rows, columns = band.on.shape[:2]
     grey = red_enhanced_grey(band.on)

@@ -1,4 +1,4 @@
-"""Method `precise` of stripe extraction: highest peak of each column, or best path through them in difficult light."""
+"""Method `precise` of stripe extraction: highest peaks of the columns or, in difficult light, the best path."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def extract_precise(bands: Sequence[Band]) -> list[StripeProfile]:
         bands: one band per stripe.
 
     Returns:
-        Profile of each band, with one position per column in rows of the whole image.
+        Profile of each band, with positions in rows of the whole image.
     """
     return [_extract(band) for band in bands]
 
@@ -114,7 +114,7 @@ class ClearStripe:
 
     @property
     def told(self) -> Float:
-        """Numbers (8,): judgement of the frame pair (5), stripe width [px], noise of a filter response, one unused."""
+        """Numbers (8,): judgement of the frame pair (5), sigma of the stripe [px], noise of a response, one unused."""
         return self._work[:64].view(float)
 
     @property

@@ -23,7 +23,8 @@ class GridComparison(FrozenArrays):
         difference: (ny, nx) float64 height of b minus height of a [m]; NaN where either is unknown.
         known_in_both, known_only_in_a, known_only_in_b: numbers of cells.
         free_in_both, free_only_in_a, free_only_in_b: numbers of traversable cells.
-        mean, rms, largest: mean, rms and largest absolute difference over the cells known in both [m]; NaN without any.
+        mean, rms, largest: mean, rms and largest magnitude of the difference over the cells known in both [m]; NaN
+            without any.
     """
 
     difference: Float

@@ -24,8 +24,8 @@ def load_terrain(path: str | Path) -> TerrainGrid:
 
     Raises:
         MissingFile: there is no such file.
-        FileFormatError: the file is not a terrain file, an array is missing or has another type or shape, or the grid
-            violates the safety invariant.
+        FileFormatError: the file is not a terrain file, its arrays or metadata are invalid, or the grid violates the
+            safety invariant.
     """
     path = existing_file(path)
     wanted = [layer.name for layer in LAYERS] + ["origin", "resolution", "frame", "stamp", "step", "metadata"]

@@ -34,8 +34,8 @@ from guara_perception.terrain.questions.swing import swing as _swing
 class TerrainGrid(LayeredGrid):
     """Terrain under and in front of the robot at one stance pause (docs/terrain.md).
 
-    This is a `LayeredGrid`, which documents attributes and look-ups, with the queries of planners as methods. Each
-    query is documented in its own module of `questions`.
+    This is a `LayeredGrid`, which documents attributes and look-ups, with the queries of planners as methods. The
+    methods are documented where they are defined, in `questions` and `drawing`.
     """
 
     __slots__ = ()

@@ -15,7 +15,7 @@ from guara_perception.arrays import Array
 from guara_perception.exceptions import DamagedInstallation
 
 FOLDER = Path(__file__).parent
-# Processor flags required by `x86-64-v3`.
+# Processor flags that identify an `x86-64-v3` processor.
 V3_FLAGS = {"avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"}
 N = ctypes.c_int64
 
@@ -65,7 +65,7 @@ def kernel() -> ctypes.CDLL:
     """Load the kernel's library.
 
     Raises:
-        DamagedInstallation: the library is missing, or was not built for this version and machine.
+        DamagedInstallation: the library is missing, or was built for another version or machine.
     """
     path = FOLDER / f"{processor()}.so"
     try:

@@ -18,7 +18,7 @@ from guara_perception.terrain.layers.geometry import (
 )
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
-# Minimum score of a safe cell, because 0 is reserved for hazards.
+# Minimum score of a safe cell, because 0 is reserved for hazards and unknown cells.
 LEAST_SAFE_SCORE = 0.01
 # Number of cells of a block of rows that fits the cache. All tests are local, so blocks do not change the result.
 BLOCK_CELLS = 60_000

@@ -57,7 +57,7 @@ class LookPlan:
         self._in_view = np.full(geometry.size, NOT_ASKED, dtype=np.int8)
 
     def pairs(self, cells: Index) -> Index:
-        """For each cell, position (n,) in the pattern of the first stripe of the enclosing pair; -1 without a pair."""
+        """Positions (n,) in the pattern of the first stripe of the pair that encloses each cell; -1 without a pair."""
         new = cells[self._pairs[cells] == NOT_ASKED]
         # In blocks, because all cells and all laser planes at once would take megabytes.
         for begin in range(0, new.size, CELLS_TOGETHER):
@@ -178,7 +178,7 @@ def behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geome
     length = np.hypot(sensor_origin[0] - targets[:, 0], sensor_origin[1] - targets[:, 1])
     # Steps of half a cell, starting at the target; steps beyond the end of a line are moved to this end.
     spacing = geometry.resolution / 2 / np.maximum(length, geometry.resolution)
-    # With an unknown border of one cell, to which positions outside the grid are clipped.
+    # Positions outside the grid are clipped to a border of unknown cells, one cell wide.
     around = np.pad(elevation.astype(np.float32), 1, constant_values=np.nan)
     hidden = []
     # In blocks, because all lines at once would take megabytes.

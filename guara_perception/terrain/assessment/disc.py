@@ -186,10 +186,10 @@ def edge_cells(
 
 
 def clearance(flags: Flags, resolution: float) -> Float:
-    """Signed distance to the nearest cell with a flag other than EDGE, or to the border [m]; negative in such cells.
+    """Signed distance to the nearest cell with a flag other than EDGE, or to the border [m].
 
-    The distance to another cell is that of the centres minus half a cell. In a cell with such a flag, it is measured to
-    the nearest cell without one.
+    The distance to another cell is that of the centres minus half a cell. In a cell with such a flag, the distance is
+    negative and measured to the nearest cell without one, or to the border if there is none.
     """
     ny, nx = flags.shape
     bad = (flags & ALL_BUT_EDGE) != 0

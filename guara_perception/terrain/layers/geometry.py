@@ -14,8 +14,8 @@ from guara_perception.settings import TraversabilityLimits
 # Largest number of cells, as in a Terrain message (docs/messages.md); all layers of so many cells take 192 MB.
 MOST_CELLS = 4_000_000
 Kernel = Codes
-# Minimum known fraction of a disc for a plane fit. A fit to a partly known disc makes no cell safe, because EDGE
-# requires wholly known discs.
+# Minimum known fraction of a disc for a plane fit. A fit to a partly known disc makes no cell safe, because a cell gets
+# EDGE unless its disc is wholly known.
 KNOWN_SHARE = 0.6
 # Largest radius of the disc [cells]. Smaller cells would show no more detail, because the spacing of stripes limits it.
 MOST_RADIUS_CELLS = 24
@@ -87,7 +87,7 @@ class GridGeometry:
         """
         fx = (np.asarray(x, np.float64) - self.origin[0]) / self.resolution
         fy = (np.asarray(y, np.float64) - self.origin[1]) / self.resolution
-        # With a tolerance for rounding errors, so that a point at 0.50 + 3 * 0.005 is not in the cell below.
+        # The tolerance for rounding errors keeps a point at 0.50 + 3 * 0.005 out of the cell below.
         ix = np.floor(np.where(np.isfinite(fx), fx, -1.0) + 1e-6)
         iy = np.floor(np.where(np.isfinite(fy), fy, -1.0) + 1e-6)
         limit = 2**31
@@ -167,8 +167,8 @@ def disc_kernel(radius_cells: float, half_cell: float = 0.0) -> Kernel:
 
     Args:
         radius_cells: radius [cells].
-        half_cell: half edge of a square around each centre [cells]; a cell belongs to the disc if any part of its
-            square is within the radius. 0 = the centre only, TOUCHED = the whole cell.
+        half_cell: half edge of a square around each centre [cells]; a cell of the array belongs to the disc if any
+            part of its square is within the radius. 0 = the centre only, TOUCHED = the whole cell.
 
     Raises:
         InvalidInput: the radius is MOST_RADIUS_CELLS + 1 cells or more, or NaN.

@@ -166,7 +166,7 @@ class LayeredGrid(Gridded):
         def __getattr__(self, name: str) -> Array:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}; layers: {', '.join(LAYER_NAMES)}")
 
-    # Instead of __getstate__, which dataclasses with slots overwrite before Python 3.11.4.
+    # __reduce__ instead of __getstate__, which dataclasses with slots overwrite before Python 3.11.4.
     def __reduce__(self) -> tuple[object, ...]:
         """Support pickling and copying, with dicts instead of mapping proxies, which cannot be pickled."""
         state = {entry.name: getattr(self, entry.name) for entry in fields(self)}

@@ -27,7 +27,8 @@ Sole: TypeAlias = Float
 Run: TypeAlias = tuple[int, int, int]
 LIMITS = TraversabilityLimits.__slots__
 R = TypeVar("R", bound="GridRecord")
-# Fields in the order of the JSON object. A map copies POSE from its scan; the node adds STATED.
+# Fields in the order of the JSON object. A map copies POSE from its scan; STATED is set when a grid is sent or
+# received.
 POSE = (
     *("robot", "robot_description", "mode", "method", "calibration_hash", "calibration_verdict", "stance"),
     *("attitude_source", "attitude_sigma", "support_feet_used", "support_soles", "transform_base_to_footprint"),
@@ -150,7 +151,7 @@ def known_limits(limits: Mapping[str, Any], kind: type) -> dict[str, Any]:
 
 TEXT, WHOLE, FLAG, NUMBER = _is(str), _is(int), _is(bool), _is(int, float)
 LIST, OBJECT = _is(list, tuple), _is(Mapping)
-# Type of a field -> its reader, and the allowed values in words, for error messages.
+# Reader of each type of field, and the allowed values in words for error messages.
 FORMS: Mapping[str, tuple[Reader, str]] = {
     "str | None": (TEXT, "text"),
     "bool | None": (FLAG, "true or false"),
@@ -195,7 +196,7 @@ class GridRecord(FrozenArrays):
         stance, attitude_source, support_feet_used: stance of the robot, source of its attitude, and feet from which its
             pose was computed.
         attitude_sigma: standard deviation of the vertical relative to gravity, per axis [rad].
-        support_soles: leg -> (4, 3) array of the sole's centre [m] and the rows of its covariance [m^2], in
+        support_soles: (4, 3) array of each sole by leg: centre [m], then the rows of its covariance [m^2], in
             base_footprint.
         transform_base_to_footprint, transform_camera_to_base: (4, 4) pose of the body and mount of the camera.
         pose_covariance: (6, 6) covariance of the pose in base_footprint.
@@ -328,7 +329,7 @@ class GridRecord(FrozenArrays):
         """Traversability limits of the assessment that are known to this version.
 
         Raises:
-            InvalidInput: the limits are absent or incomplete.
+            InvalidInput: the limits are absent, incomplete or invalid.
         """
         if self.limits is None:
             raise InvalidInput(
@@ -338,10 +339,13 @@ class GridRecord(FrozenArrays):
         return self.limits
 
     def other_limits(self) -> dict[str, tuple[Hazard, float]]:
-        """Limits of a newer version: name -> flag set by the limit, and its value (NaN if it is not a number).
+        """Limits of a newer version by name: flag set by the limit, and its value (NaN if it is not a number).
 
         A newer limit has no flag of its own: it sets the existing flag that `limit_flags` names, and a cell with this
         flag is a hazard like any other.
+
+        Raises:
+            InvalidInput: `limit_flags` cannot be read.
         """
         self.check("limit_flags")
         return {
@@ -382,13 +386,13 @@ class ScanRecord(GridRecord):
         laser_origin: (3,) position of the laser in base_footprint [m].
         stripes_planned, stripes_used: numbers of stripes.
         stripes_missing: indices of the stripes that were never added.
-        frames_bad, off_pictures_unused: stripe index -> reason why its frame or laser-off image was not used.
+        frames_bad, off_pictures_unused: reason why the frame or laser-off image was not used, by stripe index.
         points, points_used: number of image columns by status, and number of those used.
         coverage_regions: coverage of each ninth of the area, by names such as "far left".
         seconds: computing time by stage [s].
         lost_cells: unknown cells that only lost frames could have measured, as runs (ix, first iy, end iy), end
             exclusive.
-        dark_flashes: number of dark flashes whose frames were compared; None for a sweep without dark flashes.
+        dark_flashes: number of dark flashes with a usable frame; None for a sweep without dark flashes.
     """
 
     ORDER: ClassVar[tuple[str, ...]] = (
@@ -421,18 +425,18 @@ class MapRecord(GridRecord):
         transform_footprint_to_odom, odometry_covariance: pose (4, 4) of this pause and its covariance (6, 6).
         scans: number of fused scans.
         disagreeing_cells: number of heights of the last scan that disagreed with the map.
-        support_residuals: leg -> height of its sole above the map [m]; None if too little of the map is known under the
-            sole.
-        sunk_feet, slid_feet: leg -> distance by which the foot sank below the map, or slid relative to the other feet
-            [m]; None if no foot sank or slid.
+        support_residuals: height of each sole above the map [m], by leg; None if too little of the map is known under
+            the sole.
+        sunk_feet, slid_feet: distance by which a foot sank below the map, or slid relative to the other feet [m], by
+            leg; None if no foot sank or slid.
         height_correction, height_correction_sigma: height correction of the walk and its standard deviation [m].
         known_ground: ground declared by the gait.
         sideways_correction, sideways_correction_sigma: planar correction (x, y, yaw) of the walk [m, m, rad].
         registration_refused: reason why the registration of the scan was not used.
         visual_corners: number of corners of the ground's texture that agree on a motion, None without images.
         visual_refused: reason why the laser-off image did not correct the walk.
-        foot_slips: leg -> distance by which the standing foot slid since the last pause, including a slide common to
-            all feet [m]; None unless camera images corrected the pose at both pauses.
+        foot_slips: distance by which each standing foot slid since the last pause, including a slide common to all
+            feet [m], by leg; None unless camera images corrected the pose at both pauses.
         slipped_feet, odometry_residual, restarts: slipped feet, residual and restarts reported by leg odometry.
     """
 

@@ -14,7 +14,8 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.map.fuse_heights import LOOKED_AT, Heights, MapPause, forget_heights, fuse_heights
 from guara_perception.terrain.map.odom_cells import OdomCells, Squares
 
-# Assumed error, due to calibration and mount, common to all heights of a scan and independent between scans.
+# Standard deviation of the assumed error of calibration and mount, common to all heights of a scan and independent
+# between scans.
 LOOK_SIGMA_M = 0.0005
 SEEN_LAYERS = ("elevation", "variance", "variance_local", "elevation_min", "elevation_max", "slope")
 
@@ -25,7 +26,7 @@ def fuse_scan(cells: OdomCells, terrain: TerrainGrid, now: MapPause, tilt: Float
     accepted = fuse_heights(cells, found.heights, now)
     forget_heights(cells, found.empty, found.empty_cause)
     memory = cells.memory
-    # The memory keeps the most specific cause: UNSCANNED replaces none, and a cause in LOOKED_AT is not replaced.
+    # The memory keeps the most specific cause: UNSCANNED replaces no other cause, and none in LOOKED_AT is replaced.
     is_free = np.isnan(memory["height"][found.unseen]) & ((memory["cause"][found.unseen] & LOOKED_AT) == 0)
     better = is_free & (found.unseen_cause != np.uint16(Hazard.UNSCANNED))
     memory["cause"][found.unseen[better]] = found.unseen_cause[better] & UNKNOWN_MASK

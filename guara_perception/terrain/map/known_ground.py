@@ -58,13 +58,13 @@ class KnownGround:
 
 
 def fuse_known_ground(cells: OdomCells, ground: KnownGround, now: MapPause, step: int) -> dict[str, Any]:
-    """Fill unobserved cells that lie wholly inside a declared patch; return its entry for the map's record."""
+    """Fill unobserved cells that lie wholly in a declared patch; return the patch's entry for the map's record."""
     transform, half = now.transform_footprint_to_odom, cells.resolution / 2 - SHRUNK_M
     outline = ground.outline @ transform[:2, :2].T + transform[:2, 3]
     (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)
     cy, cx = cells.cells_between((x0, y0), (x1, y1))
     slot, memory = cells.slots(cy, cx), cells.memory
-    # Cells that an earlier patch filled are excluded here, which saves time.
+    # Known and observed cells are excluded before the search for cells inside, which saves time.
     open_cells = (slot >= 0) & np.isnan(memory["height"][slot]) & ((memory["cause"][slot] & LOOKED_AT) == 0)
     slot = slot[open_cells]
     x, y = ((np.asarray(c, np.float64)[open_cells] + 0.5) * cells.resolution for c in (cx, cy))

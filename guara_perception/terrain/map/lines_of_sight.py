@@ -43,8 +43,8 @@ class LinesOfSight:
 
     Bounds are conservative. A ray starts at the highest sample of its cell, and its height in a cell is taken at the
     far edge. The bound of a cell is the highest bound of the cell and all its neighbours. The light may diverge from
-    any point on the mirror or in front of it; a bound holds for all these points. Objects that no scan can see are not
-    bounded: those thinner than the gap between two stripes, and new ones that return no light.
+    the mirror or from a point before it along the beam; a bound holds in all cases. Objects that no scan can see are
+    not bounded: those thinner than the gap between two stripes, and new ones that return no light.
 
     Attributes:
         bounds: upper bounds of the ground, NONE where there is no bound.
@@ -66,7 +66,7 @@ class LinesOfSight:
 
     @staticmethod
     def of(terrain: TerrainGrid, now: MapPause, robot: RobotModel) -> LinesOfSight | None:
-        """Lines of sight of a scan that was fused into the map; None if its record lacks the camera's pose."""
+        """Lines of sight of a scan that was fused into the map; None if its record lacks the pose of camera or body."""
         record = terrain.scan_record
         for name in ("transform_camera_to_base", "transform_base_to_footprint", "laser_origin"):
             record.check(name)

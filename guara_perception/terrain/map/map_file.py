@@ -29,7 +29,7 @@ FORMAT = "guara-map/3"
 SEEN = {"layers": "seen", "origin": "seen_origin"}
 # Names of the arrays of SeenTexture in files.
 TEXTURE = {"texture": "texture", "first": "texture_first"}
-# Largest total size of the arrays [bytes]; a map of 4 m with cells of 1 mm takes 1.6 GB.
+# Largest total size of the arrays [bytes]; a map of 4 m with cells of 1 mm takes 1.7 GB.
 LARGEST_MAP = 2 * 1024**3
 # Compression level of deflate.
 COMPRESSION = 1
@@ -98,7 +98,8 @@ def write_map(stream: IO[bytes], robot: str, cells: OdomCells, state: MapState) 
     fields["walk"] = {FILE_KEYS.get(name, name): value for name, value in fields["walk"].items()}
     text = json.dumps({**header, "first": cells.first, **fields}, default=np.ndarray.tolist)
     seen = {names[name]: array for names, layers in named for name, array in layers.items()}
-    # As `np.savez_compressed`, at a level that takes a third of its time: the journal is written at each pause.
+    # Like `np.savez_compressed`, but at a level that takes a third of the time, because the journal is written at each
+    # pause.
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=COMPRESSION) as archive:
         for name, array in ({"state": np.array(text)} | dict(cells.memory) | seen).items():
             with archive.open(f"{name}.npy", "w") as member:
