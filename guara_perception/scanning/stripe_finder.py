@@ -126,11 +126,11 @@ class SweepBackground:
             return Band(on[band], None, rows[0])
         missing = [other for other in needed if other not in self._kept]
         if missing:
-            return f"no laser-off frame, and frame {missing[0]}, which would serve instead, was lost"
+            return f"no laser-off frame, and frame {missing[0]}, which would replace it, is missing or unusable"
         return Band(kept[band], np.minimum(*(self._kept[other][band] for other in needed)), rows[0])
 
 
-# Equations that each method takes literally from the paper; None = triangulation instead of the paper's chain.
+# Equations that each method uses as printed in the paper; None = triangulation instead of the paper's chain.
 METHODS: dict[str, Literal | None] = {
     # Matched filter, triangulation with the calibrated laser planes.
     "precise": None,

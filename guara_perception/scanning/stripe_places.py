@@ -19,8 +19,8 @@ NO_PLACE = (
     "the body's pose at the flash is unknown: joint samples are missing or irregular, feet moved or lifted, or the "
     "time of the flash is unknown or uncertain"
 )
-# Largest displacement of the scanned ground relative to the body, in any direction, between the flashes of two
-# neighbouring stripes that are joined. It is the smallest spacing of stripes, so that two stripes do not change places.
+# Largest displacement of the scanned ground relative to the camera, in any direction, between the flashes of two
+# neighbouring stripes that are joined. It is about the smallest spacing of stripes, so that they do not change places.
 MOST_BETWEEN_M = 0.006
 # Largest standard deviation of the height difference between two stripes that are joined.
 MOST_SIGMA_M = 0.0015

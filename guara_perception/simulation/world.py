@@ -23,7 +23,7 @@ from kinematics.untrusted import LARGEST_FILE, key_lines, parse_toml, table_name
 UNDULATION_WAVES = 6
 SHORTEST_WAVE_M = 0.25
 LONGEST_WAVE_M = 1.0
-# Worlds that come with the package, by file name.
+# Folder of the worlds that come with the package.
 WORLDS = Path(__file__).resolve().parent / "worlds"
 
 
@@ -179,7 +179,7 @@ def load_world(name_or_path: str | Path) -> World:
     The keys at the top level are `x`, `y` (area, two numbers each), `material`, `undulation`, `flat_until` and `seed`.
     Each feature has a table `[[box]]`, `[[rock]]`, `[[ramp]]`, `[[pit]]`, `[[patch]]`, `[[step]]` or `[[stairs]]`; the
     tables are in the order of placement. Units are metres and radians. The table `[light]` contains the strengths of
-    effects of real light, where 1 is the strength in photographs (`real_light`).
+    effects of real light, where 1 is the strength in the worst photograph (`real_light`).
 
     Args:
         name_or_path: a .toml file, or the name of a world that comes with the package.

@@ -15,7 +15,7 @@ from kinematics.arrays import FrozenArrays
 
 # A band is tested for blank and white frames on every eighth row, and on 40 to 79 columns of a wide image.
 CHECKED_ROWS, CHECKED_COLUMNS = 8, 40
-# Fraction of full scale from which a pixel counts as clipped. JPEG and demosaicing keep clipped pixels just below 1.
+# Fraction of full scale from which a pixel counts as clipped. JPEG and demosaicing make clipped pixels slightly darker.
 CLIPPED = 0.98
 # Minimum contrast between even and odd columns that proves a colour filter. The contrast is about 0.1 % in grey images;
 # behind a colour filter it is at least 2 % in white light and 30 to 95 % in red laser light.
@@ -174,8 +174,8 @@ class StripeProfile(FrozenArrays):
     """Position of one stripe in each image column (in each image row if it was extracted along rows).
 
     Attributes:
-        position_px: (n,) float32, row of the stripe centre in the whole image, NaN where there is none.
-        sigma_px: (n,) float32, standard deviation of the position, NaN where there is none.
+        position_px: (n,) float32, row of the stripe centre in the whole image; NaN unless status is OK or SATURATED.
+        sigma_px: (n,) float32, standard deviation of the position; NaN like the position.
         status: (n,) uint8, a StripeStatus per column.
         peak: (n,) float32, height of the peak above the background [grey levels], NaN in a bad frame. `precise` smooths
             the image first.

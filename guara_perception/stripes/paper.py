@@ -38,7 +38,7 @@ NAN = np.float32(np.nan)
 SIGMA_PX = 0.5
 # Largest extent of the skeleton of one line in a column; a larger extent belongs to two lines.
 MOST_EXTENT_PX = 4
-# Largest difference between the rows of a line in the skeletons of an image and of the same image flipped upside down.
+# Largest difference between the rows of a line in the two skeletons, from the image and from its flipped copy.
 MOST_DIFFERENCE_PX = 1
 # Largest number of passes of the thinning, each of which removes one layer of pixels on each side.
 MOST_PASSES = 200
@@ -63,7 +63,9 @@ def check_threshold(threshold: float | None, method: str, *, has_threshold: bool
     if threshold is None:
         return
     if not has_threshold:
-        raise InvalidInput(f"threshold is {threshold} and method {method!r}: only the paper's method has a threshold")
+        raise InvalidInput(
+            f"threshold is {threshold}, but method {method!r} does not use one; only the paper's method does"
+        )
     if not 0 <= threshold <= 255:
         raise InvalidInput(f"threshold is {threshold}, allowed: 0 ... 255 grey levels")
 

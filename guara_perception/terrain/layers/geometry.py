@@ -70,7 +70,7 @@ class GridGeometry:
             if abs(cells - round(cells)) > 1e-6 * max(cells, 1) or round(cells) < 1:
                 raise InvalidInput(
                     f"resolution {resolution} m does not divide the area; it must divide "
-                    f"{x[1] - x[0]:.3g} and {y[1] - y[0]:.3g} m (for instance 0.005, 0.01 or 0.015)"
+                    f"{x[1] - x[0]:.3g} and {y[1] - y[0]:.3g} m"
                 )
             counts.append(round(cells))
         return GridGeometry((x[0], y[0]), float(resolution), (counts[0], counts[1]))

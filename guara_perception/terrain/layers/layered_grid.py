@@ -25,7 +25,7 @@ EXTENTS = tuple(RECORDS)
 
 
 class Gridded:
-    """Base of classes with layers, at least `elevation`, `hazard` and `traversability`.
+    """Base class of grids with at least the layers `elevation`, `hazard` and `traversability`.
 
     Queries of a stale grid raise `transport.StaleTerrain` unless `allow_stale` is set.
     """
@@ -244,7 +244,7 @@ def coordinates(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[Float, Float]:
     try:
         px, py = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
     except (ValueError, TypeError):
-        raise InvalidInput("x and y must be numbers or arrays of one shape [m]") from None
+        raise InvalidInput("x and y must be numbers or arrays that broadcast to one shape [m]") from None
     return px, py
 
 

@@ -221,7 +221,7 @@ def test_frames_of_another_size_are_refused(paper_scan, calibration, robot):
     small = with_frames(paper_scan, lambda name, frame: frame[::2, ::2])
     with pytest.raises(gp.CalibrationMismatch, match="no frame has the calibrated camera's 640x512 px"):
         gp.process_scan(small, calibration, robot)
-    with pytest.raises(gp.InvalidInput, match="on_000.jpg: the frame is 320x256 px, the calibration is for 640x512"):
+    with pytest.raises(gp.InvalidInput, match="on_000.jpg: the frame is 320x256 px, the calibration is for 640x512 px"):
         gp.process_scan(small, calibration, robot, strict=True)
     turned = with_frames(paper_scan, lambda name, frame: np.rot90(frame))
     with pytest.raises(gp.CalibrationMismatch, match="640x512 px: the frames are turned by 90 degrees"):

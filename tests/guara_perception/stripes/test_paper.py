@@ -149,7 +149,7 @@ def test_a_weak_part_of_a_stripe_is_found_beside_a_bright_one() -> None:
     [
         ("paper", 256, r"threshold is 256, allowed: 0 \.\.\. 255 grey levels"),
         ("paper", float("nan"), "threshold is nan, allowed"),
-        ("precise", 15, "threshold is 15 and method 'precise': only the paper's method has a threshold"),
+        ("precise", 15, "threshold is 15, but method 'precise' does not use one; only the paper's method does"),
     ],
 )
 def test_thresholds_that_are_none_are_refused(

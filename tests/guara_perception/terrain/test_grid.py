@@ -99,7 +99,7 @@ def test_arrays_and_numbers_are_answered_alike(terrain: gp.TerrainGrid) -> None:
 def test_positions_that_do_not_fit_together_are_refused(terrain: gp.TerrainGrid) -> None:
     """Three x and two y, or a text, are refused with one message."""
     for x, y in (([1, 2, 3], [1, 2]), ("here", 0.0)):
-        with pytest.raises(gp.InvalidInput, match="numbers or arrays of one shape"):
+        with pytest.raises(gp.InvalidInput, match="numbers or arrays that broadcast to one shape"):
             terrain.height_at(x, y)
 
 
