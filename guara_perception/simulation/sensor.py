@@ -35,7 +35,7 @@ class Sensor:
     """Camera sensor that converts light levels to images; all noise comes from one seeded generator."""
 
     def __init__(self, light: Light, shape: tuple[int, int], seed: int) -> None:
-        """Generate the noise, from which images draw random parts.
+        """Generate the noise; each image uses random parts of it.
 
         Args:
             light: light and sensor.

@@ -32,7 +32,7 @@ class WalkNoise:
         joint: standard deviation of the bias of a joint, which is constant during a pause [rad]; `fresh_reading` adds
             the noise of single readings.
         contact: standard deviation of the height of a sole in contact [m].
-        slip: standard deviation of a sole's position at touch-down, per axis [m].
+        slip: standard deviation of a sole's position at touch-down, per horizontal axis [m].
         imu: standard deviation of the reported direction of gravity, per axis [rad]; None = without an IMU, so that
             gravity is not reported.
         creep: standard deviation of the motion of a standing sole between two pauses, per horizontal axis [m].
@@ -62,7 +62,7 @@ class Footstep:
 
     Attributes:
         leg: name of the leg.
-        target_in_footprint: (2,) the chosen foothold, in base_footprint of the previous pause [m].
+        target_in_footprint: x and y of the chosen foothold in base_footprint of the previous pause [m].
         sole_in_world: (3,) position of the sole on the ground [m].
     """
 
