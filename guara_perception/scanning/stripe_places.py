@@ -22,7 +22,7 @@ NO_PLACE = (
 # Largest displacement of the scanned ground relative to the camera, in any direction, between the flashes of two
 # neighbouring stripes that are joined. It is about the smallest spacing of stripes, so that they do not change places.
 MOST_BETWEEN_M = 0.006
-# Largest standard deviation, due to the poses of the body, of the height difference between two stripes that are joined.
+# Largest standard deviation, due to the body's poses, of the height difference between two stripes that are joined.
 MOST_SIGMA_M = 0.0015
 
 

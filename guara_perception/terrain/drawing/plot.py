@@ -61,7 +61,7 @@ def plot(
 
     Args:
         layer: any layer; "hazard" is drawn in one colour per flag with a legend.
-        hazards: True = veil the known cells that are not traversable.
+        hazards: True = veil the known cells that are not traversable (except in the layer "hazard").
         footholds: positions to mark, each a `Foothold` or a pair (x, y) [m].
         regions: areas to outline, each a `SteppableRegion`.
         axes: matplotlib axes; None = new ones that a notebook or `plt.show()` shows.

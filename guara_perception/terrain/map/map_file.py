@@ -111,7 +111,7 @@ def read_map(path: str | Path) -> SavedMap:
 
     Raises:
         MissingFile: there is no such file.
-        FileFormatError: the file is not a map file, or its contents are inconsistent.
+        FileFormatError: the file is not a map file, or its contents are invalid or inconsistent.
     """
     path = existing_file(path)
     data = read_arrays(path, ("state", *MEMORY, *SEEN.values(), *TEXTURE.values()), "map", LARGEST_MAP)
