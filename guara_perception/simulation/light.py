@@ -31,7 +31,7 @@ class Light:
         shot_noise: variance of the noise per grey level.
         read_noise: standard deviation of the noise at level 0.
         vignetting: exponent v of the brightness cos(field angle)^v.
-        texture: factor of the mottled texture of all surfaces, 0 = none.
+        texture: factor of the mottled texture of the ground, 0 = none.
         skirt: level of the light scattered by the lens, relative to the stripe's peak (clipped at 255). It is constant
             up to 8 px beside the stripe and decreases from there; it ends at 40 px.
         halo: level beside a clipped core of the stripe; the halo fades within 20 px.
