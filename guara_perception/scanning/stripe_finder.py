@@ -80,8 +80,8 @@ class StripeFinder:
 class SweepBackground:
     """Backgrounds of a sweep without laser-off frames, from one channel of the last few laser-on frames.
 
-    The background of a stripe is the minimum of two earlier frames, at the index offsets STRIPES_BEFORE. A stripe is
-    rejected if one of these frames was lost or unusable.
+    The background of a stripe is the minimum of two earlier frames, at the index offsets STRIPES_BEFORE. If one of them
+    was lost or unusable, the stripe is rejected. The first stripes, and stripes out of order, get none (see `add`).
     """
 
     def __init__(self, stride: int) -> None:

@@ -105,7 +105,7 @@ class StripePlaces:
 
 
 def parted_pairs(places: Mapping[int, StripePlace], stride: int, ground: Float) -> frozenset[Key]:
-    """Pairs of neighbouring stripes that must not be joined, because the body moved too far or its pose is uncertain.
+    """Pairs of neighbouring stripes that must not be joined: the body moved too far, or its pose is too uncertain.
 
     Args:
         places: poses by index.

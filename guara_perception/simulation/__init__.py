@@ -1,6 +1,7 @@
 """Simulation of a robot on terrain: world, rangefinder, walk.
 
-It imports `calibration`, `ranging`, `terrain` and `drivers`; `app`, `testbed` and `benchmarks` use it.
+It imports `calibration`, `ranging`, `terrain`, `kinematics` and `drivers`; `app`, `testbed`, `benchmarks` and
+`examples` use it.
 """
 
 from __future__ import annotations

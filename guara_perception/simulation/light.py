@@ -21,7 +21,8 @@ class Light:
     Attributes:
         ambient: levels of blue, green and red on a white, horizontal surface under the ambient light.
         sun: share of the ambient light that comes from one direction; the rest comes evenly from the sky.
-        laser: level of the stripe's centre in the red channel, on a white surface that faces the laser 0.5 m away.
+        laser: level of the stripe's centre in the red channel, on a white surface that faces the laser 0.5 m away,
+            before blur and vignetting.
         leakage: factors of the laser light in the blue, green and red channels.
         stripe_sigma: standard deviation of the laser plane's Gaussian profile [m].
         fan: half the fan angle of the laser line [rad].
@@ -34,7 +35,7 @@ class Light:
         texture: factor of the mottled texture of the ground, 0 = none.
         skirt: level of the light scattered by the lens, relative to the stripe's peak (clipped at 255). It is constant
             up to 8 px beside the stripe and decreases from there; it ends at 40 px.
-        halo: level beside a clipped core of the stripe; the halo fades within 20 px.
+        halo: level beside a clipped core of the stripe; it fades to 8 % at 20 px.
         ghost: relative strength of a second image of the stripe, caused by reflection.
         blotches: standard deviation of the noise in patches of several pixels [grey levels], independent in each
             channel.

@@ -21,7 +21,8 @@ from guara_perception.simulation.world import World
 from kinematics import RobotModel
 from kinematics.transforms import inverse, transform_points
 
-# Distance from the laser plane [sigmas] beyond which the light is neglected: it is below 0.005 % of the peak there.
+# Distance from the laser plane [sigmas] beyond which the light is neglected. Sigma includes the blur of the lens in the
+# largest pixel; with the default light, less than 0.03 % of the peak remains there.
 REACH_SIGMAS = 4.5
 # Largest extent of a pixel across the laser plane. A larger extent occurs at depth edges and is reduced to this value.
 MAX_FOOTPRINT_M = 0.002
@@ -181,7 +182,7 @@ class SimulatedRangefinder:
         from_plane = distance[within]
         below = distance[np.minimum(within + width, distance.size - 1)]
         # A pixel integrates light over its own height and, due to the blur of the lens, over its neighbours. Widening
-        # the Gaussian accordingly is exact on smooth ground, and avoids the aliasing of an image that is blurred later.
+        # the Gaussian accordingly is accurate on smooth ground, and avoids the aliasing of a blur applied to the image.
         footprint = np.minimum(np.abs(below - from_plane), np.float32(MAX_FOOTPRINT_M))
         variance = np.float32(sigma**2) + footprint**2 * np.float32(1 / 12 + self.light.blur**2)
         strength = gain * np.float32(self.light.stripe_sigma) / np.sqrt(variance)

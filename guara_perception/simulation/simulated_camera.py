@@ -43,7 +43,7 @@ def simulated_camera(
 def renderer(rangefinder: SimulatedRangefinder) -> Callable[[ExposureView, CameraSettings], Image]:
     """Create the function with which an `EmulatedCamera` renders an exposure.
 
-    Exposure time and gain scale the brightness; white balance and gamma settings have no effect.
+    The brightness is proportional to exposure time and gain; white balance and gamma settings have no effect.
     """
 
     def render(seen: ExposureView, settings: CameraSettings) -> Image:

@@ -11,8 +11,8 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import Settings
 from kinematics import RobotModel
 
-# Focal length relative to the sensor width, for a 3.2 mm lens on a 3.5 mm wide sensor. The scanned area is then in view
-# with a margin of 5 % on each side.
+# Focal length relative to the sensor width, as of a 3.2 mm lens on a sensor about 3.5 mm wide. The scanned area is in
+# view with a margin of 5 % on each side.
 FOCAL_LENGTH_OF_WIDTH = 0.921
 DISTORTION = (-0.23, 0.06, 0.0, 0.0, 0.0)
 # Errors that remain after careful assembly (one sigma). Two sigma are about a degree, 3 mm, 1 % of the focal length,

@@ -1,6 +1,6 @@
 """Foot planner that searches over the next few steps, so that feet can land on stepping stones.
 
-The planner knows the ground only from queries of the grid, which any planner can use.
+The planner knows the ground only from the layers and queries of the grid, which any planner can use.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ LIFT_ORDER = ("rh", "rf", "lh", "lf")
 AHEAD_OF_HIP, ASIDE, STRIP, HIP_HEIGHT = 0.075, 0.08, 0.015, 0.33
 # Allowed length of a step [m]. Odometry cannot distinguish a shorter step from a slip; a longer one is too fast.
 SHORTEST_STEP, LONGEST_STEP = 0.060, 0.300
-# Clearance above which it adds no cost [m]; distance from the track or from the nominal landing that costs as much as
-# leaving the foot in place [m]; and reward per metre of a step [1/m].
+# Clearance below which a place costs more [m]; distance from the track or from the nominal landing that costs as much
+# as leaving the foot in place [m]; and reward per metre of a step [1/m].
 WANTED_CLEARANCE, FAR, WORTH = 0.080, 0.100, 20.0
 STEPS_AHEAD, BEAM, SWINGS_TRIED = (6, 4, 2, 1), 12, 8
 SWING_CLEARANCES = (0.030, 0.020)

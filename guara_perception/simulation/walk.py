@@ -36,8 +36,8 @@ class WalkNoise:
         imu: standard deviation of the reported direction of gravity, per axis [rad]; None = without an IMU, so that
             gravity is not reported.
         creep: standard deviation of the motion of a standing sole between two pauses, per horizontal axis [m].
-        slide: distance by which all soles slide back together between two pauses, as a share of the gait's advance;
-            negative = slide forwards.
+        slide: distance by which the standing soles slide back together between two pauses, as a share of the gait's
+            advance; negative = slide forwards.
     """
 
     joint: float = 0.0035
@@ -218,7 +218,7 @@ def reported_stance(
     noise: WalkNoise,
     rng: np.random.Generator,
 ) -> Stance:
-    """Stance as reported by encoders and IMU, with their noise."""
+    """Stance as reported by encoders and IMU, with their errors."""
     reported = {name: value + noise.joint * rng.standard_normal() for name, value in joints.items()}
     gravity = None
     if noise.imu is not None:

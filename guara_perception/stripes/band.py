@@ -25,8 +25,8 @@ LEAST_LASER_CONTRAST = 0.25
 LEAST_LASER_LEVEL = 0.15
 # Number of parts into which the width is divided; each is tested separately.
 QUARTERS = 4
-# Half height of the morphological opening that replaces a missing laser-off image. It is larger than any stripe and
-# smaller than texture.
+# Half height of the morphological opening that replaces a missing laser-off image. The opening is taller than any
+# stripe and smaller than texture.
 BACKGROUND_HALF_HEIGHT_PX = 12
 # Largest change of brightness beside the stripe between laser off and on, as a fraction of full scale. After a larger
 # change, `paper` rejects the frame, and `precise` uses the laser-off image only if it shows the same view.
@@ -182,7 +182,8 @@ class StripeProfile(FrozenArrays):
         doubtful_px: (n,) float32, row of a return that must not be used, such as an ambiguous one, NaN where there is
             none.
         reason: reason why the whole frame is bad; empty for a usable frame.
-        remark: defect of the laser-off image, whether or not it was used; empty if there is none.
+        remark: mismatch of the laser-on and laser-off images, whether or not the laser-off image was used; empty if
+            there is none.
     """
 
     position_px: Float32
@@ -260,7 +261,7 @@ def judge(on: Image, off: Image | None) -> Judgement:
 
     Args:
         on: (rows, columns[, channels]) uint8 or uint16 laser-on image.
-        off: laser-off image, or None.
+        off: laser-off image; None = subtract the median of each column instead.
     """
     first, second = pictures_of(on, off)
     found, work = np.empty(5), np.empty(kernel().judge_size(*first.shape), np.float32)

@@ -26,7 +26,7 @@ EVERY_COLUMN = -1
 # Averaging of columns before the path search in a pair of 8-bit colour images: (minimum image width, number of columns
 # per mean). Columns of bands with fewer than SHRUNK_ROWS rows are not averaged.
 SHRUNK_FROM, SHRUNK_ROWS = ((1000, 4), (480, 2)), 32
-# Remarks on a defective laser-off image. The kernel returns the index of the remark, and two numbers that are inserted
+# Remarks on a defective laser-off image. The kernel returns the index of the remark, and the numbers that are inserted
 # into it.
 REMARKS = (
     "",

@@ -60,7 +60,7 @@ def load_terrain(path: str | Path) -> TerrainGrid:
 
 
 def _checked(data: dict[str, Any], path: Path, name: str, kinds: str, shape: tuple[int | None, ...]) -> Array:
-    """Array of the file, checked to have a type of `kinds` (NumPy letters) and a shape (None = any length)."""
+    """Array of the file, checked for its type (`kinds`: NumPy kind codes) and shape (None = any length)."""
     array = np.asarray(data[name])
     fits = len(array.shape) == len(shape) and all(w in (None, n) for w, n in zip(shape, array.shape, strict=True))
     if array.dtype.kind not in kinds or not fits:

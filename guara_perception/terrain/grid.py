@@ -29,7 +29,7 @@ from guara_perception.terrain.questions.steppable import steppable_regions as _s
 from guara_perception.terrain.questions.swing import swing as _swing
 
 
-# Without `slots=True`, because dataclasses would then replace the inherited pickling.
+# No `slots=True`: the class adds no fields, so that an empty `__slots__` suffices.
 @dataclass(frozen=True, eq=False, repr=False)
 class TerrainGrid(LayeredGrid):
     """Terrain under and in front of the robot at one stance pause (docs/terrain.md).

@@ -76,8 +76,8 @@ class LookPlan:
         """Mask (ny, nx) of the cells beyond the first or last usable stripe in each row.
 
         If the first usable stripe meets the ground in the first known cell of a row, no light reached the nearer cells,
-        because all other stripes land farther away. The same holds for the last stripe and the last known cell. Light
-        may cross several rows on its way from the laser; the condition must hold in each of them.
+        because all other usable stripes land farther away. The same holds for the last stripe and the last known cell.
+        Light may cross several rows on its way from the laser; the condition must hold in each of them.
 
         Args:
             elevation: (ny, nx) heights [m], NaN where unknown.

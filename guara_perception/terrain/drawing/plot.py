@@ -26,7 +26,7 @@ from guara_perception.terrain.layers.layers import LAYER_NAMES
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Label of the colour bar of each layer, and the factor to its unit.
+# Label of the colour bar of each layer except `hazard`, and the factor to its unit.
 COLOUR_BARS = {
     "elevation": ("height above the soles [mm]", 1e3),
     "elevation_min": ("lowest sample [mm]", 1e3),

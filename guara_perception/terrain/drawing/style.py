@@ -63,6 +63,9 @@ def styled() -> Iterator[None]:
         with styled():
             figure, axes = new_figure()
             axes[0, 0].set_title("Heights")
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
     """
     matplotlib = optional_library("matplotlib", None, "a plot")
     from cycler import cycler
@@ -82,6 +85,9 @@ def new_figure(
         columns: number of columns of axes.
         size: width and height [inch], at DOTS_PER_INCH pixels per inch.
         options: passed to matplotlib's `Figure.subplots` (`sharex`, `gridspec_kw`, ...).
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
     """
     with styled():
         from matplotlib.backends.backend_agg import FigureCanvasAgg

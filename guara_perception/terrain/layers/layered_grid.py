@@ -192,7 +192,7 @@ class LayeredGrid(Gridded):
 
     @property
     def is_provisional(self) -> bool:
-        """True until the pause confirms that the robot stood still; the grid may still be withdrawn."""
+        """True until the pause confirms that the robot stood still; until then, the grid may be withdrawn."""
         return bool(self.record.provisional)
 
     def restated(self: G, **changes: Any) -> G:

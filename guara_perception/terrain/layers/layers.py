@@ -19,7 +19,7 @@ class Layer:
 
 
 # Assumed standard deviation of a ceiling, due to the heights of a scan and the pose of the body. A height with a larger
-# standard deviation gives no ceiling. `benchmarks.usable_ground` compares ceilings with the truth.
+# local standard deviation gives no ceiling. `benchmarks.usable_ground` compares ceilings with the truth.
 CEILING_SIGMA_M = 0.003
 
 LAYERS = (
@@ -39,7 +39,7 @@ LAYERS = (
     ),
     Layer("traversability", np.float32, "1", "0 never ... 1 ideal; 0 where unknown"),
     Layer("hazard", np.uint16, "flags", "reasons why a foot must not stand there, see gp.Hazard; 0 = none"),
-    Layer("age", np.uint8, "pauses", "stance pauses since last seen; 255 where never"),
+    Layer("age", np.uint8, "pauses", "stance pauses since last seen; 255 where unknown"),
     Layer("looks", np.uint8, "scans", "scans that saw the cell"),
     Layer("ceiling", np.float32, "m", "upper bound of an unknown height; NaN if none"),
 )

@@ -27,8 +27,8 @@ Sole: TypeAlias = Float
 Run: TypeAlias = tuple[int, int, int]
 LIMITS = TraversabilityLimits.__slots__
 R = TypeVar("R", bound="GridRecord")
-# Fields in the order of the JSON object. A map copies POSE from its scan; STATED is set when a grid is sent or
-# received.
+# Fields in the order of the JSON object. A map copies POSE, except the name of the robot, from its scan; STATED is set
+# when a grid is sent or received.
 POSE = (
     *("robot", "robot_description", "mode", "method", "calibration_hash", "calibration_verdict", "stance"),
     *("attitude_source", "attitude_sigma", "support_feet_used", "support_soles", "transform_base_to_footprint"),
@@ -386,7 +386,9 @@ class ScanRecord(GridRecord):
         laser_origin: (3,) position of the laser in base_footprint [m].
         stripes_planned, stripes_used: numbers of stripes.
         stripes_missing: indices of the stripes that were never added.
-        frames_bad, off_pictures_unused: reason why the frame or laser-off image was not used, by stripe index.
+        frames_bad: reason why the frame was not used, by stripe index.
+        off_pictures_unused: mismatch of the laser-on and laser-off images, by stripe index. After a change of the
+            ambient light, the laser-off image may have been used all the same.
         points, points_used: number of image columns by status, and number of those used.
         coverage_regions: coverage of each ninth of the area, by names such as "far left".
         seconds: computing time by stage [s].
@@ -436,7 +438,8 @@ class MapRecord(GridRecord):
         visual_corners: number of corners of the ground's texture that agree on a motion, None without images.
         visual_refused: reason why the laser-off image did not correct the walk.
         foot_slips: distance by which each standing foot slid since the last pause, including a slide common to all
-            feet [m], by leg; None unless camera images corrected the pose at both pauses.
+            feet [m], by leg; None unless camera images corrected the poses at both pauses (the first pause of a walk
+            needs no correction).
         slipped_feet, odometry_residual, restarts: slipped feet, residual and restarts reported by leg odometry.
     """
 

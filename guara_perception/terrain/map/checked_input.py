@@ -15,7 +15,7 @@ from kinematics.transforms import checked_covariance, checked_transform, inverse
 # Largest tilt of a footprint [rad]. Without gravity, a scan is levelled by its support plane. This plane tilts by
 # 0.11 rad if two feet stand on a box of 40 mm.
 LARGEST_TILT = 0.2
-# Elements of a rotation smaller than this are set to zero, which moves nothing by more than a nanometre.
+# Elements of a rotation smaller than this are set to zero, which moves the ground by nanometres at most.
 LEAST_TURN = 1e-9
 
 

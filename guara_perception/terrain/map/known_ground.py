@@ -58,7 +58,10 @@ class KnownGround:
 
 
 def fuse_known_ground(cells: OdomCells, ground: KnownGround, now: MapPause, step: int) -> dict[str, Any]:
-    """Fill unobserved cells that lie wholly in a declared patch; return the patch's entry for the map's record."""
+    """Fill unobserved cells in a declared patch; return the patch's entry for the map's record.
+
+    A cell is in the patch if its centre and its corners are.
+    """
     transform, half = now.transform_footprint_to_odom, cells.resolution / 2 - SHRUNK_M
     outline = ground.outline @ transform[:2, :2].T + transform[:2, 3]
     (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)

@@ -95,9 +95,9 @@ def ceiling_of(
     """Upper bound (ny, nx) of the ground in each unknown cell of the map [m], NaN where there is none.
 
     Bounds of a scan are dilated by one cell plus the horizontal drift since the scan, and raised by the drift in z,
-    both with the confidence of the limits. A bound expires when ground of the same age would be STALE, or where a later
-    scan measured something higher. A later observation without a return does not remove a bound, because a hole is
-    lower.
+    both with the confidence of the limits. A bound expires at the age at which ground becomes STALE. It is not used
+    where the drift exceeds FARTHEST_DRIFT_CELLS, or where a later scan measured something higher. A later observation
+    without a return does not remove a bound, because a hole is lower.
 
     Args:
         scans: lines of sight of the walk, oldest first.
