@@ -25,8 +25,8 @@ from guara_perception.stripes.band import (
 from guara_perception.stripes.paper import check_threshold, extract_paper
 from guara_perception.stripes.precise import extract_precise
 
-# Offsets of the two earlier frames that form the background of a stripe [stripes]. Their stripes are far enough away
-# not to overlap it in the image. Each of them contains a stripe of its own; the minimum of both contains none.
+# Offsets of the two earlier frames that form the background of a stripe [stripes]. The stripes in these frames are too
+# far away to overlap it or each other, so the minimum of the two frames contains no stripe.
 STRIPES_BEFORE = (3, 6)
 
 

@@ -13,7 +13,7 @@ from guara_perception.simulation.scene_view import SceneView
 RECEIVER_SPACING = 1 / 64
 # Largest number of sources sampled from the lit pixels of a stripe, separately on sloped and on horizontal surfaces.
 SOURCES = 32
-# z of the normal below which a surface counts as sloped. Horizontal ground cannot illuminate horizontal ground.
+# z of the normal below which a surface counts as sloped. Horizontal surfaces hardly illuminate each other.
 SLOPED_COSINE = 0.97
 # Lower bound of the distance to a source, without which the light of a point source would be unbounded.
 NEAREST_M = 0.004

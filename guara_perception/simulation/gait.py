@@ -38,7 +38,7 @@ class WaveGait:
     @staticmethod
     def of(robot: RobotModel) -> WaveGait:
         """Create the gait of a robot around its scan posture; the order of four legs is RH, RF, LH, LF."""
-        # `hips` are the soles of the scan posture and not the first joints, which on most robots are beside the soles.
+        # `hips` are the soles of the scan posture, because on most robots the first joints are not above the soles.
         state = robot.state(robot.posture(robot.config.scan_posture))
         soles = state.soles_in_base()
         hips = {leg: np.round(sole, 6) for leg, sole in zip(robot.legs, soles, strict=True)}

@@ -60,7 +60,7 @@ class Health:
 
 @dataclass(frozen=True, slots=True)
 class Rounding:
-    """Bounds of the rounding errors in a compact grid, for layers that are not rounded conservatively.
+    """Bounds of the rounding errors in a compact grid.
 
     Attributes:
         elevation: largest error of an elevation [m].
@@ -392,7 +392,7 @@ class ScanRecord(GridRecord):
         points, points_used: number of image columns by status, and number of those used.
         coverage_regions: coverage of each ninth of the area, by names such as "far left".
         seconds: computing time by stage [s].
-        lost_cells: unknown cells that only lost frames could have measured, as runs (ix, first iy, end iy), end
+        lost_cells: unscanned or occluded cells that lost frames may have shown, as runs (ix, first iy, end iy), end
             exclusive.
         dark_flashes: number of dark flashes with a usable frame; None for a sweep without dark flashes.
     """

@@ -20,7 +20,7 @@ LOOKED_AT = np.uint16(Hazard.DROPOUT | Hazard.AMBIGUOUS | Hazard.OUT_OF_RANGE)
 
 @dataclass(frozen=True, slots=True)
 class OdometryDrift:
-    """Variances of the drift of leg odometry since the start.
+    """Variances of the drift since the start that remains after the corrections of leg odometry by the map.
 
     Attributes:
         rise: variance of z [m^2].
@@ -40,7 +40,7 @@ class MapPause:
     Attributes:
         pause: number of the pause.
         stamp: time of the pause, on the clock from which the age of cells is computed [ns].
-        drift: current drift of the odometry.
+        drift: drift up to this pause.
         sideways: planar drift of the walk, by pause.
         transform_footprint_to_odom: (4, 4) pose of the robot.
     """
@@ -82,7 +82,7 @@ def drift_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, distance
     Args:
         cells: memory of the map.
         slot: (n,) slots of the cells.
-        drift: current drift of the odometry.
+        drift: drift up to the current pause.
         distance: (n,) distances of the cells from the robot [m], the lever arm of a yaw error.
     """
     memory = cells.memory

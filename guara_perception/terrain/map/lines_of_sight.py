@@ -27,7 +27,7 @@ AROUND_CELLS = 1
 FARTHEST_DRIFT_CELLS = 10
 # Sideways components of a ray, relative to a ray from the mirror. The light may diverge from the mirror, from a line
 # lens before it along the beam, or from farther away; a bound must hold in all cases. Rays of two successive values
-# that pass over the same cell come from ground points 15 mm apart; neighbours of these points count too.
+# that pass over the same cell come from ground points 15 mm apart or less; neighbours of these points count too.
 SIDEWAYS_SHARES = tuple(number / 7 for number in range(8))
 # Value of a cell without a bound [m].
 NONE = np.float32(9.0)
