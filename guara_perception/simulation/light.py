@@ -21,8 +21,8 @@ class Light:
     Attributes:
         ambient: levels of blue, green and red on a white, horizontal surface under the ambient light.
         sun: share of the ambient light that comes from one direction; the rest comes evenly from the sky.
-        laser: level of the stripe's centre in the red channel, on a white surface that faces the laser 0.5 m away,
-            before blur and vignetting.
+        laser: level of the stripe's centre in the red channel, before blur and vignetting, on a white surface that
+            faces the laser 0.5 m away.
         leakage: factors of the laser light in the blue, green and red channels.
         stripe_sigma: standard deviation of the laser plane's Gaussian profile [m].
         fan: half the fan angle of the laser line [rad].

@@ -121,7 +121,7 @@ def _best_first(
     previous: tuple[float, float] | None,
     robot: RobotModel | None,
 ) -> Iterator[Foothold]:
-    """Yield the best foothold of each circle: close to the nominal foothold, wider, and then to the sides."""
+    """Yield the best foothold of each circle: around the nominal foothold, small and wide, then to the sides."""
     x, y = wish
     # Search towards the centre line first, because ground farther outside may not have been scanned.
     sideways = sorted(SIDEWAYS_M, key=lambda aside: abs(y + aside))

@@ -57,7 +57,7 @@ def assess_layers(
         All layers by name, read-only, in the types of `LAYERS`, with age and looks of a single scan.
 
     Raises:
-        InvalidInput: the disc has too many cells, see `disc_kernel`.
+        InvalidInput: the radius of the disc is too large for these cells, see `disc_kernel`.
     """
     known = np.isfinite(raster.elevation)
     # Known cells have no cause, and unknown cells without a cause get UNSCANNED.

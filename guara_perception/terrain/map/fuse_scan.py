@@ -140,7 +140,7 @@ def scan_flags(terrain: TerrainGrid) -> Flags:
     """Flags of a scan's cells; unknown cells of a fired stripe whose frame was lost are also DROPOUT.
 
     Raises:
-        InvalidInput: the grid is a map, or `lost_cells` of its metadata is not a list of runs, or a run is in a column
+        InvalidInput: the grid is a map, `lost_cells` of its metadata is not a list of runs, or a run is in a column
             beyond this grid.
     """
     hazard = np.array(terrain.hazard)

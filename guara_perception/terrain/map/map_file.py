@@ -29,7 +29,7 @@ FORMAT = "guara-map/3"
 SEEN = {"layers": "seen", "origin": "seen_origin"}
 # Names of the arrays of SeenTexture in files.
 TEXTURE = {"texture": "texture", "first": "texture_first"}
-# Largest total size of the arrays [bytes]; a map of 4 m with cells of 1 mm takes 1.7 GB.
+# Largest total size of the arrays [bytes]; a window of 4 m x 4 m with cells of 1 mm takes 1.7 GB.
 LARGEST_MAP = 2 * 1024**3
 # Compression level of deflate.
 COMPRESSION = 1
