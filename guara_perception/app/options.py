@@ -30,7 +30,7 @@ class DeviceOptions:
     """Robot, calibration and devices, as selected by the options of a command that scans.
 
     Attributes:
-        calibration: calibration file; not required for simulated devices and for scans from which to calibrate.
+        calibration: calibration file; may be None for simulated devices and for scans recorded for a calibration.
         robot: name or folder of the robot; None = that of the calibration, or the Guara.
         devices: devices.toml as written by `guara record`.
         camera: as `Devices.source`; None = as in `devices`, by default 0.

@@ -45,6 +45,7 @@ def send_terrain(
 
     Raises:
         UnsafeGrid: the grid violates the safety invariant; nothing is sent.
+        InvalidInput: a field of the grid's record has a value that a receiver cannot read back.
     """
     if scan_end_clock is None:
         end = terrain.stamp if scan_end is None else scan_end
@@ -72,7 +73,8 @@ def send_terrain(
 def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> None:
     """Publish a grid of your own, for instance from another sensor, for clients with `robot=name`.
 
-    The first call for a name may wait up to 15 s for another node of that name to stop; later calls return immediately.
+    The first call for a session and name waits up to 15 s if another node of that name must stop; later calls return
+    immediately.
     The age of the grid counts from its stamp. The publisher, with its status and liveliness token, ends with the
     session.
 
@@ -83,9 +85,10 @@ def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> N
             since the name without the suffix belongs to the robot's perception node.
 
     Raises:
-        InvalidInput: `terrain` is not a TerrainGrid.
+        InvalidInput: `terrain` is not a TerrainGrid, or a field of its record has a value that a receiver cannot read
+            back.
         UnsafeGrid: the grid violates the safety invariant; nothing is sent.
-        transport.NameTaken: a node of this name is alive.
+        transport.NameTaken: another node of this name is still running after 15 s.
         transport.KeyNameError: the name cannot be part of a key.
         transport.SessionClosed: the session is closed.
     """

@@ -36,15 +36,15 @@ def unit(name: str, node: Path, user: str) -> str:
         user: user that the node runs as; not root.
 
     Raises:
-        InvalidInput: the name or the user is empty or contains characters other than letters, digits, - and _, or the
-            user is root.
+        InvalidInput: the name or the user contains no letter or digit, or characters other than letters, digits, -
+            and _; or the user is root.
     """
     for what, value in (("--name", name), ("--user", user)):
         if not value.replace("-", "").replace("_", "").isalnum() or not value.isascii():
             raise InvalidInput(f"{what} is {value!r}; allowed: letters, digits, - and _")
     if user == "root":
         raise InvalidInput("--user is 'root'; allowed: a separate user whose groups may use camera and board")
-    # The program of this installation; `%` begins a specifier of systemd.
+    # The program of this installation. Each `%` is doubled, since a single one begins a specifier of systemd.
     program = [sys.executable, "-m", "guara_perception.app.main"]
     return UNIT.read_text(encoding="utf-8").format(
         name=name,

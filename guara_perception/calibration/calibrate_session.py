@@ -250,7 +250,7 @@ def calibrate_boards(
 
     Raises:
         CalibrationRefused: a view is mirrored; the view of the board on the floor is not usable; or, without a known
-            camera, too few views are usable or all are nearly parallel.
+            camera, too few usable views remain or all are nearly parallel.
     """
     mirrored = [view.name for view in views if view.reason == MIRRORED]
     if mirrored:
@@ -283,6 +283,7 @@ def find_lines(
         CalibrationRefused: too few stripes were found on a plate, or on plates of two heights; plate heights are
             swapped; or the laser lines jump, for instance because the mirror missed a step.
         CalibrationMismatch: the size of a frame differs from that of the camera.
+        MissingFile, FileFormatError: a frame cannot be read.
     """
     camera, transform = fit.camera, fit.transform_camera_to_footprint
     lines: list[PlateLine] = []

@@ -32,7 +32,7 @@ class StripePlane:
 
     Attributes:
         index: number in the standard pattern (0 ... 69 for the Guara).
-        mirror_angle: commanded mirror angle [rad], zero straight down, positive forward.
+        mirror_angle: commanded mirror angle [rad]; 0 if the laser points straight down, positive if it points forward.
         plane: (4,) float64, n . X + d = 0 in the camera frame [m], n a unit vector.
     """
 
@@ -250,7 +250,10 @@ class CameraModel:
         return pixels
 
     def fold_radius(self) -> float:
-        """Undistorted radius (tangent of the field angle) above which the radial model is not monotonic; may be inf."""
+        """Undistorted radius (tangent of the field angle) above which the radial model is not monotonic.
+
+        Infinite if the model is monotonic up to a radius of 4.
+        """
         k1, k2, _, _, k3 = self.distortion.tolist()
         return _fold_radius(k1, k2, k3)
 

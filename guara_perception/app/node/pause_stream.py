@@ -16,7 +16,7 @@ from transport.messages.stance_stream import ANY_WALK
 from transport.recording import FlashRecord
 from transport.stance_link import GaitClock
 
-# [s] Longest waits of a scan: for the gait's clock, and beyond the time at which the samples of its last flash are due.
+# [s] Longest waits: for the gait's clock, and for joint samples after they are due.
 CLOCK_WAIT, SAMPLE_WAIT = 0.5, 0.5
 
 
@@ -114,7 +114,10 @@ class PauseStream:
         return FlashRecord(self.begin, self.begin + round(1e9 * flash[0]), round(1e9 * flash[1]))
 
     def wait(self, is_enough: Callable[[], bool]) -> None:
-        """Wait until `is_enough` returns True, or until SAMPLE_WAIT after the samples of the last flash are due."""
+        """Wait until `is_enough` returns True. It is called when samples arrive.
+
+        The wait ends HALF_WINDOW + SAMPLE_WAIT after the last flash or after this call, whichever is later.
+        """
         ahead = max(self._last_flash - clock.now(), 0.0)
         with self._added:
             self._added.wait_for(is_enough, ahead + HALF_WINDOW + SAMPLE_WAIT)

@@ -1,4 +1,4 @@
-"""Published grids of the newest pause, confirmed, cut to confirmed stripes or withdrawn as the gait announces."""
+"""Published grids of the newest pause: confirmed, cut or withdrawn according to the announcements of the gait."""
 
 from __future__ import annotations
 
@@ -203,7 +203,10 @@ class PublishedScans:
         self._status.confirmed(published.pause.step)
 
     def _cut(self, newest: Published) -> None:
-        """Publish a scan again without the stripes that no joint reading confirms, at the regular end of a pause."""
+        """Publish a scan again without its unconfirmed stripes after the regular end of a pause.
+
+        If the remaining stripes show no cell, the scan is withdrawn.
+        """
         pause = newest.pause
         cut = newest.swept.until(pause.still_until)
         if cut is None:

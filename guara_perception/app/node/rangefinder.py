@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 FiringOrder = Sequence[tuple[int, float]]
 
-# [s] Standard deviation of an instant derived from a frame's arrival: `measure_lag` is accurate to one or two
+# [s] Standard deviation of a flash time derived from a frame's stamp: `measure_lag` is accurate to one or two
 # milliseconds, and transfer times vary by about the same amount.
 LAG_SIGMA = 0.002
 
@@ -50,7 +50,7 @@ class Rangefinder:
         camera: the camera.
         options: acquisition options; None = one laser-off frame per scan, stripes in groups of STRIPES_TOGETHER.
         settings: settings to which the camera is locked when it is opened; None = leave the camera unchanged.
-        identity: identity of the calibrated camera, which the opened camera must have; empty if unknown.
+        identity: identity of the calibrated camera, empty if unknown; a camera with another identity is rejected.
         clock: clock of all devices of this process while the rangefinder is open; None = the machine's clock. With the
             clock of emulated devices, waiting takes no time, so the devices lose no frame on a busy machine.
     """
@@ -148,10 +148,11 @@ class Rangefinder:
     def lost_steps(self, firing_order: FiringOrder) -> int:
         """Home the mirror, move it to the first stripe, and return the motor steps lost since the last homing.
 
-        If steps were lost, some stripes since that homing were not at their commanded angles, and have wrong heights.
+        If steps were lost, some stripes since that homing were not at their commanded angles; their heights are wrong.
 
         Raises:
-            drivers.BoardError: the board cannot be reached, or did not find the home position.
+            drivers.BoardError: the board cannot be reached, made ready or homed.
+            drivers.BadFiringOrder: the firing order is not valid.
         """
         return prepare(self.board, firing_order)
 

@@ -80,7 +80,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             first: number of the first step to record.
 
         Raises:
-            transport.RecordingError: the file cannot be created.
+            transport.RecordingError: the folder or the file cannot be created.
         """
         self._robot, self._hash, self._quality = robot, calibration.hash, jpeg_quality
         self._files = RecordingFiles(Path(path), robot, limit)
@@ -98,7 +98,10 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         self._add_later("the robot description", self._add_robot)
 
     def __exit__(self, *error: object) -> None:
-        """Write the waiting data and close the file; log an error if the disk is too slow."""
+        """Write the waiting data and close the file.
+
+        If the data cannot be written within CLOSE_TIMEOUT_S, log an error and leave the file incomplete.
+        """
         is_written = self.flush(CLOSE_TIMEOUT_S)
         self._is_closed = True
         if is_written:
@@ -114,7 +117,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
 
     @property
     def cut(self) -> list[Path]:
-        """Incomplete files left by killed processes, oldest first; `guara recover` makes them readable."""
+        """Incomplete files of earlier recordings, oldest first; `guara recover` makes them readable."""
         return [path for path in self._files.cut() if path != self.path]
 
     def begin(self, step: int, mode: str, stance: Stance) -> ScanRecording | None:
@@ -175,7 +178,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
     def add_range_images(self, step: int, make: Callable[[], Mapping[str, Any]]) -> None:
         """Add the range images of a scan without blocking.
 
-        `make` returns the images by topic; it is called on the recorder's thread.
+        `make` returns their messages by topic; it is called on the recorder's thread.
         """
         if self._scene is not None and step >= self._first:
             self._add_later("the range images of a scan", lambda: self.writer.add_messages(make().items()))
@@ -337,7 +340,7 @@ class ScanRecording:
 
         Args:
             mode: mode of the whole scan, which is recorded as a second scan of this pause and refers to the frames
-                already written. None = the scan will be incomplete, and no more frames are recorded.
+                already written. None = only some of the intermediate stripes follow; they are not recorded.
         """
         if mode is None:
             self._is_full = True

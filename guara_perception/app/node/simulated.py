@@ -63,7 +63,7 @@ class SimulatedRobot:
             world: terrain, or a world file.
             size: width and height of the camera images if no calibration is given [px].
             fps: frame rate of the camera [1/s].
-            seed: random seed of the device and of the noise.
+            seed: random seed of the noise and, without a calibration, of the device.
         """
         self.robot: RobotModel = load_robot(robot)
         self.world = load_world(world) if isinstance(world, Path) else world
@@ -111,7 +111,7 @@ class SimulatedRobot:
 
 
 def standing_pauses(pause: WalkPause, before: Mapping[str, int]) -> dict[str, int]:
-    """Number of previous pauses through which each foot has stood, by leg; `before` is that of the last pause."""
+    """Number of previous pauses through which each supporting foot has stood; `before` is the previous result."""
     swung = None if pause.last_footstep is None else pause.last_footstep.leg
     return {leg: 0 if leg == swung else before.get(leg, -1) + 1 for leg in pause.stance.support_feet}
 

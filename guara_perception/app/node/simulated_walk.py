@@ -71,7 +71,9 @@ def walk_until_stopped(
 def _stand(
     robot: SimulatedRobot, node: PerceptionNode, gait: SimulatedGait, pause: WalkPause, stop: threading.Event
 ) -> None:
-    """Stand for one pause until its scan and all requested scans are done. After a stop, END is not announced.
+    """Stand for one pause until its scan and all requested scans are done, then announce END.
+
+    END is not announced after a stop, or if the requested scans take longer than SCAN_TIMEOUT_S.
 
     Raises:
         WalkEnded: no scan was done in time; the walk of another gait may have replaced this one.
@@ -87,7 +89,7 @@ def _stand(
 
 
 def _is_done(wait: Callable[[], bool], stop: threading.Event) -> bool:
-    """Wait for a scan or a stop; return False if neither happens in time."""
+    """Call `wait` until it returns True or the walk is stopped; return False after SCAN_TIMEOUT_S."""
     end = time.monotonic() + SCAN_TIMEOUT_S
     while not wait():
         if stop.is_set():

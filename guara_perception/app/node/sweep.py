@@ -33,7 +33,7 @@ ADAPTIVE = "adaptive"
 SWEEPS = (*MODES, ADAPTIVE)
 # [s] Margin for other load on the machine, added to the measured time from the last frame to the published grid.
 MARGIN_S = 0.1
-# Largest number of sweeps in one pause if foreign light makes them unusable.
+# Largest number of sweeps for one scan if each is refused, for instance because of foreign light.
 MOST_SWEEPS = 4
 # [s] Lower bound of the sweep duration from which the wait before a repetition is computed; interval at which the wait
 # checks for a stop.
@@ -54,7 +54,7 @@ class SweepJob:
         progress: called with (stripes done, total number of stripes), or None.
         recording: recording to which every stripe is added, or None.
         on_stripe: called with every stripe, or None.
-        stream: function that returns the joint stream that gives the body's pose, or None if the body stands still.
+        stream: function that returns the joint stream that gives the body's pose, or None if the body must stand still.
         placed: function that waits for the joint samples that locate the stripes; called after the last stripe of each
             pattern with the processor and the record of the devices.
     """
@@ -132,10 +132,10 @@ def retry_delay(took: float) -> float:
 
 
 class Sweeper:
-    """Sweeper of the stripe patterns at pauses. Its `policy` keeps state from one pause to the next."""
+    """Runs the sweeps of all pauses. Its `policy` keeps state from one pause to the next."""
 
     def __init__(self, calibration: Calibration, rangefinder: Rangefinder, settings: Settings, policy: ScanPolicy):
-        """Store the parts. The mirror angles are those of `calibration`, which must belong to `rangefinder`."""
+        """Create the sweeper. The mirror angles are those of `calibration`, which must belong to `rangefinder`."""
         self._angles = {stripe.index: stripe.mirror_angle for stripe in calibration.stripes}
         self._rangefinder, self._settings, self._policy = rangefinder, settings, policy
 
@@ -146,7 +146,8 @@ class Sweeper:
     def sweep(self, mode: str, job: SweepJob) -> Swept:
         """Sweep in a mode of SWEEPS.
 
-        If foreign light makes a sweep unusable, it is repeated while time is left, up to MOST_SWEEPS sweeps in all.
+        A refused sweep (foreign light, or frames that are not of their flash) is repeated while time is left, up to
+        MOST_SWEEPS sweeps in all.
         """
         for attempt in itertools.count(1):
             start = clock.now()

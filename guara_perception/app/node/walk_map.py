@@ -41,7 +41,7 @@ class _WalkState:
     restarts: list[str] = field(default_factory=list)
     # Sole positions in the map's `odom`; None if the image of the last pause did not locate the robot.
     soles: Mapping[str, Float] | None = None
-    # True while no scan has confirmed or rejected the walk of the journal; this walk is provisional until then.
+    # True after a scan that was too incomplete to confirm or reject the walk of the journal, until another scan does.
     is_beside: bool = False
 
     def copy(self) -> _WalkState:
@@ -59,7 +59,11 @@ class WalkMap:
     """
 
     def __init__(self, robot: RobotModel, calibration: Calibration, journal: Journal | None = None) -> None:
-        """Start with an empty map. The walk of the journal continues if the first complete scan fits a claim in it."""
+        """Start with an empty map.
+
+        The walk of the journal continues if the first scan fits a claim in it. If that scan was cut short and does not
+        fit, the next scan decides.
+        """
         self._robot, self._journal = robot, journal
         odometry = LegOdometry(robot, transform_camera_to_base=calibration.transform_camera_to_base)
         self._state = _WalkState(odometry, TerrainMap(robot))
@@ -79,6 +83,8 @@ class WalkMap:
         standing_pauses: Mapping[str, int] = NONE_KNOWN,
     ) -> TerrainGrid:
         """Fuse the scan of one pause and return the map in base_footprint of that pause.
+
+        Another scan of the newest pause is not fused if the stance is the same.
 
         Args:
             step: number of the pause, increasing along a walk.
@@ -157,7 +163,7 @@ class WalkMap:
     def claim(self, time: float) -> Claim | None:
         """Claim for the journal after the last pause, whose scan ended at `time` [s].
 
-        None before the first pause, and while no scan has confirmed or rejected the journal found at the start.
+        None before the first pause, and until a scan has confirmed or rejected the journal found at the start.
         """
         state = self._state
         odometry = state.odometry.state

@@ -75,7 +75,7 @@ class LivePage:
             self._task, self._request, self._advice = task, "", ""
 
     def ask(self, request: str) -> None:
-        """Show a request to the operator until the next request or task."""
+        """Show a request to the operator until the next request or task; remove the advice."""
         with self._lock:
             self._request, self._advice = request, ""
 

@@ -16,7 +16,7 @@ from guara_perception.exceptions import MirrorSlipped, PerceptionError
 from guara_perception.settings import Settings
 from kinematics import RobotModel, Stance
 
-# [s] Longest wait for a frame.
+# [s] Longest wait for the frame that gives the size of the images.
 FRAME_SECONDS = 2.0
 
 
@@ -57,8 +57,9 @@ def scan_uncalibrated(
         Problems of the light, as sentences. The scan is nevertheless complete.
 
     Raises:
-        PlateScanFailed: a setting has changed since it was locked, or a frame was lost or does not show its stripe.
-        InvalidInput: the folder exists, or its parent folder does not exist.
+        PlateScanFailed: a setting has changed since it was locked or cannot be read, or a frame was lost or does not
+            show its stripe.
+        InvalidInput: the mode is unknown, the folder exists, or its parent folder does not exist.
         MirrorSlipped: the mirror lost steps.
         drivers.DriverError: a device failed.
     """

@@ -62,7 +62,7 @@ def record_session(
         devices: devices chosen by the user, written to the folder with the metered exposure and the measured lag. A
             resumed session uses those of its folder.
         operator: person or program that places board, crosses and plates in front of the camera.
-        tell: function that shows a text; called for each task.
+        tell: function that shows a text; called for each task and for problems of the light.
         watch: called with each camera image and a text about it or a request, for a live page.
 
     Returns:
@@ -249,7 +249,7 @@ def _nominal(writer: SessionWriter, robot: RobotModel) -> Float:
 
 
 def _lens(writer: SessionWriter) -> CameraModel:
-    """Estimate the lens from the board images recorded so far."""
+    """Camera intrinsics from the board images recorded so far."""
     pictures = {name: writer.read(name) for name in (*writer.boards, FLOOR_PICTURE)}
     views = [find_board(picture, writer.plan.board, name) for name, picture in pictures.items()]
     height, width = pictures[FLOOR_PICTURE].shape[:2]

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Scene = Callable[["ExposureView", "CameraSettings"], Image]
 LATENCY_S = 0.001
 FRAMES_PER_SECOND = 60.0
-# Margin of a plate around the scanned area, so that the plate fills the view.
+# Distance by which a plate extends beyond the scanned area on each side.
 PLATE_MARGIN_M = 0.06
 # Poses of the board, which cover every part of the image and every tilt: position of the board's centre in the image
 # (fractions of width and height), distance [m], tilts about the axes of the image and rotation in its plane [rad].
@@ -102,7 +102,7 @@ class SimulatedWorkshop:
         self.rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera, clock=clock)
 
     def use_board(self, board: BoardSpec) -> None:
-        """Replace the board that the operator has."""
+        """Set the board that the operator shows."""
         self._board = board
 
     def show_board(self, advice: str) -> None:

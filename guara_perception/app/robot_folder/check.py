@@ -41,7 +41,10 @@ LARGEST_TILT = 0.0175
 
 
 def check_robot(folder: Path) -> tuple[RobotModel | None, list[Finding]]:
-    """Check a robot, given by folder or name; return the robot, or None if it cannot be loaded, and all findings."""
+    """Check a robot, given by folder or name, without a walk.
+
+    Returns the robot, or None if it cannot be loaded, and the findings.
+    """
     findings: list[Finding] = []
     robot: RobotModel | None = None
     try:

@@ -12,7 +12,7 @@ from guara_perception.arrays import Float
 from kinematics.tree import RobotState
 from kinematics.urdf import Shape, Urdf
 
-# Links with at most this number of moving joints between them overlap at the joint, in every posture of every robot.
+# Links with at most this number of moving joints between them are expected to overlap at the joint in any posture.
 JOINED_JOINTS = 1
 # Links with at most this number of moving joints between them overlap in most robots (body, hip and thigh), so motion
 # planners should skip such pairs (`neighbours`). `touching` checks a single posture, in which the contact of links with

@@ -19,7 +19,7 @@ class Finding:
     """Finding about a file, table, leg or link of a robot folder.
 
     Attributes:
-        weight: "unusable" if the robot cannot be loaded, "wrong" for an error that should be corrected, "note" for
+        weight: "unusable" if the robot cannot be used at all, "wrong" for an error that should be corrected, "note" for
             information.
         subject: the file, table, leg or link.
         text: the problem, and what to do about it.

@@ -24,7 +24,8 @@ from kinematics.urdf_checks import root_link
 # Joint angles from which the search starts, in addition to the centre of the limits [rad].
 STARTS = (-1.6, -0.8, 0.0, 0.8, 1.6)
 TIP = "tip of the leg"
-# Ratio of length to width above which a shape is a bone with the foot at its end. A shorter shape is the foot itself.
+# Ratio of length to width above which a shape is a bone with the foot at its end. A shorter shape is the foot itself,
+# and so is a longer one that lies flat at the end of a leg with four or more joints.
 BONE_RATIO = 1.5
 
 

@@ -13,8 +13,8 @@ from kinematics.leg import NumericLeg
 from kinematics.tree import KinematicTree
 
 # Footholds of the wave gait relative to the standing foot [m]. The distances fore and aft are half a swing plus the
-# planner's search radius on level ground, half a swing on lower ground, and 30 mm more on an obstacle. Each is combined
-# with 40 mm to either side.
+# planner's search radius on level ground, half a swing on lower ground, and 30 mm more on an obstacle. Each of
+# them, and zero, is combined with 40 mm to either side.
 FOOT_OFFSETS = np.array(
     [
         (x, y, z)
@@ -23,7 +23,7 @@ FOOT_OFFSETS = np.array(
         for y in (-0.04, 0.04)
     ]
 )
-# Hip heights that are tried, as fractions of the length of the stretched leg.
+# Hip heights above the tips of the feet that are tried, as fractions of the length of the shortest stretched leg.
 SHARES = np.arange(0.86, 0.48, -0.02)
 ROUNDS = 4
 
@@ -33,7 +33,7 @@ class FoundPosture:
     """Posture of a standing robot.
 
     Attributes:
-        hip_height: height of the pitch joints above the plane of the soles [m].
+        hip_height: mean height of the pitch joints above the plane of the soles [m].
         base_height: height of the base's origin above that plane [m].
         joint_positions: position of each joint, by name [rad].
         soles: (3,) ground contact of each foot, by leg, in the base [m].

@@ -41,7 +41,7 @@ class Proposal:
         soles: name of the sole frame, by leg.
         sole: length and width of a sole [m].
         sole_radius: radius of round feet [m]; 0 for flat feet.
-        scan, standing: postures. In `scan`, joints outside the legs are as close to zero as their limits allow.
+        scan, standing: postures. In both, joints outside the legs are as close to zero as their limits allow.
         reach: fraction of the gait's foot positions that are within reach; None if the hip height was given.
         mounts: camera, laser and scanned area.
         mirror_angles: first and last mirror angle of the scan pattern [rad].
@@ -84,7 +84,7 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
         hip_height: height of the hips above the soles in the scan posture [m]; None = chosen for the reach of the feet.
 
     Raises:
-        InvalidInput: fewer than three legs are found, or the robot cannot stand on them.
+        InvalidInput: fewer than three legs are found, legs share joints, or the robot cannot stand on them.
     """
     found = find_legs(urdf)
     legs = tuple(LegSolver(urdf, leg, find_foot(urdf, leg)) for leg in found)
@@ -159,7 +159,7 @@ def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> 
 
 
 def _sole(feet: list[Foot]) -> tuple[float, float]:
-    """Length and width of a sole [m], each the smallest over all feet.
+    """Length and width of a sole [m], each the smallest over all feet, but at least LEAST_SOLE_M.
 
     Length and width of a flat foot are its two longer sides. For a round foot, both are the part of its diameter on
     which it may come to rest.
@@ -187,7 +187,7 @@ def _sole_radius(feet: list[Foot]) -> float:
 
 
 def _half_swings(legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[dict[str, float], ...]:
-    """Joint positions with the front feet half a swing forward, and half a swing back, as far as within reach."""
+    """Joint positions with the front feet half a swing forward, and half a swing back; feet out of reach stay."""
     front = max(float(sole[0]) for sole in scan.soles.values())
     found = []
     for offset in (HALF_SWING_M, -HALF_SWING_M):

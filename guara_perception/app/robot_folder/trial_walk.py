@@ -68,7 +68,7 @@ def trial_world(robot: RobotModel) -> World:
 def trial_walk(
     robot: RobotModel, *, pauses: int = PAUSES, mode: str = "coarse", progress: Progress | None = None
 ) -> TrialWalk:
-    """Walk a robot over the trial ground with its own planner, map and odometry.
+    """Simulate a walk over the trial ground, with scans, odometry, map and planner.
 
     Args:
         robot: robot that walks.

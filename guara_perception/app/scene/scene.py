@@ -84,6 +84,7 @@ class Scene:
 
         Raises:
             UnsafeGrid: the grid violates the safety invariant.
+            InvalidInput: `unknown` is neither 100 nor -1.
         """
         terrain = message_to_terrain(message)
         prefix = PREFIX[terrain.extent]

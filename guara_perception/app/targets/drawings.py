@@ -146,7 +146,7 @@ def mat(robot: RobotModel) -> Sheet:
 
 
 def labels(heights: tuple[float, ...]) -> Sheet:
-    """Label for each plate, with space for the measured height."""
+    """One label for each height, with space for the measured value."""
     width, height = 90.0, 30.0
 
     def draw(axes: Axes) -> None:
