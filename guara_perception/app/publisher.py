@@ -74,9 +74,8 @@ def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> N
     """Publish a grid of your own, for instance from another sensor, for clients with `robot=name`.
 
     The first call for a session and name waits up to 15 s if another node of that name must stop; later calls return
-    immediately.
-    The age of the grid counts from its stamp. The publisher, with its status and liveliness token, ends with the
-    session.
+    immediately. The age of the grid counts from its stamp. The publisher, with its status and liveliness token, ends
+    with the session.
 
     Args:
         session: open session from `transport.open_node` or `transport.open_client`.

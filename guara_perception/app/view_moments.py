@@ -39,8 +39,8 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
 
     Raises:
         MissingFile: the path does not exist.
-        InvalidInput: the file is of another kind, or there is no calibration for a scan folder or a recording without
-            grids.
+        InvalidInput: the file is of another kind, a scan cannot be processed, or there is no calibration for a scan
+            folder or a recording without grids.
         FileFormatError: the file is damaged, or contains neither grids nor scans.
         CalibrationMismatch: the calibration does not match a scan that is processed.
     """

@@ -29,7 +29,7 @@ class CameraFit(FrozenArrays):
 
     Attributes:
         camera: intrinsic model.
-        free: names of the estimated lens parameters.
+        free: names of the estimated lens parameters; for a given lens, of those with an assumed error.
         transform_camera_to_footprint: (4, 4) pose of the camera.
         covariance: (n + 6, n + 6) covariance of the lens parameters in the order of `free` ([px] and [-]), followed by
             `pose`.
@@ -50,7 +50,7 @@ class CameraFit(FrozenArrays):
 
     @property
     def lens(self) -> Float:
-        """Estimated lens parameters in the order of `free`."""
+        """Values of the lens parameters `free`, in their order."""
         return _lens_of(self.camera)[[LENS_COLUMNS[name] - 6 for name in self.free]]
 
     def moved(self) -> Iterator[tuple[float, CameraModel, Float]]:
@@ -76,7 +76,7 @@ def fit_camera(
         ground: name of the view that shows the board on the floor; None or a name that is not among the views = no
             ground board.
         floor: initial estimate of the mount, and the marks.
-        points: (m, 2) floor points of the marks.
+        points: (m, 2) positions of the marks in base_footprint [m].
     """
     problem = _Problem(intrinsics, board, ground, floor, points)
     x = problem.start()

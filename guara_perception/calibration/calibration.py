@@ -71,9 +71,9 @@ class Calibration:
         mirror: parameters of the mirror model over all stripes, or None.
         paper: the paper's constants (homography, H, nadir, n, d, k per stripe), or None.
         covariance: covariances of the parameters, or None.
-        quality: verdict (`good`, `usable`, `refused`, `unknown`) and the reasons for it.
-        created: time of creation, as ISO 8601 text.
-        hash: content hash, hexadecimal.
+        quality: verdict (`good`, `usable`, `refused`, `unknown`), the reasons for it, and other results of its checks.
+        created: time of creation, as ISO 8601 text; empty before the calibration is saved.
+        hash: content hash, hexadecimal; empty before the calibration is saved.
     """
 
     robot: str

@@ -18,7 +18,7 @@ from kinematics.arrays import read_only
 
 # Smallest and largest edge of a board's squares [m].
 SQUARES = (0.001, 1.0)
-# Largest difference of any joint between the stances of a plate scan and of the session (docs/files.md).
+# Largest difference of any joint between the stances of a plate scan and of the session [rad] (docs/files.md).
 MAX_JOINT_DIFFERENCE = float(np.deg2rad(0.1))
 
 

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 JPEG_444 = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
-# Largest amount of data that may wait for a slow disk [byte]: 614 single-channel frames of 640 x 512 pixels.
+# Largest total size of the frames that may wait for the disk [byte]: 614 single-channel frames of 640 x 512 pixels.
 MAXIMUM_WAITING = 192 * 1024 * 1024
 # Longest wait for the disk when the recorder closes [s].
 CLOSE_TIMEOUT_S = 30.0

@@ -28,7 +28,7 @@ FRESH = 0.25
 
 
 class StreamWatch:
-    """Monitor of a joint stream, with status item `stance_stream`. `add` and `item` are thread-safe."""
+    """Monitor of a joint stream, with status item `stance_stream`. All methods are thread-safe."""
 
     def __init__(self, robot: RobotModel, name: str) -> None:
         """Monitor the stream of the robot with the instance name `name`."""
@@ -44,7 +44,8 @@ class StreamWatch:
     def add(self, batch: StanceStream) -> bool:
         """Add a batch; return False if it is rejected.
 
-        A batch is rejected if it is for another robot, has other joints or legs, or if the sampling rate is too high.
+        A batch is rejected if it names another robot, if its joints or legs do not fit the robot, or if the sampling
+        rate is too high.
         """
         now = clock.now()
         problem = self._problem(batch)

@@ -35,8 +35,7 @@ SWEEPS = (*MODES, ADAPTIVE)
 MARGIN_S = 0.1
 # Largest number of sweeps for one scan if each is refused, for instance because of foreign light.
 MOST_SWEEPS = 4
-# [s] Lower bound of the sweep duration from which the wait before a repetition is computed; interval at which the wait
-# checks for a stop.
+# [s] Shortest sweep duration assumed in `retry_delay`; interval at which the wait for a repetition checks for a stop.
 LEAST_WAIT_S, WAIT_SLICE_S = 0.2, 0.02
 
 

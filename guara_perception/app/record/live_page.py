@@ -80,7 +80,7 @@ class LivePage:
             self._request, self._advice = request, ""
 
     def watch(self, picture: Image, advice: str) -> None:
-        """Show a camera image and the advice for the next one."""
+        """Show a camera image, and advice or another text below the request."""
         with self._lock:
             self._picture, self._advice = picture, advice
             self._number += 1

@@ -69,10 +69,12 @@ def record_session(
         Path of `session.json`.
 
     Raises:
-        RecordingFailed: board or crosses were not found after many attempts.
+        RecordingFailed: after many attempts, the board was not shown as needed, or board or crosses on the floor were
+            not found.
         CalibrationRefused: the camera cannot be calibrated or located with the recorded images.
         PlateScanFailed, MirrorSlipped: the scan of a plate failed, as in `scan_uncalibrated`.
         CalibrationMismatch: another camera than that of the interrupted session is connected.
+        FileFormatError: a file of the interrupted session cannot be read.
         drivers.DriverError: a device failed; another call with the same folder resumes the session.
     """
     plan = writer.plan

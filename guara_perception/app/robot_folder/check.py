@@ -41,7 +41,7 @@ LARGEST_TILT = 0.0175
 
 
 def check_robot(folder: Path) -> tuple[RobotModel | None, list[Finding]]:
-    """Check a robot, given by folder or name, without a walk.
+    """Run all checks of a robot, given by folder or name, except the simulated walk.
 
     Returns the robot, or None if it cannot be loaded, and the findings.
     """

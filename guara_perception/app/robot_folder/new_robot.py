@@ -28,7 +28,8 @@ def new_robot(source: Path, folder: Path, *, name: str | None = None, hip_height
         hip_height: height of the hips in the scan posture [m]; None = chosen.
 
     Raises:
-        InvalidInput: `folder` is a file or not empty, the name is invalid, or no legs that can stand are found.
+        InvalidInput: `folder` is a file or not empty, the name is invalid, or no legs are found on which the robot can
+            stand.
         OSError: the folder cannot be written.
         kinematics.RobotFileError: the URDF is invalid; the message lists all findings with their lines.
     """

@@ -40,7 +40,7 @@ def show_robot(robot: RobotModel, port: int) -> None:
 
 
 def robot_moment(robot: RobotModel) -> Moment:
-    """Scene of the robot on a flat floor, with camera cone and laser planes.
+    """Scene of the robot on a flat floor, with the camera cone and the first and last laser plane.
 
     Ground that is not seen by both camera and laser is unknown.
     """

@@ -74,7 +74,7 @@ def trial_walk(
         robot: robot that walks.
         pauses: number of stance pauses to scan.
         mode: scan mode.
-        progress: called after each pause with (pauses done, pauses in all).
+        progress: called after each pause with (pauses done, total number of pauses).
     """
     from guara_perception.scanning.scan_processor import ScanProcessor
     from guara_perception.terrain.map.terrain_map import TerrainMap

@@ -30,7 +30,7 @@ NEAR = 2
 
 
 class LiveView:
-    """Collector of the points and one camera image of each scan, for a sender that does not block the scan."""
+    """Sends the points and one camera image of each scan to viewers, without blocking the scan."""
 
     def __init__(self, views: ViewSender, centre: int) -> None:
         """Start without an image.
