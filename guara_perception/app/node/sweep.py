@@ -131,10 +131,10 @@ def retry_delay(took: float) -> float:
 
 
 class Sweeper:
-    """Runs the sweeps of all pauses. Its `policy` keeps state from one pause to the next."""
+    """Laser sweeps at the pauses of a robot. The `policy` keeps state from one pause to the next."""
 
     def __init__(self, calibration: Calibration, rangefinder: Rangefinder, settings: Settings, policy: ScanPolicy):
-        """Create the sweeper. The mirror angles are those of `calibration`, which must belong to `rangefinder`."""
+        """Store the parts. The mirror angles are those of `calibration`, which must belong to `rangefinder`."""
         self._angles = {stripe.index: stripe.mirror_angle for stripe in calibration.stripes}
         self._rangefinder, self._settings, self._policy = rangefinder, settings, policy
 

@@ -30,13 +30,13 @@ NEAR = 2
 
 
 class LiveView:
-    """Sends the points and one camera image of each scan to viewers, without blocking the scan."""
+    """Sender of the points and one camera image of each scan to viewers; it does not block the scan."""
 
     def __init__(self, views: ViewSender, centre: int) -> None:
         """Start without an image.
 
         Args:
-            views: sends the messages.
+            views: sender of the messages.
             centre: median index of the pattern; the stripe nearest to it within NEAR is shown, else the first one.
         """
         self._views, self._centre = views, centre

@@ -1,4 +1,4 @@
-"""Live scene of each pause for ROS 2: the topics that recordings contain for viewers, sent through the server's bridge."""
+"""Live scene of each pause for ROS 2: the topics that recordings contain for viewers, sent by the server's bridge."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OF_THE_ROBOT = ("/tf", "/tf_static", "/robot_description")
 
 
 class SceneMirror:
-    """Sends scenes to ROS 2 through the server's bridge.
+    """Sender of scenes to ROS 2, over the server's bridge.
 
     Methods return immediately; the server's threads make the messages.
     """
@@ -29,7 +29,7 @@ class SceneMirror:
 
         Args:
             server: server with a ROS 2 bridge; without one nothing is computed.
-            scene: makes the messages.
+            scene: source of the messages.
             unknown: value of unknown cells in occupancy grids, 100 or -1.
             with_tf: also send the robot itself (`/<robot>/tf`, `/<robot>/tf_static`, `/<robot>/robot_description`).
         """
