@@ -112,7 +112,9 @@ class CalibrationSession:
         if twice := sorted(name for name, count in named.items() if count > 1):
             raise InvalidInput(f"{self.source}: plates name the same scan twice: {', '.join(twice)}")
         if len(cameras := self._cameras()) > 1:
-            raise CalibrationMismatch(f"{self.source}: plates were scanned by cameras {', '.join(cameras)}; use one")
+            raise CalibrationMismatch(
+                f"{self.source}: plates were scanned with different cameras: {', '.join(cameras)}; use one"
+            )
 
     @property
     def camera_identity(self) -> str:

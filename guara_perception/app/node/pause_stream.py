@@ -114,7 +114,7 @@ class PauseStream:
         return FlashRecord(self.begin, self.begin + round(1e9 * flash[0]), round(1e9 * flash[1]))
 
     def wait(self, is_enough: Callable[[], bool]) -> None:
-        """Wait until `is_enough` returns True. It is called when samples arrive.
+        """Wait until `is_enough` returns True; it is called at once, and whenever samples arrive.
 
         The wait ends HALF_WINDOW + SAMPLE_WAIT after the last flash or after this call, whichever is later.
         """

@@ -78,7 +78,7 @@ class Rangefinder:
             for device in (self.board, self.camera):
                 device.__enter__()
                 self._entered.append(device)
-            check_identity(self.camera.identity, self.identity, "what is connected")
+            check_identity(self.camera.identity, self.identity, "the connected device")
             if self.settings is not None:
                 self.lock(self.settings)
         except BaseException:

@@ -65,7 +65,7 @@ def walk_until_stopped(
         except (WalkEnded, OutOfReach) as error:
             end = f"ended early: {error}"
             node.status.problem("gait", str(error))
-        tell(f"the simulated walk {end}; the robot is carried back and begins another")
+        tell(f"the simulated walk {end}; the robot returns to the start for another walk")
 
 
 def _stand(

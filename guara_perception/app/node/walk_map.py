@@ -84,7 +84,7 @@ class WalkMap:
     ) -> TerrainGrid:
         """Fuse the scan of one pause and return the map in base_footprint of that pause.
 
-        Another scan of the newest pause is not fused if the stance is the same.
+        Another scan of the newest pause with the same stance is not fused; the newest map is returned.
 
         Args:
             step: number of the pause, increasing along a walk.

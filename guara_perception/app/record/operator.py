@@ -75,7 +75,10 @@ class TextOperator:
 
     def clear(self) -> None:
         """Ask for a bare floor, with the robot in its scan posture."""
-        self._ask("Put the robot in its scan posture on a flat floor, nothing in view. It must not move until the end")
+        self._ask(
+            "Put the robot in its scan posture on a flat floor with nothing else in view. It must not move until the "
+            "end"
+        )
 
     def _ask(self, text: str) -> None:
         self._print(text)

@@ -162,7 +162,7 @@ def _as_before(rangefinder: Rangefinder, devices: Devices) -> None:
     """
     from drivers import CameraSettings
 
-    check_identity(rangefinder.camera.identity, devices.identity, "what is connected")
+    check_identity(rangefinder.camera.identity, devices.identity, "the connected device")
     rangefinder.lock(CameraSettings(**devices.settings))
     if devices.lag is not None:
         rangefinder.camera.lag = devices.lag

@@ -102,7 +102,7 @@ class SimulatedWorkshop:
         self.rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera, clock=clock)
 
     def use_board(self, board: BoardSpec) -> None:
-        """Set the board that the operator shows."""
+        """Set the board that the operator shows and lays on the floor."""
         self._board = board
 
     def show_board(self, advice: str) -> None:

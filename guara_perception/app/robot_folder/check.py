@@ -183,7 +183,8 @@ def _shapes(robot: RobotModel) -> Iterator[Finding]:
         links = [joint.child for joint in tree.urdf.path_to(leg.sole)]
         if not any(tree.links[link].shapes for link in links):
             yield wrong(
-                f"legs.{name}", "none of its links has a collision shape: the self-filter would take it for terrain"
+                f"legs.{name}",
+                "none of its links has a collision shape, so the self-filter cannot remove it from scans",
             )
     # Links fixed to one another form one body, so a shape of any of them is sufficient.
     bodies: dict[tuple[str, ...], list[Link]] = {}

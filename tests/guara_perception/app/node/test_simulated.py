@@ -112,7 +112,7 @@ def test_the_simulated_walk_goes_on_until_it_is_stopped(free_endpoint: str, monk
         walk.join(TIMEOUT)
     assert not walk.is_alive()
     assert [step for _, step in seen] == [0, 1, 2, 0, 1, 2, 0]
-    assert told == ["the simulated walk is over; the robot is carried back and begins another"] * 2
+    assert told == ["the simulated walk is over; the robot returns to the start for another walk"] * 2
 
 
 def test_a_walk_that_finds_no_foothold_is_followed_by_another(
