@@ -22,7 +22,7 @@ UNDISTORT_STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 1e-10)
 NEAREST_DEPTH_M = 1e-6
 # Number of points projected at once, so that intermediate results stay in the processor's cache.
 BLOCK = 2048
-# Largest image side; a larger one in a file would exhaust the memory.
+# Largest image side, so that a wrong size in a file cannot exhaust the memory.
 LARGEST_SIDE_PX = 8192
 
 

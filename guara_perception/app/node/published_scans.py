@@ -203,9 +203,9 @@ class PublishedScans:
         self._status.confirmed(published.pause.step)
 
     def _cut(self, newest: Published) -> None:
-        """Publish a scan again without its unconfirmed stripes after the regular end of a pause.
+        """Publish a scan again without its unconfirmed stripes, after the regular end of a pause.
 
-        If the remaining stripes show no cell, the scan is withdrawn.
+        An unconfirmed scan in the map is replaced too. If the remaining stripes show no cell, the scan is withdrawn.
         """
         pause = newest.pause
         cut = newest.swept.until(pause.still_until)

@@ -39,7 +39,10 @@ class Walks:
         return ""
 
     def epoch_of(self, announcement: StancePause, last: Pause | None) -> str:
-        """Identity of the walk of a new pause. If the gait gives none, a lower step begins another walk."""
+        """Identity of the walk of a new pause; a previous walk with another epoch has then ended.
+
+        If the gait gives no epoch, a lower step begins another walk.
+        """
         if last is not None and last.given_epoch and last.given_epoch != announcement.epoch:
             self._past = [*self._past[1 - REMEMBERED :], last.given_epoch]
         if announcement.epoch:

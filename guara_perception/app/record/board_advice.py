@@ -17,7 +17,7 @@ WANTED_PICTURES: Final = 12
 # [rad] Below this tilt, focal length and distance of the board cannot be estimated separately.
 TILT: Final = float(np.deg2rad(15))
 # A board counts as still if no corner moves by more than STILL_PX in x or y between two frames. Two views count as the
-# same if the mean difference of their corners in x and y is less than SAME_OF_WIDTH of the image width.
+# same if the mean absolute difference of their corners in x and y is less than SAME_OF_WIDTH of the image width.
 STILL_PX: Final = 0.5
 SAME_OF_WIDTH: Final = 0.04
 # Largest fraction of clipped pixels in a usable image.

@@ -24,7 +24,10 @@ class Operator(Protocol):
         """
 
     def lay_crosses(self, points: str, why_again: str) -> None:
-        """Request the crosses on the floor; return when they are there. `why_again` as in `lay_board`."""
+        """Request the crosses on the floor at `points`, given as text; return when they are there.
+
+        `why_again` is as in `lay_board`.
+        """
 
     def lay_plate(self, height: float) -> None:
         """Request a plate with its top at `height` [m], or the bare floor at 0; return when it is in place."""

@@ -31,8 +31,8 @@ from kinematics import RobotModel
 DEVICES_FILE: Final = "devices.toml"
 FIRST_EXPOSURE_S: Final = 0.008
 GRAB_SECONDS: Final = 2.0
-# Number of judged images of the board after which the recording fails. Three frames are taken for each, so that this is
-# half an hour at 30 frames per second.
+# Number of judged images of the board after which the recording fails. Three frames are taken for each, so this is half
+# an hour at 30 frames per second.
 MOST_PICTURES: Final = 18_000
 MOST_TRIES: Final = 20
 # Largest plausible coordinate of a cross [m]: a robot's camera does not see the floor farther away.

@@ -22,7 +22,7 @@ class FoundLeg:
     Attributes:
         name: lf, rf, lh or rh if the robot has four legs, else the name of the foot.
         joints: names of the moving joints from the body to the foot.
-        foot: name of the link at the end of the chain.
+        foot: name of the foot's link.
         start: (3,) origin of the first joint in the base, with all joints at zero [m].
     """
 

@@ -16,12 +16,12 @@ class Weight(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Finding about a file, table, leg or link of a robot folder.
+    """Finding about a robot folder.
 
     Attributes:
         weight: "unusable" if the robot cannot be used at all, "wrong" for an error that should be corrected, "note" for
             information.
-        subject: the file, table, leg or link.
+        subject: the file, table, leg, link, posture or walk concerned.
         text: the problem, and what to do about it.
     """
 

@@ -120,7 +120,7 @@ def camera_height(proposal: Proposal, posture: FoundPosture) -> float:
 
 
 def _sole_radius(p: Proposal) -> str:
-    """Line of robot.toml with the radius of round feet; empty for flat soles."""
+    """Line of robot.toml with the radius of round feet; empty for other feet."""
     if not p.sole_radius:
         return ""
     return f"sole_radius = {p.sole_radius:.4f}    # of the round foot: a ball that rolls lifts its sole frame\n"

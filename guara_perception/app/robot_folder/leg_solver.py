@@ -21,7 +21,8 @@ from kinematics.tree import KinematicTree, RobotState
 from kinematics.urdf import Joint, Link, Shape, Urdf, rotation_from_rpy
 from kinematics.urdf_checks import root_link
 
-# Joint angles from which the search starts, in addition to the centre of the limits [rad].
+# Angles [rad] from which the search starts, for each joint but the first, which starts at 0. The centre of the limits
+# is another start.
 STARTS = (-1.6, -0.8, 0.0, 0.8, 1.6)
 TIP = "tip of the leg"
 # Ratio of length to width above which a shape is a bone with the foot at its end. A shorter shape is the foot itself,

@@ -145,7 +145,10 @@ def _model_of(description: str) -> str:
 
 
 def solid_shapes(description: str) -> Iterator[tuple[str, Any]]:
-    """Yield the entity of each primitive visual of a URDF, and a component that draws it solid, unlike the importer."""
+    """Yield the entity of each primitive visual of a URDF, and a component that makes it solid.
+
+    The importer alone does not draw these visuals as solids.
+    """
     rerun: Any = optional_library("rerun", "rerun", PURPOSE)
     shapes = {"box": rerun.Boxes3D, "cylinder": rerun.Cylinders3D, "sphere": rerun.Ellipsoids3D}
     try:
