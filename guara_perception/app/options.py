@@ -115,7 +115,7 @@ def stance_of(path: Path | None, robot: RobotModel) -> Stance:
     """Stance from a JSON file; if `path` is None, the scan posture on all feet with unknown gravity.
 
     Raises:
-        MissingFile, FileFormatError: the file does not exist, or is not a JSON object.
+        MissingFile, FileFormatError: the file does not exist, cannot be read, or is not a JSON object.
         kinematics.KinematicsError: the file does not contain a stance.
     """
     from guara_perception.fields import read_json
@@ -159,7 +159,8 @@ def read_node_file(context: click.Context, parameter: click.Parameter, path: Pat
     Unknown options and invalid values are collected for `refuse_mistakes`.
 
     Raises:
-        MissingFile, FileFormatError: the file does not exist, is too large, is not TOML, or has another format.
+        MissingFile, FileFormatError: the file does not exist, cannot be read, is too large, is not TOML, or has another
+            format.
     """
     from guara_perception.files import existing_file, read_toml
 

@@ -135,7 +135,7 @@ def measured_devices(robot: RobotModel, rangefinder: Rangefinder, devices: Devic
     """Meter the exposure on a stripe, lock all settings and measure the lag; return the devices with these values.
 
     Raises:
-        drivers.DriverError: the camera rejects a setting or does not see the laser, or a device failed.
+        drivers.DriverError: a device failed, the camera rejects a setting, or exposure or lag cannot be measured.
     """
     from drivers import CameraSettings, measure_lag, meter_exposure
 
