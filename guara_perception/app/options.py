@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 FILE = click.Path(path_type=Path)
 NOT_MIRRORED = click.option("--not-mirrored", is_flag=True, help="assert that the driver does not mirror the pictures")
 NODE_FORMAT = "guara-node/1"
-# Key of `click.Context.meta` with the mistakes in node.toml.
+# Key of `click.Context.meta` under which the mistakes in node.toml are collected.
 MISTAKES = "guara.mistakes"
 # Largest size of node.toml [byte]; it normally has some twenty lines.
 LARGEST_BYTES = 64 * 1024

@@ -11,7 +11,9 @@ from guara_perception.progress import Progress
 
 @contextmanager
 def progress(what: str) -> Iterator[Progress]:
-    """Show a progress bar on standard error while the block runs, if it and standard output are terminals.
+    """Show a progress bar on standard error while the block runs.
+
+    No bar is shown unless standard output and standard error are terminals.
 
     Args:
         what: short description of the work.

@@ -80,8 +80,8 @@ def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> N
     Args:
         session: open session from `transport.open_node` or `transport.open_client`.
         terrain: grid of either extent.
-        name: instance name under which clients find the grid; "" = the name of the grid's robot with the suffix `_own`,
-            since the name without the suffix belongs to the robot's perception node.
+        name: instance name under which clients find the grid; "" = the name of the grid's robot (DEFAULT_ROBOT if it
+            names none) with the suffix `_own`, since the name alone belongs to the robot's perception node.
 
     Raises:
         InvalidInput: `terrain` is not a TerrainGrid, or a field of its record has a value that a receiver cannot read

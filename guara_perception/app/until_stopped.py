@@ -90,7 +90,7 @@ def closed_within(devices: AbstractContextManager[Any], seconds: float | None = 
 
 def _arm(alarm: threading.Timer, seconds: float) -> None:
     alarm.start()
-    # A driver may hang while it holds Python's lock: no Python thread runs then, but faulthandler's own thread does.
+    # A driver may hang while it holds the GIL: no Python thread runs then, but faulthandler's own thread does.
     faulthandler.dump_traceback_later(2.0 * seconds, exit=True, file=sys.__stderr__ or 2)
 
 

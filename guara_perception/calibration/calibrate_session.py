@@ -82,8 +82,7 @@ def calibrate_session(
 ) -> CalibrationResult:
     """Calibrate the rangefinder of a session and judge the result.
 
-    A calibration with the verdict `refused` is returned like any other; an error is raised only if no calibration can
-    be computed.
+    A calibration with the verdict `refused` is returned like any other.
 
     Args:
         session: images and the geometry of their targets.

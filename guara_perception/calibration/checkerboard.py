@@ -89,8 +89,8 @@ def wrong_grid(grey: Image, corners: Float, size: tuple[int, int]) -> bool:
     """Test if the corners are only a part of the board's corners, or do not form a regular grid.
 
     If asked for too few corners, both detectors return a part of the board, or every other line of it. The grid is
-    therefore projected into the image by a homography; no point halfway between its lines or one line outside may look
-    like a corner.
+    therefore projected into the image by a homography; the points halfway between its lines, and those one line
+    outside, must not look like corners.
     """
     grid = np.mgrid[0 : size[0], 0 : size[1]].T.reshape(-1, 2).astype(np.float64)
     homography = np.asarray(cv2.findHomography(grid, corners)[0], dtype=np.float64)

@@ -62,7 +62,7 @@ class PauseStream:
     def shown(self) -> tuple[int, float]:
         """Stamp up to which the samples give the body's pose [ns], and arrival of the last batch [s].
 
-        Without samples, these are `begin` and -inf.
+        The arrival is on `transport.clock`. Without samples, these are `begin` and -inf.
         """
         latest = self.track.latest
         if not math.isfinite(latest):
@@ -70,7 +70,9 @@ class PauseStream:
         return self.begin + round(1e9 * (latest - HALF_WINDOW)), self._heard
 
     def doubt(self, flash: tuple[float, float] | None) -> str:
-        """Reason why the samples cannot locate flashes, empty if they can. Waits up to CLOCK_WAIT for the gait's clock.
+        """Reason why flash times on the gait's clock are unknown or too uncertain; empty if they can be used.
+
+        Waits up to CLOCK_WAIT for the gait's clock.
 
         Args:
             flash: current time on `transport.clock`, and standard deviation of flash times [s]; None if that standard
@@ -116,7 +118,7 @@ class PauseStream:
     def wait(self, is_enough: Callable[[], bool]) -> None:
         """Wait until `is_enough` returns True; it is called at once, and whenever samples arrive.
 
-        The wait ends HALF_WINDOW + SAMPLE_WAIT after the last flash or after this call, whichever is later.
+        The longest wait is until HALF_WINDOW + SAMPLE_WAIT after the last flash or this call, whichever is later.
         """
         ahead = max(self._last_flash - clock.now(), 0.0)
         with self._added:

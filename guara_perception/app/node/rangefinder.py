@@ -1,4 +1,4 @@
-"""Rangefinder: laser board and camera, which take a sweep together."""
+"""Rangefinder: laser board and camera, used together for sweeps."""
 
 from __future__ import annotations
 

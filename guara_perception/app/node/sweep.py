@@ -111,7 +111,7 @@ class Swept:
         """Grid of all scanned ground for the map, including the ground beside the footprint.
 
         Args:
-            terrain: published grid of the footprint, whose stamp and record the wide grid gets.
+            terrain: published grid of the footprint, whose stamp and record, except `lost_cells`, the wide grid gets.
         """
         record = terrain.scan_record
         wide = self.processor.finish("wide", record=record)

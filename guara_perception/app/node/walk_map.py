@@ -61,8 +61,8 @@ class WalkMap:
     def __init__(self, robot: RobotModel, calibration: Calibration, journal: Journal | None = None) -> None:
         """Start with an empty map.
 
-        The walk of the journal continues if the first scan fits a claim in it. If that scan was cut short and does not
-        fit, the next scan decides.
+        The walk of the journal continues if the first scan fits a claim in it. If that scan was cut short and only its
+        image or heights do not fit, the next scan decides.
         """
         self._robot, self._journal = robot, journal
         odometry = LegOdometry(robot, transform_camera_to_base=calibration.transform_camera_to_base)
@@ -180,7 +180,7 @@ class WalkMap:
             time: as in `update`.
 
         Raises:
-            InvalidInput: no pause was fused yet.
+            InvalidInput: no pause was fused yet, or all fused pauses were withdrawn.
         """
         pose = self._state.pose
         if pose is None:
@@ -246,7 +246,7 @@ class WalkMap:
         return "", standing
 
     def _slips(self, pose: OdometryPose, fused: TerrainGrid) -> dict[str, float] | None:
-        """Distance that each standing foot slid since the last pause [m]; None unless images located it both times."""
+        """Slip of each standing foot since the last pause [m]; None if the image of either did not locate the robot."""
         told, before = fused.metadata, self._state.soles
         is_shown = self._state.step is None or "visual_corners" in told
         if not is_shown or "visual_refused" in told or "transform_base_to_footprint" not in told:

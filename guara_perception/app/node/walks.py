@@ -10,7 +10,7 @@ REMEMBERED = 64
 
 
 class Walks:
-    """Register of walks, which rejects announcements of ended walks, and names the walks of a gait without epochs."""
+    """Register of walks: rejects unusable announcements, and names the walks of a gait without epochs."""
 
     def __init__(self, robot: str, run: str) -> None:
         """Create the register before the first walk.
@@ -41,7 +41,7 @@ class Walks:
     def epoch_of(self, announcement: StancePause, last: Pause | None) -> str:
         """Identity of the walk of a new pause; a previous walk with another epoch has then ended.
 
-        If the gait gives no epoch, a lower step begins another walk.
+        If the gait gives no epoch, a walk begins with the first pause, at a lower step, and after a walk with an epoch.
         """
         if last is not None and last.given_epoch and last.given_epoch != announcement.epoch:
             self._past = [*self._past[1 - REMEMBERED :], last.given_epoch]

@@ -120,7 +120,11 @@ class SessionWriter:
         return (self.folder / name).exists()
 
     def read(self, name: str) -> Image:
-        """Read an image of the session."""
+        """Read an image of the session.
+
+        Raises:
+            MissingFile, FileFormatError: the image does not exist or cannot be read.
+        """
         return read_picture(self.folder / name)
 
     def write(self, name: str, picture: Image) -> None:

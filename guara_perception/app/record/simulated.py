@@ -31,7 +31,7 @@ FRAMES_PER_SECOND = 60.0
 # Distance by which a plate extends beyond the scanned area on each side.
 PLATE_MARGIN_M = 0.06
 # Poses of the board, which cover every part of the image and every tilt: position of the board's centre in the image
-# (fractions of width and height), distance [m], tilts about the axes of the image and rotation in its plane [rad].
+# (fractions of width and height), depth [m], tilts about the axes of the image and rotation in the board's plane [rad].
 BOARD_POSES = (
     (0.50, 0.50, 0.42, 0.00, 0.00, 0.0),
     (0.36, 0.38, 0.50, 0.50, 0.00, 0.1),
@@ -121,7 +121,7 @@ class SimulatedWorkshop:
         ray = self._camera_to_footprint[:3, :3] @ np.array([0.0, 0.0, 1.0])
         start = self._camera_to_footprint[:3, 3]
         centre = to_camera @ np.append(start - ray * start[2] / ray[2], 1.0)
-        # The board faces up, so its y axis is opposite to that of the floor.
+        # The z axis of a board points into it, so it points down if the board faces up.
         flat = to_camera[:3, :3] @ rotation([np.pi, 0, 0]) @ rotation([0, 0, np.pi / 2])
         self._still(self._targets.board(self._board, self._board_pose(centre[:3], flat)))
 

@@ -36,8 +36,8 @@ class LegSolver:
     Attributes:
         leg: leg found in the URDF.
         foot: foot of this leg.
-        pitch_joint: (3,) origin of the first joint that swings the foot fore and aft, in the base, with all joints at
-            zero [m].
+        pitch_joint: (3,) origin of the first joint that swings the foot fore and aft, or of the first joint of the leg
+            if none does, in the base, with all joints at zero [m].
         hip: link moved by the pitch joint.
         side: y of the tip in the base, with all joints at zero [m].
         length: length of the stretched leg from the pitch joint to the tip [m].

@@ -46,7 +46,10 @@ class FoundPosture:
 
 
 def stand(legs: tuple[LegSolver, ...], hip_height: float) -> FoundPosture | None:
-    """Posture with the hips at `hip_height` [m] above the soles and each sole below its hip; None if out of reach."""
+    """Posture with the hips at `hip_height` [m] above the soles; None if out of reach.
+
+    Each sole is at the x of its hip, and at the y that it has with all joints at zero.
+    """
     top = float(np.mean([leg.pitch_joint[2] for leg in legs]))
     floor = top - hip_height
     joints: dict[str, float] = {}

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 THINNED = 3
 PICTURE_WIDTH_PX = 480
 JPEG_QUALITY = 80
-# After that of the first stripe, only images of stripes within this distance of the median are copied [stripe indices].
+# Besides the first image, only images of stripes within this distance of the median are copied [stripe indices].
 NEAR = 2
 
 

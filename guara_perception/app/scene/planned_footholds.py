@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 def planned_footholds(robot: RobotModel, terrain: TerrainGrid) -> dict[str, tuple[float, float, float]]:
-    """Next foothold (x, y, z) [m] by leg, where a simple planner finds one on this grid.
+    """Next foothold (x, y, z) in base_footprint [m] by leg, where a simple planner finds one on this grid.
 
     Empty if the record of the grid lacks the robot, its stance, its limits or its transform to the footprint.
     """

@@ -44,7 +44,7 @@ def open_in_rerun(path: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="guara-rerun-") as folder:
         scene = save_rerun_scene(path, Path(folder) / f"{path.stem}.rrd")
         code = subprocess.run(
-            # The viewer listens to this machine only.
+            # The viewer accepts connections from this machine only.
             [sys.executable, "-m", "rerun", str(scene), "--bind", "127.0.0.1", "--port", "auto"],
             check=False,
         ).returncode

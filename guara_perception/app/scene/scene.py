@@ -85,6 +85,7 @@ class Scene:
         Raises:
             UnsafeGrid: the grid violates the safety invariant.
             InvalidInput: `unknown` is neither 100 nor -1.
+            kinematics.KinematicsError: the stance of a map does not fit the robot.
         """
         terrain = message_to_terrain(message)
         prefix = PREFIX[terrain.extent]

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 # The detectors need a white border around the board. A third of a square is enough, and 300 mm boards still fit on A3.
 QUIET_OF_SQUARE = 0.33
-# Distance of the four outer crosses from the borders of the scanned area, where no plate covers them.
+# Distance of the four outer crosses from the borders of the scanned area.
 CROSS_INSET_M = 0.020
 MAT_BORDER_M = 0.030
 # Distance of the rulers from the borders of their drawing.
@@ -33,9 +33,9 @@ GUIDE = "#888888"
 
 
 def cross_points(robot: RobotModel) -> Float:
-    """Nominal positions (5, 2) of the crosses in base_footprint [m]: four near the corners of the area, one inside.
+    """Nominal positions (5, 2) of the crosses in base_footprint [m].
 
-    The fifth makes the pattern differ from its mirror image.
+    Four are near the corners of the scanned area. The fifth makes the pattern differ from its mirror image.
     """
     settings = Settings.of(robot)
     (x0, x1), (y0, y1) = settings.footprint_x, settings.footprint_y
