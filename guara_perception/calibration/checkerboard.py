@@ -15,7 +15,7 @@ BLUR_SIGMA_PX = 0.8
 # Half width of the window of the sub-pixel refinement, relative to the smallest square: as wide as possible without a
 # second corner in the window.
 WINDOW_OF_SQUARE = 0.35
-# Points beside the detected corners count as corners if they have more than this share of the corners' contrast.
+# Points beside the detected corners count as corners if their median contrast exceeds this share of the corners'.
 CROSSING_SHARE = 0.5
 # Largest misfit of a homography, relative to a square. Lens distortion bends a board by a few per cent of a square,
 # whereas the markers of another board are displaced by a whole square.

@@ -116,9 +116,9 @@ class PauseStream:
         return FlashRecord(self.begin, self.begin + round(1e9 * flash[0]), round(1e9 * flash[1]))
 
     def wait(self, is_enough: Callable[[], bool]) -> None:
-        """Wait until `is_enough` returns True; it is called at once, and whenever samples arrive.
+        """Wait until `is_enough` returns True, which is tested at once and whenever samples arrive.
 
-        The longest wait is until HALF_WINDOW + SAMPLE_WAIT after the last flash or this call, whichever is later.
+        It waits at most until HALF_WINDOW + SAMPLE_WAIT after the last flash or this call, whichever is later.
         """
         ahead = max(self._last_flash - clock.now(), 0.0)
         with self._added:

@@ -10,7 +10,7 @@ REMEMBERED = 64
 
 
 class Walks:
-    """Register of walks: rejects unusable announcements, and names the walks of a gait without epochs."""
+    """Register of walks: rejects late or misdirected announcements, and names the walks of a gait without epochs."""
 
     def __init__(self, robot: str, run: str) -> None:
         """Create the register before the first walk.

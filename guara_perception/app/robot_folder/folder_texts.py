@@ -73,7 +73,7 @@ joints = [{", ".join(f'"{joint}"' for joint in leg.joints)}]
         step=SWING_HEIGHT_M / 2,
         swing=1e3 * SWING_HEIGHT_M,
         minimum=-1.5 * SWING_HEIGHT_M - 0.01,
-        # A foot that drops by this height tilts the body by about 3 degrees, if feet are as far apart as hips are high.
+        # A foot that drops so far tilts the body by about 3 degrees or less if feet are as far apart as hips are high.
         drop=min(round(0.055 * p.scan.hip_height, 3), 0.020),
         # The sole enlarged by the disc covers a whole round foot, so that no ground below it rises by more than a step.
         disc=max(0.015, round(min(p.sole) / 4.0, 3), round(p.sole_radius - min(p.sole) / 2.0, 3)),

@@ -23,8 +23,8 @@ PATTERN_MARGIN_M = 0.006
 # Side of a sole if the foot has no shape [m].
 UNKNOWN_SOLE_M = 0.030
 LEAST_SOLE_M = 0.020
-# Part of a ball's diameter on which it may come to rest: on level ground its contact rolls by up to a sixth of the
-# diameter while it stands, and rubber flattens by a tenth, both on either side.
+# Part of a ball's diameter that can touch the ground: on level ground, the contact of a standing foot rolls by up to a
+# sixth of the diameter to either side, and rubber flattens by a tenth on either side.
 CONTACT_SHARE = 0.55
 HALF_SWING_M = 0.07
 
@@ -161,8 +161,8 @@ def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> 
 def _sole(feet: list[Foot]) -> tuple[float, float]:
     """Length and width of a sole [m], each the smallest over all feet, but at least LEAST_SOLE_M.
 
-    Length and width of a flat foot are its two longer sides. For a round foot, both are the part of its diameter on
-    which it may come to rest.
+    Length and width of a flat foot are its two longer sides. For a round foot, both are the part of its diameter that
+    can touch the ground.
     """
     lengths: list[tuple[float, ...]] = []
     for foot in feet:
