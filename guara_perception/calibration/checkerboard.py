@@ -12,8 +12,8 @@ from guara_perception.calibration.board import BLACK, MIRRORED, BoardSpec, Board
 BORDER_PX = 40
 # A slight blur before the sub-pixel refinement nearly halves the error at sharp, aliased edges (from 0.07 to 0.04 px).
 BLUR_SIGMA_PX = 0.8
-# Half width of the window of the sub-pixel refinement, relative to the smallest square: as wide as possible without a
-# second corner in the window.
+# Half width of the window of the sub-pixel refinement, relative to the smallest square: wide, but too small for
+# a second corner.
 WINDOW_OF_SQUARE = 0.35
 # Points beside the detected corners count as corners if their median contrast exceeds this share of the corners'.
 CROSSING_SHARE = 0.5
