@@ -105,7 +105,10 @@ class StreamWatch:
             self._trouble = clock.now(), str(error)
 
     def item(self) -> StatusItem:
-        """Status item of the stream: rate, counts, and the newest problem of the last FORGOTTEN seconds."""
+        """Status item of the stream: rate, counts, and a problem, if any.
+
+        This is the newest problem of the last FORGOTTEN seconds; without one, a silent or slow stream is reported.
+        """
         now = clock.now()
         with self._lock:
             rate = 0.0 if now - self._heard > RATE_TIME else self._rate()
