@@ -248,7 +248,7 @@ def test_a_recording_can_be_processed_again(
             bench.client.wait_for_step(step, timeout=TIMEOUT, extent="map")
             bench.gait.say(step, PausePhase.END)
     scans = open_scans(path)
-    assert [scan.step for scan in scans] == [0, 1]
+    assert [scan.step for scan in scans] == [0, 1] and scans[0].epoch == scans[1].epoch != ""
     terrain = gp.process_scan(scans[1], calibration, robot, pictures=False)
     np.testing.assert_array_equal(terrain.hazard, rig.reference.hazard)
     with open_recording(path) as recording:
