@@ -195,11 +195,17 @@ def test_a_session_whose_thread_failed_for_good_says_so_to_whoever_uses_it(told:
 
 def test_what_is_pending_in_one_lane_is_told_of_that_lane() -> None:
     """Other lanes wait for something else."""
-    outbox, goes = Outbox(), threading.Event()
+    outbox, goes, begun = Outbox(), threading.Event(), threading.Semaphore(0)
+
+    def wait() -> None:
+        begun.release()
+        goes.wait(TIMEOUT)
+
     for lane, count in (("one", 2), ("two", 5)):
         for number in range(count):
-            outbox.post(str(number), goes.wait, lane=lane)
+            outbox.post(str(number), wait, lane=lane)
     try:
+        assert all(begun.acquire(timeout=TIMEOUT) for _ in range(2))
         with pytest.raises(ReceiveTimeout, match="pending: 2$"):
             outbox.flush(0.0, lane="one")
         with pytest.raises(ReceiveTimeout, match="pending: 7$"):
