@@ -300,9 +300,9 @@ def _from_given(camera: CameraModel, fiducials: Fiducials, nominal: Float) -> Fl
                     f"fiducials: points_px are not in the order of points_in_footprint: numbers {wrong} are permuted "
                     f"or mirrored; the order {', '.join(str(i + 1) for i in order)} fits"
                 )
-    order = " in any order" if len(points) <= 6 else ""
+    ordered = " in any order" if len(points) <= 6 else ""
     raise CalibrationRefused(
-        f"fiducials: points_px and points_in_footprint do not match{order} (permuted, mirrored or wrong points): "
+        f"fiducials: points_px and points_in_footprint do not match{ordered} (permuted, mirrored or wrong points): "
         f"no mount within {MAX_SHIFT_M * 1e3:.0f} mm and {np.rad2deg(MAX_TURN):.0f} degrees of the nominal one fits "
         f"them within {MAX_RESIDUAL_PX['given']:.0f} px"
     )
