@@ -266,7 +266,8 @@ def _existing(folder: Path, name: str, *, is_key: bool) -> Path:
     if is_key and mode & 0o077:
         raise SecurityError(
             f"{path} has mode {mode:03o}: others on this machine can read the key and act as its owner. "
-            f"Run chmod 600 on it; if others may have read it, make a new key with `guara security renew`"
+            "Run chmod 600 on it. If others may have read it, revoke this member with `guara security revoke` and add "
+            "another; a renewed key would leave the old one valid. For a node, make a new folder"
         )
     return path
 
