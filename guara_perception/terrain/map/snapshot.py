@@ -149,8 +149,11 @@ class _Looks:
         (fewest, most), (newest, oldest), (least, largest) = (
             self._ends(values, kernel) for values in (self.looks, self.pauses, self.drift)
         )
-        nested = self._ends(self.variance, kernel)[1] * (1 - fewest / np.maximum(most, 1))
-        aside = largest - least + 2 * self.variance / np.maximum(self.looks, 1)
+        whole, of_look = (
+            self._ends(values, kernel)[1] for values in (self.variance, self.variance / np.maximum(self.looks, 1))
+        )
+        nested = whole * (1 - fewest / np.maximum(most, 1))
+        aside = largest - least + 2 * of_look
         return nested + np.where(newest < oldest, aside, 0.0)
 
     def _ends(self, values: Array, kernel: Kernel) -> tuple[Float, Float]:

@@ -67,6 +67,21 @@ def test_a_cell_of_many_looks_beside_one_of_a_single_look(robot: RobotModel, mak
     assert min(often, once) > 0.95 * difference
 
 
+def test_cells_last_seen_at_different_pauses_each_have_a_look_of_their_own(
+    robot: RobotModel, make_scan: MakeScan
+) -> None:
+    """Four looks beside one that none of them was: the difference has one and a quarter of a look's variance."""
+    terrain_map = gp.TerrainMap(robot)
+    flags = np.zeros((108, 90), np.uint16)
+    flags[:, 45:] = np.uint16(Hazard.UNSCANNED)
+    for step in range(4):
+        terrain_map.update(make_scan(0.0, flags=flags, step=step, metadata=RECORD), PoseInOdom(at(), ZERO))
+    others = np.uint16(Hazard.UNSCANNED) - flags
+    fused = terrain_map.update(make_scan(0.0, flags=others, step=4, metadata=RECORD), PoseInOdom(at(), ZERO))
+    look = (np.radians(0.2) * 0.725) ** 2 + LOOK_SIGMA_M**2
+    assert min(looked_at(fused, x, 0.0)[1] for x in (0.7175, 0.7325)) > 1.25 * 0.95 * look
+
+
 def test_ground_that_no_scan_saw_shares_nothing(robot: RobotModel, make_scan: MakeScan) -> None:
     """Beside declared ground a scanned height may err by all that the scan errs by."""
     flags = np.zeros((108, 90), np.uint16)
