@@ -75,7 +75,8 @@ def parse_xml(text: str, path: Path) -> Element:
     parser.CharacterDataHandler = builder.data
     parser.EntityDeclHandler = entity
     try:
-        parser.Parse(text.encode("utf-8"), True)
+        # A lone surrogate, which UTF-8 does not have, becomes bytes that expat refuses.
+        parser.Parse(text.encode("utf-8", "surrogatepass"), True)
     except expat.ExpatError as error:
         raise RobotFileError(f"{path}: is not valid XML: {error}") from error
     root = builder.close()

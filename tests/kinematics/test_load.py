@@ -28,6 +28,7 @@ from kinematics import (
     robot_from_description,
 )
 from kinematics.scan_pattern import plane_on_floor
+from kinematics.untrusted import parse_xml
 
 ROOT = Path(__file__).parents[2]
 
@@ -231,6 +232,12 @@ def test_a_damaged_or_hostile_description_is_refused(text: str, message: str) ->
     with pytest.raises(RobotFileError) as caught:
         robot_from_description(text)
     assert message in str(caught.value)
+
+
+def test_a_text_that_is_no_unicode_is_refused() -> None:
+    """A received description may hold a lone surrogate, as JSON allows."""
+    with pytest.raises(RobotFileError, match="is not valid XML"):
+        parse_xml('<robot name="\ud800"/>', Path("guara.urdf"))
 
 
 def test_entities_are_not_expanded(broken_folder: Callable[..., Path], guara: RobotModel) -> None:
