@@ -93,7 +93,7 @@ class ServiceManager:
         self._thread = supervised("guara-watchdog", self._run)
 
     def __enter__(self) -> Self:
-        """Report that the node is ready, and begin the watchdog notifications."""
+        """Report that the node is ready, and begin the watchdog notifications if systemd expects them."""
         notify("READY=1")
         if self._period:
             self._thread.start()

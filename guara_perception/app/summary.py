@@ -34,7 +34,7 @@ def facts(terrain: TerrainGrid) -> dict[str, Any]:
 
 
 def summary(terrain: TerrainGrid) -> str:
-    """One-line summary of a grid, with the four most frequent flags and the reasons of its health."""
+    """One-line summary of a grid, with the four most frequent flags and the reasons for its health level."""
     found, record = facts(terrain), terrain.record
     hazards: dict[str, int] = found["hazards"]
     most = sorted(hazards, key=lambda name: -hazards[name])[:4]

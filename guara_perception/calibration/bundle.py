@@ -36,7 +36,7 @@ class CameraFit(FrozenArrays):
         pose: (6,) transform from footprint to camera: rotation vector [rad] and translation [m].
         corner_sigma_px: standard deviation of one corner coordinate [px].
         residuals_px: corner residuals (n, 2) of each view used, in the order of the views.
-        mark_residuals_px: (m, 2) residuals of the fiducials.
+        mark_residuals_px: (m, 2) residuals of the crosses.
     """
 
     camera: CameraModel
@@ -75,8 +75,8 @@ def fit_camera(
         board: the board.
         ground: name of the view that shows the board on the floor; None or a name that is not among the views = no
             ground board.
-        floor: initial estimate of the mount, and the marks.
-        points: (m, 2) positions of the marks in base_footprint [m].
+        floor: initial estimate of the mount, and the crosses found in the image.
+        points: (m, 2) positions of the crosses in base_footprint [m].
     """
     problem = _Problem(intrinsics, board, ground, floor, points)
     x = problem.start()
@@ -183,7 +183,7 @@ class _Problem:
         return np.asarray(pixels, np.float64).reshape(-1, 2), np.asarray(jacobian, np.float64)
 
     def blocks(self, x: Float) -> list[tuple[Float, Float]]:
-        """Residuals (n, 2) and Jacobian (2 n, size) of every view in order, then those of the marks."""
+        """Residuals (n, 2) and Jacobian (2 n, size) of every view in order, then those of the crosses."""
         result = []
         views = self.intrinsics.views
         for i, view in enumerate(views):
@@ -237,7 +237,7 @@ class _Problem:
         return np.concatenate([r.ravel() for r, _ in self.blocks(x)] + pins)
 
     def solve(self, x: Float, sigma: float) -> Float:
-        """Run at most six Gauss-Newton iterations, enough from a start whose errors are fractions of a pixel."""
+        """Run at most six Gauss-Newton iterations, which suffice if the initial residuals are below a pixel."""
         for _ in range(6):
             weight = self.weights(x, sigma)
             rows = self.jacobian(x)[:, self.moved] * weight[:, None]

@@ -279,8 +279,9 @@ def find_lines(
     """Find the laser lines on all plates, and check them for swapped heights and missed steps.
 
     Raises:
-        CalibrationRefused: too few stripes were found on a plate, or on plates of two heights; plate heights are
-            swapped; or the laser lines jump, for instance because the mirror missed a step.
+        CalibrationRefused: no stripe meets a plate, or too few of those that meet it were found; too few stripes were
+            found at two heights; plate heights are swapped; or the laser lines jump, for instance because the mirror
+            missed a step.
         CalibrationMismatch: the size of a frame differs from that of the camera.
         MissingFile, FileFormatError: a frame cannot be read.
     """

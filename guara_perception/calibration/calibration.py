@@ -31,7 +31,7 @@ class StripePlane:
     """One laser plane.
 
     Attributes:
-        index: number in the standard pattern (0 ... 69 for the Guara).
+        index: number in the standard pattern (0 ... 69 for the Guará).
         mirror_angle: commanded mirror angle [rad]; 0 if the laser points straight down, positive if it points forward.
         plane: (4,) float64, n . X + d = 0 in the camera frame [m], n a unit vector.
     """

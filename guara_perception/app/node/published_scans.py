@@ -92,7 +92,7 @@ class PublishedScans:
         self.fused: Published | None = None
 
     def begin(self, pause: Pause) -> None:
-        """Finish the previous pause: keep its confirmed scans in the map, and withdraw all others."""
+        """Finish the previous pause: withdraw unconfirmed grids, and keep a confirmed scan in the map."""
         before = self.newest or self.fused
         if before is None or before.pause is pause:
             return
@@ -160,7 +160,7 @@ class PublishedScans:
             self._cut(newest)
 
     def record_cut(self, pause: Pause, messages: list[TerrainMessage]) -> None:
-        """Record grids cut to the confirmed stripes. A withdrawal before them makes replays skip the recorded scan."""
+        """Record a withdrawal, so that replays skip the recorded scan, then the grids cut to the confirmed stripes."""
         if self._recorder is not None:
             nothing = self._nothing_seen(pause, TOO_LITTLE)
             number = self._server.next_sequence("footprint")

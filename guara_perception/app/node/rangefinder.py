@@ -100,9 +100,9 @@ class Rangefinder:
         return self._locked
 
     def setting_changes(self) -> tuple[str, ...]:
-        """Changes of the locked settings as texts, each with its remedy, or the error if the settings cannot be read.
+        """Changes of the locked settings as texts, each with its remedy; empty if no setting is locked or changed.
 
-        The settings are read from the camera, which takes some milliseconds.
+        The settings are read from the camera, which takes some milliseconds. If this fails, the error is the only text.
         """
         if self._locked is None:
             return ()
@@ -151,7 +151,8 @@ class Rangefinder:
         If steps were lost, some stripes since that homing were not at their commanded angles; their heights are wrong.
 
         Raises:
-            drivers.BoardError: the board cannot be reached, made ready or homed.
+            drivers.BoardError: the board cannot be reached, made ready or homed, or the first angle is outside its
+                travel.
             drivers.BadFiringOrder: the firing order is not valid.
         """
         return prepare(self.board, firing_order)

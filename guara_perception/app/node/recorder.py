@@ -77,7 +77,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             jpeg_quality: 1 ... 100 stores frames as JPEG of this quality (a ninth of the size at 90); None = lossless.
             scene: source of the messages for 3-D viewers: robot, transforms, clouds, markers, ROS grids; None = none.
             limit: largest total size of the files in a folder [byte], kept by removing the oldest; None = no limit.
-            first: number of the first step to record.
+            first: lowest step whose scans are recorded.
 
         Raises:
             transport.RecordingError: the folder or the file cannot be created.
@@ -200,7 +200,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         return True
 
     def status_item(self) -> StatusItem:
-        """Status item of the recording: numbers of recorded and lost scans, and the current problems."""
+        """Status item of the recording: numbers of recorded and lost scans, waiting data, and current problems."""
         with self._counted:
             return StatusItem(
                 name="recording",
@@ -264,7 +264,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         self._make_room()
         full = self.writer
         try:
-            # Fails while data rejected by a full disk are still in memory; the full file then stays open.
+            # Fails while data rejected by a full disk are still in memory; the current file then stays in use.
             full.flush()
             self.writer = self._open()
         except RecordingError as error:

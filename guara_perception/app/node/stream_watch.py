@@ -107,7 +107,7 @@ class StreamWatch:
     def item(self) -> StatusItem:
         """Status item of the stream: rate, counts, and a problem, if any.
 
-        This is the newest problem of the last FORGOTTEN seconds; without one, a silent or slow stream is reported.
+        The problem is the newest one of the last FORGOTTEN seconds or, without one, that the stream is silent or slow.
         """
         now = clock.now()
         with self._lock:
@@ -157,7 +157,7 @@ class StreamWatch:
         return sum(counts[1:]) / max(self._arrivals[-1][0] - self._arrivals[0][0], RATE_TIME / 4)
 
     def _follow(self, batch: StanceStream, now: float) -> None:
-        """Count the batches lost before `batch`, and a gap before or within it."""
+        """Count the batches lost before `batch`; count a gap if samples are missing or the stamps do not increase."""
         last = self._last
         if last is None or last.epoch != batch.epoch or batch.sequence <= last.sequence:
             return

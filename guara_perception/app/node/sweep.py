@@ -1,4 +1,4 @@
-"""Laser sweep at a pause: a fixed pattern, or a coarse pattern followed by intermediate stripes near obstacles."""
+"""Laser sweep at a pause: a fixed pattern, or a coarse pattern and, after obstacles were found, further stripes."""
 
 from __future__ import annotations
 

@@ -246,7 +246,7 @@ class WalkMap:
         return "", standing
 
     def _slips(self, pose: OdometryPose, fused: TerrainGrid) -> dict[str, float] | None:
-        """Slip of each standing foot since the last pause [m]; None if the image of either did not locate the robot."""
+        """Slip of each standing foot since the last pause [m]; None unless images located the robot at both pauses."""
         told, before = fused.metadata, self._state.soles
         is_shown = self._state.step is None or "visual_corners" in told
         if not is_shown or "visual_refused" in told or "transform_base_to_footprint" not in told:

@@ -39,7 +39,7 @@ class Walks:
         return ""
 
     def epoch_of(self, announcement: StancePause, last: Pause | None) -> str:
-        """Identity of the walk of a new pause; a previous walk with another epoch has then ended.
+        """Identity of the walk of a new pause. If the epoch has changed, mark the previous walk as ended.
 
         If the gait gives no epoch, a walk begins with the first pause, at a lower step, and after a walk with an epoch.
         """

@@ -1,4 +1,4 @@
-"""Operator of a calibration session: interface, and a person who is asked at a terminal."""
+"""Operator of a calibration session: interface, and implementation that asks a person at the terminal."""
 
 from __future__ import annotations
 

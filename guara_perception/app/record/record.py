@@ -62,7 +62,7 @@ def record_session(
         devices: devices chosen by the user, written to the folder with the metered exposure and the measured lag. A
             resumed session uses those of its folder.
         operator: person or program that places board, crosses and plates in front of the camera.
-        tell: function that shows a text; called for each task and for problems of the light.
+        tell: called with a text for each task, the number of board images, and problems of the light.
         watch: called with each camera image and a text about it or a request, for a live page.
 
     Returns:

@@ -84,8 +84,8 @@ class SessionWriter:
             redo: keys of `PARTS` to record again; `clear` removes their files. The plan may differ in these parts.
 
         Raises:
-            InvalidInput: `folder` is a file, contains something else or, without `redo`, a finished session; or the
-                recording in it has another plan.
+            InvalidInput: `folder` is a file, contains files but no recording or, without `redo`, a finished session; or
+                the recording in it has another plan.
             FileFormatError: `recording.json` cannot be read.
         """
         self.folder, self.plan, self._redo = Path(folder), plan, tuple(redo)

@@ -30,7 +30,7 @@ WAYS = (
 
 @contextmanager
 def way_on(session: Path) -> Iterator[None]:
-    """Add advice to a CalibrationRefused that the block raises for a session recorded by `guara record`.
+    """Add advice to a CalibrationRefused that the block raises, if the session folder contains recording.json.
 
     Raises:
         CalibrationRefused: the error of the block, with advice if there is any.

@@ -1,4 +1,4 @@
 """Creation and check of robot folders, for `guara robot new` and `guara robot check`.
 
-Only the commands import this package.
+In `guara_perception`, only the commands import this package.
 """

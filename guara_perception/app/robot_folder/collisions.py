@@ -1,4 +1,4 @@
-"""Contacts between links of a robot in a posture, computed from the URDF's collision shapes with the library coal."""
+"""Pairs of neighbouring links of a robot, and pairs in contact in a posture, found with the library coal."""
 
 from __future__ import annotations
 

@@ -69,9 +69,9 @@ def find_legs(urdf: Urdf) -> tuple[FoundLeg, ...]:
 
 def _leg(urdf: Urdf, chain: tuple[Joint, ...], below: dict[str, list[Joint]]) -> FoundLeg:
     x, y, z = urdf.transform_at_zero(chain[0].child)[:3, 3].tolist()
-    # Follow the fixed links from the last moving link to the first branch. The last one with a shape is the foot. If
-    # none has a shape, the foot is a child of the last moving link, with a shape and with foot, toe or tip in its name.
-    # Without such a child, the foot is the last moving link.
+    # Follow the links fixed to the last moving link up to the first branch. The last of them with a shape is the foot.
+    # If none of them has a shape, the foot is a child of the last moving link, with a shape and with foot, toe or tip
+    # in its name. Without such a child, the foot is the last moving link.
     foot, link = chain[-1].child, chain[-1].child
     links = {item.name: item for item in urdf.links}
     while len(below.get(link, [])) == 1:

@@ -126,7 +126,7 @@ def with_frame(urdf: Urdf, parent: str, name: str, transform: Float) -> Urdf:
 
 
 def tree_of(urdf: Urdf, legs: tuple[LegConfig, ...], sole: tuple[float, float] = (0.01, 0.01)) -> KinematicTree:
-    """Kinematic tree with the given legs and soles. The root link stands in for the frames of camera and laser."""
+    """Kinematic tree with the given legs and sole size. The root link stands in for the frames of camera and laser."""
     root = root_link(urdf)
     config = RobotToml(
         path=Path(urdf.path),

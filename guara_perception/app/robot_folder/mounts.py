@@ -25,7 +25,7 @@ CAMERA_HEIGHT_M, CAMERA_BEFORE_M, BASELINE_M, MIRROR_LOWER_M = 0.5, 0.10, 0.20, 
 VIEW_ACROSS, VIEW_ALONG = 0.95 * 0.5 / 0.921, 0.95 * 0.4 / 0.921
 # Smallest distance of a mount from the collision shapes of the robot.
 MOUNT_MARGIN_M = 0.03
-# The search stops at the first mounts from which the robot hides at most this fraction of the area. Improvements by a
+# The search stops once the robot hides at most this fraction of the area from the best mounts found. Improvements by a
 # smaller fraction are ignored.
 HIDDEN_ENOUGH = 0.01
 HIGHEST_M = 1.4
@@ -73,7 +73,7 @@ def find_mounts(
         tree: the robot, whose shapes may hide the area.
         posture: posture in which the robot scans.
         sole: length and width of a sole [m].
-        others: joint positions of further stances, with feet farther ahead or back, that should not hide the area.
+        others: joint positions of further stances, with feet farther ahead or back, to be included in `hidden`.
     """
     soles = np.array(list(posture.soles.values()))
     front, track = float(soles[:, 0].max()), float(np.abs(soles[:, 1]).max())

@@ -48,7 +48,7 @@ class FoundPosture:
 def stand(legs: tuple[LegSolver, ...], hip_height: float) -> FoundPosture | None:
     """Posture with the hips at `hip_height` [m] above the soles; None if out of reach.
 
-    Each sole is at the x of its hip, and at the y that it has with all joints at zero.
+    Each sole is at the x of its pitch joint, and at the y of its tip with all joints at zero.
     """
     top = float(np.mean([leg.pitch_joint[2] for leg in legs]))
     floor = top - hip_height

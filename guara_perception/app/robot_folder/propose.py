@@ -40,7 +40,7 @@ class Proposal:
         legs: the legs found, each with its foot and solver.
         soles: name of the sole frame, by leg.
         sole: length and width of a sole [m].
-        sole_radius: radius of round feet [m]; 0 for flat feet.
+        sole_radius: radius of round feet [m]; 0 if a foot is flat or has no shape.
         scan, standing: postures. In both, joints outside the legs are as close to zero as their limits allow.
         reach: fraction of the gait's foot positions that are within reach; None if the hip height was given.
         mounts: camera, laser and scanned area.
@@ -84,7 +84,8 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
         hip_height: height of the hips above the soles in the scan posture [m]; None = chosen for the reach of the feet.
 
     Raises:
-        InvalidInput: fewer than three legs are found, legs share joints, or the robot cannot stand on them.
+        InvalidInput: fewer than three legs are found, legs share joints, the robot cannot stand on them, or its feet
+            reach no position of the gait.
     """
     found = find_legs(urdf)
     legs = tuple(LegSolver(urdf, leg, find_foot(urdf, leg)) for leg in found)

@@ -32,7 +32,7 @@ CAMERA, LASER, AREA, BAD = "#009e73", "#d55e00", "#56b4e9", "#cc3311"
 
 
 def show_robot(robot: RobotModel, port: int) -> None:
-    """Show a robot in the browser until Ctrl-C."""
+    """Show a robot in the browser until Ctrl-C or SIGTERM."""
     with stop_event() as stop, BrowserView(robot, port=port) as view:
         view.show_recording([robot_moment(robot)])
         click.echo(f"{robot.name}: open {view.address} (press Ctrl-C to stop)")

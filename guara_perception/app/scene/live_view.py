@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from drivers import StripeCapture
     from guara_perception.ranging.stripe_points import StripePoints
 
-# Every third point is sent, and camera images are scaled down to this width, which is enough for a display.
+# Every third point, and camera images of at most this width, are enough for a display.
 THINNED = 3
 PICTURE_WIDTH_PX = 480
 JPEG_QUALITY = 80
