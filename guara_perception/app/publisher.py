@@ -73,7 +73,7 @@ def send_terrain(
 def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> None:
     """Publish a grid of your own, for instance from another sensor, for clients with `robot=name`.
 
-    The first call for a session and name waits up to 15 s if another node of that name must stop; later calls return
+    The first call for a session and name waits up to 15 s for another node of that name to stop; later calls return
     immediately. The age of the grid counts from its stamp. The publisher, with its status and liveliness token, ends
     with the session.
 
@@ -87,7 +87,7 @@ def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> N
         InvalidInput: `terrain` is not a TerrainGrid, or a field of its record has a value that a receiver cannot read
             back.
         UnsafeGrid: the grid violates the safety invariant; nothing is sent.
-        transport.NameTaken: another node of this name is still running after 15 s.
+        transport.NameTaken: after 15 s, another node still uses the name, or waits for it and takes precedence.
         transport.KeyNameError: the name cannot be part of a key.
         transport.SessionClosed: the session is closed.
     """

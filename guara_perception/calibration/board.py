@@ -17,7 +17,7 @@ CHARUCO: Final = "charuco"
 PATTERNS: Final = (CHECKERBOARD, CHARUCO)
 BLACK: Final = "black"
 COLOURS: Final = (BLACK, "white")
-# Reason of an unusable view that shows a mirrored board.
+# `BoardView.reason` of a mirrored board.
 MIRRORED: Final = "the board is mirrored: the camera or its driver flips its pictures"
 
 

@@ -205,7 +205,7 @@ def calibrate_session(
 
 
 def _pictures(session: CalibrationSession) -> int:
-    """Number of images to process: boards, fiducials, laser frames."""
+    """Number of images to process: boards, crosses, laser frames."""
     return len(session.board_images) + 1 + sum(len(plate.scan.stripes) for plate in session.plates)
 
 

@@ -72,7 +72,8 @@ class Calibration:
         paper: the paper's constants (homography, H, nadir, n, d, k per stripe), or None.
         covariance: covariances of the parameters, or None.
         quality: verdict (`good`, `usable`, `refused`, `unknown`), the reasons for it, and other results of its checks.
-        created: time of creation, as ISO 8601 text; empty before the calibration is saved.
+        created: time of creation, as ISO 8601 text; "simulated" for a simulated rangefinder; otherwise empty before the
+            calibration is saved.
         hash: content hash, hexadecimal; empty before the calibration is saved.
     """
 

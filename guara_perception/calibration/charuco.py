@@ -158,7 +158,7 @@ def _on_board(layout: cv2.aruco.CharucoBoard, marks: Float32, ids: Index32) -> M
 def _refined(grey: Grey, corners: Float, which: Index, board: BoardSpec) -> tuple[Float, Index]:
     """Refine corners to sub-pixel accuracy, and drop those at the border of the image.
 
-    Corners without any neighbour among them are returned unchanged, since their spacing is unknown.
+    If no two corners are neighbours, all are returned unchanged, since their spacing is unknown.
     """
     first, second = _neighbours(which, board)
     if not len(first):

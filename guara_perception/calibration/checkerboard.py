@@ -12,10 +12,11 @@ from guara_perception.calibration.board import BLACK, MIRRORED, BoardSpec, Board
 BORDER_PX = 40
 # A slight blur before the sub-pixel refinement nearly halves the error at sharp, aliased edges (from 0.07 to 0.04 px).
 BLUR_SIGMA_PX = 0.8
-# Half width of the window of the sub-pixel refinement, relative to the smallest square: wide, but too small for
-# a second corner.
+# Half width of the window of the sub-pixel refinement, relative to the smallest square: large, but too small to
+# contain a second corner.
 WINDOW_OF_SQUARE = 0.35
-# Points beside the detected corners count as corners if their median contrast exceeds this share of the corners'.
+# Points beside the detected corners count as corners if their median contrast exceeds this share of the median
+# contrast of the corners.
 CROSSING_SHARE = 0.5
 # Largest misfit of a homography, relative to a square. Lens distortion bends a board by a few per cent of a square,
 # whereas the markers of another board are displaced by a whole square.

@@ -50,7 +50,11 @@ class PauseStream:
         self._heard = self._last_flash = -math.inf
 
     def add(self, batch: StanceStream) -> None:
-        """Add a batch of samples of this walk or of `ANY_WALK`; a batch of another walk is ignored."""
+        """Add a batch of samples of this walk or of `ANY_WALK`; a batch of another walk is ignored.
+
+        Raises:
+            kinematics.KinematicsError: as in `add_samples`.
+        """
         if batch.epoch not in (ANY_WALK, self._epoch):
             return
         with self._added:

@@ -44,7 +44,7 @@ class Published:
         swept: the scan and its processors.
         terrain: grid of the scan alone.
         fused: map with this scan; None while the scan is not in the map.
-        is_confirmed: True if the last frame was not later than `pause.still_until` at the last `settle`.
+        is_confirmed: True if, at the last `settle`, the last frame was not later than `pause.still_until`.
         was_sent_provisional, was_map_provisional: True if the grid or the map was published as provisional.
         will_be_refined: True if a finer grid of the same pause follows, which is confirmed in its place.
     """

@@ -89,7 +89,7 @@ def _stand(
 
 
 def _is_done(wait: Callable[[], bool], stop: threading.Event) -> bool:
-    """Call `wait` until it returns True or the walk is stopped; return False after SCAN_TIMEOUT_S."""
+    """Call `wait` until it returns True or the walk is stopped, and return True; return False after SCAN_TIMEOUT_S."""
     end = time.monotonic() + SCAN_TIMEOUT_S
     while not wait():
         if stop.is_set():

@@ -107,7 +107,8 @@ class StreamWatch:
     def item(self) -> StatusItem:
         """Status item of the stream: rate, counts, and a problem, if any.
 
-        The problem is the newest one of the last FORGOTTEN seconds or, without one, that the stream is silent or slow.
+        The problem is the newest one of the last FORGOTTEN seconds. Without one, it is that the stream is slow, or has
+        been silent for SILENT to FORGOTTEN seconds.
         """
         now = clock.now()
         with self._lock:
