@@ -1,4 +1,4 @@
-"""Moments for the viewer, loaded from a grid file, a recorded scan or a recorded walk."""
+"""Moments (stance pauses) for the viewer, loaded from a grid file, recorded scans or a recorded walk."""
 
 from __future__ import annotations
 

@@ -164,9 +164,7 @@ def solid_shapes(description: str) -> Iterator[tuple[str, Any]]:
 
 
 def _position_of(message: TerrainMessage) -> Float:
-    """Position (3,) of the robot in odom at the scan of a map [m]; the origin if the map has no
-    transform to odom.
-    """
+    """Position (3,) of the robot in odom at the scan of a map [m]; the origin if that is unknown."""
     to_odom = [item.matrix[:3, 3] for item in message.transforms if item.destination_frame == ODOM]
     return np.asarray(to_odom[0] if to_odom else np.zeros(3))
 
