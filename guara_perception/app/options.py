@@ -183,7 +183,7 @@ def read_node_file(context: click.Context, parameter: click.Parameter, path: Pat
         kind = options[name].type
         try:
             if isinstance(value, bool) != isinstance(kind, click.types.BoolParamType):
-                raise click.BadParameter("a flag must be true or false; another option must not be true or false")
+                raise click.BadParameter("flags, and only flags, must be true or false")
             if isinstance(kind, click.Path | click.types.StringParamType) and not isinstance(value, str):
                 raise click.BadParameter("the value must be text in quotes")
             options[name].type_cast_value(context, value)

@@ -91,8 +91,8 @@ class SimulatedRobot:
     ) -> SceneView:
         """Set pose (4, 4) and joint positions [rad] of the robot. Do not call this during a scan.
 
-        Returns the view of the scene. To avoid computing it again, pass the result of an earlier call with the same
-        arguments as `view`.
+        Returns the view of the scene. To avoid computing it again, pass as `view` the result of an earlier call
+        with otherwise the same arguments.
 
         Raises:
             InvalidInput: camera or laser would be below the ground or too close to it.

@@ -21,7 +21,7 @@ BESIDE_M = 0.06
 # Mounts of the Guará: camera at 0.5 m height and 0.1 m behind the near edge of the area, mirror 0.2 m ahead of the
 # camera and 0.03 m lower.
 CAMERA_HEIGHT_M, CAMERA_BEFORE_M, BASELINE_M, MIRROR_LOWER_M = 0.5, 0.10, 0.20, 0.03
-# Tangents of half the field of view across and along, less 5 %, for a 3.2 mm lens and a 5:4 sensor about 3.5 mm
+# Tangents of half the field of view across and along, less 5 %, for a 3.2 mm lens on a 5:4 sensor about 3.5 mm
 # wide.
 VIEW_ACROSS, VIEW_ALONG = 0.95 * 0.5 / 0.921, 0.95 * 0.4 / 0.921
 # Smallest distance of a mount from the collision shapes of the robot.
