@@ -56,11 +56,11 @@ class PlannerFailed(PerceptionError, RuntimeError):
 
 
 class MirrorSlipped(PerceptionError, RuntimeError):
-    """The mirror lost motor steps during a scan; the scan is not used."""
+    """The mirror lost motor steps during a scan, so that the measured heights are wrong."""
 
 
 class DamagedInstallation(PerceptionError, ImportError):
-    """A file of the installed package is missing or damaged; the message says how to reinstall the package."""
+    """The compiled kernel of the package is missing or cannot be loaded; the message says how to reinstall it."""
 
 
 class MissingExtra(PerceptionError, ImportError):

@@ -21,11 +21,11 @@ AS_STORED = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENT
 
 
 def decode_picture(content: bytes, source: str) -> Image:
-    """Decode an image file to BGR or grey levels, with the 8 or 16 bit of the file and without an alpha channel.
+    """Decode an image file to BGR or grey levels, keeping 8 or 16 bits per channel and dropping an alpha channel.
 
     Raises:
-        FileFormatError: the format is not allowed, the data are damaged, the image has too many pixels or is not 8 or
-            16 bit unsigned, or an EXIF tag rotates or mirrors it.
+        FileFormatError: the format is not allowed, the data are damaged, the image has no or too many pixels or is not
+            8 or 16 bit unsigned, or an EXIF tag rotates or mirrors it.
     """
     picture = _decode(content, AS_STORED) if _is_bounded(content, source) else None
     if picture is None:

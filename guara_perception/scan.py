@@ -100,7 +100,7 @@ class Scan:
 
     @property
     def end(self) -> int:
-        """Latest stamp of the stripes [ns since the Unix epoch]; `stamp` if they have none."""
+        """Latest of `stamp` and the stamps of the stripes [ns since the Unix epoch]."""
         return max(self.stamp, *(stripe.stamp or 0 for stripe in self.stripes))
 
     def frames(self) -> Iterator[tuple[ScanStripe, Image, Image | None]]:

@@ -31,7 +31,7 @@ SCORE_WEIGHT_M = 0.02
 # Factor applied to the sigma of the fit, which is too small, because the pixels of a mark share blur and texture.
 SIGMA_FACTOR = 2.0
 SIGMA_FLOOR_PX = 0.02
-# Largest number of function evaluations of a fit: a cross needs 10 to 30, floor texture needs more.
+# Largest number of function evaluations of a fit. A cross needs 10 to 30; a fit to floor texture may not converge.
 MOST_FITS = 100
 # Least blur of a bar in the fit, in units of ARM_M.
 LEAST_BLUR = 1e-3
@@ -80,7 +80,7 @@ def find_crosses(
 
 
 def _candidates(grey: Grey, camera: CameraModel, transform: Float, point: Float) -> list[Candidate]:
-    """Most cross-like spots around `point`, best first, at most CANDIDATES."""
+    """Up to CANDIDATES most cross-like spots around `point`, best first; spots outside the image are skipped."""
     half = SEARCH_M + 1.5 * ARM_M
     line = np.arange(-half, half + RASTER_M / 2, RASTER_M)
     x, y = np.meshgrid(point[0] + line, point[1] + line, indexing="ij")
@@ -126,7 +126,7 @@ def _consistent(found: list[list[Candidate]], points: Float) -> tuple[Candidate,
         misfit = np.linalg.norm(b - a @ rotation.T, axis=1).mean()
         return float(misfit) + SCORE_WEIGHT_M * sum(1 - score for _, score in choice) / len(choice)
 
-    # More combinations than those of six marks with three candidates each would take too long to compare.
+    # Comparing more combinations would take too long. The limit allows six marks with three candidates each.
     if np.prod([len(candidates) for candidates in found]) > 3**6:
         return tuple(candidates[0] for candidates in found)
     return min(product(*found), key=cost)

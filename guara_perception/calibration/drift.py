@@ -37,8 +37,8 @@ MAX_ROUGHNESS_M = 0.00012
 # Straight stripes farther than this from the plane of the others are not used to fit it: they are on something else,
 # such as a box or a threshold, or the mirror missed a step.
 APART_M = 0.008
-# Largest rms distance of the stripes (centres and ends) from one plane, and largest distance of the centre of a single
-# stripe; the latter is also the smallest jump. A good calibration has 0.01 to 0.06 mm rms.
+# Largest rms distance of the ends of all stripes from one plane, and largest distance of the centre of a single stripe;
+# the latter is also the smallest jump. A good calibration has 0.01 to 0.06 mm rms.
 MAX_STRIPE_RMS_M = 0.00012
 MAX_STRIPE_M = 0.0006
 # Largest rms of the smooth part of these distances, a bend along x and a twist; FORM_SIGMAS times its uncertainty is
@@ -55,8 +55,8 @@ MAX_FLOOR_TILT = float(np.deg2rad(0.6))
 STANCE_SIGMAS = 3.0
 # Standard deviation of a sole's height relative to the plane of the others, due to joints and ground [m].
 SOLE_SIGMA_M = 0.0012
-# A jump with at least JUMP_STRIPES stripes on each side explains the deviations if it removes this share of their sum
-# of squares. Stripes farther than HIGHEST_JUMP_M from the floor are assumed to be on an object and ignored.
+# A jump with at least JUMP_STRIPES stripes on each side explains the deviations if it reduces their sum of squares by
+# more than JUMP_SHARE. Stripes farther than HIGHEST_JUMP_M from the floor are assumed to be on an object and ignored.
 JUMP_SHARE = 0.8
 JUMP_STRIPES = 2
 HIGHEST_JUMP_M = 0.030
@@ -170,7 +170,7 @@ class Drift:
         floor_share: share of the stripes with enough points that are straight and, if a plane was fitted, near it.
         floor_height: height of the floor at the mean x of its visible part [m].
         floor_tilt: angle of the floor relative to the horizontal [rad].
-        stripe_rms: rms distance of the stripes' centres and ends from one plane [m].
+        stripe_rms: rms distance of the ends of the stripes on the floor, at y = +-HALF_WIDTH_M, from one plane [m].
         worst_stripe: index of the stripe on the floor whose centre deviates most.
         worst_distance: signed distance of this centre from the plane [m].
     """

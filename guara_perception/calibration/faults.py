@@ -140,7 +140,7 @@ def refuse_jumps(jumps: Sequence[Jump], plates: Sequence[Plate], has_floor: bool
     stripe fell beside the plate.
 
     Raises:
-        CalibrationRefused: there are jumps; the message names plate, stripe and angle of the first ones.
+        CalibrationRefused: there are jumps; the message names plate, stripe and angle of the first three.
     """
     if jumps:
         named = [
@@ -218,10 +218,9 @@ def check_mirror(sweep: Sweep) -> None:
 def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> str:
     """Message that names the plate contradicted by the others, or two plates if it is uncertain which one is wrong.
 
-    Leaving out a plate changes all measured heights, so a correct plate often has the largest error. But the remaining
-    plates agree only if the wrong one is left out. With four or more plates, the remaining ones then fit their planes.
-    With three plates, the remaining two always fit, but the fitted mirror turns evenly only if the wrong one is left
-    out.
+    The error of a left-out plate does not identify the wrong one, because a correct plate often has the largest error.
+    With four or more plates, the remaining ones fit common laser planes only if the wrong one is left out. With three
+    plates, the remaining two always fit, but the fitted mirror turns evenly only if the wrong one is left out.
 
     Args:
         entries: three or more fits, each of which left out one plate.

@@ -15,8 +15,8 @@ from guara_perception.exceptions import CalibrationRefused
 from kinematics.arrays import FrozenArrays
 
 MIN_VIEWS = 5
-# Least value of the largest angle between the boards of two views; below it, focal length and distance cannot be
-# separated.
+# The boards of at least two views must differ in orientation by this angle; otherwise focal length and distance cannot
+# be separated.
 MIN_TILT = float(np.deg2rad(12.0))
 # A view (for instance of a bent board) is an outlier if its error exceeds both this multiple of the median error and
 # this many pixels.

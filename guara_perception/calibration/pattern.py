@@ -26,7 +26,7 @@ def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Cal
     """Derive a calibration with exactly the given stripes.
 
     Calibrated stripes keep their planes. Other stripes get the plane of the mirror model at their angle, corrected by
-    the estimated step error, with a larger covariance.
+    the estimated step error. If the calibration stores covariances, theirs are larger.
 
     Args:
         calibration: calibration with a mirror model, as computed by `calibrate`; the model is needed only if a stripe
@@ -94,8 +94,8 @@ def stored_mirror(calibration: Calibration) -> tuple[MirrorModel, Float, Float]:
 def step_errors(wanted: Float, indices: Float, errors: Float) -> tuple[Float, float]:
     """Estimate the errors of the mirror's position at other stripes [rad], and their standard deviation.
 
-    The error of a stepper is periodic in its steps. If one wave explains nine or more known errors, the wave is
-    evaluated; otherwise the errors of neighbouring stripes are interpolated.
+    The error of a stepper is periodic in its steps. If there are nine or more known errors and a single sine wave fits
+    them, the wave is evaluated; otherwise the errors of neighbouring stripes are interpolated.
 
     Args:
         wanted: (n,) indices of the stripes.

@@ -115,7 +115,8 @@ def covariance_record(fit: CameraFit, laser: LaserFit) -> dict[str, Any]:
 def paper_record(surface: SurfaceMap, fit: CameraFit, lines: Sequence[PlateLine]) -> dict[str, Any]:
     """Object `paper` of calibration.json; docs/calibration.md describes its fields.
 
-    Only stripes that were found at two or more heights of plates have constants n, d and k (eqs. 17 to 19).
+    Only stripes that were found on plates of two or more heights, at different positions, have constants n, d and k
+    (eqs. 17 to 19).
     """
     camera_position = fit.transform_camera_to_footprint[:3, 3]
     seen: dict[int, list[tuple[float, float]]] = {}

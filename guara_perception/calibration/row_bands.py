@@ -25,10 +25,10 @@ def row_bands(
         transform_camera_to_footprint: (4, 4) pose of the camera; heights are measured along z of the footprint.
         planes_in_camera: (s, 4) one plane per stripe.
         heights: (h,) heights above z = 0 of the footprint [m].
-        margin: rows added on each side; a band narrower than both margins together is empty.
+        margin: rows added on each side; a band with fewer than 2 * margin rows inside the image is empty.
 
     Returns:
-        First row and end row (exclusive) of each plane, clipped to the image; (0, 0) if the band is empty.
+        First row and end row (exclusive) of the band of each plane, clipped to the image; (0, 0) if it is empty.
     """
     lines = _lines(camera, transform_camera_to_footprint, planes_in_camera, heights)
     order = np.argsort(lines[..., 0], axis=-1)[..., None]

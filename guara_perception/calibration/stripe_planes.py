@@ -112,9 +112,9 @@ def moved_plane(plane: Float, basis: Float, change: Float) -> Float:
 
 @dataclass(frozen=True, slots=True)
 class _Lines:
-    """Least-squares sums for (turn, tilt, shift) of the m lines of s stripes.
+    """Least-squares sums for (turn, tilt, shift) of the lines of s stripes, up to m lines per stripe.
 
-    A stripe that has fewer than m lines has zeros in the remaining entries.
+    The entries of a stripe with fewer than m lines end in zeros.
 
     Attributes:
         normal: (s, m, 3, 3) normal matrices.

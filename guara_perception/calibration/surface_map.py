@@ -45,8 +45,8 @@ def surface_map(pixels: npt.ArrayLike, points: npt.ArrayLike) -> SurfaceMap:
         points: (n, 2) floor points [m].
 
     Raises:
-        InvalidInput: the arrays differ in shape, there are fewer than four marks, or the marks do not determine a
-            homography (for example, three of four are collinear).
+        InvalidInput: the arrays differ in shape or are not two-dimensional, there are fewer than four marks, or the
+            marks do not determine a homography (for example, three of four are collinear).
     """
     u, x = np.asarray(pixels, dtype=np.float64), np.asarray(points, dtype=np.float64)
     if u.shape != x.shape or u.ndim != 2 or len(u) < 4:

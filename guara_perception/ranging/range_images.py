@@ -17,8 +17,8 @@ from kinematics.arrays import FrozenArrays
 
 # Image size of the paper: rows along x, columns along y.
 ROWS, COLUMNS = 512, 640
-# Largest stretch by the central projection at which the samples of neighbouring image columns must fill all pixels of
-# the perspective image.
+# Largest magnification by the central projection for which the perspective image must have no gaps between neighbouring
+# image columns.
 LARGEST_STRETCH = 1.25
 # Largest number of lines added between neighbouring image columns: enough for columns 4 mm apart, as on distant ground.
 MOST_BETWEEN = 5
@@ -28,8 +28,8 @@ MOST_BETWEEN = 5
 class RangeImages(FrozenArrays):
     """Heights as images (512, 640) float32 [mm above z = 0], NaN where unknown.
 
-    The centre of pixel (r, c) is x = x_min + (r + 0.5) * depth / 512, y = y_min + (c + 0.5) * width / 640 in
-    base_footprint.
+    The centre of pixel (r, c) in base_footprint is x = x_min + (r + 0.5) * (x_max - x_min) / 512 and
+    y = y_min + (c + 0.5) * (y_max - y_min) / 640.
 
     Attributes:
         ortho_image_mm: orthorectified image, with each height at its true position.
@@ -70,8 +70,8 @@ def range_images(
                 continue
             lines = _filled(found, followed, between) if between else found
             share = shares(lines.number)
-            # In pixels relative to the nadir: the central projection, which eqs. 20 and 21 undo, is a stretch about the
-            # nadir.
+            # Pixels relative to the nadir, because the central projection, which eqs. 20 and 21 undo, is a scaling
+            # about the nadir.
             first, difference = (lines.first[:2] - nadir[:, None]) / size[:, None], lines.difference[:2] / size[:, None]
             row, column, height = (
                 share * along + start
@@ -161,7 +161,8 @@ class _Picture:
         """Mean height (ROWS, COLUMNS) of the top layer of each pixel [mm], NaN in pixels without a sample."""
         total, count = np.zeros((2, self._highest.size))
         bottom = self._highest - TOP_LAYER_M
-        # In the column of pixels outside the image, the top layer does not matter.
+        # The left border column contains the omitted samples. All of them are accepted, so that they do not force a
+        # selection below; the mean of this column is discarded.
         bottom[:: COLUMNS + 2] = -np.inf
         for first, pixel, heights in self._samples:
             is_top = heights > bottom[first:].take(pixel)

@@ -237,7 +237,7 @@ def joined_surface(seen: Links, variance: Array, resolution: float) -> list[Surf
         resolution: edge of the cells to be filled [m].
 
     Returns:
-        Samples of all pairs, grouped by the number of samples of a line.
+        Samples of all pairs, one entry for each number of samples per line.
     """
     joined = []
     width = variance.shape[1]
@@ -280,7 +280,7 @@ def _neighbours(indices: Index, width: int) -> Index:
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """Straight lines of the surface, from a stripe to the next, all with the same number of samples.
+    """Straight lines of the surface between two stripes, or single points; all have the same number of samples.
 
     Attributes:
         first: (3, c) first point of each line, in base_footprint [m].

@@ -35,8 +35,8 @@ FOLLOWED_PX = 320
 # largest gain.
 DIM_LEVEL, BRIGHT_LEVEL, MOST_GAIN = 32.0, 100.0, 16.0
 # Corners: largest number, quality relative to the best one, least distance [px]. An estimate needs at least
-# LEAST_CORNERS corners that agree. LEAST_SHARE of all corners must be tracked, and LEAST_SHARE of those, or in
-# `aligned` of all, must agree.
+# LEAST_CORNERS corners that agree, and at least LEAST_SHARE of the corners must be tracked. Of the tracked corners, at
+# least LEAST_SHARE must agree; `aligned` requires this share of all corners.
 MOST_CORNERS, QUALITY, APART_PX, LEAST_CORNERS, LEAST_SHARE = 48, 0.01, 14, 16, 0.6
 WINDOW_PX, LEVELS = 13, 2
 # Nominal number of corners in the first, fast test for a camera that stands still; it uses up to twice as many.

@@ -19,8 +19,8 @@ NO_LIGHT = 0.01
 FEWEST_OF_PATTERN = 8
 # Half length of a stripe's line on z = 0 [m].
 HALF_LENGTH_M = 0.6
-# Largest distance of light from a stripe's line, as a fraction of the image height; it is less than half the stripe
-# spacing. A frame fits a stripe if at least half of its light is within this distance.
+# A frame fits a stripe if at least half of its light is closer to the stripe's line than this fraction of the image
+# height, which is less than half the stripe spacing.
 FIT_PX_OF_HEIGHT = 0.008
 # Least share of the sampled frames that must fit for a cause to be named, and least number of sampled frames.
 FITTING_SHARE = 0.6
@@ -31,7 +31,8 @@ MIXED_SHARE = 0.15
 # than 0.65.
 FINE_SHARE = 0.8
 # Stripes are nearly symmetric from left to right: if the distances of two fits differ by less than this factor, turned
-# frames cannot be told from flipped ones. The ratio is 1.08 for a camera centred to a quarter of a pixel, 2 for most.
+# frames cannot be told from flipped ones. The ratio is 1.08 for a camera centred to a quarter of a pixel, and 2 for
+# most cameras.
 ALIKE = 1.03
 WHERE_NONE_CAN_BE = (
     "a stripe where none can be, too high or too low: the calibration belongs to another rangefinder, the camera or "

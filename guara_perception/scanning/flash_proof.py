@@ -152,7 +152,7 @@ class FlashProof:
 
     def _keep(self, index: int, dark: Image, reference: Image) -> None:
         if dark.shape != reference.shape or dark.dtype != reference.dtype:
-            # Frames of different cameras or formats cannot be compared: this dark flash proves nothing.
+            # Frames of different sizes or types cannot be compared, so this dark flash proves nothing.
             return
         lit = lit_pixels(dark, reference)
         if lit.any() and (moved := aligned(reference, dark)) is not None:

@@ -54,7 +54,7 @@ class FrameSample:
         level: mean level of the laser-on image without its brightest pixels [grey levels of 255].
         change: relative difference in brightness from the laser-off image, 0 without one.
         core: number of rows clipped by the stripe, median over the columns that have any; 0 if none has.
-        seen: share of the columns in which a stripe was found.
+        seen: share of the columns with a return, whether usable or not.
         peak: height of the stripe, median over these columns [grey levels of 255].
         contrast: difference between the brightest and the darkest tenth of the image [grey levels of 255]; 0 with a
             laser-off image, which removes the scene.

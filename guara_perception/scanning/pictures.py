@@ -37,13 +37,13 @@ def with_pictures(terrain: TerrainGrid, processor: ScanProcessor | None = None) 
 
 
 def cause_image(terrain: TerrainGrid) -> Image:
-    """Unknown flags (512, 640) of the cells under the unknown pixels of the orthorectified image; 0 elsewhere."""
+    """Flags (512, 640) that say why the cells under unknown orthorectified pixels are unknown; 0 elsewhere."""
     flags = (_under_pixels(terrain, terrain.hazard) & UNKNOWN_MASK).astype(np.uint8)
     return np.where(np.isnan(terrain.pictures["ortho_image_mm"]), flags, 0).astype(np.uint8)
 
 
 def sigma_image_mm(terrain: TerrainGrid) -> Float32:
-    """Standard deviation (512, 640) of the cell under each orthorectified pixel [mm]; NaN in unknown pixels."""
+    """Standard deviation (512, 640) of the height of the cell under each orthorectified pixel [mm]; NaN if unknown."""
     sigma = np.sqrt(_under_pixels(terrain, terrain.variance)) * 1e3
     return np.where(np.isnan(terrain.pictures["ortho_image_mm"]), np.nan, sigma).astype(np.float32)
 

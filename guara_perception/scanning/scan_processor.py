@@ -342,9 +342,10 @@ class ScanProcessor:
         return self.add_all([FramePair(index, on, off, dark)])[0]
 
     def add_all(self, pairs: Sequence[FramePair]) -> list[StripeProfile]:
-        """Process frame pairs; with laser-off and without dark frames, their order affects only the test for motion.
+        """Process frame pairs.
 
-        One call with several pairs is faster than a call for each pair, with the same result.
+        One call with several pairs is faster than a call for each pair, with the same result. If all pairs have
+        laser-off frames and none has a dark frame, their order affects only the test for motion.
 
         Without laser-off frames, the background of a stripe is the pixelwise minimum of one channel of two earlier
         frames of the sweep. Add such stripes in order. The background of the first stripes, which have too few earlier

@@ -125,8 +125,8 @@ class ScanSurface:
             body: body of the robot at the stance of the scan, in base_footprint.
             shared: variance that neighbouring heights share.
             attitude_sigma: standard deviation of the vertical, per axis [rad].
-            sway_variance: variance (ny, nx) of the heights of a grid due to the body's sway [m^2], which averaging over
-                samples does not reduce; None = no sway.
+            sway_variance: returns the variance (ny, nx) of the heights of a grid due to the body's sway [m^2], which
+                averaging over samples does not reduce; None = no sway.
             parted: pairs of neighbouring stripes between which there is no surface.
 
         Raises:
@@ -266,7 +266,7 @@ def area_rows(settings: Settings, cell: float) -> dict[str, tuple[GridGeometry, 
 
 
 def sway_variance(robot: RobotModel, pose: StancePose) -> Callable[[GridGeometry], Float] | None:
-    """Variance (ny, nx) of the heights of a grid due to the sway stated in robot.toml [m^2]; None without sway.
+    """Function that returns the variance (ny, nx) of a grid's heights due to the robot's sway [m^2]; None without sway.
 
     A rotation w about the centre of the feet lifts ground at (x, y) relative to this centre by w_x y - w_y x. The
     amplitude of the sway is used as the sigma of w, so that a height that sway can change by more than the sigma limit

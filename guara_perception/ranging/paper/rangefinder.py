@@ -1,4 +1,4 @@
-"""The paper's chain for one scan: stripe position, lens, surface map, height, orthorectification."""
+"""The paper's chain from stripe positions to points: lens, surface map, height, orthorectification."""
 
 from __future__ import annotations
 
