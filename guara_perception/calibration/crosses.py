@@ -22,7 +22,7 @@ BAR_M = 0.0015
 # 3 degrees and 20 mm at a distance of 0.6 m.
 SEARCH_M = 0.060
 RASTER_M = 0.0005
-# Least normalised correlation: crosses reach 0.8 and more, floor texture usually 0.3.
+# Least normalised correlation of a candidate. Crosses reach 0.8 or more, floor texture usually about 0.3.
 MIN_SCORE = 0.5
 ANGLES = np.deg2rad((0.0, 15.0, -15.0, 30.0, -30.0, 45.0))
 CANDIDATES = 3

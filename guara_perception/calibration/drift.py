@@ -37,8 +37,8 @@ MAX_ROUGHNESS_M = 0.00012
 # Straight stripes farther than this from the plane of the others are not used to fit it: they are on something else,
 # such as a box or a threshold, or the mirror missed a step.
 APART_M = 0.008
-# Largest rms distance of the ends of all stripes from one plane, and largest distance of the centre of a single stripe;
-# the latter is also the smallest jump. A good calibration has 0.01 to 0.06 mm rms.
+# Largest rms distance of the ends of the stripes from one plane, and largest distance of the centre of a single stripe.
+# The latter is also the smallest jump. A good calibration has 0.01 to 0.06 mm rms.
 MAX_STRIPE_RMS_M = 0.00012
 MAX_STRIPE_M = 0.0006
 # Largest rms of the smooth part of these distances, a bend along x and a twist; FORM_SIGMAS times its uncertainty is
@@ -48,15 +48,16 @@ MAX_FORM_M = 0.00003
 FORM_SIGMAS = 3.0
 # Distance from y = 0 at which the ends of the stripes are evaluated.
 HALF_WIDTH_M = 0.2
-# Largest height and tilt of the floor relative to the soles. STANCE_SIGMAS times the uncertainty of the stance
-# is added in quadrature.
+# Largest height and tilt of the floor relative to z = 0 or to the plane of the soles. STANCE_SIGMAS times the
+# uncertainty of the stance or of this plane, respectively, is added in quadrature.
 MAX_FLOOR_HEIGHT_M = 0.003
 MAX_FLOOR_TILT = float(np.deg2rad(0.6))
 STANCE_SIGMAS = 3.0
 # Standard deviation of a sole's height relative to the plane of the others, due to joints and ground [m].
 SOLE_SIGMA_M = 0.0012
 # A jump with at least JUMP_STRIPES stripes on each side explains the deviations if it reduces their sum of squares by
-# more than JUMP_SHARE. Stripes farther than HIGHEST_JUMP_M from the floor are assumed to be on an object and ignored.
+# more than the fraction JUMP_SHARE. Stripes farther than HIGHEST_JUMP_M from the floor are assumed to be on an object
+# and ignored.
 JUMP_SHARE = 0.8
 JUMP_STRIPES = 2
 HIGHEST_JUMP_M = 0.030

@@ -15,7 +15,7 @@ from guara_perception.fields import Fields
 from guara_perception.stripes.kernel.library import address, addresses, kernel
 from kinematics.arrays import read_only
 
-# Monomials of the field of height errors, in the coordinates of the offset from the field's origin.
+# Terms of the polynomial field of height errors; x, y and z are relative to the field's origin.
 FIELD_TERMS = ("1", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
 # Least distance of the camera from a laser plane; a closer camera sees the plane edge-on and gives unusable heights.
 MIN_BASELINE_M = 1e-3

@@ -15,8 +15,8 @@ from guara_perception.exceptions import CalibrationRefused
 from kinematics.arrays import FrozenArrays
 
 MIN_VIEWS = 5
-# The boards of at least two views must differ in orientation by this angle; otherwise focal length and distance cannot
-# be separated.
+# The board normals of at least two views must differ by this angle; otherwise focal length and distance cannot be
+# separated.
 MIN_TILT = float(np.deg2rad(12.0))
 # A view (for instance of a bent board) is an outlier if its error exceeds both this multiple of the median error and
 # this many pixels.

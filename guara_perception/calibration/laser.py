@@ -81,7 +81,7 @@ def fit_laser(
     nominal: MirrorModel,
     transform_footprint_to_base: Float,
 ) -> LaserFit:
-    """Fit mirror model, laser planes and height uncertainty to lines on plates.
+    """Fit mirror model and laser planes to lines on plates, and compute the uncertainty of heights.
 
     Args:
         lines: lines of all stripes on all plates, already checked for missed steps and swapped heights.
@@ -122,7 +122,7 @@ def height_sigmas(
         laser: mirror model and laser planes.
         lines: lines on plates; the median of their `sigma_px` is assumed for a scan.
         transform_base_to_footprint: (4, 4) pose of the body.
-        x: range of the area in base_footprint [m].
+        x: x range of the area in base_footprint [m].
     """
     transform = fit.transform_camera_to_footprint
     to_base = np.asarray(np.linalg.inv(transform_base_to_footprint)) @ transform

@@ -31,14 +31,14 @@ TELL_HANDEDNESS = (
     "lay down the five crosses of `guara targets` and take their picture again, give the board's first_square in "
     "session.json, or pass --not-mirrored if the driver does not flip pictures"
 )
-# Largest rms misfit of correct points: detected crosses fit within 0.1 px, pixels given by hand within 1 or 2 px.
+# Largest accepted rms misfit. Correct points fit within 0.1 px if detected, and within 1 or 2 px if given by hand.
 MAX_RESIDUAL_PX = {"found": 1.0, "given": 3.0}
 GIVEN_SIGMA_PX = 0.5
 # Any three crosses fit some pose, so a wrong cross can be identified only among five or more. It is named if the others
 # fit without it, with a misfit CLEARER times smaller than without any other cross.
 LEAST_OTHERS = 4
 CLEARER = 2.0
-# Correlation below which a match may be a spot of the floor: crosses reach 0.8, the texture of a floor hardly 0.6.
+# Correlation below which a match may be a spot of the floor. Crosses reach 0.8 or more, floor texture rarely 0.6.
 SURE_SCORE = 0.7
 # Largest deviation from the nominal mount. Usual causes of a larger one are another robot, points measured from another
 # origin, and swapped marks.

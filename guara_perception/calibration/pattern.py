@@ -26,7 +26,7 @@ def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Cal
     """Derive a calibration with exactly the given stripes.
 
     Calibrated stripes keep their planes. Other stripes get the plane of the mirror model at their angle, corrected by
-    the estimated step error. If the calibration stores covariances, theirs are larger.
+    the estimated step error. If the calibration stores covariances, the planes of other stripes get larger ones.
 
     Args:
         calibration: calibration with a mirror model, as computed by `calibrate`; the model is needed only if a stripe

@@ -97,8 +97,8 @@ def stripe_constants(
         heights: heights of the plates [m].
 
     Returns:
-        Dictionary with `index`, `n`, `d`, `k` and `residual`, the rms error at the calibrated heights [m] (zero for two
-        heights).
+        Dictionary with `index`, `n`, `d`, `k` and `residual`, the rms error of the heights of the plates [m] (zero for
+        two heights).
 
     Raises:
         InvalidInput: there are fewer than two different heights, or the stripe has the same position at all of them

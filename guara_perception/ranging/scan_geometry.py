@@ -68,8 +68,8 @@ class ScanGeometry:
         transform_camera_to_footprint: (4, 4) pose of the camera.
         stripes: calibrated stripes of the pattern by index, in the order of the pattern.
         planes_in_footprint: (s, 4) laser planes of these stripes in base_footprint, in the same order.
-        sensor_origins: positions (3,) of the camera and of the laser [m]. That of the laser is the point of the mirror
-            axis nearest to the camera.
+        sensor_origins: positions (3,) of the camera and of the laser in base_footprint [m]. That of the laser is the
+            point of the mirror axis nearest to the camera.
     """
 
     calibration: Calibration
@@ -84,7 +84,7 @@ class ScanGeometry:
         return self.calibration.camera.project((points_in_footprint - transform[:3, 3]) @ transform[:3, :3])
 
     def moved(self, places: Mapping[int, StripePlace]) -> ScanGeometry:
-        """Copy for a moving camera: planes at the poses of their stripes, sensors at the pose of the middle stripe."""
+        """Copy for a moving camera: planes at the poses of their stripes, the rest at the pose of the middle stripe."""
         if not places:
             return self
         poses = {index: place.transform_camera_to_footprint for index, place in places.items()}

@@ -165,7 +165,7 @@ class _Seen:
 
 
 def _estimates(looks: Mapping[int, Sequence[_Seen]], common: Float) -> dict[int, _Seen]:
-    """Estimate for each stripe, averaged with those of its neighbours if its own images are inconclusive."""
+    """Estimates by stripe; an inconclusive one is averaged with those of the neighbouring stripes."""
     groups, found = list(looks.values()), {}
     for number, (index, own) in enumerate(looks.items()):
         seen = _pooled(own)

@@ -350,7 +350,7 @@ class ScanProcessor:
         Without laser-off frames, the background of a stripe is the pixelwise minimum of one channel of two earlier
         frames of the sweep. Add such stripes in order. The background of the first stripes, which have too few earlier
         frames, is estimated from their own frames. A later stripe is rejected if one of its two earlier frames was
-        lost.
+        lost or unusable.
 
         A frame that cannot be used, for example because it is blank, has another size or is swapped with its pair,
         marks its stripe as bad; the scan continues and its report lists the stripe.
