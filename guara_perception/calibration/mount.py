@@ -146,7 +146,7 @@ def _misplaced(camera: CameraModel, points: Float, pose: FloorPose, nominal: Flo
 
 
 def _find(grey: Grey, camera: CameraModel, points: Float, nominal: Float) -> tuple[FloorPose | None, list[int]]:
-    """Pose that fits the crosses best, or None if crosses were not found; and the indices of those crosses."""
+    """Best-fitting pose, or None if some crosses were not found; and the indices of the crosses that were not found."""
     poses: list[FloorPose] = []
     fewest = list(range(len(points)))
     for mount, turn in MOUNTS.items():

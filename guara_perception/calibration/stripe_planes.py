@@ -19,7 +19,7 @@ FREE_WOBBLE = np.array([0.01, 0.005])
 NOISE_ITERATIONS = 15
 # Ratio of mean square to median square of a normal distribution.
 MEDIAN_TO_MEAN_SQUARE = 2.198
-# Lower bound of the estimated repeatability error of the mirror from scan to scan [rad].
+# Lower bound of the estimated jitter of the laser plane's angle from scan to scan [rad].
 JITTER_FLOOR = float(np.deg2rad(0.0003))
 # Lower bound of the estimated scatter of one averaged point of a line [m].
 SCATTER_FLOOR_M = 1e-5

@@ -23,7 +23,7 @@ TOLERANCE_PX = 1e-6
 
 
 class Triangulator:
-    """Intersection of the camera's rays with the calibrated laser planes; the rays are exact to TOLERANCE_PX.
+    """Intersection of the camera's rays with the calibrated laser planes; the rays are accurate to TOLERANCE_PX.
 
     Attributes:
         view_point: (3,) optical centre in base_footprint.

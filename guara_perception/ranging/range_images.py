@@ -51,10 +51,10 @@ def range_images(
     """Draw both range images from the points of a scan.
 
     Args:
-        points: stripes by index.
+        points: points of the stripes, by index.
         pattern: indices of the stripes of the scan's mode.
         camera_position: (3,) optical centre in base_footprint.
-        x, y: the area in base_footprint [m].
+        x, y: ranges of the area in base_footprint [m].
         join_height: limit of the height difference between neighbouring points of one surface [m].
     """
     size = np.array([(x[1] - x[0]) / ROWS, (y[1] - y[0]) / COLUMNS])
