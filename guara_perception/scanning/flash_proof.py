@@ -187,7 +187,7 @@ class FlashProof:
         return Proof(unproved=frozenset(order[last + 1 :]), spoilt=spoilt, doubled=doubled, darks=count)
 
     def _cause(self, order: list[int], lines: list[int]) -> str:
-        """State the cause of lines in dark frames: frames of another instant, if one shift explains all lines."""
+        """State the cause of lines in dark frames: frames of another instant if one shift explains the lines."""
         listed = ", ".join(map(str, lines))
         shots: list[tuple[int, bool]] = []
         for index in order:

@@ -58,7 +58,8 @@ class FrameSample:
         peak: height of the stripe, median over these columns [grey levels of 255].
         contrast: difference between the brightest and the darkest tenth of the image [grey levels of 255]; 0 with a
             laser-off image, which removes the scene.
-        rows: (GLANCED,) brightest row of the image in each of `FrameSamples.columns` [px]; NaN where no row stands out.
+        rows: (GLANCED,) brightest row in each of `FrameSamples.columns`, after subtraction of a laser-off image [px];
+            NaN where no row stands out.
     """
 
     clipped: float
