@@ -58,7 +58,7 @@ class Scan:
         dark_after: indices of the stripes after which the sweep had a dark flash; empty without dark flashes.
         camera_identity: maker, model and serial number reported by the camera; empty if unknown.
         read_track: function that computes the body's motion during the scan from the joint stream, given the robot
-            model and the calibrated transform_camera_to_base; None without a joint stream.
+            model and the calibrated transform_camera_to_base; None if no flash times were recorded.
         epoch: recorded identity of the walk; empty if unknown.
     """
 
