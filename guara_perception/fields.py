@@ -137,7 +137,7 @@ class Fields:
         return number
 
     def array(self, name: str, shape: tuple[int | None, ...]) -> Float:
-        """Nested list of finite numbers, as an array of a shape (None = any length)."""
+        """Nested list of finite numbers, as an array of the given shape (None = any length)."""
         value = self.raw(name)
         wanted = "x".join("n" if n is None else str(n) for n in shape)
         if not _holds_numbers_only(value):

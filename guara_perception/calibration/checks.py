@@ -98,7 +98,9 @@ def camera_checks(
     halves_px: Float | None,
     floor_sigma: Float,
 ) -> list[Check]:
-    """Checks of camera and mount. For a given lens, the checks of its estimation are omitted.
+    """Checks of camera and mount.
+
+    For a given lens, the checks of its estimation are omitted; without board views, also that of the corner error.
 
     Args:
         intrinsics: lens and views.

@@ -22,11 +22,12 @@ from kinematics.arrays import FrozenArrays
 BAND_SHARE = 0.12
 # Number of groups of columns, each averaged into one point of a line.
 BINS = 40
-# Points farther than this many standard deviations from the straight line are omitted: dust, an edge, another surface.
+# Points farther than this many standard deviations from the straight line are omitted. They show dust, an edge or
+# another surface.
 OUTLIER_SIGMAS = 3.5
 MIN_COLUMNS = 30
-# MIN_SPAN: a line must be found in this share of its visible length on the plate. MIN_WIDTH: a line whose stripe is
-# partly on the floor and that covers less than this share of its visible columns counts as beside the plate.
+# MIN_SPAN: a line must be found in at least this share of its visible length on the plate. MIN_WIDTH: a line whose
+# stripe is partly on the floor and that covers less than this share of its visible columns counts as beside the plate.
 MIN_SPAN = 0.6
 MIN_WIDTH = 0.25
 # A column in which the stripe is closer than this to its position on the bare floor shows the floor, not the plate

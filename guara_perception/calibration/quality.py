@@ -138,8 +138,8 @@ def cross_validation(
 ) -> tuple[Float, Float] | None:
     """Difference in projection between two lens models, calibrated from the even and from the odd views.
 
-    The mount would compensate a rotation and a translation between the two cameras. Both are removed by aligning points
-    at floor distance, as in mrcal.
+    A rotation and a translation between the two cameras do not count, because the mount would compensate them. They are
+    removed by aligning points at floor distance, as in mrcal.
 
     Args:
         views: usable views.
