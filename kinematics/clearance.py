@@ -26,7 +26,7 @@ SPACING = 0.005
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootholdClearance:
-    """Clearances of leg and sole at one foothold [m]; either is NaN if any ground below that part is unknown.
+    """Clearances of leg and sole at one foothold [m]; each is NaN if any ground below that part is unknown.
 
     Attributes:
         leg: smallest height above the ground of all points of the leg that are farther from the sole's centre than the
@@ -87,10 +87,7 @@ def foothold_clearance(
 
 
 def _leg_points(pose: StancePose, state: RobotState, leg: str) -> Float:
-    """Points (n, 3) in base_footprint on the leg's shapes, without those near the sole's centre.
-
-    Points closer to the centre than the longer side of the sole are left out.
-    """
+    """Points (n, 3) in base_footprint on the leg's shapes, farther from the sole's centre than its longer side."""
     config = state.tree.leg(leg)
     above = {joint.child: joint for joint in state.tree.urdf.joints}
     centre = _in_footprint(pose, state, config.sole, np.zeros((1, 3)))

@@ -60,7 +60,11 @@ class ArgumentError(KinematicsError, ValueError):
 
 
 class CameraMoved(KinematicsError, RuntimeError):
-    """The camera moved during a scan by more than robot.toml allows, or standing feet moved relative to each other."""
+    """The camera moved during a scan by more than robot.toml allows, or cannot be shown to stand still.
+
+    The latter is the case if standing feet moved relative to each other, or if the joints are much noisier than
+    robot.toml states.
+    """
 
 
 class OdometryLost(KinematicsError, RuntimeError):

@@ -92,7 +92,7 @@ class Timeline:
     While the newest moment is shown, the display moves on to each new moment.
 
     Attributes:
-        number: number of the moment shown.
+        number: index of the moment shown, 0 for the first.
     """
 
     def __init__(self) -> None:

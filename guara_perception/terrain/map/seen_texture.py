@@ -81,11 +81,11 @@ class VisualMotion:
         corners: number of corners that agree; the number of corners found if these are too few, 0 if none were looked
             for.
         is_whole: True if nearly all corners agree and they extend over the view, which means that either the robot or
-            all ground in view moved.
+            all ground in view moved; False if refused.
         inherited: fraction of the covariance that later pauses inherit.
         refused: reason why the motion is not used, None if it is used.
         denied: (3,) motion shown by most corners but contradicted by odometry, zero if there is none.
-        part: description of the part of the view that agrees; empty if it is the whole view, or if there is no result.
+        part: description of the part of the view that agrees; empty if it is the whole view, or if refused.
     """
 
     motion: Float
@@ -130,9 +130,10 @@ class GroundView:
         terrain: grid of the scan.
         places: (ny, nx, 2) position of each cell in the image [px], far outside the image for cells not visible in it;
             cells of unknown height are assumed at `level`.
-        known: (ny, nx) 255 where a cell and its neighbours are known, level and inside the image, otherwise 0.
+        known: (ny, nx) 255 where a cell and its neighbours are known, inside the image and within MOST_RISE_M of each
+            other in height, otherwise 0.
         level: median height [m].
-        median: median grey level of the ground in the image.
+        median: median grey level of the image at the cells of `known`, 0 if there are none.
     """
 
     picture: GroundPicture

@@ -142,9 +142,9 @@ class _Looks:
         """Variance of the difference between a height and those in its disc, due to looks that they do not share [m^2].
 
         If a mean of m + n looks contains all looks of a mean of m, their difference has n / (m + n) of the larger
-        variance, for which the variance of this cell is used. If the two heights were last seen at different pauses,
-        each also has a look that the other lacks, which adds twice `variance / looks`, and the drift between these
-        pauses is added. Ground that no scan saw shares nothing with other ground.
+        variance, for which the largest variance in the disc is used. If the two heights were last seen at different
+        pauses, each also has a look that the other lacks, which adds twice `variance / looks` of this cell, and the
+        largest difference of drift within the disc is added. Ground that no scan saw shares nothing with other ground.
         """
         (fewest, most), (newest, oldest), (least, largest) = (
             self._ends(values, kernel) for values in (self.looks, self.pauses, self.drift)

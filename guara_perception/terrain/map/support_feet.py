@@ -157,7 +157,7 @@ class HeightAnchor:
     Attributes:
         offset: correction to be added to the z of leg odometry [m].
         variance: variance of the walk's height relative to the map [m^2].
-        rise: increase of the variance of unseen cells since the start [m^2].
+        rise: increase of a cell's height variance from the start until now if the cell is not seen again [m^2].
         odometry: largest variance of z so far according to leg odometry [m^2].
         rejected: legs whose soles were outside the gate at this pause.
     """

@@ -246,8 +246,8 @@ class TerrainMap:
     ) -> TerrainGrid:
         """Return the map in the base_footprint of another pause without fusing its scan.
 
-        `terrain`, `pose` and `time` are as in `update`, with the same checks, except that `covariance_since_last` is
-        optional at every pause. Of `terrain`, only stamp, step and record enter the result.
+        `terrain`, `pose` and `time` are as in `update`, with the same checks, except that the stance is not checked and
+        `covariance_since_last` is optional at every pause. Of `terrain`, only stamp, step and record enter the result.
         """
         state = self._state
         check_scan(terrain, self._grid.resolution, state.step)

@@ -1,4 +1,4 @@
-"""Queries of planners: footholds, paths, obstacles, regions, stairs, explanations; other forms and files of grids.
+"""Queries for planners (footholds, paths, obstacles, regions, stairs), and conversion and saving of grids.
 
 Imports `layers` and `assessment`; `TerrainGrid` offers each query as a method.
 """

@@ -74,9 +74,10 @@ def best_foothold(
 ) -> Foothold | None:
     """Find the best foothold near a nominal position; None if there is none (`best_refused` gives the reasons).
 
-    Candidates are the cell centres within the radius, the nominal position and `previous`. Of those that pass
-    `check_foothold`, the result has the largest product of score, nearness and clearance factors. Ties are decided by
-    the smaller distance from the nominal position, then by the smaller x, then by the smaller y.
+    Candidates are the cell centres within the radius, the nominal position, and `previous` if it is within the radius.
+    Of those that pass `check_foothold`, the result has the largest product of score, nearness and clearance factors,
+    unless `previous` is kept. Ties are decided by the smaller distance from the nominal position, then by the smaller
+    x, then by the smaller y.
 
     Args:
         x, y: nominal position in base_footprint [m].
@@ -86,8 +87,8 @@ def best_foothold(
             unless another position has a value that is at least a third higher.
 
     Raises:
-        InvalidInput: x or y is not a finite number, the radius is not 0 ... 1 m, or `previous` is neither a Foothold
-            nor a pair of finite numbers. Also as in `check_foothold`.
+        InvalidInput: x or y is not a finite number, the radius is not a number from 0 to 1 m, or `previous` is neither
+            a Foothold nor a pair of finite numbers. Also as in `check_foothold`.
         kinematics.KinematicsError: no such leg, or the robot cannot be loaded or does not fit the stance.
     """
     terrain = asked(terrain, allow_stale)

@@ -29,7 +29,7 @@ class Depth:
         return iy, ix, math.sqrt(self.squares[iy, ix])
 
     def remove(self, rows: slice, columns: slice, cells: Mask) -> None:
-        """Remove the cells of a mask, given for some rows and columns, from the area."""
+        """Remove cells from the area; `cells` is their mask over these rows and columns."""
         # No cell is deeper than this, so no cell farther away is affected.
         reach = math.isqrt(int(self.squares.max()))
         top, left = max(rows.start - reach, 0), max(columns.start - reach, 0)
@@ -48,7 +48,7 @@ def _squares(cells: Mask, reach: int) -> Index32:
     after = np.minimum.accumulate(np.where(cells, row, reach + 2 * ny)[::-1], axis=0)[::-1] - row
     along = np.minimum(np.minimum(before, after), reach + 1).astype(np.int32) ** 2
     result = along.copy()
-    # The distance along y is an upper bound of the distance.
+    # A cell is never farther from the mask than along y, so larger offsets along x cannot reduce its distance.
     for offset in range(1, min(math.isqrt(int(along.max())), reach, nx - 1) + 1):
         square = np.int32(offset * offset)
         np.minimum(result[:, offset:], along[:, :-offset] + square, out=result[:, offset:])

@@ -22,7 +22,12 @@ from kinematics.transforms import transform_points
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StandingSole:
-    """Sole that carried the body when the grid was made, in its frame: centre (3,) [m], covariance (3, 3) [m^2]."""
+    """Sole that carried the body when the grid was made, in base_footprint.
+
+    Attributes:
+        centre: (3,) centre [m].
+        covariance: (3, 3) covariance of the centre [m^2].
+    """
 
     centre: Float
     covariance: Float
@@ -63,7 +68,8 @@ def beyond_reach(
         margin: angle to keep from the limits [rad].
 
     Raises:
-        InvalidInput: the grid's record lacks robot, stance or transform, or names a robot other than `robot`.
+        InvalidInput: the grid's record lacks robot, stance or transform, one of them is unreadable, or `robot` is
+            another robot.
         kinematics.KinematicsError: no such leg, or the robot cannot be loaded or does not fit the stance.
     """
     pose = pose_of(terrain, robot)
@@ -80,7 +86,8 @@ def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotLike | None = None
     """Sole centre (3,) of a leg when the grid was made, in base_footprint of the grid [m].
 
     Raises:
-        InvalidInput: the grid's record lacks robot, stance or transform, or names a robot other than `robot`.
+        InvalidInput: the grid's record lacks robot, stance or transform, one of them is unreadable, or `robot` is
+            another robot.
         kinematics.KinematicsError: no such leg, or the robot cannot be loaded or does not fit the stance.
     """
     return _soles(pose_of(terrain, robot), [leg])[0]
@@ -112,7 +119,8 @@ def pose_of(terrain: LayeredGrid, robot: RobotLike | None) -> StancePose:
     """Pose of the body and joint positions when the grid was made.
 
     Raises:
-        InvalidInput: the grid's record lacks robot, stance or transform, or names a robot other than `robot`.
+        InvalidInput: the grid's record lacks robot, stance or transform, one of them is unreadable, or `robot` is
+            another robot.
         kinematics.KinematicsError: the robot cannot be loaded or does not fit the stance.
     """
     record, needed = terrain.record, ("robot", "stance", "transform_base_to_footprint")

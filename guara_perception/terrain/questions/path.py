@@ -77,7 +77,7 @@ def check_path(
         clearance: required distance from the ground [m].
 
     Raises:
-        InvalidInput: the points have the wrong shape or are not finite, the path is longer than 20 m or has a
+        InvalidInput: the points have the wrong shape or are not finite numbers, the path is longer than 20 m or has a
             coordinate beyond 20 m, the clearance is not 0 ... 1 m, or the path has z and the metadata of the grid lacks
             limits.
     """
@@ -129,8 +129,8 @@ def check_polygon(terrain: LayeredGrid, corners: npt.ArrayLike, *, allow_stale: 
     """Check that all cells touched by a polygon (n, 2) [m] are known and free of hazards other than EDGE.
 
     Raises:
-        InvalidInput: the corners are fewer than three, of the wrong shape or not finite, or the outline is longer than
-            20 m or has a coordinate beyond 20 m.
+        InvalidInput: the corners are fewer than three, of the wrong shape or not finite numbers, or the open outline
+            (from the first to the last corner) is longer than 20 m or has a coordinate beyond 20 m.
     """
     terrain = asked(terrain, allow_stale)
     outline = checked_points(corners, (2,), 3, "corners of a polygon")
@@ -174,8 +174,8 @@ def checked_points(points: npt.ArrayLike, columns: tuple[int, ...], least: int, 
     """Convert the points of a path to an array (n, columns), and check shape, number, length and coordinates.
 
     Raises:
-        InvalidInput: the points are too few, not finite or of the wrong shape, the path is longer than LONGEST_PATH_M,
-            or a coordinate is beyond it.
+        InvalidInput: the points are too few, not finite numbers or of the wrong shape, the path is longer than
+            LONGEST_PATH_M, or a coordinate is beyond it.
     """
     wanted = " or ".join(f"(n, {c})" for c in columns)
     array = numbers(points, name)
@@ -194,7 +194,7 @@ class Corridor:
     Attributes:
         iy, ix: indices of the cells, which may be off the grid.
         aside: horizontal distance of the sample from the cell, 0 inside [m].
-        used: mask of the cells within the clearance.
+        used: mask of the cells within the clearance plus half the spacing of the samples.
     """
 
     iy: Index

@@ -93,7 +93,7 @@ def height_scan(
 
     Raises:
         InvalidInput: the points are not numbers or have the wrong shape, the frame is unknown, or the frame is
-            base_link and the metadata lacks its pose.
+            base_link and its pose is missing from the metadata or unreadable.
     """
     terrain = asked(terrain, allow_stale)
     if frame not in FRAMES:
@@ -119,11 +119,13 @@ def coarser(terrain: Grid, factor: int) -> Grid:
     """Grid with cells `factor` times as long, each with the mean height and the worst other values of its fine cells.
 
     One unknown fine cell makes the coarse cell unknown, and cells beside unknown cells become EDGE. Flags are combined.
-    A coarse cell has the mean elevation, the largest slope, step, roughness, variance and age, and the smallest score,
-    clearance and number of looks. Range images are dropped.
+    A coarse cell has the mean elevation, the lowest and highest samples of its fine cells, their largest slope, step,
+    roughness, variance and age, and their smallest clearance and number of looks. Its score is the smallest of theirs,
+    or 0 if the coarse cell has a flag. Range images are dropped.
 
     Raises:
-        InvalidInput: the factor does not divide the grid; the message lists the factors that do.
+        InvalidInput: the factor is not a positive integer that divides both sides of the grid; the message lists the
+            factors that do.
     """
     ny, nx = terrain.shape
     is_whole = isinstance(factor, int | np.integer) and not isinstance(factor, bool)

@@ -106,10 +106,10 @@ class Stairs(FrozenArrays):
 def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:
     """Detect stairs with two or more risers; None if there are none.
 
-    Treads are level regions of known ground at similar rises of 12 mm to 0.3 m. There must be a straight edge between
-    neighbouring treads, all edges must be nearly parallel, and no tread may be much deeper than the others. An edge is
-    in the middle of the gap between the known cells of both treads, or at the border of the upper tread if the gap is
-    wider than 30 mm (or 2.2 cells, if that is more). `check_foothold` decides if a foot may be placed on a tread.
+    Treads are level regions of known ground; the rises between them are similar and from 12 mm to 0.3 m. There must be
+    a straight edge between neighbouring treads, all edges must be nearly parallel, and no tread between two edges may
+    be more than twice as deep as their median. An edge is in the middle of the gap between the known cells of both
+    treads, or at the border of the upper tread if the gap is wider than 30 mm (or 2.2 cells, if that is more). `check_foothold` decides if a foot may be placed on a tread.
 
     Raises:
         InvalidInput: the metadata of the grid lacks limits.
@@ -136,7 +136,11 @@ class _Region:
 
 
 def _as_stairs(x: Float, y: Float, height: Float, cell: float, flight: Flight) -> Stairs | None:
-    """Stairs with the treads of a flight; None if the edges are not straight or parallel, or a tread is a landing."""
+    """Stairs with the treads of a flight; None if they are rejected.
+
+    They are rejected if an edge is missing or not straight, if the edges are not parallel or not in ascending order, or
+    if a tread is a landing.
+    """
     direction, heights = _climb(x, y, flight), list(pairwise(mean for _, mean in flight))
     for _ in range(2):
         found = []

@@ -45,7 +45,7 @@ def assess_terrain(
             edges within coarse cells.
 
     Raises:
-        InvalidInput: an array is not numeric or has the wrong shape; resolution or origin is invalid; a height is
+        InvalidInput: an array is not numeric or has the wrong shape; resolution or origin is invalid; an elevation is
             infinite or beyond 10 km; or, where the height is known, the variance is NaN, infinite or negative, or the
             lowest or highest height is missing or on the wrong side of `elevation`.
     """

@@ -58,7 +58,8 @@ def terrain_from_mujoco(
 
     Raises:
         InvalidInput: there is no such body or joint, the scene has no ground, its state is not finite, the robot does
-            not stand, or the area is invalid or not divisible by the resolution.
+            not stand, the area is invalid, or the resolution is not positive, does not divide the area or gives too
+            many cells.
         kinematics.KinematicsError: the robot cannot be loaded.
         MissingExtra: MuJoCo is not installed (extra `sim`).
     """

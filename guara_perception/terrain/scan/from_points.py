@@ -49,8 +49,8 @@ def terrain_from_points(
         sensor_origin: (3,) position of the sensor in base_footprint [m].
         robot: model, name or folder; defines area, height limits and traversability limits; None = the Guará.
         no_returns: (m, 3) directions in base_footprint of rays without a return, for instance of depth pixels without a
-            value. A map forgets the cells that these rays meet; if no cell is known, the rays are ignored. None =
-            unknown: a map keeps such cells, and they age.
+            value. A map forgets the cells that these rays meet at the lowest, median or highest known height, or at
+            z = 0 if no cell is known. None = unknown: a map keeps such cells, and they age.
         resolution: cell edge [m]; None = the robot's default.
         stamp: time of the measurement [ns since the epoch].
         step: number of the stance pause.
@@ -58,7 +58,7 @@ def terrain_from_points(
 
     Raises:
         InvalidInput: an array is not numeric or has the wrong shape, sigma is negative or not finite, the origin is
-            not finite, or the resolution does not divide the area.
+            not finite, or the resolution is not positive, does not divide the area or gives too many cells.
         kinematics.KinematicsError: the robot cannot be loaded.
     """
     robot = robot_model("guara" if robot is None else robot)
@@ -137,8 +137,8 @@ def _causes(raster: Raster, geometry: GridGeometry, origin: Float, beyond: Mask,
         heights = np.unique((lowest, float(np.median(raster.elevation[known])), float(np.max(raster.high[known]))))
     empty = rays[np.isfinite(rays).all(axis=1)]
     empty = empty[empty[:, 2] < 0]
-    # The height at which the rays meet the ground is unknown, so they are intersected with its lowest, median and
-    # highest height.
+    # The height at which the rays meet the ground is unknown, so they are intersected with the lowest, median and
+    # highest known height.
     for height in heights:
         distance = (height - origin[2]) / empty[:, 2]
         hit = np.column_stack((origin[:2] + distance[:, None] * empty[:, :2], np.full(len(empty), height)))

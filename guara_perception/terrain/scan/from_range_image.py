@@ -16,7 +16,8 @@ from guara_perception.terrain.layers.layered_grid import numbers
 from guara_perception.terrain.scan.assess_terrain import HIGHEST_M
 from guara_perception.terrain.scan.from_points import judged_grid
 
-# Largest ratio of the sides of a pixel: 1.04 in the paper (0.879 mm x 0.844 mm), 1.5 in an image turned by 90 degrees.
+# Largest accepted aspect ratio of a pixel. The ratio is 1.04 in the paper (0.879 mm x 0.844 mm), and 1.5 if the image
+# is rotated by 90 degrees.
 LARGEST_PIXEL_RATIO = 1.25
 
 
@@ -50,9 +51,10 @@ def terrain_from_range_image(
         step: number of the stance pause.
 
     Raises:
-        InvalidInput: the shape does not fit the area (pixels must be nearly square); heights are infinite or
-            beyond 10 km; causes or sigma have another shape or values that are not allowed; causes contradict the
-            heights; the area is invalid or not divisible by the resolution.
+        InvalidInput: an argument is not numeric; the shape does not fit the area (pixels must be nearly square);
+            heights are infinite or beyond 10 km; causes or sigma have another shape or values that are not allowed;
+            causes contradict the heights; the area is invalid; the resolution is not positive, does not divide the area
+            or gives too many cells.
         kinematics.KinematicsError: the robot cannot be loaded.
     """
     robot = robot_model("guara" if robot is None else robot)

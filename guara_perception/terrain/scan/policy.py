@@ -31,7 +31,7 @@ class ScanDecision:
         stripes: indices still to be fired, ascending; if time is short, those that cross the most obstacle cells. Empty
             for "coarse".
         is_whole: True if `stripes` complete the standard pattern.
-        reasons: obstacles found, or lack of time; empty if the path is clear.
+        reasons: obstacles found at this pause, and lack of time for further stripes; empty if there is neither.
     """
 
     mode: str
@@ -79,7 +79,7 @@ class ScanPolicy:
 
     @property
     def mode(self) -> str:
-        """Mode that the last decision called for; "coarse" before the first decision."""
+        """Mode called for by the obstacles of recent pauses, even if no time was left for it; "coarse" at first."""
         return "coarse" if self._clear >= CLEAR_PAUSES else "standard"
 
     @property
