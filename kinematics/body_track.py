@@ -56,7 +56,7 @@ class BodyPlace:
 
 
 class BodyTrack:
-    """Poses of the body during one pause; safe for use by several threads."""
+    """Poses of the body during one pause; samples may be added from any thread."""
 
     def __init__(
         self, robot: RobotModel, stance: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None

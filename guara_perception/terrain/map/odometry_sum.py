@@ -218,7 +218,7 @@ def _squares(sums: Float, covariances: Float) -> Float:
 
 
 def shown_slip(way: Float) -> Float:
-    """Covariance (3, 3) of slip over a displacement (2,) [m] that is accepted if texture shows it."""
+    """Accepted covariance (3, 3) of slip over a displacement (2,) [m] if texture shows the slip."""
     along, aside = SHOWN_SLIP_ALONG * way, SHOWN_SLIP_ASIDE * np.array([-way[1], way[0]])
     slip = np.zeros((3, 3))
     slip[:2, :2] = np.outer(along, along) + np.outer(aside, aside)

@@ -74,7 +74,7 @@ class WalkCorrection:
         own: (3, 3) covariance of the last pause's own error if texture corrected that pause, otherwise zero.
         shift, turn: sums of the largest horizontal variance and of the yaw variance of all motions since the start
             [m^2, rad^2].
-        refused: reason why the last registration was not used, None if it was used.
+        refused: reason why the last registration was not used, None if it was used or there was none yet.
         sum: corrections since earlier pauses, and the drift of odometry accumulated since the same pauses.
         distrusted: number of future pauses whose registration is not used.
         unheld: (2,) displacement since texture last corrected the walk [m].
@@ -88,8 +88,9 @@ class WalkCorrection:
         learned: (2,) slip along the path measured by texture, and length of that path [m].
         is_denied: True if odometry contradicted the texture at the last pause, so that a new reference texture is
             taken.
-        corners: as in `VisualMotion`, for the last pause; None for a walk without images.
-        visual_refused: reason why texture did not correct the last pause, None if it did or in a walk without images.
+        corners: as in `VisualMotion`, for the last pause; None at the first pause and for a walk without images.
+        visual_refused: reason why texture did not correct the last pause; None if it did, at the first pause, and for a
+            walk without images.
     """
 
     transform: Float = field(default_factory=partial(np.eye, 4))

@@ -128,7 +128,8 @@ def check_foothold(
 
     Raises:
         InvalidInput: x and y are not numbers, their shapes cannot be broadcast together, or the metadata of the grid
-            lacks limits. With a leg, also if the metadata lacks robot, stance or pose, or names another robot.
+            lacks limits. With a leg, also if robot, stance or pose is missing from the metadata or unreadable, or if
+            `robot` is not the robot of the grid.
         kinematics.KinematicsError: no such leg, or the robot cannot be loaded or does not fit the stance.
     """
     terrain = asked(terrain, allow_stale)

@@ -68,8 +68,8 @@ def beyond_reach(
         margin: angle to keep from the limits [rad].
 
     Raises:
-        InvalidInput: the grid's record lacks robot, stance or transform, one of them is unreadable, or `robot` is
-            another robot.
+        InvalidInput: the grid's record lacks robot, stance or transform, one of them is unreadable, or `robot` is not
+            the robot of the grid.
         kinematics.KinematicsError: no such leg, or the robot cannot be loaded or does not fit the stance.
     """
     pose = pose_of(terrain, robot)
@@ -86,8 +86,8 @@ def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotLike | None = None
     """Sole centre (3,) of a leg when the grid was made, in base_footprint of the grid [m].
 
     Raises:
-        InvalidInput: the grid's record lacks robot, stance or transform, one of them is unreadable, or `robot` is
-            another robot.
+        InvalidInput: the grid's record lacks robot, stance or transform, one of them is unreadable, or `robot` is not
+            the robot of the grid.
         kinematics.KinematicsError: no such leg, or the robot cannot be loaded or does not fit the stance.
     """
     return _soles(pose_of(terrain, robot), [leg])[0]
@@ -119,8 +119,8 @@ def pose_of(terrain: LayeredGrid, robot: RobotLike | None) -> StancePose:
     """Pose of the body and joint positions when the grid was made.
 
     Raises:
-        InvalidInput: the grid's record lacks robot, stance or transform, one of them is unreadable, or `robot` is
-            another robot.
+        InvalidInput: the grid's record lacks robot, stance or transform, one of them is unreadable, or `robot` is not
+            the robot of the grid.
         kinematics.KinematicsError: the robot cannot be loaded or does not fit the stance.
     """
     record, needed = terrain.record, ("robot", "stance", "transform_base_to_footprint")

@@ -36,9 +36,9 @@ def assess_terrain(
     """Assess any elevation array as if the rangefinder had measured it.
 
     Args:
-        elevation: (ny, nx) heights [m], a[iy, ix], x fastest; NaN = unknown, flagged UNSCANNED.
+        elevation: (ny, nx) heights [m], indexed [iy, ix]; NaN = unknown, flagged UNSCANNED.
         resolution: cell edge [m].
-        origin: corner of cell (0, 0) [m].
+        origin: corner (x, y) of cell (0, 0) with the smallest coordinates [m].
         variance: (ny, nx) variances of the heights [m^2]; None = exact.
         limits: traversability limits; None = those of the Guará's robot.toml.
         lowest, highest: (ny, nx) lowest and highest height measured in each cell [m]; None = `elevation`. They show
