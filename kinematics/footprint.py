@@ -23,8 +23,8 @@ import numpy as np
 from kinematics.arrays import Float, read_only
 from kinematics.exceptions import StanceError
 
-# Two frames that are not links of the URDF; their axes follow REP-103 (x forward, y left, z up).
-# Vertically below the body's origin, z = 0 at the mean of the supporting soles.
+# Frames that are not links of the URDF. Their axes follow REP-103 (x forward, y left, z up).
+# Origin vertically below the body's origin, at the mean height of the supporting soles.
 BASE_FOOTPRINT = "base_footprint"
 # Equal to `base_footprint` of the first pause; leg odometry tracks the robot in it.
 ODOM = "odom"
@@ -80,7 +80,7 @@ def skew(vector: Float) -> Float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SupportPlane:
-    """Least-squares plane z = a x + b y + c through n soles.
+    """Least-squares plane z = a x + b y + c fitted to n soles.
 
     Attributes:
         coefficients: (3,) a, b [-] and c [m].

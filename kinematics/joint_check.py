@@ -43,11 +43,12 @@ LONGEST, SHORTEST = 9, 5
 SLIP_SIGMA = 0.0015
 # Sigma of the sinkage of a standing foot between two pauses [m].
 SINK_SIGMA = 0.0005
-# A jump or wrong zero is reported only if it exceeds both limits, the first in radians, the second in sigmas.
+# A jump or wrong zero is reported only if it exceeds LEAST_ERROR [rad] and LEAST_SIGMAS standard deviations. A wrong
+# zero is also reported if it exceeds LEAST_ERROR and STATED_SIGMAS.
 LEAST_ERROR, LEAST_SIGMAS = 0.045, 4.5
-# Alternative to LEAST_SIGMAS for a wrong zero: a limit in standard deviations of the noise stated in robot.toml, which
-# noise exceeds once in 10,000 tests. For a wrong zero, LEAST_SIGMAS refers to the noise estimated from the window and
-# is larger, because over one cycle that estimate is uncertain by a sixth.
+# Limit for a wrong zero in standard deviations by the noise stated in robot.toml; noise exceeds it once in 10,000
+# tests. For a wrong zero, LEAST_SIGMAS refers to the noise estimated from the window and is larger, because over one
+# cycle that estimate is uncertain by a sixth.
 STATED_SIGMAS = 3.9
 # Jumps of this size or more are not reported [rad]: a foot that swings along the arc of its leg looks like one. A
 # zero error below its reporting threshold is named as an alternative only if it is smaller than this.
@@ -257,7 +258,7 @@ class JointCheck:
 
     @property
     def bars(self) -> dict[str, float]:
-        """Joint name -> smallest zero error that is reported in the current window [rad]; inf if none is reported."""
+        """Joint name -> smallest zero error that is reported in the current window [rad]; inf if none can be."""
         if len(self._pauses) < SHORTEST:
             return dict.fromkeys(self._robot.joint_names, math.inf)
         return {name: bar for name, (*_, bar) in self._zeros(_Chains(self._robot, self._pauses)).items()}
@@ -297,7 +298,7 @@ class JointCheck:
         return JointReport(residual, tuple(faults))
 
     def _begin(self, reading: _Reading) -> tuple[_Placed, ...]:
-        """Place the first pause of a window; empty if it has fewer than three feet or they are on a line."""
+        """Window that starts with this reading; empty if fewer than three feet stand or they are on a line."""
         try:
             plane = fit_support_plane(reading.soles)
         except StanceError:

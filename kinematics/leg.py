@@ -21,7 +21,7 @@ side when the ball has rolled (`RobotState.soles_in_base`); its position is foun
 
 For other legs, `NumericLeg` runs damped Gauss-Newton on a Pinocchio model of that leg alone. Legs of up to three joints
 can only place the sole centre; longer legs also solve for the sole's pitch. Soles are solved one at a time, each
-starting from the solution of the previous one, so a grid takes seconds instead of milliseconds.
+starting from the solution of the previous one if there is one, so a grid takes seconds instead of milliseconds.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class LegGeometry:
         return self._end(turns, (self.thigh, self.shank, self.foot)) - self._ball(turns)
 
     def shanks_in_base(self, joint_positions: npt.ArrayLike) -> tuple[Float, Float]:
-        """Compute the upper and lower ends (..., 3) of shanks in `base_link` [m] from joint positions [rad]."""
+        """Compute the upper and lower ends (..., 3) of shanks in `base_link` [m] for joint positions (..., n) [rad]."""
         turns = np.asarray(joint_positions, dtype=np.float64) * self.senses
         return self._end(turns, (self.thigh,)), self._end(turns, (self.thigh, self.shank))
 

@@ -219,7 +219,7 @@ def _add_joint(root: Element, joint: Joint) -> None:
     SubElement(element, "child", link=joint.child)
     if joint.kind != "fixed":
         SubElement(element, "axis", xyz=_numbers(joint.axis))
-        # URDF readers require effort and velocity in a <limit>; they are not used here.
+        # URDF readers require the attributes effort and velocity of <limit>, which are not used here.
         SubElement(element, "limit", lower=repr(joint.lower), upper=repr(joint.upper), effort="0", velocity="0")
 
 

@@ -20,7 +20,7 @@ from kinematics.exceptions import RobotFileError
 # Largest mesh file that is read [bytes].
 LARGEST_MESH = 256 * 1024 * 1024
 
-# Number of the largest faces of the convex hull whose orientations are tried for box and cylinder.
+# Number of faces of the convex hull, largest first, whose orientations are tried for box and cylinder.
 DIRECTIONS = 80
 
 
@@ -135,7 +135,7 @@ def bounding_shape(vertices: Float) -> tuple[str, tuple[float, ...], Float]:
 
 
 def _rotations(points: Float, hull: Any) -> Iterator[Float]:
-    """Yield candidate axes (3, 3) of box and cylinder: the file's own, the principal ones, one set per large face."""
+    """Yield candidate axes (3, 3) of box and cylinder: those of the file, the principal axes, and one set per face."""
     yield np.eye(3)
     axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2].T
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])

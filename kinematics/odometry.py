@@ -61,9 +61,10 @@ class OdometryPose(PoseInOdom):
             readings and the vertical), along the axes of `odom`, REP-103 order; zeros at the first pause. The rest of
             the error is drift, which later pauses inherit.
         gravity: gravity estimate from which the next pause continues.
-        stayed_feet: feet named as supporting at both pauses, even if found unloaded, that stayed.
-        swung_feet: other such feet that moved by a swing or more.
-        slipped_feet: other such feet that moved by less than a swing.
+        stayed_feet: feet that stayed, of those named as supporting at both pauses (even if found unloaded) and in the
+            argument `standing` of `LegOdometry.update`.
+        swung_feet: others of these feet that moved by `swing_least` or more.
+        slipped_feet: others of these feet that moved by less than `swing_least`.
         residual: rms horizontal distance of the feet that stayed from their footholds [m].
         foot_slips: leg -> distance by which the foot moved since the last pause [m], for `stayed_feet` and
             `slipped_feet`. Leg odometry cannot observe a slide common to all feet; it is included only if camera images
@@ -283,8 +284,8 @@ class LegOdometry:
         others = {leg: moved[leg] for leg in common if leg not in stayed}
         if len(stayed) > 2 or not others:
             return ()
-        # A foot may not have been lifted if it moved less than `swing_least`, or less than twice that and less than
-        # half as far as the foot that moved farthest.
+        # A foot possibly stood if it moved less than `swing_least`, or less than twice that and less than half as far
+        # as the foot that moved farthest.
         farthest, least = max(others.values()), self._limits.swing_least
         return tuple(leg for leg, way in others.items() if way < least or (way < 2 * least and 2 * way < farthest))
 

@@ -108,8 +108,7 @@ def reach_from_bodies(
 
     Raises:
         UnknownName: the robot has no such leg.
-        ArgumentError: `soles` is not (..., 3), or the poses are not (..., 4, 4).
-        ValueError: the two arrays cannot be broadcast.
+        ArgumentError: `soles` is not (..., 3), the poses are not (..., 4, 4), or the two cannot be broadcast.
     """
     points = checked_points(soles, "soles")
     bodies = np.asarray(transforms_base_to_ground, dtype=np.float64)

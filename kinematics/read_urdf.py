@@ -1,10 +1,11 @@
 """Reader of URDF files that checks every element it uses and skips all others.
 
 All errors are reported at once, each with its line. Visuals and vendor-specific elements are not used. Masses are
-needed only for the centre of mass, so a link without a mass is assumed to be massless.
+needed only for the centre of mass, so a link without <inertial> is assumed to be massless.
 
 Other URDF readers skip unknown names and use default values, so a misspelt <origin> misplaces a link without a warning.
-Here an unknown name that is similar to a known one is an error; any other unknown name is noted.
+Here an unknown element or attribute that looks misspelt is an error; others are noted, except the elements in `COMMON`.
+The attributes of <robot>, <inertial>, <collision> and <geometry> are not checked.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from kinematics.untrusted import Element, finite_numbers, parse_xml, read_xml
 from kinematics.urdf import SIZES, Joint, Link, Shape, Urdf, rotation_from_rpy
 
 Numbers = tuple[float, ...]
-# Tolerance of the triangle inequality of moments of inertia, relative to the largest; for values of seven digits.
+# Tolerance of the triangle inequality, relative to the largest principal moment of inertia. It covers the rounding of
+# values written with seven significant digits.
 TRIANGLE_TOLERANCE = 1e-6
 READ = {
     "robot": ("link", "joint"),
@@ -55,6 +57,7 @@ COMMON = {
     "collision": {"material"},
     "visual": {"origin", "geometry", "material"},
 }
+# Similarity (difflib) from which an unknown name looks like a misspelt known one.
 LIKE_AN_ELEMENT, LIKE_AN_ATTRIBUTE = 0.75, 0.6
 
 
@@ -66,8 +69,8 @@ def read_urdf(path: Path, text: str | None = None) -> Urdf:
         text: text of the file; None = read it.
 
     Raises:
-        RobotFileError: the file cannot be read or is not XML, or elements or values that are used are wrong; the
-            message lists all of them with their lines.
+        RobotFileError: the file cannot be read or is not XML, its root is not <robot>, or elements or values that are
+            used are missing, wrong or look misspelt; the message lists all of these with their lines.
     """
     root, text = read_xml(path) if text is None else (parse_xml(text, path), text)
     if root.tag != "robot":
@@ -90,7 +93,7 @@ class _Reader:
     def _only(self, element: Element, tag: str, where: str, *, needed: bool = False) -> Element | None:
         found = element.findall(tag)
         if len(found) > 1:
-            self.findings.wrong(f"{where}: <{tag}> is given {len(found)} times; once is allowed", element.line)
+            self.findings.wrong(f"{where}: <{tag}> occurs {len(found)} times; at most one is allowed", element.line)
         elif not found and needed:
             self.findings.wrong(f"{where}: <{tag}> is missing", element.line)
         return found[0] if found else None  # type: ignore[return-value]
@@ -104,7 +107,7 @@ class _Reader:
         return value or ""
 
     def _attribute(self, element: Element | None, name: str, default: Numbers, where: str) -> Numbers:
-        """Numbers of a required attribute, as many as in `default`."""
+        """Numbers of a required attribute, as many as in `default`, which replaces a missing or wrong value."""
         text = self._text(element, name, where)
         if element is None or element.get(name) is None:
             return default
@@ -235,12 +238,12 @@ class _Reader:
 
 
 def check_words(element: Element, where: str, findings: Findings) -> None:
-    """Check the names of attributes and child elements, in an element and in those of its descendants that are read.
+    """Check the names of the attributes and child elements of an element, and recursively of the children in `READ`.
 
-    Child links and joints are left out.
+    Children <link> and <joint> are not checked.
 
     Args:
-        element: an element that is read.
+        element: element to check.
         where: link, joint or robot that the element belongs to, for messages.
         findings: receives names that look misspelt as errors, and other unknown names as notes.
     """

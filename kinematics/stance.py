@@ -51,8 +51,8 @@ class Stance:
             field: name of the mapping, for messages.
 
         Raises:
-            StanceError: `mapping` is not a mapping, or a field is missing, unknown or not allowed; the message names
-                the field.
+            StanceError: `mapping` is not a mapping, or a field is missing, unknown or invalid; the message names the
+                field.
         """
         if not isinstance(mapping, Mapping):
             raise StanceError(f"{field}: {mapping!r} is not an object with the fields {', '.join(FIELDS)}")

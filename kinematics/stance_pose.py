@@ -6,7 +6,7 @@ The covariance of the transform from base to footprint is
 
 where u is the vertical in `base_link` (variance s^2 per axis perpendicular to u) and C_i the covariance of sole i. B
 and A_i are the derivatives of the transform with respect to the vertical and to sole i, including the effect of the
-sole on the vertical (`footprint_jacobians`).
+sole on the vertical (`footprint_jacobians`). If the vertical is the normal of the support plane, s is zero.
 
 Points measured in `base_link` do not depend on this pose. The pose is needed to align the points with gravity and to
 relate the scans of different pauses.
@@ -173,7 +173,7 @@ def stance_pose(
         attitude: one of `ATTITUDE_SOURCES`; None = the first available of `imu`, `odometry`, `support_plane`.
         odometry: gravity propagated from earlier pauses.
         transform_camera_to_base: (4, 4) calibrated pose of the camera; None = the pose in the URDF.
-        find_unloaded: if four feet are given, exclude a foot that is found unloaded.
+        find_unloaded: True = if four feet are given, exclude a foot that is found unloaded.
 
     Raises:
         UnknownName: a leg that the robot does not have.

@@ -7,10 +7,10 @@ gives
     J_i dq = -(v + w x r_i) + J_i e,    e ~ N(0, sigma^2 I),
 
 from which xi follows by generalised least squares. The bias of a joint is constant and cancels. At every reading, the
-mean over the last 1, 2, 4 ... readings is compared with the means of all earlier readings, of the preceding window and
-of the first window of the pause, to detect steps, pulses and ramps. The noise is estimated from the residual, the part
-of dq that no motion of the body explains. Sway is a motion of the body and does not affect the residual. A residual far
-above the noise means that feet moved.
+mean over the last 1, 2, 4 ... readings is compared with the mean of all earlier readings and with those of the
+preceding and of the first window of the same length, to detect steps, pulses and ramps. The noise is estimated from the
+residual, the part of dq that no motion of the body explains. Sway is a motion of the body and does not affect the
+residual. A residual far above the noise means that feet moved.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ PULSE_S, OFTEN = 0.2, 3
 MOST_NEEDED = 64
 
 # Largest learned noise, as a multiple of encoder_noise in robot.toml: anything larger is not joint noise. After LEARNED
-# changes, the learned noise is also used to test if feet moved relative to each other.
+# changes, the learned noise is also used to test whether feet moved relative to each other.
 MOST_NOISE, LEARNED = 4.0, 8
 # Minimum noise assumed in that test [rad]: it moves the sole of a 0.3 m leg by 0.03 mm, which is not a slip.
 LEAST_NOISE = 1e-4
@@ -98,6 +98,7 @@ class StandingFeet:
 
         Raises:
             StanceError: there are fewer than three feet, or they are on a line.
+            UnknownName, JointPositionError: joints or feet are not those of this robot, or a position is invalid.
         """
         if len(feet) < 3:
             raise StanceError(
@@ -212,8 +213,8 @@ class Stillness:
 
         -inf before a second reading, and if the second reading already shows a motion.
 
-        A motion that began earlier is detected with probability `POWER` if it has the size `WITH_HOLD` (for frequent
-        readings) or `WITHOUT_HOLD`, unless `undetectable` states a larger size.
+        A motion that began earlier is detected with at least probability `POWER` if it has the size `WITH_HOLD` (for
+        frequent readings) or `WITHOUT_HOLD`, unless `undetectable` states a larger size.
         """
         return self._still_until
 
@@ -244,6 +245,7 @@ class Stillness:
 
         Raises:
             StanceError: before a second reading, if there are fewer than three feet or they are on a line.
+            UnknownName: before a second reading, if a supporting foot is not a leg of this robot.
         """
         feet = self._feet or StandingFeet(self._robot, self._begin, self._names, self._camera)
         window = self._recent()
@@ -344,7 +346,10 @@ class Stillness:
         return int(windows[enough[0]]) if enough.size else recent
 
     def _power(self, windows: npt.ArrayLike, sizes: tuple[float, float], scales: npt.ArrayLike = 1.0) -> Float:
-        """Probability (n,) of detecting a step of scaled size, in a random direction, with windows that end now."""
+        """Probability (n,) of detecting a step in a random direction with windows that end now.
+
+        The step is a translation or rotation of `scales` times `sizes`; the lower of the two probabilities is returned.
+        """
         assert self._feet is not None
         windows = np.asarray(windows, dtype=np.float64)
         variances = self._variance * (1 / windows + 1 / np.maximum(self._count - windows, 1.0))

@@ -17,8 +17,8 @@ T = TypeVar("T")
 class Table:
     """One table of a TOML file; `number`, `text` and the other methods read and check a value.
 
-    A wrong or missing value raises RobotFileError. In a table made by `gathering`, it is recorded as a finding and
-    replaced by a value of the same type instead, which need not be allowed.
+    A wrong or missing value raises RobotFileError. In a table made by `gathering`, it is recorded as a finding instead
+    and replaced by a value of the same type, which may be outside the allowed range.
 
     Args:
         path: the file, for messages.
@@ -42,7 +42,7 @@ class Table:
         return self._below(self.name, self.values, findings)
 
     def line(self, key: str = "") -> int:
-        """Line of a key, or of this table if the key is missing; 0 if neither is in the file."""
+        """Line of a key, or of this table if that of the key is unknown; 0 if both are unknown."""
         return self._lines.get(self._dotted(key), self._lines.get(self.name, 0))
 
     def wrong(self, key: str, needed: str) -> None:

@@ -8,9 +8,9 @@ import numpy.typing as npt
 from kinematics.arrays import Float
 from kinematics.exceptions import ArgumentError
 
-# Error of a rotation written with seven digits.
+# Tolerance of the elements of R R' - I: error of a rotation written with seven digits.
 ROTATION_TOLERANCE = 1e-6
-# Rounding error that a general matrix inverse leaves in the last row.
+# Tolerance of the last row: rounding error of a general matrix inverse.
 LAST_ROW_TOLERANCE = 1e-9
 
 

@@ -185,8 +185,8 @@ class RobotState:
 
     Raises:
         UnknownName: a joint that the robot does not have.
-        JointPositionError: a joint is missing, a value is not finite or obviously not in radians, or an array has the
-            wrong length.
+        JointPositionError: a joint is missing, a value is not a finite number or obviously not in radians, or an array
+            has the wrong length.
 
     Warns:
         JointLimitWarning: joints are beyond their limits.
@@ -205,7 +205,7 @@ class RobotState:
 
     @property
     def joint_positions(self) -> Mapping[str, float]:
-        """Joint name -> position [rad], read-only."""
+        """Joint name -> position [rad], of a prismatic joint [m]; read-only."""
         return MappingProxyType(dict(zip(self.tree.joint_names, self.positions.tolist(), strict=True)))
 
     def transform_to_base(self, frame: str) -> Float:
@@ -225,7 +225,7 @@ class RobotState:
         """Sole centres in `base_link`, (n, 3) [m], in the order of `legs`; None = all legs.
 
         For a round foot, x and y are those of the sole frame, and z is that of the lowest point of the ball along base
-        z. When the ball rolls, this point stays in place to 0.2 mm, while the frame rises.
+        z. When the ball rolls, this point stays in place to within 0.2 mm, while the frame rises.
 
         Raises:
             UnknownName: a leg that the robot does not have.
@@ -265,7 +265,7 @@ class RobotState:
 
 
 def checked_positions(tree: KinematicTree, joint_positions: Mapping[str, float] | npt.ArrayLike) -> Float:
-    """Check joint positions and return them as an array (n,) [rad] in the order of `tree.joint_names`.
+    """Check joint positions and return them as an array (n,) in the order of `tree.joint_names`.
 
     Args:
         tree: the kinematic tree that names the joints.

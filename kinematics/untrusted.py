@@ -39,7 +39,7 @@ def read_xml(path: Path) -> tuple[Element, str]:
     """Parse an XML file; return the root element and the text of the file.
 
     Raises:
-        RobotFileError: the file is missing, too large, not UTF-8, not XML, or defines entities.
+        RobotFileError: the file cannot be read, is too large, not UTF-8 or not XML, or defines entities.
     """
     try:
         if path.stat().st_size > LARGEST_XML:

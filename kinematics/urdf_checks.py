@@ -1,4 +1,4 @@
-"""Consistency checks of a URDF: a single tree, valid limits and axes, and a mass.
+"""Consistency checks of a URDF: unique names, a single tree, valid limits and axes, and a mass.
 
 Each of the faults found here is accepted silently by at least one of urdfdom's check_urdf, Pinocchio, MuJoCo and
 yourdfpy.

@@ -47,7 +47,7 @@ class ConnectionFailed(ScannerUnavailable):
 
 
 class ScannerGone(TransportError, ConnectionError):
-    """The scanner disappeared: its process died or hung, or the link to it was lost."""
+    """The scanner disappeared: its process ended or hung, or the link to it was lost."""
 
 
 class StaleTerrain(TransportError, LookupError):

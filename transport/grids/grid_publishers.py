@@ -79,7 +79,7 @@ class GridPublishers:
         if summary is not None:
             self._outbox.post(self._summary.key, partial(self._summary.put, summary), lane=self._summary.key)
         if regions is not None:
-            # Regions are also found only for subscribers and queries: a search takes about as long as fusing the map.
+            # Regions, too, are computed only for subscribers and queries: this takes about as long as fusing the map.
             make = partial(_encoded, regions)
             self._outbox.post(self._regions.key, partial(self._regions.put, make), lane=self._regions.key)
 

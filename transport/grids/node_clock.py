@@ -21,7 +21,7 @@ logger = logging.getLogger(__name__)
 # Interval of queries of the node's clock [s].
 PERIOD = 10.0
 # A warning is logged if the wall clocks certainly differ by more than this [s], at the first reply and when the offset
-# has changed by more than this since the reply before.
+# has changed by more than this since the previous reply.
 LOGGED_CHANGE = 1.0
 
 
@@ -32,7 +32,7 @@ class ClockOffset:
     Attributes:
         offset: wall clock of the node minus wall clock of this machine [s].
         doubt: error bound of the offset [s].
-        jumps: number of jumps of this machine's wall clock since the client was opened.
+        jumps: number of jumps of this machine's wall clock detected since the client was opened.
     """
 
     offset: float

@@ -50,7 +50,7 @@ class ViewSender(Sender):
         """Send the sensor_msgs/Image message objects of RANGE_IMAGES; returns immediately.
 
         Args:
-            make: returns the message objects by name; called only if an image has subscribers or is queried later.
+            make: returns the message objects by name; called once for each image that has subscribers or is queried.
         """
 
         def payload(name: str) -> bytearray:

@@ -1,4 +1,4 @@
-"""Queryables that reply on separate threads, so that a slow link delays no other reply; excess queries are dropped."""
+"""Queryables that reply on background threads, by default one per query, so that a slow link delays no other reply."""
 
 from __future__ import annotations
 

@@ -24,8 +24,8 @@ SUBSCRIBING_RATE = 3e6
 # [s] or does not arrive.
 PIECE_TIMEOUT, LARGE_PIECE_TIMEOUT = 5.0, 1.0
 QUICK, SLOW = 0.025, 0.25
-# First and smallest size of a piece [bytes]; less than one batch of Zenoh (64 KiB), so that a small message fits into
-# one batch.
+# First and smallest size of a piece [bytes]; both are less than one batch of Zenoh (64 KiB), so that a small message
+# fits into one batch.
 FIRST_PIECE, SMALLEST_PIECE = 48 * 1024, 16 * 1024
 # Consecutive failures before the fetcher waits for the next announcement, and interval between attempts [s].
 ATTEMPTS = 20
@@ -35,9 +35,9 @@ REMEMBERED = 32
 # Longest wait for an announced message, used until the delay is known; shortest wait, which allows for a busy machine
 # [s].
 LONGEST_GRACE, SHORTEST_GRACE = 0.3, 0.02
-# A message counts as lost when its delay exceeds this multiple of the largest delay so far, within the limits above.
+# A message counts as lost when its delay exceeds this multiple of the estimated delay, within the limits above.
 MARGIN = 4.0
-# Factor by which the largest delay decays with each message.
+# Factor by which the estimate, the largest recent delay, decays with each message.
 KEPT = 0.9
 
 

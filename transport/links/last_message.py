@@ -32,8 +32,9 @@ logger = logging.getLogger(__name__)
 MAXIMUM_ANSWERS = 16
 # Largest piece [bytes]; it fits into the queue of a link (`configuration.QUEUES`).
 MAXIMUM_PIECE = 768 * 1024
-# Number of older messages kept for readers that are still fetching them, and time for which they are kept after a query
-# [s]. A message that was never queried is dropped when the next one is published.
+# Largest number of older messages kept for readers that are still fetching them in pieces, and time for which each is
+# kept after the last query of a piece [s]. A message of which no piece was queried is dropped when the next one is
+# published.
 KEPT = 3
 KEPT_FOR = 10.0
 # Attachment of a piece: number of the message, length of the message in bytes, offset of the piece in the message.
@@ -58,7 +59,7 @@ class MadeOnce:
             return self._made
 
 
-# Time of the last query of a message that was never queried, and entry used for a number that is not kept.
+# Time of the last query if no piece of a message was queried, and entry used for a number that is not kept.
 NEVER = -math.inf
 NOTHING: tuple[MadeOnce, bytes | None, float] = (MadeOnce(bytes), None, NEVER)
 

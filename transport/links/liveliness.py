@@ -70,7 +70,7 @@ class AliveWatcher(TokenWatcher):
         return bool(self.names)
 
     def wait(self, alive: bool, timeout: float) -> bool:
-        """Wait until the token is alive, or gone if not `alive`; return False if it is not after `timeout` [s].
+        """Wait until `is_alive` equals `alive`; return False if it does not within `timeout` [s].
 
         Closing ends the wait.
         """

@@ -88,7 +88,7 @@ class Outbox:
                 raise ReceiveTimeout(f"messages were not sent within {timeout:g} s; pending: {pending}")
 
     def close(self) -> None:
-        """Run waiting actions for up to two seconds, drop the others, and end the threads; may be called twice."""
+        """Let waiting actions run for up to two seconds, then drop the remaining ones; may be called twice."""
         with self._changed:
             self._closed = True
             threads = list(self._threads.values())

@@ -111,7 +111,7 @@ class Publisher(Resource):
 
 
 class Sender(Resource):
-    """Group of publishers and queryables that send through a common outbox, so that callers never wait."""
+    """Group of publishers and queryables with a common outbox, through which subclasses send without waiting."""
 
     def __init__(self, session: Session, *parts: Resource) -> None:
         """Take ownership of `parts`, which are closed in this order, after the outbox."""
