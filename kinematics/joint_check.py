@@ -258,7 +258,7 @@ class JointCheck:
 
     @property
     def bars(self) -> dict[str, float]:
-        """Joint name -> smallest zero error that is reported in the current window [rad]; inf if none can be."""
+        """Joint name -> smallest reported zero error in the current window [rad]; inf if no error can be reported."""
         if len(self._pauses) < SHORTEST:
             return dict.fromkeys(self._robot.joint_names, math.inf)
         return {name: bar for name, (*_, bar) in self._zeros(_Chains(self._robot, self._pauses)).items()}

@@ -68,8 +68,9 @@ def read_mesh(path: Path, scale: tuple[float, ...]) -> Float:
     """Vertices (n, 3) of a mesh file (STL, OBJ, Collada or another format that Assimp reads), scaled [m].
 
     Raises:
-        RobotFileError: the file is too large or cannot be read, has fewer than four points, or has a point that is not
-            finite.
+        RobotFileError: the file is too large or cannot be parsed, has fewer than four points, or has a point that is
+            not finite.
+        OSError: the file does not exist.
     """
     import coal
 
@@ -135,7 +136,10 @@ def bounding_shape(vertices: Float) -> tuple[str, tuple[float, ...], Float]:
 
 
 def _rotations(points: Float, hull: Any) -> Iterator[Float]:
-    """Yield candidate axes (3, 3) of box and cylinder: those of the file, the principal axes, and one set per face."""
+    """Yield candidate axes (3, 3) of box and cylinder.
+
+    These are the axes of the file, the principal axes, and one set for each of the `DIRECTIONS` largest faces.
+    """
     yield np.eye(3)
     axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2].T
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])

@@ -37,7 +37,8 @@ class RobotModel:
         pause_limits: limits of a stance pause (table [pause]).
         self_filter_settings: margin around the robot's own shapes, and ignored links (table [self_filter]).
         notes: content of the files that is not used or could not be checked.
-        doubts: content that is accepted but should be corrected: a scan pattern that misses part of the area.
+        doubts: content that is accepted but should be corrected; at present only a scan pattern that misses part of
+            the area.
         transform_camera_to_base: (4, 4) nominal pose of the camera, from the URDF.
         transform_laser_to_base: (4, 4) nominal pose of the laser, from the URDF; its origin is on the mirror axis,
             which is parallel to y.

@@ -186,7 +186,7 @@ def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
 
 
 def _check_limits(tree: KinematicTree, leg: LegConfig, twin: LegConfig, findings: Findings) -> None:
-    """Check that paired joints of equal kind have mirrored limits, if their axes mirror each other up to sign."""
+    """Check that paired joints of the same kind have mirrored limits, if their axes mirror each other up to sign."""
     joints = {joint.name: joint for joint in tree.urdf.joints}
     for joint, twin_joint in zip(leg.joints, twin.joints, strict=True):
         a, b = joints[joint], joints[twin_joint]

@@ -57,7 +57,7 @@ COMMON = {
     "collision": {"material"},
     "visual": {"origin", "geometry", "material"},
 }
-# Similarity (difflib) from which an unknown name looks like a misspelt known one.
+# Lowest similarity (`difflib`) at which an unknown name counts as a misspelt known one.
 LIKE_AN_ELEMENT, LIKE_AN_ATTRIBUTE = 0.75, 0.6
 
 

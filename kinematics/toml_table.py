@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 class Table:
-    """One table of a TOML file; `number`, `text` and the other methods read and check a value.
+    """One table of a TOML file; `number`, `text` and similar methods read and check a value.
 
     A wrong or missing value raises RobotFileError. In a table made by `gathering`, it is recorded as a finding instead
     and replaced by a value of the same type, which may be outside the allowed range.

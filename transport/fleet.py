@@ -27,7 +27,8 @@ class RobotState:
         standing: True during a pause, False after it; None if unknown.
         age: time since the last grid was published [s]; NaN if there was none.
         health: worst level of all items of the status; STALE if the node is alive but did not reply.
-        message: messages of the status items that are not OK; empty if all are OK; a note if there was no reply.
+        message: names and messages of the status items that are not OK; empty if all are OK; a note if there was no
+            reply.
         links: number of Zenoh links of the node.
         run: identity of the node's run.
     """

@@ -19,8 +19,8 @@ from transport.links.receiver import NewestReceiver
 from transport.links.session import Session
 from transport.messages.terrain_message import TerrainMessage
 
-# Longest time from subscribing until the last grid and the node's liveliness token arrive [s]; below 0.1 s on an idle
-# machine, more on a busy one. Only a wait for something that never arrives takes this long.
+# Time from subscribing within which the node's liveliness token and, over a fast link, its last grid arrive [s]; below
+# 0.1 s on an idle machine, more on a busy one. Only a wait for something that never arrives takes this long.
 SETTLE = 2.0
 # Longest wait for the next BEGIN [s]. A grid from a later pause than requested may be from a walk that has ended; if
 # the robot is not standing, only the next BEGIN can show this.
