@@ -5,10 +5,10 @@ distances did not change is therefore taken as the feet that stayed; of equally 
 changes. A swing can preserve a distance by chance, if one foot passes another. The line between two feet must therefore
 not have rotated by more than the body can turn.
 
-A flat sole that carries the body keeps its pitch to within a degree or two; a larger change is noise of the leg's
-joints. The same noise displaces the sole, and the covariance of pitch and position relates the two. A round foot has no
-meaningful pitch. Legs of fewer than four joints are assumed to have round feet, since they cannot keep a flat sole
-level.
+A flat sole that carries the body keeps its pitch to within a degree or two. Its measured pitch also contains the noise
+of the leg's joints, which displaces the measured sole too; the covariance of pitch and position relates the two. A
+round foot has no meaningful pitch. Legs of fewer than four joints are assumed to have round feet, since they cannot
+keep a flat sole level.
 """
 
 from __future__ import annotations
