@@ -202,7 +202,7 @@ class PerceptionServer(Resource):
         self._post_derived(nothing, np.full(nothing.shape, 100, np.int8))
 
     def draw_with(self, draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]]) -> None:
-        """For each grid, send to ROS 2 the pairs of topic and message object that `draw` returns, as in `mirror`.
+        """Send to ROS 2, for each grid, the message objects that `draw` returns, as pairs in the form of `mirror`.
 
         `publish` then no longer sends occupancy and grid map to ROS 2; `draw` should return them too.
         """

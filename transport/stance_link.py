@@ -114,7 +114,7 @@ class GaitClock(RemoteClock):
 
 
 class StanceReceiver(OrderedReceiver[StancePause]):
-    """Receiver of the stance pauses of a robot; calls `on_pause` with every announcement, in the order of arrival.
+    """Receiver of the stance pauses of a robot; calls `on_pause` with the valid announcements, in the order of arrival.
 
     `latest` and the waiting methods return only the newest announcement, as in every receiver. If too many
     announcements wait, the oldest HOLD or invalid one is dropped; if there is none, the oldest announcement.
@@ -135,7 +135,8 @@ class StanceReceiver(OrderedReceiver[StancePause]):
             robot: instance name.
             on_pause: called with each announcement, on a background thread.
             on_refused: called on that thread with the error when an announcement is not valid (the state of the robot
-                is then unknown), or has an unknown phase (UnknownPhase); once for several that wait in a row.
+                is then unknown), or has an unknown phase (UnknownPhase); once for consecutive waiting announcements
+                with the same type of error.
         """
         super().__init__(session, stance_key(robot), decode_stance_pause, on_pause, on_refused)
 

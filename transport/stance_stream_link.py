@@ -147,8 +147,8 @@ class StanceStreamReceiver(OrderedReceiver[StanceStream]):
             session: open session.
             robot: instance name.
             on_batch: called with each batch, on a separate thread.
-            on_refused: called on that thread with the error when a batch is not valid, once for several that wait in a
-                row.
+            on_refused: called on that thread with the error when a batch is not valid, once for consecutive invalid
+                batches that wait.
         """
         key = stance_stream_key(robot)
         super().__init__(session, key, decode_stance_stream, on_batch, on_refused, latched=False)

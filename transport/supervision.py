@@ -64,7 +64,7 @@ class Failure:
         error: type and text of the exception.
         is_final: True if a thread has used up its restarts and will not run again.
         at: time of the failure on the monotonic clock [s].
-        continues: True if the thread is restarted or the callback called again.
+        continues: True unless a single task failed, which is not restarted; ignored if `is_final`.
     """
 
     part: str

@@ -60,9 +60,10 @@ def direct(callback: Callable[[Any], None], finished: Callable[[], None] | None 
 def declare_publisher(session: Any, key: str, priority: str, encoding: str | None = None) -> Any:
     """Declare a publisher that drops samples only for readers whose link is congested.
 
-    A put waits for room on a link no longer than the configured wait before a drop (see `transport.configuration`). A
-    put that blocks for one reader is late for all others, and modes that block Zenoh's own threads (`BLOCK_FIRST`, the
-    cache of its advanced publisher) also stop the links of healthy readers.
+    If a link has no room, a put waits at most the configured time, then drops the sample for that link (see
+    `transport.configuration`). Blocking modes are not used, because a put that blocks for one reader delays all others.
+    `BLOCK_FIRST` and the cache of the advanced publisher even block Zenoh's own threads, which stops the links of
+    healthy readers.
 
     Args:
         session: raw Zenoh session.
@@ -89,7 +90,7 @@ def _chunks(entity: Any) -> str:
 
 
 class Stamps:
-    """Generator of the strictly increasing timestamps of one publisher, with an identity of their own.
+    """Generator of strictly increasing timestamps for one publisher, under a random identity.
 
     Attributes:
         source: identity of the publisher as two chunks of a key, in the form that advanced subscribers expect from

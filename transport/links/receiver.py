@@ -32,7 +32,7 @@ class NewestReceiver(Resource, Generic[T]):
         key: key of the messages.
         received: number of samples that arrived and were not refused.
         superseded: number of samples that were replaced by a newer one before they were read.
-        missed: number of samples whose loss was detected; always 0 if the receiver is not latched.
+        missed: number of samples missing in the numbering of their publishers; always 0 if the receiver is not latched.
         rejected: number of samples that could not be decoded when they were read.
         refused: number of samples that `refusal` refused.
     """

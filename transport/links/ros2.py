@@ -46,7 +46,7 @@ def publisher_token_key(domain: int, zenoh_id: str, entity_id: int, topic: str, 
 
 
 def publisher_id(token_key: str) -> bytes:
-    """Identity of a publisher in rmw_zenoh: 16-byte hash of its token's key, low half first."""
+    """Identity of a publisher in rmw_zenoh: 128-bit XXH3 hash of its token's key, little endian."""
     import xxhash
 
     return bytes(xxhash.xxh3_128_intdigest(token_key.encode()).to_bytes(16, "little"))

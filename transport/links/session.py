@@ -175,8 +175,8 @@ def open_node(
         listen: endpoints at which the node, as a Zenoh router, accepts clients. None = the endpoints in the security
             folder or, without one, the default on this machine.
         connect: endpoint of an external router; the node then does not listen.
-        uplink: endpoint of another router, to which a listening node also connects: in the background, and again after
-            each loss of the link. A message crosses the uplink at most once, however many readers are behind it.
+        uplink: endpoint of another router to which a listening node also connects, in the background; it reconnects
+            after each loss of the link. A message crosses the uplink at most once, however many readers are behind it.
         security: folder of the robot made by `guara security init`, or its subfolder `node`.
         allow_insecure: True = `listen` and `uplink` may reach beyond this machine without security.
         shared_memory: True = Zenoh passes large payloads through /dev/shm between processes of one machine. This saves

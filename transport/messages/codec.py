@@ -19,7 +19,7 @@ from transport.messages.submessages import GroundPatch, ObstacleMessage, Point, 
 from transport.messages.typestore import ARRAYS, SUBMESSAGE, TIME, check_ranges, message_class, typestore
 
 T = TypeVar("T")
-# Largest payload that is decoded [bytes]; a map of the default size has about 2 MB.
+# Largest payload that is decoded [bytes]; a map of the default size takes about 2 MB.
 MAXIMUM_PAYLOAD = 64 * 1024 * 1024
 
 
@@ -30,7 +30,7 @@ def encode(message: Any) -> bytearray:
         message: instance of a class from `message_class`. Its arrays must be flat and have the dtype of the field.
 
     Returns:
-        The payload. If possible, it is the buffer of the serialiser itself, because a copy would take longer than the
+        The payload: the buffer of the serialiser itself if possible, because copying it would take longer than
         encoding.
 
     Raises:

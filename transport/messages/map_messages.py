@@ -175,7 +175,8 @@ def _unpack(packed: Array, name: str, dtype: np.dtype[Any], shape: tuple[int, in
 
 
 MAXIMUM_REGIONS, MAXIMUM_CORNERS = 1000, 256
-# Tolerance of the length of a half-plane's normal, and of the distance of a corner from half-planes and plane [m].
+# Tolerance of the length of a half-plane's normal, and of the distances of corners from half-planes and plane [m]; also
+# the smallest vertical component of a plane's unit normal.
 TOLERANCE = 1e-6
 
 
@@ -198,7 +199,7 @@ class RegionMessage:
     area: float
 
     def __post_init__(self) -> None:
-        """Copy the arrays and check that half-planes and corners describe the same polygon."""
+        """Copy and check the fields; half-planes and corners must describe the same polygon."""
         halfspaces = checked_array(self.halfspaces, (None, 3), "half-planes of a region")
         vertices = checked_array(self.vertices, (None, 3), "corners of a region")
         for name, count in (("half-planes", len(halfspaces)), ("corners", len(vertices))):
@@ -236,7 +237,7 @@ class RegionsMessage(MapOrigin):
     regions: tuple[RegionMessage, ...]
 
     def __post_init__(self) -> None:
-        """Check the fields and the number of regions."""
+        """Check the fields."""
         super(RegionsMessage, self).__post_init__()
         set_fields(self, regions=tuple(self.regions))
         if len(self.regions) > MAXIMUM_REGIONS:
@@ -269,8 +270,8 @@ def decode_regions(payload: bytes | bytearray | memoryview) -> RegionsMessage:
 def _is_outlined(halfspaces: Float, corners: Float) -> bool:
     """Check that half-planes bound exactly the polygon of the corners (m, 2), which must lie inside every half-plane.
 
-    This is the case if every edge lies on the border of a half-plane and the edges enclose a positive area. A closed
-    path along the border of an unbounded region runs back along itself and encloses no area.
+    This is the case if every edge lies on the border of a half-plane and the edges enclose a positive area: if the
+    region were unbounded, a closed path along its border would run back along itself and enclose no area.
     """
     on_line = np.abs(corners @ halfspaces[:, :2].T - halfspaces[:, 2]) <= TOLERANCE
     on_border = (on_line & np.roll(on_line, -1, axis=0)).any(axis=1)
@@ -279,7 +280,10 @@ def _is_outlined(halfspaces: Float, corners: Float) -> bool:
 
 
 def _make_region(region: RegionMessage) -> Any:
-    """Convert to guara_msgs/SteppableRegion; the plane's x axis is the grid's x axis, projected vertically."""
+    """Convert to guara_msgs/SteppableRegion.
+
+    The x axis of the plane's pose is the x axis of the grid, projected vertically onto the plane.
+    """
     x, y = region.vertices[:, :2].mean(axis=0)
     a, b, c = region.plane
     normal = np.array([-a, -b, 1.0]) / math.sqrt(a * a + b * b + 1.0)

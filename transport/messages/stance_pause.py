@@ -14,7 +14,7 @@ from transport.messages.codec import decode, encode, from_ros, to_ros
 from transport.messages.submessages import GroundPatch, StanceMessage, finite, set_fields
 from transport.messages.typestore import LARGEST_COUNT, STANCE_PAUSE, check_value
 
-# Largest payload [bytes]; an announcement with sixteen patches of 48 corners each has 20 kB.
+# Largest payload [bytes]; an announcement with sixteen patches of 48 corners each takes 20 kB.
 MAXIMUM_ANNOUNCEMENT = 256 * 1024
 # Longest identity of a walk [characters].
 MAXIMUM_EPOCH = 100
@@ -110,7 +110,7 @@ def encode_stance_pause(pause: StancePause) -> bytearray:
 
 
 def decode_stance_pause(payload: bytes | bytearray | memoryview) -> StancePause:
-    """Decode and check the CDR payload of a guara_msgs/StancePause; its last two fields may be missing.
+    """Decode and check the CDR payload of a guara_msgs/StancePause; its last one or two fields may be missing.
 
     Raises:
         UnknownPhase: this version does not know the phase.

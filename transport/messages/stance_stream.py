@@ -17,7 +17,7 @@ from transport.messages.typestore import GRAVITY_LENGTH, STANCE_STREAM, check_va
 
 # Largest number of samples in a message: one second at 1 kHz.
 MAXIMUM_SAMPLES = 1000
-# Largest payload [bytes]. One second at 1 kHz of sixteen joints, four legs and an IMU has 190 kB.
+# Largest payload [bytes]. One second at 1 kHz of sixteen joints, four legs and an IMU takes 190 kB.
 MAXIMUM_BATCH = 4 * 1024 * 1024
 # Epoch of samples whose source does not know the walk; they belong to the current walk.
 ANY_WALK = "*"

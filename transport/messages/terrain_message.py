@@ -44,7 +44,7 @@ HEIGHT_UNIT, RELIEF_UNIT, CLEARANCE_UNIT, SLOPE_UNIT = 2.0**-13, 2.0**-12, 2.0**
 # Mantissa bits kept when rounding: a variance grows by at most 1/8, a local variance at most doubles, a traversability
 # shrinks by at most 1/32.
 VARIANCE_BITS, LOCAL_BITS, SCORE_BITS = 3, 0, 5
-# Values of this many units or more are not rounded, because the multiple may not fit the 23 mantissa bits of a float32.
+# Values of this many units or more are not rounded: a float32 has 23 mantissa bits, so they are already multiples.
 WHOLE_NUMBERS = 2.0**23
 MANTISSA_BITS = 23
 # Dtype of a layer by the message field that holds its values. Messages number the types from 1 in this order.
@@ -135,8 +135,8 @@ class TerrainMessage:
         obstacles: obstacles and holes.
         point_counts: number of image columns of all stripes by status, such as OK or DROPOUT.
         stage_ms: processing time by stage [ms].
-        coverage: fraction of known cells, 0 ... 1; of a processed scan, cells that are UNSCANNED, OCCLUDED or SELF are
-            left out.
+        coverage: fraction of known cells, 0 ... 1. In the grid of a processed scan, cells that are UNSCANNED, OCCLUDED
+            or SELF do not count.
         health: health of the grid.
         health_reasons: reasons why `health` is not OK.
         metadata: text of a JSON object.

@@ -203,9 +203,9 @@ def _number(value: float) -> str:
 
 NAME, WORD, SENTENCE = (Range(characters=most) for most in (100, 200, 10_000))
 METRES = Range(low=-FURTHEST, high=FURTHEST, unit="m")
-# Number of cells of a grid (CELLS), and of obstacles of a grid or corners of an obstacle (PARTS).
+# Limits of the number of cells of a grid (CELLS), and of obstacles of a grid or corners of an obstacle (PARTS).
 CELLS, PARTS = Range(entries=4_000_000), Range(entries=100_000)
-# Number of compressed bytes; their decompressed size has a limit of its own.
+# Limit of the number of compressed bytes; the decompressed size has a limit of its own.
 PACKED = Range(entries=64 * 1024 * 1024)
 
 # Ranges by field name. A field name has the same meaning in every message, except in EXCEPTIONS.

@@ -79,8 +79,8 @@ def query_terrain(
         KeyNameError: the encoding is unknown, or the robot's name cannot be part of a key.
         MessageError: the extent is unknown, the region is not valid or outside the grid, or the reply is damaged.
         StaleTerrain: the node has no grid yet.
-        ScannerUnavailable: no node replies: none is running, it has too many pending queries, or this client may not
-            query it.
+        ScannerUnavailable: no node replies: none is running, the node has too many pending queries, or this client may
+            not query it.
         ReceiveTimeout: no reply arrived in time.
         SessionClosed: the session is closed.
         TransportError: the node or Zenoh refused the query for another reason.

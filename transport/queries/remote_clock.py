@@ -17,7 +17,7 @@ logger = logging.getLogger(__name__)
 # Interval of attempts while there is no reply [s].
 RETRY = 0.5
 ANSWER_TIMEOUT = 2.0
-# Upper bound of the relative drift of two clocks: a time server slews a wall clock by up to 500 ppm, and oscillators
+# Upper bound of the relative drift of two clocks: an NTP daemon slews a wall clock by up to 500 ppm, and oscillators
 # add 50 ppm each.
 DRIFT = 1e-3
 

@@ -59,7 +59,7 @@ def request_scan(
         is_alive: returns True while the node is alive; with it, a hung node is detected before the timeout.
 
     Returns:
-        The DONE reply, with step and sequence number of the terrain message, which was published before the reply.
+        The DONE reply, with step and sequence number of the terrain message, which is normally sent before the reply.
 
     Raises:
         KeyNameError: the robot's name cannot be part of a key.

@@ -36,7 +36,7 @@ class ScanJob:
     Attributes:
         request: the accepted request.
         cancelled: event that is set when the handler should stop.
-        progress: function that reports the numbers of stripes done and in total to the clients; returns immediately.
+        progress: function `progress(done, total)` that reports numbers of stripes to the clients; returns immediately.
     """
 
     def __init__(self, request: ScanRequest, report: Callable[[int, int], None]) -> None:

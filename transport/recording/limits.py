@@ -10,7 +10,7 @@ from typing import Any
 
 from transport.exceptions import RecordingError
 
-# Largest decompressed chunk [bytes]. A chunk usually has 1 MiB or contains a single frame (72 MB for 12 Mpx with three
+# Largest decompressed chunk [bytes]. A chunk is usually 1 MiB, or contains a single frame (72 MB for 12 Mpx with three
 # channels of 16 bits).
 MAXIMUM_CHUNK = 96 * 1024 * 1024
 # Largest decompressed size of all chunks [bytes]: MAXIMUM_UNPACKED plus MAXIMUM_RATIO times the size of the file.

@@ -1,4 +1,4 @@
-"""Recovery of truncated or damaged recordings: intact messages and attachments are copied to a new, indexed file."""
+"""Recovery of truncated or damaged recordings: data that can still be read are copied to a new, indexed file."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ class Recovery:
         attachments: number of recovered attachments.
         damaged_chunks: number of complete chunks that were left out because their content is damaged or exceeds the
             limits of `Unpacker`.
-        bytes_lost: number of bytes after the last readable record; 0 if all records could be read.
+        bytes_lost: number of bytes from the first damaged record to the end of the file; 0 if the end of the data was
+            reached.
         was_whole: True if all data were present and undamaged; the index at the end of the file is not checked.
     """
 
@@ -39,7 +40,9 @@ class Recovery:
 
 
 def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
-    """Copy the intact messages and attachments of `source` to the new file `destination`.
+    """Copy messages and attachments of `source`, up to the first damaged record, to the new file `destination`.
+
+    Damaged chunks are left out; copying continues after them.
 
     Raises:
         RecordingError: `source` cannot be read or is not an MCAP file, or `destination` exists or cannot be written.

@@ -21,7 +21,7 @@ MAXIMUM_PENDING = 64 * 1024 * 1024
 
 
 class TopicFile(AbstractContextManager["TopicFile"]):
-    """MCAP file being written; thread-safe except for `attach`. A topic is registered with its first payload."""
+    """MCAP file being written; thread-safe. A topic is registered with its first payload."""
 
     def __init__(self, path: str | Path, robot: str, *, atomic: bool = False, sync: bool = False) -> None:
         """Create the file.

@@ -46,7 +46,7 @@ class RecordingWriter(TopicFile):
 
         Args:
             path, robot, atomic, sync: as in `TopicFile`.
-            calibration: text of `calibration.json` to attach.
+            calibration: content of `calibration.json` to attach.
 
         Raises:
             RecordingError: the file exists or cannot be created. A full disk is reported at the next acknowledgement

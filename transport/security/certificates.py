@@ -37,7 +37,7 @@ from transport.security.members import (
 )
 from transport.security.whole_folder import write_file
 
-# A certificate whose remaining validity is not longer than this causes a warning [days].
+# Remaining validity at or below which a certificate causes a warning [days].
 WARNING_DAYS = 30
 
 
@@ -154,7 +154,7 @@ def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = ()) ->
     Args:
         folder: folder made by `init_security`.
         robot: instance name.
-        hosts: host names and addresses under which clients reach its node.
+        hosts: host names and addresses at which clients reach its node, besides localhost and this machine's name.
 
     Returns:
         The folder of the robot, which contains the folders of its roles.

@@ -31,14 +31,14 @@ CONFIGURATION = "zenoh.json5"
 # Default endpoint of a secured node. It may listen on all interfaces, because clients need a certificate.
 DEFAULT_LISTEN = "tls/0.0.0.0:7447"
 
-# Largest size [bytes] and nesting of a configuration; that of a node has 5 kB and seven levels. Deep nesting overflows
-# the stack of Zenoh's parser, which terminates the process.
+# Largest size [bytes] and nesting of a configuration; a node's takes 5 kB and has seven levels. Deep nesting
+# overflows the stack of Zenoh's parser, which terminates the process.
 LARGEST_CONFIGURATION = 1024 * 1024
 DEEPEST_CONFIGURATION = 32
 
 # Longest name of a robot or router [characters]: a common name is two names and a dot, and at most 64 characters long.
 LONGEST_NAME = 31
-# Names that a robot cannot have, because other folders in a security folder have them.
+# Names that robots, routers and added members cannot have, because other folders in a security folder have them.
 RESERVED = (*ROLES, "ca")
 
 TLS = "transport/link/tls"
@@ -92,7 +92,7 @@ def init_security(
     Args:
         folder: new folder, or an empty one.
         robot: one or several instance names; the access rules of each apply to its own keys.
-        hosts: host names and addresses under which clients reach the node, besides localhost and this machine's name.
+        hosts: host names and addresses at which clients reach the node, besides localhost and this machine's name.
             With several robots: one per robot in the same order, or none.
         listen: endpoint of the node.
 
@@ -170,7 +170,7 @@ def write_member(
 ) -> None:
     """Write certificate, key and configuration of a member into its folder, which must be empty.
 
-    The files of certificate and key are named after the folder.
+    The certificate and key files are named after the folder.
     """
     credentials = make_certificate(authority, common_name, hosts)
     write_file(own / "ca.pem", authority.certificate)
@@ -224,7 +224,7 @@ def load_configuration(
         folder: folder of a role.
         listen: endpoints that replace the configured ones; empty = no change.
         connect: endpoint that replaces the configured ones; a node becomes a client of the router there.
-        uplink: endpoint of another router, to which a node connects, again after each loss of the link.
+        uplink: endpoint of another router to which a node connects; it reconnects after each loss of the link.
         shared_memory: True = Zenoh passes large payloads through /dev/shm between processes of one machine.
         local: True = use the files in this folder, whatever paths are configured, and connect only to `connect` and
             `uplink`.
@@ -266,8 +266,8 @@ def _existing(folder: Path, name: str, *, is_key: bool) -> Path:
     if is_key and mode & 0o077:
         raise SecurityError(
             f"{path} has mode {mode:03o}: others on this machine can read the key and act as its owner. "
-            "Run chmod 600 on it. If others may have read it, revoke this member with `guara security revoke` and add "
-            "another; a renewed key would leave the old one valid. For a node, make a new folder"
+            "Run chmod 600 on it. If others may have read it, revoke the member with `guara security revoke` and add "
+            "a new one; for a node, make a new folder with `guara security init`"
         )
     return path
 

@@ -61,8 +61,8 @@ def make_router(
         again.
 
     Raises:
-        SecurityError: a name is taken, too long, reserved or unknown, no robot is given, the router above does not
-            serve all of the robots, `summary_only` is set without an uplink, or the folder lacks its CA.
+        SecurityError: a name is taken, too long, reserved, revoked or unknown, no robot is given, the router above does
+            not serve all of the robots, `summary_only` is set without an uplink, or the folder lacks its CA.
         KeyNameError: a name cannot be part of a key.
         ConfigurationError: `listen` is not a TLS endpoint.
     """
