@@ -329,7 +329,7 @@ class PerceptionServer(Resource):
         return [own, *names, *self._failures.items(), *self._jumps.items(), *further]
 
     def _release(self) -> None:
-        # Close the outbox first; this sends the messages that wait in it.
+        # Close the outbox first; it sends its waiting messages for up to two seconds.
         self._outbox.close()
         resources: list[Any] = [self._failures, self._status, *self._tokens, self._names, self._scans, self._queries]
         for resource in (*resources, self._bridge, self._grids, self.views):

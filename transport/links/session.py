@@ -96,7 +96,7 @@ class Session(AbstractContextManager["Session"]):
         return () if self.is_closed else tuple(str(link.dst) for link in self._raw.info.links())
 
     def own(self, resource: Closable) -> None:
-        """Register a resource that `close` closes before the Zenoh session.
+        """Register a resource; `close` closes it before the Zenoh session.
 
         Raises:
             SessionClosed: the session is already closed.

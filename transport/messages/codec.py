@@ -122,7 +122,7 @@ def to_ros(type_name: str, value: Any, **given: Any) -> Any:
     Args:
         type_name: name of the type, such as `guara_msgs/msg/Refusal`.
         value: object with an attribute for each field of the type that is neither in `MADE` nor in `given`.
-        given: values of fields that are used instead of those of `value`.
+        given: field values that replace those of `value`.
 
     Raises:
         MessageError: the type is unknown, or a stamp is out of range; other values are checked by `encode`.
@@ -139,7 +139,7 @@ def from_ros(cls: type[T], message: Any, **given: Any) -> T:
     Args:
         cls: the dataclass.
         message: the message object.
-        given: values of attributes that are used instead of those of `message`.
+        given: attribute values that replace those of `message`.
 
     Raises:
         MessageError: a value is not allowed.

@@ -197,6 +197,9 @@ def markers_message(
         frame_id: frame of all coordinates.
         stamp: time [ns since the epoch].
         regions: corners (n, 3) of each steppable region [m].
+
+    Raises:
+        MessageError: the stamp is not valid.
     """
     header = make_header(stamp, frame_id)
     markers = [_marker(header, "", 0, CUBE, action=DELETE_ALL, scale=(1.0, 1.0, 1.0))]

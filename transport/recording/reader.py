@@ -172,7 +172,9 @@ class Recording(AbstractContextManager["Recording"]):
     def _stored(
         self, summary: Any, channels: set[int], chunk: int | None, since: int, until: int | None
     ) -> Iterator[tuple[int, Any]]:
-        """Iterate over the messages of the chunks that may contain these channels and times, or of one chunk, in order.
+        """Iterate, in order, over the messages of the chunks that may contain these channels and times.
+
+        With `chunk`, only the chunk at this offset is read.
 
         Yields:
             Offset of the chunk in the file (0 if the file has no chunk index), and message.

@@ -39,8 +39,8 @@ READING = ("read", "history", "send", "ask")
 POLICIES = {"planner": (*READING, "trigger"), "viewer": READING, "gait": ("stance_in", "stance_out")}
 THIN = ("thin_read", "thin_ask", "thin_send")
 WATCHING = ("fleet_read", "fleet_ask", "fleet_send")
-# Rules of a router: for a link that delivers a robot's grids, and for a node that is a client of the router and also
-# receives stance pauses.
+# Rules of a router: SOURCE for a link that delivers a robot's grids, CLIENT_NODE for a node that is a client of the
+# router; such a node also receives stance pauses.
 SOURCE = ("source_in", "source_out", "look", "looked")
 CLIENT_NODE = (*SOURCE, "stance_to", "stance_from")
 

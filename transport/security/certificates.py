@@ -160,7 +160,8 @@ def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = ()) ->
         The folder of the robot, which contains the folders of its roles.
 
     Raises:
-        SecurityError: the name is too long, reserved, taken or was revoked, or the folder lacks its CA.
+        SecurityError: the name is too long, reserved, taken or was revoked, or the folder lacks its CA or cannot be
+            read or written.
         KeyNameError: the name cannot be part of a key.
     """
     authority, members = open_authority(folder), open_members(folder)
@@ -195,7 +196,7 @@ def add(folder: str | Path, name: str, role: str) -> Path:
 
     Raises:
         SecurityError: the name is too long, reserved, taken or was revoked, the robot or role is unknown, the role is
-            `node`, or the folder lacks its CA.
+            `node`, or the folder lacks its CA or cannot be read or written.
         KeyNameError: the name cannot be part of a key.
     """
     authority, members = open_authority(folder), open_members(folder)
@@ -264,7 +265,8 @@ def revoke(folder: str | Path, name: str) -> tuple[Path, ...]:
         restart the programs there, because they read their configuration only at start.
 
     Raises:
-        SecurityError: there is no such member, the member is the node itself, or the folder lacks its CA.
+        SecurityError: there is no such member, the member is a node, or the folder lacks its CA or cannot be read or
+            written.
     """
     open_authority(folder)
     members = open_members(folder)

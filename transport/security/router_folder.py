@@ -39,7 +39,7 @@ def make_router(
 ) -> Path:
     """Make the folder of a router, and grant the router access at its robots' nodes and at the router above.
 
-    The router gets only the rights that it needs. At a node, it reads like a viewer (with `scans`, like a planner). To
+    The router gets only the rights that it needs. At a node, it has those of a viewer (with `scans`, of a planner). To
     the router above, it sends what its robots' nodes publish. Its certificate stands for all clients behind it.
 
     Args:
@@ -62,7 +62,8 @@ def make_router(
 
     Raises:
         SecurityError: a name is taken, too long, reserved, revoked or unknown, no robot is given, the router above does
-            not serve all of the robots, `summary_only` is set without an uplink, or the folder lacks its CA.
+            not serve all of the robots, `summary_only` is set without an uplink, or the folder lacks its CA or
+            cannot be read or written.
         KeyNameError: a name cannot be part of a key.
         ConfigurationError: `listen` is not a TLS endpoint.
     """
