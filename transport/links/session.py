@@ -184,8 +184,9 @@ def open_node(
         timeout: time for repeated attempts to connect to an external router [s].
 
     Raises:
-        ConfigurationError: an endpoint is not valid, is open to other machines without security, or is not encrypted
-            although `security` is given; or both `connect` and `uplink` are given.
+        ConfigurationError: an endpoint is not valid, or is not encrypted although `security` is given; with neither
+            `security` nor `allow_insecure`, `listen` or `uplink` reaches beyond this machine; or both `connect` and
+            `uplink` are given.
         SecurityError: the security folder is incomplete or unreadable, or others can read its private key.
         ConnectionFailed: the node cannot listen, for example because the port is in use, or cannot connect to the
             external router.
