@@ -8,7 +8,7 @@ from __future__ import annotations
 
 
 class DriverError(Exception):
-    """Base class of the errors defined in `drivers`; invalid arguments may raise a plain ValueError instead."""
+    """Base class of the errors in this module; invalid arguments may raise a plain ValueError instead."""
 
 
 class BoardError(DriverError):

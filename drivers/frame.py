@@ -15,8 +15,7 @@ class Frame:
         image: (height, width) or (height, width, 3) BGR, uint8 or uint16; read-only.
         counter: frame number. If the numbers come from the device (`Camera.counts_frames`), a gap means lost or
             damaged frames.
-        stamp: time at which the frame arrived at the host, or was read if its arrival is unknown, on the monotonic
-            clock [s].
+        stamp: time at which the frame arrived at the host or, with some cameras, was read, on the monotonic clock [s].
         device_time: start of the exposure on the camera's own clock [s]; None if the camera does not report it.
     """
 

@@ -1,4 +1,4 @@
-"""`Errors`: base classes of all errors that public functions and clients raise deliberately, for one `except`."""
+"""`Errors`: base classes of the errors of perception, kinematics, transport and drivers, for a single `except`."""
 
 from __future__ import annotations
 

@@ -81,13 +81,13 @@ class BoardIdentity:
         magic, *values = IDENTITY.unpack(checked(data, IDENTITY_SIZE, "identity"))
         if magic != IDENTITY_MAGIC:
             raise BadReply(
-                f"the identity begins with {magic!r}; allowed: {IDENTITY_MAGIC!r}: "
-                "another device uses this vendor and product id; give the board's serial number"
+                f"the identity begins with {magic!r} instead of {IDENTITY_MAGIC!r}: another device uses this vendor "
+                "and product id; give the board's serial number"
             )
         major, minor, firmware, step_angle, *steps = values[:7]
         if step_angle == 0:
             raise BadReply(
-                "the identity has a step angle of 0 nrad; allowed: 1 nrad or more: flash firmware configured for the "
+                "the identity has a step angle of 0 nrad, but it must be above 0: flash firmware configured for the "
                 "motor"
             )
         times = (milliseconds * 1e-3 for milliseconds in values[7:10])

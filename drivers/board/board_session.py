@@ -253,7 +253,8 @@ def raise_refusal(status: BoardStatus, argument: int, identity: BoardIdentity | 
         identity: identity of the board, which contains the travel for the error message; None = unknown.
 
     Raises:
-        BoardError: the subclass that belongs to the result.
+        BoardError: the board refused the command. The subclass gives the cause, unless an argument other than a step
+            is out of range.
     """
     match status.result:
         case Result.OK:

@@ -126,7 +126,7 @@ class AravisCamera(Camera):
 
         Raises:
             CameraSettingRefused: the camera lacks a setting, does not allow a value, or reads back another value.
-            CameraError: the camera does not respond.
+            CameraError: the camera does not respond or reports an error.
             CameraNotOpen: the camera is not open.
         """
         camera = self._opened()

@@ -100,7 +100,7 @@ def find_aravis_cameras() -> tuple[AravisDevice, ...]:
 
 
 def trigger_lines(name: str) -> tuple[str, ...]:
-    """List the trigger sources of a camera that are lines, such as "Line1".
+    """List the input lines that can trigger a camera, such as "Line1".
 
     Args:
         name: name of the camera, as returned by `find_aravis_cameras`.

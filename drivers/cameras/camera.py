@@ -13,9 +13,9 @@ from drivers.frame import Frame
 
 T = TypeVar("T")
 UNITS = {"exposure": " s", "gain": "", "white_balance": " K", "gamma": ""}
-# Relative tolerance of a value read back, because the camera may have rounded it.
+# Relative difference from the locked value up to which a setting counts as unchanged.
 TOLERANCE = 0.02
-# Absolute tolerances of values read back, because a relative one allows no difference from a gain of 0.
+# Absolute differences that are always allowed, because a relative one allows none from a gain of 0.
 ROUNDING = {"gain": 0.05, "gamma": 0.005}
 WHAT_TO_DO = "check that no other program uses the camera and start again: settings are locked when it is opened"
 
@@ -119,6 +119,7 @@ class Camera(ABC):
 
         Raises:
             CameraSettingRefused: the camera rejected a setting.
+            CameraError: the camera does not respond or reports an error.
             CameraNotOpen: the camera is not open.
         """
 

@@ -24,7 +24,7 @@ from drivers.errors import (
 from drivers.frame import Frame
 
 logger = logging.getLogger(__name__)
-# Longest wait for a read in progress when closing [s]; V4L2 aborts a read after 10 s.
+# Longest wait for a read in progress when closing [s]; OpenCV aborts a V4L2 read after 10 s.
 LONGEST_READ = 15.0
 BACKENDS = {"any": "CAP_ANY", "v4l2": "CAP_V4L2", "gstreamer": "CAP_GSTREAMER", "ffmpeg": "CAP_FFMPEG"}
 BACKENDS |= {"images": "CAP_IMAGES", "firewire": "CAP_FIREWIRE"}
@@ -50,8 +50,7 @@ class OpenCvCamera(Camera):
     """Camera, video file or image sequence read by OpenCV.
 
     A live camera is read by a background thread that keeps only the newest frame. Therefore `grab` has a timeout,
-    unlike OpenCV's read, and never returns a frame that waited in a driver queue. A file is read in `grab`, and no
-    frame is dropped.
+    unlike OpenCV's read, and frames do not wait in a driver queue. A file is read in `grab`, and no frame is dropped.
     """
 
     def __init__(

@@ -118,7 +118,13 @@ class V4l2Camera(Camera):
             device.close()
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Turn automatic modes off, apply the settings, and return the values read back; errors as in `Camera.lock`."""
+        """Turn automatic modes off, apply the settings, and return the values read back.
+
+        Raises:
+            CameraSettingRefused: the camera lacks a setting, or reports a different value.
+            CameraError: the camera rejects a value or does not respond.
+            CameraNotOpen: the camera is not open.
+        """
         self._opened()
         held = {}
         for name, wanted in settings.given().items():

@@ -72,8 +72,8 @@ def acquire(
         band: returns the rows (first, end) in which the stripe with a given index can be; None = anywhere.
         should_stop: called often on the scan thread; return True to end the scan early.
         align: for a camera that may move during the scan: function that warps the first image to the view of the
-            second, or returns None if it finds no motion. A stripe that fails verification is verified again with the
-            aligned reference. None = the camera does not move.
+            second, or returns None if it finds no motion. A stripe with verdict LEAK, DARK, OUT_OF_BAND or NOT_MOVED is
+            verified again with the aligned reference. None = the camera does not move.
 
     Raises:
         BadFiringOrder: the order is empty, has a repeated or negative index, or contains an angle that is not finite.
@@ -87,7 +87,8 @@ def prepare(board: Board, firing_order: Iterable[tuple[int, float]]) -> int:
     """Home the mirror between scans and move it to the first stripe.
 
     Returns:
-        Number of steps lost since the mirror was last homed. If it is not 0, the scans since then are doubtful.
+        Error of the step count since the mirror was last homed [steps]. If it is not 0, the scans since then are
+        doubtful.
 
     Raises:
         BadFiringOrder: the order is not valid; see `acquire`.

@@ -18,14 +18,14 @@ class StripeVerdict(enum.Enum):
         OK: laser, mirror and frame are in step.
         UNPROVED: there was nothing to compare with, as for the first stripe of a scan without off frames.
         AMBIENT_CHANGED: in step, but the ambient light or the exposure differs from that of the reference frame.
-        DARK: the laser was on, but hardly any column shows it: the ground is black, or the laser has failed.
+        DARK: the laser was switched on, but hardly any column shows it: the ground is black, or the laser has failed.
         LEAK: the off frame shows a stripe: the laser was not off, or the frame is older than the command.
         NOT_MOVED: the stripe has moved much less than expected since the previous one: the mirror did not move, or the
             frame is older than the command.
         OUT_OF_BAND: the stripe is outside the rows in which it can be.
         REPEATED: the frame is identical to the off frame or to the previous on frame, although laser or mirror changed.
         RESIZED: size or dtype of the frame differs from that of earlier frames.
-        LOST: no frame arrived, or none could be verified.
+        LOST: the frame of the stripe, or of the dark flash after it, did not arrive or could not be verified.
     """
 
     OK = "ok"

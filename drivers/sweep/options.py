@@ -63,7 +63,7 @@ class AcquireOptions:
     Attributes:
         off: off frames to take.
         frame_timeout: time after which a frame counts as lost [s].
-        max_lost: number of consecutive stripes without a frame that ends the scan with an error.
+        max_lost: number of consecutive stripes without a frame after which the scan ends with an error.
         flush_frames: number of frames dropped after every change of laser or mirror, if the camera's `lag` is unknown.
         queue_size: number of stripes that may wait for the caller, rounded up to whole groups of `together`. If the
             queue is full, the scan waits with the laser off.

@@ -42,7 +42,7 @@ class ProofLimits:
         noise_factor: the same excess in standard deviations of the difference; the larger of the two thresholds
             applies.
         min_lit_fraction: least fraction of lit columns at which the laser counts as seen.
-        min_leak_fraction: least fraction of columns that are brighter in the off frame for it to count as lit.
+        min_leak_fraction: least fraction of columns brighter in the off frame at which the off frame counts as lit.
         max_offset: largest brightness change of the whole frame, as a fraction of full scale.
         min_shift: least shift of a stripe, as a fraction of the expected shift; 1 px until three shifts are known.
         max_out_of_band: largest fraction of lit columns outside the band.

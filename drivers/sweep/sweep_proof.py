@@ -24,7 +24,7 @@ CLOCK_ERROR = 2e-4
 
 
 def uneven_waits(count: int, tolerance: float) -> list[int]:
-    """Return waits before the triggers of a sweep that reveal any shift by whole triggers, in units of 0.5 ms.
+    """Return the waits before the triggers of a sweep, in units of 0.5 ms. They reveal a shift by whole triggers.
 
     Each wait is at least twice the tolerance, so that an interval with a wait never matches one without. With nine
     waits, any wrong shift mismatches ten or more frames. Therefore, any two triggers may be missed, doubled or late.

@@ -35,7 +35,7 @@ REPORT_FILE: Final = "report.html"
 LOWEST_M, HIGHEST_M = 0.008, 0.5
 # Smallest difference between heights [m], because blocks are identified by height; largest number of blocks.
 LEAST_APART_M, MOST_BLOCKS = 0.005, 6
-# Cells closer than this to the outline of a block may contain its edge [m].
+# Distance from the outline of a block within which a cell may contain its edge [m].
 RIM_M = 0.010
 # Largest error allowed, as a multiple of the standard deviation stated by the grid.
 SIGMAS = 3.0

@@ -41,14 +41,14 @@ class BringUp:
         self._laser = False
 
     def run(self) -> None:
-        """Guide the operator through all points for the light at J1, an LED or a laser.
+        """Guide the operator through the points that apply to the light at J1, which is an LED or a laser.
 
         A run with an LED starts with an empty record.
 
         Raises:
             PointFailed: a point did not pass; it is removed from the record.
-            InvalidInput: no valid answer was given, a laser is connected before the points that need an LED have
-                passed, or bring_up.json is not a record.
+            InvalidInput: no valid answer was given, a laser is connected before points 5 and 6 have passed with an
+                LED, or bring_up.json is not a record.
             DriverError: the board cannot be reached, or fails unexpectedly.
         """
         self._laser = self._choose("What is wired to J1?", ("led", "laser")) == "laser"
@@ -172,7 +172,8 @@ class BringUp:
             remedy: remedy if the light stays on, for the message.
 
         Raises:
-            PointFailed: the light stays on, or is lost in another way.
+            PointFailed: the light cannot be turned on, stays on, or is lost in another way.
+            BoardError: the board failed before the light was on.
         """
         lit = False
         try:
@@ -268,7 +269,7 @@ class BringUp:
 
 
 def bring_up(board: object, folder: Path, ask: Callable[[str], str], tell: Callable[[str], None]) -> bool:
-    """Guide the operator through the first power-up; return True if every point passed.
+    """Guide the operator through the first power-up; return False if a point or a device fails, otherwise True.
 
     Raises:
         InvalidInput: the board is not a `LaserBoard`; see also `BringUp.run`.

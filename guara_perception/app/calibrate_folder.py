@@ -30,8 +30,8 @@ def calibrate(
         session_folder: folder with `session.json` (docs/files.md).
         robot: model, name or folder of the robot; None = the robot named in the session.
         distortion: lens coefficients to estimate: "k1k2", "k1k2p1p2" or "k1k2p1p2k3".
-        camera_info: file with known intrinsics (OpenCV, ROS or Kalibr); images of the board are then optional and serve
-            only as a check. None = estimate the intrinsics.
+        camera_info: file with known intrinsics (OpenCV, ROS or Kalibr); images of the board are then optional: they
+            verify the intrinsics but do not change them. None = estimate the intrinsics.
         square: edge of the board's squares [m]; None = as in the session.
         not_mirrored: True to assert that the images are not mirrored, whatever the colours of the board.
         force: True to return a calibration even if its verdict is `refused`.

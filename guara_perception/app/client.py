@@ -116,7 +116,8 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
         be used for as many pauses as its record states. Either may be used only while its node confirms it.
 
         Args:
-            max_age: largest age since the end of the scan [s]; None = the grid's own validity. Relaxes no other rule.
+            max_age: largest age since the end of the scan [s]; None = the grid's own validity. All other rules still
+                apply.
             extent: "footprint" (last scan) or "map" (fused).
             allow_stale: also return a stale grid: one of another pause or walk, withdrawn, too old, or no longer
                 confirmed by its node. The reasons are in `stale_because` of the grid, whose queries then also require
@@ -178,8 +179,8 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
             accepted: max_age, allow_stale, confirmed_only as in `latest`.
 
         Raises:
-            transport.ReceiveTimeout: no grid arrived in time.
-            ScannerGone, ScannerUnavailable: no grid arrived, and the node went away or was never there.
+            transport.ReceiveTimeout: no usable grid arrived in time although the node is alive.
+            ScannerGone, ScannerUnavailable: no usable grid arrived, and the node went away or was never there.
             UnsafeGrid: a grid violates the safety invariant and must not be used.
             transport.MessageError: unknown extent.
         """
@@ -199,7 +200,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
     def on_terrain(
         self, callback: Callable[[TerrainGrid], None], extent: str = "footprint", **accepted: Unpack[Accepted]
     ) -> None:
-        """Call `callback` with each new grid, on the client's own thread; a grid superseded meanwhile is skipped.
+        """Call `callback` with each new grid, on the client's own thread; grids superseded during a call are skipped.
 
         Grids and arguments are as in `stream`. A grid that violates the safety invariant is logged and not passed on.
 
@@ -308,5 +309,5 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
         return message_to_terrain(self._client.query(extent=extent, region=region, timeout=timeout, **accepted))
 
     def close(self) -> None:
-        """Disconnect. May be called twice."""
+        """Disconnect. May be called twice. Afterwards, methods that need the connection raise `transport.SessionClosed`."""
         self._client.close()

@@ -129,9 +129,9 @@ def coverage_and_sigma(result: CalibrationResult) -> bytes:
 
 
 def halves(result: CalibrationResult) -> bytes | None:
-    """Draw the difference between two lens models, each fitted to every other image.
+    """Draw the difference between two lens models, one fitted to the even and one to the odd images.
 
-    Returns None if the two models were not or could not be calibrated.
+    Returns None if `result` has no cross-validation.
     """
     if result.cross_validation is None:
         return None
