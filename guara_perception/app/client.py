@@ -58,8 +58,10 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
 
         Raises:
             transport.KeyNameError: invalid robot name or unknown encoding.
-            transport.ConfigurationError, transport.SecurityError: the endpoint is not valid, or the security folder is
-                incomplete.
+            transport.ConfigurationError: the endpoint is not valid, missing in the security folder, or not encrypted
+                although `security` is given.
+            transport.SecurityError: the security folder is incomplete or unreadable, or others can read its private
+                key.
             transport.ConnectionFailed: no answer; the message lists what to check.
         """
         check_name(robot)
@@ -309,5 +311,5 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
         return message_to_terrain(self._client.query(extent=extent, region=region, timeout=timeout, **accepted))
 
     def close(self) -> None:
-        """Disconnect. May be called twice. Afterwards, methods that need the connection raise `transport.SessionClosed`."""
+        """Disconnect; may be called twice. Later calls that need the connection raise `transport.SessionClosed`."""
         self._client.close()
