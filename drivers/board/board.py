@@ -47,7 +47,7 @@ class Board(ABC):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the board with the laser off; after an exception in the block, an error in closing is only logged."""
+        """Close the board with the laser off; after an exception in the block, a failure to close is only logged."""
         try:
             self.close()
         except BoardError as failure:

@@ -17,14 +17,14 @@ class BoardConfig:
         product_id: USB product id, 0 ... 0xFFFF.
         serial: serial number of the board; needed only if several boards are plugged in. None = the only one.
         timeout: timeout of a control transfer [s]. It must be short, because the watchdog allows at most 0.4 s of
-            silence. A failed command is not repeated after half of the watchdog's time.
+            silence. A failed command is not repeated once half of the watchdog's time has passed.
         attempts: largest number of attempts for a command whose transfer times out, stalls or fails, or whose reply is
             invalid, 1 ... 10.
         motion_timeout: longest wait for the end of a motion [s].
         home_timeout: longest wait for the end of homing [s].
-        handle_signals: True = while the board is open, SIGTERM and SIGHUP raise SystemExit, so that `with` blocks are
-            left in order. A signal that the program handles or ignores is not changed; neither is any signal if the
-            board is opened outside the main thread.
+        handle_signals: True = while the board is open, SIGTERM and SIGHUP raise SystemExit, so that `with` blocks clean
+            up. Signals that the program handles or ignores are not changed; if the board is opened outside the main
+            thread, none is.
 
     Raises:
         ValueError: a value is not allowed.

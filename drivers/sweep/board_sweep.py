@@ -71,7 +71,7 @@ class BoardSweep:
 
         Raises:
             ValueError: there are too many stripes or none, the number of waits differs, or a wait is out of range.
-            BoardError: the board rejects a command.
+            BoardError: the board rejects a command, does not respond, or its mirror does not come to rest.
         """
         if not 1 <= len(steps) <= SWEEP_STRIPES or len(waits) != len(steps):
             raise ValueError(
