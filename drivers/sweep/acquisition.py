@@ -51,7 +51,7 @@ def acquire(
     should_stop: Callable[[], bool] | None = None,
     align: Align | None = None,
 ) -> StripeStream:
-    """Return a scan as a context manager that can be iterated over its stripes. The scan starts on entry.
+    """Return a scan as a context manager that iterates over its stripes. The scan starts on entry.
 
     ```python
     with acquire(board, camera, firing_order, should_stop=pause_is_over) as stripes:

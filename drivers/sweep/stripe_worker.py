@@ -52,7 +52,7 @@ class LaserSwitch:
 
     @property
     def lit(self) -> bool:
-        """True if the laser has been commanded on."""
+        """True while the laser is commanded on."""
         return self._lit_since is not None
 
     @property

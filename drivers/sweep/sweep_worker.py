@@ -43,7 +43,7 @@ class FrameCounts:
     Attributes:
         used: number of stripes with verified frames.
         skipped: number of frames without a device time.
-        dropped: number of all frames that are missing in the camera's counter.
+        dropped: number of frames missing in the camera's counter, even if none was expected.
     """
 
     used: int = 0

@@ -162,7 +162,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
     ) -> MapRegions:
         """Return the convex steppable regions of the newest fused map, largest first, without the map itself.
 
-        Arguments and errors are those of `summary`. The last message sent before the client connected is received too.
+        Arguments and errors are those of `summary`. The last message sent before the first call is received too.
         """
         return message_to_regions(self._client.regions(timeout=timeout, max_age=max_age, **accepted))
 
