@@ -1,8 +1,8 @@
 """Closing of open boards at the end of the program, so that their lasers are off.
 
-An exception unwinds through `with` blocks, but SIGTERM and SIGHUP do not. While a board is open, these signals are
-therefore converted to `SystemExit`, unless the program handles or ignores them, opened the board outside the main
-thread, or switched this off (`BoardConfig.handle_signals`). A board opened without a `with` block is closed at
+An exception unwinds `with` blocks; SIGTERM and SIGHUP end the program without doing so. While a board is open, these
+signals are therefore converted to `SystemExit`, unless the program handles or ignores them, opened the board outside
+the main thread, or switched this off (`BoardConfig.handle_signals`). A board opened without a `with` block is closed at
 interpreter exit. After SIGKILL, which cannot be caught, the board's watchdog turns the laser off.
 """
 

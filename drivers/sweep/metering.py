@@ -24,7 +24,7 @@ class MeteringResult:
     """Result of exposure metering.
 
     Attributes:
-        exposure: last exposure that was set [s]; None if the exposure was not to be changed.
+        exposure: last exposure that was set [s]; None if the exposure was not changed.
         stripe_level: brightness of the stripe's ridge, median over the lit columns, 0 ... 1 of full scale.
         background_level: median brightness with the laser off, 0 ... 1 of full scale.
         clipped_fraction: fraction of the lit columns in which the ridge is clipped.
@@ -50,7 +50,7 @@ def meter_exposure(
     levels: tuple[float, float] = (0.5, 0.9),
     max_rounds: int = 8,
 ) -> MeteringResult:
-    """Set the exposure so that the ridge of one stripe is within `levels` of full scale.
+    """Set the exposure so that the ridge brightness of one stripe is within `levels`.
 
     The laser is off on return, even if an exception is raised.
 

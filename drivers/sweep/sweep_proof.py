@@ -27,7 +27,8 @@ def uneven_waits(count: int, tolerance: float) -> list[int]:
     """Return the waits before the triggers of a sweep, in units of 0.5 ms. They reveal a shift by whole triggers.
 
     Each wait is at least twice the tolerance, so that an interval with a wait never matches one without. With nine
-    waits, any wrong shift mismatches ten or more frames. Therefore, any two triggers may be missed, doubled or late.
+    waits, any wrong shift mismatches ten or more frames. Therefore, the match tolerates any two missed, doubled or
+    late triggers.
 
     Args:
         count: number of stripes.

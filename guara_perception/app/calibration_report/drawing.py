@@ -59,7 +59,7 @@ def for_show(picture: Image) -> Image:
 
 
 def board_before_after(result: CalibrationResult, name: str) -> bytes:
-    """Draw image `name` of the board on the floor, as taken and rectified to a view from above.
+    """Draw image `name`, of the board on the floor, as taken and as rectified to a view from above.
 
     The figure corresponds to the paper's Figs. 8 and 9.
     """
