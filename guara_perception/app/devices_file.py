@@ -60,7 +60,7 @@ class Devices:
         settings: exposure [s], gain, white_balance [K] and gamma, as far as given; the camera is locked to them when it
             is opened, and they are read back.
         board: vendor_id and product_id of the laser board (default: those of the protocol), and serial, needed only
-            for several boards; or source, the "package.module:Class" of a `drivers.Board`.
+            if several boards are connected; or source, the "package.module:Class" of a `drivers.Board`.
         trigger: camera line wired to the board's TRIGGER, for sweeps run by the board; None = a free-running camera.
         exposure_output: line of an "aravis" camera that is active during an exposure, or None.
         pixel_format: pixel format to request from an "aravis" or "v4l2" camera; None = chosen by the driver.

@@ -38,7 +38,8 @@ NO_FLOOR = (
     "scan again with more floor in view; if flat, empty floor fills the view, the calibration belongs to another "
     "camera or mount"
 )
-# Longest time for one stripe of 1280x1024 px [s]: less than half the frame interval at 30 frames per second.
+# Time to extract a stripe of 1280x1024 px above which a warning is given [s]: just under half the frame interval at 30
+# frames per second.
 STRIPE_SECONDS = 0.015
 
 
@@ -123,9 +124,9 @@ def check_board(devices: Devices) -> Finding:
 
 
 def check_camera(devices: Devices) -> Finding:
-    """Check that the camera is that of devices.toml, keeps its settings and delivers frames of the right size.
+    """Check that the camera is that of devices.toml, accepts its settings and delivers frames of the right size.
 
-    The message also says how its frames are verified.
+    A trigger line must exist on the camera. The message also says how the frames are verified.
     """
     held = ""
     triggered = devices.camera()

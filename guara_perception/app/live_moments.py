@@ -44,7 +44,8 @@ ROUTER_TIMEOUT_S = 2.0
 class LiveMoments(AbstractContextManager["LiveMoments"]):
     """Receiver of grids, points and camera images of one robot. It shows each pause with the data received so far.
 
-    Messages with equal stamps belong together. After the first map, a scan is shown only once its map has arrived.
+    Messages with equal stamps belong together. After the first map, a scan is shown only once its map has arrived or it
+    is withdrawn.
     """
 
     def __init__(

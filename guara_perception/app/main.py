@@ -154,7 +154,7 @@ def guara(verbose: bool) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line and exit with its code, 0 or one of `exit_codes`; only a defect shows a traceback."""
+    """Run the command line and exit with 0 or one of `exit_codes`; only unexpected errors print a traceback."""
     sys.exit(run(arguments))
 
 
@@ -175,7 +175,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except click.ClickException as error:
         return _say(_with_help(error), EXIT_BAD_INPUT)
     except BrokenPipeError:
-        # The reader has closed the pipe (`guara listen | head -1`). Python would report this again at exit.
+        # The reader has closed the pipe (`guara listen | head -1`). Redirect stdout, since flushing it at exit would
+        # raise the error again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_FAILED
     except Exception as error:
@@ -188,7 +189,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _warnings_as_lines() -> Iterator[None]:
-    """Print Python's warnings as lines of this program; those that differ only in numbers are printed once."""
+    """Print Python warnings in the format of this command's messages; those that differ only in numbers only once."""
     shown: set[str] = set()
 
     def show(message: Warning | str, *details: Any, **named: Any) -> None:
@@ -231,7 +232,7 @@ def _code_of(error: Exception, given: Sequence[str]) -> int:
 
 
 def text_of(error: Exception) -> str:
-    """Text of an error. An error of the operating system is given as file and text, without its number."""
+    """Text of an error: file and reason, without the number, for an OSError; with a remedy if libgomp is missing."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"
     return f"{error} (Debian: apt install libgomp1)" if "libgomp" in str(error) else str(error)

@@ -1,4 +1,4 @@
-"""Summary of the fused map for slow links, steppable regions of the map for planners, and the messages of both."""
+"""Summary of the fused map for slow links, its steppable regions for planners, and conversion to and from messages."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class TerrainSummary(Gridded):
         robot: instance name.
         elevation: height rounded to 1 mm [m], NaN where unknown.
         hazard: flags of `Hazard`: those of the map, and those added by rounding and merging (see `summary_payload`).
-        traversability: 0 never ... 1 ideal, rounded down to a multiple of 1/255.
+        traversability: from 0 (not traversable) to 1 (ideal), rounded down to a multiple of 1/255.
         geometry: origin, resolution and shape.
         frame: "base_footprint".
         stamp: time of the scan [ns since the epoch].

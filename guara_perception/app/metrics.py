@@ -42,6 +42,7 @@ class StatusCollector(Collector):
 
     `guara_status_level{robot,item}` is the level of an item (0 ok, 1 warning, 2 error); `guara_<item>_<value>{robot}`
     is a value of an item, if it is a number, true (1) or false (0). Names of counters end with `_total`.
+    `guara_build_info` contains the version.
     """
 
     def __init__(self, robot: str, items: Callable[[], list[StatusItem]]) -> None:

@@ -35,7 +35,7 @@ COLUMNS = ("robot", "step", "age", "health", "links")
     "--encoding",
     type=click.Choice(["lossless", "compact"]),
     default="lossless",
-    help="compact: an eighth of the size, for slow links",
+    help="compact: about an eighth of the size, for slow links",
 )
 @click.option("--security", type=FILE, help="folder of a role made by `guara security init`")
 @click.option("--count", type=click.IntRange(min=1), help="end after this many grids; default: until Ctrl-C")
@@ -57,7 +57,7 @@ def command(
     lists_robots: bool,
     as_json: bool,
 ) -> None:
-    """Print one line per usable grid or withdrawal of the node, starting with the newest.
+    """Print the newest usable grid of the node, then each later grid or withdrawal, one line each.
 
     With --all, print the running robots, each with pause, age of the last grid, health and links, and exit. Only
     liveliness and status are queried; no grids are transferred.

@@ -40,8 +40,8 @@ def command(
 ) -> None:
     """Compute the terrain grid of a recorded SCAN (folder or .mcap).
 
-    With several methods, separated by commas, the first grid is written to OUT.npz, the others to OUT-METHOD.npz, and
-    the pictures of each method to a folder of its name in FIGURES.
+    Several methods can be given, separated by commas. With -o grid.npz, the grid of the first method is written to
+    grid.npz and the others to grid-METHOD.npz; the pictures of each method are written to a subfolder of its name.
 
     \b
     Example:

@@ -15,8 +15,8 @@ from guara_perception.exceptions import InvalidInput
 
 # Length of the ruler of `guara targets` if it is printed to scale [mm].
 RULER_MM = 150.0
-# Options of each part of the plan. With --redo, a part keeps its earlier values unless one of its options is given; its
-# other options then have their defaults.
+# Options of each part of the plan. With --redo, a part keeps its earlier values unless one of its options is given. The
+# other options of that part then have their defaults.
 OPTIONS_OF = {
     "board": {"board", "pattern", "square", "printed_150"},
     "crosses": {"crosses", "printed_150"},
@@ -67,8 +67,8 @@ def command(
     """Record a calibration SESSION (exposure, board, floor, crosses, plates, in this order), and calibrate from it.
 
     A page in the browser shows the camera image and what to do. Run the same command again to continue an interrupted
-    session. With --redo, the options of board, crosses, plates and stance are those of the session; if one of a part is
-    given, the others of this part have their defaults.
+    session. With --redo, board, crosses, plates and stance stay as in the session, except those for which an option is
+    given; their other options then have the defaults.
 
     The results are SESSION/calibration.json and SESSION/devices.toml, for -c and --devices of other commands.
 

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 from guara_perception.exceptions import FileFormatError, InvalidInput
 
-# Frames as JPEG of this quality take a ninth of the disk space of lossless frames, and shift stripes by 0.035 px rms
-# (640 x 512 px, simulated).
+# JPEG frames of this quality take a ninth of the disk space of lossless frames. The compression shifts stripes by
+# 0.035 px rms (640 x 512 px, simulated).
 JPEG_QUALITY = 90
 
 
@@ -76,7 +76,7 @@ JPEG_QUALITY = 90
 @click.option(
     "--check", is_flag=True, callback=refuse_mistakes, help="only check the configuration; no device is opened"
 )
-# Set once for a robot, normally in node.toml.
+# Hidden options, which are set once for a robot, normally in node.toml.
 @click.option("--record-limit", hidden=True, help="total size of the files in the folder; the oldest are removed")
 @click.option(
     "--mode",

@@ -1,4 +1,4 @@
-"""`guara security`: manage certificates and access rules for planners on other machines."""
+"""`guara security`: manage certificates and access rules of nodes, clients and routers."""
 
 from __future__ import annotations
 

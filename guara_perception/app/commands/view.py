@@ -120,7 +120,7 @@ def show_live(
 ) -> None:
     """Show every new pause until stopped; if nothing has been shown after `SILENCE` seconds, print why.
 
-    `tell` is called once a second with the result of `LiveMoments.state`.
+    From then on, `tell` is called every `TELLING` seconds with the result of `LiveMoments.state`.
     """
     from guara_perception.app.live_moments import LiveMoments
 

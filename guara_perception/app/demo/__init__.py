@@ -1,5 +1,5 @@
-"""Demo without hardware: a walk from scans to footholds, checked against the simulated world.
+"""Demos without hardware, checked against the simulated world: a walk from scans to footholds, and a swaying body.
 
-Within the package, only the commands import this folder. The planner is a separate process, which receives grids
-through the public client.
+Within the package, only the commands import this folder. The planner of the walk is a separate process, which receives
+grids through the public client.
 """

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from guara_perception.app.demo.walk import DemoPause
 
 CELL_M, BEFORE_M, BEYOND_M, ASIDE_M = 0.005, 0.45, 0.55, 0.30
-# Height change per cell, from central differences, above which a rim is drawn [m]; a single step must be twice as high.
+# Height difference per cell above which a rim is drawn [m]. Central differences halve an isolated step, so it must be
+# twice as high.
 RIM_M = 0.005
 UNKNOWN, REFUSED, FREE = 0, 1, 2
 COLOURS = {"unknown": UNKNOWN_COLOUR, "refused": "#F2B79B", "free": FREE_COLOUR}

@@ -1,8 +1,9 @@
 """Planner of the demo, a separate process: reads requests from stdin and receives grids through the public client.
 
-Each request is a JSON line {step, leg, x, y, extent, is_course}. Each answer is a JSON line with the foothold and the
-swing chosen on the grid of that step, or with the reasons why no foothold was found. On a course, the planner fits the
-stride to the ground: the answer then also has the advance of the body, and has no swing if the foot stays.
+The first output line, {"ready": true}, reports that the planner is connected. Each request is a JSON line {step, leg,
+x, y, extent, is_course}. Each answer is a JSON line with the foothold and the swing chosen on the grid of that step, or
+with the reasons why no foothold was found. On a course, the planner fits the stride to the ground: the answer then
+always has a foothold and the advance of the body, and it has no swing if the foot stays.
 """
 
 from __future__ import annotations

@@ -88,7 +88,7 @@ def demo_walk(
         check: collector of the results.
         recording: MCAP file to write, or None.
         cycles: largest number of gait cycles; each advances 140 mm unless `is_course` is set.
-        seed: random seed of the simulated device and its noise.
+        seed: random seed of the simulated rangefinder, its noise and the noise of the walk.
         robot_name: name or folder of the robot.
         world: name of a world of the package, or a world file.
         is_course: True to fit strides to the ground; the walk then also ends beyond all features, or after two cycles

@@ -15,7 +15,7 @@ from kinematics import KinematicsError, Stance
 
 FORMAT = "guara-calibration-session/1"
 SESSION_FILE = "session.json"
-# Placeholder for the board of a session without board images; its values are not used.
+# Placeholder for the board of a session with neither board nor board images; its values are not used.
 NO_BOARD = BoardSpec(3, 3, 0.03)
 # Allowed heights of a plate above the soles [m].
 PLATE_HEIGHTS = (-0.5, 0.5)

@@ -15,7 +15,7 @@ from guara_perception.fields import Fields
 from guara_perception.files import existing_file, read_bounded, whole_file
 
 MODEL = "plumb_bob"
-# ROS's names of fields, with current and earlier names in OpenCV's files, in lower case and without underscores.
+# Field names of ROS, each with the current and earlier names in OpenCV files, in lower case without underscores.
 OPENCV_NAMES = {
     "camera_matrix": ("cameramatrix", "k", "m"),
     "distortion_coefficients": ("distortioncoefficients", "distcoeffs", "d"),

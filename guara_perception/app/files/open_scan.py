@@ -22,8 +22,8 @@ def open_scan(path: str | Path, step: int | None = None, *, missing_ok: bool = F
     Raises:
         MissingFile: the path does not exist, or a frame is missing from the folder and `missing_ok` is False.
         FileFormatError: the file or folder is not a valid scan.
-        InvalidInput: `path` is neither a folder nor an .mcap file, or contains no scan, no scan of this step, or scans
-            of several steps while `step` is None, or scans of this step in several walks.
+        InvalidInput: `path` is neither a folder nor an .mcap file, contains no scan or none of this step, contains
+            several steps while `step` is None, or contains the step in several walks.
     """
     scans = last_of_each_pause(open_scans(path, missing_ok=missing_ok))
     chosen = scans if step is None else [scan for scan in scans if scan.step == step]
@@ -42,7 +42,7 @@ def open_scan(path: str | Path, step: int | None = None, *, missing_ok: bool = F
 
 
 def last_of_each_pause(scans: Sequence[Scan]) -> list[Scan]:
-    """Drop each scan that is followed by another of its pause, which has the intermediate stripes added."""
+    """Keep the last of successive scans of one pause, such as the complete scan that follows a coarse one."""
     pauses = [(scan.epoch, scan.step) for scan in scans]
     return [scan for scan, pause, after in zip(scans, pauses, [*pauses, None][1:], strict=True) if pause != after]
 

@@ -64,8 +64,8 @@ def pair_pictures(pictures: Sequence[Path], off: str = "", number: int | None = 
             unambiguous.
 
     Raises:
-        InvalidInput: there is no laser-on image, `number` is out of range, the order is ambiguous, or images have no
-            partner.
+        InvalidInput: there is no laser-on image, the names have no or different counts of numbers, `number` is out of
+            range, the order is ambiguous, or images have no partner.
     """
     dark = [path for path in pictures if (fnmatch(path.name, off) if off else _is_off(path))]
     lit = [path for path in pictures if path not in dark]

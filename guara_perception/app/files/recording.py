@@ -102,7 +102,7 @@ def open_grid(path: str | Path, step: int | None = None, extent: str | None = No
         extent: "footprint" or "map"; None = the grid of the .npz file, or a footprint grid of the recording.
 
     Raises:
-        MissingFile, FileFormatError: the file does not exist, or is no valid .npz file or recording.
+        MissingFile, FileFormatError: the file does not exist, or is not a valid .npz file or recording.
         InvalidInput: the file contains no grid of this step and extent, or the extent is unknown.
         UnsafeGrid: a grid of the recording violates the safety invariant.
     """

@@ -80,7 +80,7 @@ class RecordingFiles:
         return self._folder / f"{self._stem}-{max(numbers) + 1}{SUFFIX}"
 
     def make_room(self) -> None:
-        """Remove the oldest finished files until the limit has room for two more files.
+        """Remove the oldest files, except those being written, until the limit has room for two more files.
 
         The second is a reserve, since a file exceeds its size by up to one pause.
 

@@ -75,16 +75,16 @@ def _read_grids(scans: Sequence[ScanRecord], grids: Iterable[TerrainMessage]) ->
     for grid in grids:
         of_step = [index for index, scan in enumerate(scans) if scan.step == grid.step]
         before = [index for index in of_step if scans[index].stamp <= grid.stamp]
-        # If the clock was set back, all scans of the step may have later stamps. Then all of them are withdrawn.
+        # If the clock was set back, all scans of the step may have later stamps. The grid is then assigned to all.
         last = before[-1:] or of_step
         while last and last[0] > 0 and scans[last[0] - 1].step == grid.step:
             last.insert(0, last[0] - 1)
-        # An earlier grid of another walk whose last pause has the same step remains valid for its scans.
+        # Keep the epoch from an earlier grid: `last` may also contain scans of a previous walk that ended at this step.
         walks = dict.fromkeys(last, grid.epoch) | walks
         if grid.withdrawn:
             withdrawn |= dict.fromkeys(last, "; ".join(grid.health_reasons) or "no reason is given")
     for index, (earlier, later) in enumerate(itertools.pairwise(scans)):
-        # A recording that was cut may lack the grid of the later scan of a pause.
+        # A truncated recording may lack the grid of the later scan of a pause.
         if index in walks and (earlier.step, earlier.stance) == (later.step, later.stance):
             walks.setdefault(index + 1, walks[index])
     return withdrawn, walks

@@ -1,4 +1,4 @@
-"""Image writer that raises OSError on failure, where `cv2.imwrite` prints a warning and returns False."""
+"""Image writer that raises OSError if the file cannot be written, where `cv2.imwrite` only returns False."""
 
 from __future__ import annotations
 

@@ -36,8 +36,8 @@ class Journal:
     file.
 
     Attributes:
-        claims: claims found in the files at the start, newest first; empty after a rejection, and from the pause after
-            the first confirmed one.
+        claims: claims found in the files at the start, newest first; empty once they are rejected, or once the first
+            confirmed pause is over and the next has begun.
     """
 
     def __init__(self, folder: Path, robot: RobotModel, seal: Seal) -> None:

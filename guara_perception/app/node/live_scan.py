@@ -56,8 +56,8 @@ def live_scan(
     A fired stripe whose frame was lost or shows another stripe is marked as bad: its ground counts as scanned without a
     return. The ground of a stripe that was not fired stays unscanned.
 
-    The camera's locked settings are read back before the first stripe, and the light is checked in the first frames.
-    The problems also name changed settings, and light that is clipped or too dark.
+    The camera's locked settings are read back before the first stripe, and the light is checked on the first stripes.
+    Changed settings and unsuitable light are added to the problems.
 
     Args:
         rangefinder: open devices.

@@ -58,7 +58,8 @@ SCAN_THREAD = "guara-scans"
 # [s] A scan thread that works this long without reaching the next stripe counts as hung. Drivers take up to 15 s to
 # give up on a disconnected camera.
 HANG_TIME_S = 30.0
-# Epoch of an unusable pause with a lower step than the last pause, from a gait without epochs: another walk has begun.
+# Epoch of a pause that cannot be scanned and has a lower step than the last pause, if the gait gives no epochs: another
+# walk has begun.
 UNKNOWN_WALK = "unknown"
 # Longest uninterrupted wait of the scan thread during a pause [s].
 LONGEST_WAIT_S = 3600.0

@@ -1,4 +1,4 @@
-"""Status items of the node: last scan, calibration, and the newest problem of each subsystem."""
+"""Status items of the node, such as last scan, calibration, drift and pause, and the newest problem per subsystem."""
 
 from __future__ import annotations
 
@@ -173,7 +173,7 @@ class NodeStatus:
 
 
 def pause_item(pause: Pause | None, is_scanned: bool, gait_clock: tuple[float, float] | None = None) -> StatusItem:
-    """Status item of the newest pause: state of the walk, and what the next grid requires.
+    """Status item of the newest pause: state of the robot, and what the next grid requires.
 
     Args:
         pause: the newest pause; None before the first.
