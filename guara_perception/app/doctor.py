@@ -32,7 +32,8 @@ CHECKS = ("usb", "board", "camera", "cameras", "zenoh", "calibration", "drift", 
 # Age above which a calibration is doubtful, since a mount may have been knocked [days]. The paper's rig was calibrated
 # before each session.
 CALIBRATION_AGE_DAYS = 30
-# [byte] Free disk space required, enough for ten recorded standard scans with frames of 640 x 512 px.
+# [byte] Free disk space below which a warning is given; it is enough for ten recorded standard scans with frames of
+# 640 x 512 px.
 DISK_BYTES = 1_000_000_000
 NO_FLOOR = (
     "scan again with more floor in view; if flat, empty floor fills the view, the calibration belongs to another "

@@ -156,7 +156,8 @@ def write_session(
         plates: scan folders, in the order of `plan.plates`.
 
     Raises:
-        InvalidInput, CalibrationMismatch: the parts do not belong together.
+        InvalidInput: the board is out of range, or a plate was scanned by another robot or in another stance.
+        CalibrationMismatch: the plates were scanned by several cameras.
         MissingFile, FileFormatError: an image or the scan of a plate cannot be read.
     """
     staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))

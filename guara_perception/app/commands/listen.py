@@ -57,7 +57,7 @@ def command(
     lists_robots: bool,
     as_json: bool,
 ) -> None:
-    """Print the newest usable grid of the node, then each later grid or withdrawal, one line each.
+    """Print the newest usable grid of the node, then newer grids and withdrawals as they arrive, one line each.
 
     With --all, print the running robots, each with pause, age of the last grid, health and links, and exit. Only
     liveliness and status are queried; no grids are transferred.

@@ -41,7 +41,7 @@ def command(
     """Compute the terrain grid of a recorded SCAN (folder or .mcap).
 
     Several methods can be given, separated by commas. With -o grid.npz, the grid of the first method is written to
-    grid.npz and the others to grid-METHOD.npz; the pictures of each method are written to a subfolder of its name.
+    grid.npz and the others to grid-METHOD.npz; the pictures of each method are written to a subfolder named after it.
 
     \b
     Example:

@@ -248,7 +248,10 @@ class PlannerProcess(AbstractContextManager["PlannerProcess"]):
         self._stdout.close()
 
     def _read(self, timeout: float) -> dict[str, Any]:
-        """Read the next answer. The planner writes one line for each request, and one when it is connected."""
+        """Read the next answer; kill the process if none arrives within `timeout` [s].
+
+        The planner writes one line for each request, and one when it is connected.
+        """
         if not select.select([self._stdout], [], [], timeout)[0]:
             self._process.kill()
             raise PlannerFailed(f"the planner process did not answer within {timeout:g} s")

@@ -31,9 +31,9 @@ def convert(
         `target`.
 
     Raises:
-        InvalidInput: the target exists, source and target are of the same kind, a recording contains no scan to
-            convert, or scans of several pauses (of `step`, if given), the parent folder of a target folder does not
-            exist, or a scan folder cannot represent the scan because its grid was withdrawn or it has a joint stream.
+        InvalidInput: the target exists, source and target are of the same kind, the recording has no scan of the pause
+            or several pauses to choose from (see `open_scan`), the parent folder of a target folder does not exist, or
+            a scan folder cannot represent the scan because its grid was withdrawn or it has a joint stream.
         MissingFile, FileFormatError: the source cannot be read.
         transport.RecordingError: the recording cannot be written.
     """

@@ -40,7 +40,7 @@ class JointWatch:
         if faults:
             values["joints"] = ", ".join(name for fault in faults for name in fault.joints)
         elif math.isnan(residual):
-            message = "not checked: fewer than three feet stayed on the ground since the last pause"
+            message = "not checked: first pause, or fewer than three feet stayed on the ground since the last one"
         else:
             message = "the joints of standing legs fit those of the last pause"
         level = Health.WARN if faults else Health.OK

@@ -296,7 +296,7 @@ class PerceptionNode:
         """End the pause and its scan, since the robot is no longer known to stand still.
 
         Args:
-            failure: failure of another thread that caused this call; unused.
+            failure: failure of a thread of this process that caused the call, or None; unused.
         """
         with self._changed:
             current = self._standing()
