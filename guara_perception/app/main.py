@@ -189,7 +189,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _warnings_as_lines() -> Iterator[None]:
-    """Print Python warnings in the format of this command's messages; those that differ only in numbers only once."""
+    """Print Python warnings in the format of this command; those that differ only in numbers are printed once."""
     shown: set[str] = set()
 
     def show(message: Warning | str, *details: Any, **named: Any) -> None:

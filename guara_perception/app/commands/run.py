@@ -45,7 +45,7 @@ JPEG_QUALITY = 90
     "--gait",
     type=click.Choice(["wave", "external"]),
     default="wave",
-    help="with --simulated: external = your own gait moves the robot by the stance pauses that it announces",
+    help="with --simulated: external = the robot is placed at the stance pauses that your own gait announces",
 )
 @click.option(
     "--world", default="demo", help="with --simulated: demo, sunlit, stones, or a world file (terrain, light)"

@@ -38,8 +38,8 @@ PAUSE_S = 4 * GRID_TIMEOUT_S
 FPS = 120.0
 # JPEG quality of recorded frames.
 JPEG_QUALITY = 85
-# Number of pauses that are recorded, at 6 MB each: the last two cycles. They are consecutive: after a skipped
-# cycle, odometry would see the same posture again and take the cycle for standing still.
+# Number of pauses that are recorded, 6 MB each: the last two cycles. They must be consecutive: after a gap of one
+# cycle, the posture is the same again, and odometry would assume that the robot stood still.
 RECORDED_PAUSES = 8
 PAUSES_PER_CYCLE = 4
 # Number of successive pauses without a swing after which the robot counts as stuck on its course: two cycles.

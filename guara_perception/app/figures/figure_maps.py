@@ -119,7 +119,7 @@ def draw_surface(path: Path, terrain: TerrainGrid, title: str) -> Path:
 def draw_hazards(path: Path, terrain: TerrainGrid, title: str) -> Path:
     """Draw traversability and hazards side by side; return the path of the file.
 
-    In the right plot, each cell has the colour of its first flag.
+    In the right plot, a cell with several flags has the colour of the first of them in `style.HAZARD_COLOURS`.
     """
     figure, ((score, hazards),) = new_figure(1, 2, size=(11.0, 4.0))
     traversability = np.where(np.isfinite(terrain.elevation), terrain.traversability, np.nan)

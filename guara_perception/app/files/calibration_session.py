@@ -74,7 +74,7 @@ def read_board(fields: Fields) -> BoardSpec:
     """Read the `board` object of `session.json`.
 
     Raises:
-        FileFormatError: a field is invalid.
+        FileFormatError: a field is missing or invalid.
     """
     columns, rows = fields.array("inner_corners", (2,))
     if columns != int(columns) or rows != int(rows):
