@@ -67,8 +67,8 @@ def command(
     """Record a calibration SESSION (exposure, board, floor, crosses, plates, in this order), and calibrate from it.
 
     A page in the browser shows the camera image and what to do. Run the same command again to continue an interrupted
-    session. With --redo, board, crosses, plates and stance stay as in the session, except those for which an option is
-    given; their other options then have the defaults.
+    session. With --redo, board, crosses, plates and stance stay as in the session. Options can change only the parts
+    that are recorded again; if one option of such a part is given, its others have their defaults.
 
     The results are SESSION/calibration.json and SESSION/devices.toml, for -c and --devices of other commands.
 

@@ -17,7 +17,7 @@ from guara_perception.scan import Scan
 @click.command(name="replay")
 @click.argument("scans", nargs=-1, required=True, metavar="SCAN...", type=FILE)
 @click.option("-c", "--calibration", type=FILE, help="calibration.json; default: that of the first scan")
-@click.option("--extent", default="footprint,map", help="grids to save or publish: footprint, map or both")
+@click.option("--extent", default="footprint,map", help="grids to save or publish: footprint, map or footprint,map")
 @click.option("-o", "--out", type=FILE, help="folder for a grid file of each pause and extent")
 @click.option("--publish", is_flag=True, help="publish over Zenoh like a node, with the current time as stamp")
 @click.option("--interval", type=click.FloatRange(0, 3600), default=1.0, help="wait between published scans [s]")
