@@ -19,7 +19,7 @@ class JointWatch:
         self._report, self._doubts = JointReport(math.nan), tuple[str, ...]()
 
     def doubts(self, pause: Pause) -> tuple[str, ...]:
-        """Faults of the joint readings of a pause, as sentences. A pause is tested once, even if it is scanned again.
+        """Faults of the joint readings of a pause, one text each. A pause is tested once, even if it is scanned again.
 
         Raises:
             kinematics.KinematicsError: the stance does not fit the robot.
