@@ -105,7 +105,7 @@ def choose_rig(
 
 
 def _refuse_assumed(robot: RobotModel) -> None:
-    """Reject a robot with assumed (not measured) soles, legs or limits.
+    """Reject a robot with assumed (not measured) values on which footholds depend.
 
     Raises:
         InvalidInput: a safety-related value is assumed.

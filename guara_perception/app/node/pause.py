@@ -159,14 +159,14 @@ class Pause:
             self.ended.set()
 
     def begin_again(self, stance: Stance, now: float, stamp: int) -> bool:
-        """Handle a second BEGIN; end the pause and return False if the robot moved and there is no stream."""
+        """Handle a second BEGIN; end the pause and return False as in `_add`."""
         if self._add(stance, now, stamp):
             return True
         self.broken = f"a second BEGIN of step {self.step} came with other joints: {self.broken}"
         return False
 
     def leave_stream(self) -> None:
-        """Ignore the stream from now on, so that the readings must show that the robot stood still."""
+        """Ignore the stream from now on: the readings must show that the robot stood still, or the pause ends."""
         # The stream is cleared first, because `_add` runs on another thread: a motion is then handled there or here.
         self.stream = None
         if self._motion:
@@ -191,7 +191,7 @@ class Pause:
         return max(self.planned_end - now, 0.0)
 
     def _add(self, stance: Stance, now: float, stamp: int) -> bool:
-        """Test a reading; end the pause and return False if the robot moved and there is no stream."""
+        """Test a reading. Without a stream, end the pause and return False if it shows motion or cannot be tested."""
         is_late = stamp < self.newest_stamp
         self.newest_stamp = max(self.newest_stamp, stamp)
         try:
