@@ -17,8 +17,8 @@ from kinematics.findings import Findings
 from kinematics.toml_table import Table
 
 MODES = ("coarse", "standard")
-# Largest allowed values of the limits: of all lengths [m], and of the other limits by name. A larger angle or length is
-# probably in degrees or millimetres.
+# Largest allowed length among the limits [m], and largest allowed value of each other limit. A larger length or angle
+# is probably in millimetres or degrees.
 LARGEST_LENGTH = 1.0
 LARGEST_LIMIT = {"slope": np.pi / 2, "confidence": 10.0}
 RobotLike: TypeAlias = RobotModel | str | Path

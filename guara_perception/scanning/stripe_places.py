@@ -20,7 +20,8 @@ NO_PLACE = (
     "time of the flash is unknown or uncertain"
 )
 # Largest displacement of the scanned ground relative to the camera, in any direction, between the flashes of two
-# neighbouring stripes that are joined. It is about the smallest spacing of stripes, so that they do not change places.
+# neighbouring stripes that are joined. It is about the smallest spacing of stripes, so that joined stripes keep their
+# order.
 MOST_BETWEEN_M = 0.006
 # Largest standard deviation, due to the body's poses, of the height difference between two stripes that are joined.
 MOST_SIGMA_M = 0.0015
@@ -59,7 +60,7 @@ class StripePlaces:
     def missing(self) -> str:
         """Description of a gap in the joint stream around the flashes, or of a stream that starts late or ends early.
 
-        Empty if the stream covers the flashes.
+        Empty if the stream covers all flashes, or if no flash is known.
         """
         if not self.flashes:
             return ""
@@ -98,7 +99,7 @@ class StripePlaces:
         if place is None:
             return None
         to_footprint = self._pose.transform_base_to_footprint @ place.transform_base_to_begin
-        # The covariance is along the axes of base_link, and is rotated to those of base_footprint.
+        # The covariance is given in the axes of base_link, and is rotated to those of base_footprint.
         turn = np.kron(np.eye(2), self._pose.transform_base_to_footprint[:3, :3])
         body = SelfFilter(place.state, transform_base_to_frame=to_footprint)
         return StripePlace(to_footprint @ self._camera_to_base, body, turn @ place.covariance @ turn.T)
@@ -120,7 +121,7 @@ def parted_pairs(places: Mapping[int, StripePlace], stride: int, ground: Float) 
 
 
 def _agree(one: StripePlace, other: StripePlace, ground: Float) -> bool:
-    # Displacement of the ground if the second stripe were computed with the camera pose of the first.
+    # Displacement of the ground if the first stripe were computed with the camera pose of the second.
     change = other.transform_camera_to_footprint @ inverse(one.transform_camera_to_footprint)
     moved = np.linalg.norm(transform_points(change, ground) - ground, axis=1).max()
     variance = one.height_variance(ground.T) + other.height_variance(ground.T)

@@ -17,7 +17,7 @@ SOURCES = 32
 SLOPED_COSINE = 0.97
 # Lower bound of the distance to a source, without which the light of a point source would be unbounded.
 NEAREST_M = 0.004
-# Bounced light below this level [grey levels] in the whole image is omitted. The rounding error of a pixel is larger.
+# Bounced light is omitted if it is below this level everywhere [grey levels]; the rounding error of a pixel is larger.
 FAINTEST = 0.2
 
 

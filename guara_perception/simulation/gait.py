@@ -59,7 +59,7 @@ class WaveGait:
         return self.lift_order[number % len(self.lift_order)]
 
     def landing(self, leg: str) -> tuple[float, float]:
-        """Landing (x, y) of a foot in base_link after the body's advance: half a cycle ahead of `hips` [m]."""
+        """Landing (x, y) of a foot in base_link after the body's advance: `cycle_length` / 2 ahead of `hips` [m]."""
         x, y = self.hips[leg]
         return x + self.cycle_length / 2, y
 

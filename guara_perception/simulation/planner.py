@@ -73,7 +73,7 @@ def plan_swing(
     previous: tuple[float, float] | None = None,
     robot: RobotModel | None = None,
 ) -> PlannedSwing | None:
-    """Choose the best foothold that an accepted swing reaches, and this swing.
+    """Choose the first foothold, in the order of search, to which a swing is accepted, and this swing.
 
     Args:
         terrain: newest grid, whose record must contain the stance of its pause; the swing begins at the standing sole.
@@ -104,7 +104,8 @@ def refusals(
 ) -> tuple[Reason, ...]:
     """Reasons why `plan_swing` found nothing.
 
-    They are those of the swing to the best foothold or, if there is no safe foothold, those of the nominal foothold.
+    They are those of the swing with the smallest clearance to the foothold of `plan_foothold` or, if there is none,
+    those of the nominal foothold.
     """
     foothold = plan_foothold(terrain, leg, wish, robot=robot)
     if foothold is None:

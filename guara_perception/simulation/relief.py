@@ -26,13 +26,13 @@ TEXTURE_CELL_M = 1.0 / TEXTURE_CELLS
 # Tolerances of the visibility test, for the error of the raster.
 IN_FRONT_M = 0.0025
 TANGENT_TOLERANCE = 0.001
-# Difference between the interpolated and the nearest tabulated distance above which a line of sight is at a depth edge.
+# Difference between the interpolated and the nearest tabulated distance that indicates a depth edge.
 EDGE_M = 0.001
 
 
 @dataclass(frozen=True, slots=True)
 class Relief:
-    """Raster a[iy, ix] of a world; outside it, the values of the outermost cells continue.
+    """Raster a[iy, ix] of a world; a point outside it has the values of the nearest cell.
 
     Attributes:
         origin: x and y of the corner of cell (0, 0) [m].

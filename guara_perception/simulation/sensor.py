@@ -16,7 +16,7 @@ POOL_SIZE = 1 << 22
 # Distance from the stripe beyond which the skirt of scattered light decreases as 1 / distance, and distance at which it
 # ends [px].
 SKIRT_FROM_PX, SKIRT_TO_PX = 8, 40
-# Number of columns over which the lens also spreads scattered light along the stripe.
+# Number of columns over which scattered light is averaged along the stripe.
 SKIRT_COLUMNS = 9
 # Standard deviation of the Gaussian decrease of a halo from the edge of the clipped core [px]; 8 % remain at 20 px.
 HALO_SIGMA_PX = 9.0

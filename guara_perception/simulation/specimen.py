@@ -11,7 +11,7 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import Settings
 from kinematics import RobotModel
 
-# Focal length relative to the sensor width, as of a 3.2 mm lens on a sensor about 3.5 mm wide. The scanned area is in
+# Ratio of focal length to sensor width, for example a 3.2 mm lens on a sensor about 3.5 mm wide. The scanned area is in
 # view with a margin of 3 % of the image or more on each side.
 FOCAL_LENGTH_OF_WIDTH = 0.921
 DISTORTION = (-0.23, 0.06, 0.0, 0.0, 0.0)
@@ -38,7 +38,7 @@ def specimen(
         mirror_step: step to which mirror angles are rounded [rad]; 0 = do not round.
 
     Raises:
-        InvalidInput: the image is smaller than 64 x 64 px.
+        InvalidInput: the image is less than 64 px wide or high.
         FileFormatError: the robot's perception settings are invalid.
     """
     width, height = size
@@ -93,7 +93,8 @@ def _laser_planes(robot: RobotModel, angles: Float, errors: Float) -> Float:
     """Planes (s, 4) in base_link of a horizontal laser, reflected by a mirror inclined by 45 degrees at angle 0."""
     position = robot.transform_laser_to_base[:3, 3] + POSITION_SIGMA_M * np.array([errors[0], 0, errors[1]])
     axis = rotation(ANGLE_SIGMA * 0.3 * np.array([errors[2], 0, errors[3]])) @ np.array([0.0, 1.0, 0.0])
-    # The incoming laser plane contains the axis up to a small tilt; at angle zero it is reflected straight down.
+    # The incoming laser plane is horizontal and contains the axis, except for the tilt of the axis. It is reflected
+    # straight down at angle zero.
     beam = rotation(ANGLE_SIGMA * 0.3 * np.array([0, 0, errors[4]])) @ np.array([0.0, 0.0, 1.0])
     planes = []
     for angle in angles:

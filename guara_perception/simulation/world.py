@@ -60,8 +60,7 @@ class World:
 
         Raises:
             InvalidInput: the area is empty or not finite, a feature is outside it, the undulation is not 0 ... 0.1 m,
-                the seed is negative,
-                or the material is unknown.
+                the seed is negative, or the material is unknown.
         """
         for name, (low, high) in (("x", self.x), ("y", self.y)):
             if not (np.isfinite([low, high]).all() and low < high):

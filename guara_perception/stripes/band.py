@@ -13,7 +13,7 @@ from guara_perception.arrays import Codes, Float, Float32, Image, Mask
 from guara_perception.stripes.kernel.library import Picture, addresses, kernel
 from kinematics.arrays import FrozenArrays
 
-# A band is tested for blank and white frames on every eighth row, and on 40 to 79 columns of a wide image.
+# Spacing of the rows, and minimum number of columns, that are sampled to detect blank and white frames.
 CHECKED_ROWS, CHECKED_COLUMNS = 8, 40
 # Fraction of full scale from which a pixel counts as clipped. JPEG and demosaicing make clipped pixels slightly darker.
 CLIPPED = 0.98
@@ -132,7 +132,7 @@ def is_raw_bayer(on: Image, off: Image | None) -> bool:
         return _agree(_of_sums(_sums(on)), LEAST_AMBIENT_CONTRAST)
     dark = _sums(off)
     light = _sums(on) - dark
-    # Rows without red pixels hardly respond to the laser, so the laser light is tested only where it exceeds the noise.
+    # Rows without red pixels hardly respond to the laser, so small differences are treated as noise.
     apart = np.abs(light[..., 0] - light[..., 1]) / (on.shape[0] / 2 * on.shape[1] / QUARTERS)
     laser = np.where(apart > LEAST_LASER_LEVEL, _of_sums(light), 0.0)
     return _agree(laser, LEAST_LASER_CONTRAST) or _agree(_of_sums(dark), LEAST_AMBIENT_CONTRAST)

@@ -9,12 +9,12 @@ from guara_perception.stripes.kernel.library import address, kernel
 
 
 def upper_median(values: Array) -> float:
-    """Upper median of one or more values without NaN, as float32."""
+    """Upper median of one or more values without NaN, rounded to float32."""
     return select(values, values.size // 2)
 
 
 def select(values: Array, rank: int) -> float:
-    """Value of a given rank among values without NaN, as float32; the lowest value has rank 0.
+    """Value of a given rank among values without NaN, rounded to float32; the lowest value has rank 0.
 
     Raises:
         IndexError: there is no value of this rank.

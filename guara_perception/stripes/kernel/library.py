@@ -1,4 +1,4 @@
-"""Compiled kernel, loaded once as a shared library for this processor, and images and memory passed to it."""
+"""Compiled kernel as a shared library for this processor, and the images and memory passed to it."""
 
 from __future__ import annotations
 

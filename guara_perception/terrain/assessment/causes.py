@@ -20,7 +20,7 @@ CELLS_TOGETHER = 256
 LINES_TOGETHER = 256
 # Value of a cell that is not computed yet.
 NOT_ASKED = -2
-# Lowest height assumed for ground that light reaches beside an obstacle [m].
+# Lowest assumed height of the ground that light may reach after it has crossed other rows of the grid [m].
 DEEPEST_M = -0.2
 # Largest distance, in addition to half a cell, at which the outermost stripe counts as meeting the last known cell of a
 # row [m]. It allows for the slope of the ground within the cell, and for samples cut off at the end of a stripe.

@@ -38,7 +38,7 @@ class CellSamples:
     high: Float32
 
     def columns(self, geometry: GridGeometry) -> slice:
-        """Range of grid columns that contains all samples."""
+        """Range of grid columns that contains all samples on the grid."""
         if not self.cell.size:
             return slice(0, 0)
         first, last = (int(cell) // (geometry.shape[0] + 2) - 1 for cell in (self.cell[0], self.cell[-1]))

@@ -67,7 +67,7 @@ def plot(
         axes: matplotlib axes; None = new ones that a notebook or `plt.show()` shows.
 
     Raises:
-        InvalidInput: there is no such layer, a foothold lacks x and y, or a region lacks vertices.
+        InvalidInput: there is no such layer, a foothold lacks x and y, or a region has fewer than three vertices.
         MissingExtra: matplotlib is not installed.
     """
     if not isinstance(layer, str) or layer not in LAYER_NAMES:

@@ -27,8 +27,8 @@ Sole: TypeAlias = Float
 Run: TypeAlias = tuple[int, int, int]
 LIMITS = TraversabilityLimits.__slots__
 R = TypeVar("R", bound="GridRecord")
-# Fields in the order of the JSON object. A map copies POSE, except the name of the robot, from its scan; STATED is set
-# when a grid is sent or received.
+# Fields in the order of the JSON object. A map copies POSE, except the name of the robot, from its scan. STATED is set
+# when a grid is recorded, sent or received.
 POSE = (
     *("robot", "robot_description", "mode", "method", "calibration_hash", "calibration_verdict", "stance"),
     *("attitude_source", "attitude_sigma", "support_feet_used", "support_soles", "transform_base_to_footprint"),
@@ -389,7 +389,8 @@ class ScanRecord(GridRecord):
         frames_bad: reason why the frame was not used, by stripe index.
         off_pictures_unused: mismatch of the laser-on and laser-off images, by stripe index. After a change of the
             ambient light, the laser-off image may have been used all the same.
-        points, points_used: number of image columns by status, and number of those used.
+        points, points_used: number of image columns by status, and number of columns, or of given points or pixels,
+            that were used.
         coverage_regions: coverage of each ninth of the area, by names such as "far left".
         seconds: computing time by stage [s].
         lost_cells: unscanned or occluded cells that lost frames may have shown, as runs (ix, first iy, end iy), end

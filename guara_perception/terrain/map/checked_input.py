@@ -28,8 +28,8 @@ def check_scan(terrain: TerrainGrid, resolution: float, last_step: int | None) -
         last_step: step of the last fused scan, None before the first.
 
     Raises:
-        InvalidInput: the grid is not a single scan or has another cell size, is in the compact encoding, its rounding
-            cannot be read, or its step is not greater than `last_step`.
+        InvalidInput: the grid is not a single scan, has another cell size, or is in the compact encoding; or its
+            rounding cannot be read, or its step is not greater than `last_step`.
     """
     if terrain.extent != "footprint":
         raise InvalidInput(f"a grid of extent {terrain.extent!r} cannot be fused; allowed: 'footprint' (a scan)")

@@ -20,7 +20,7 @@ LOOKED_AT = np.uint16(Hazard.DROPOUT | Hazard.AMBIGUOUS | Hazard.OUT_OF_RANGE)
 
 @dataclass(frozen=True, slots=True)
 class OdometryDrift:
-    """Variances of the drift since the start that remains after the corrections of leg odometry by the map.
+    """Variances of the drift accumulated since the start, after the map's corrections of leg odometry.
 
     Attributes:
         rise: variance of z [m^2].

@@ -100,8 +100,8 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     at_x, at_y = x[is_seen], y[is_seen]
     # The nearest cell is up to half a cell away, and the ground within a cell has relief.
     moved = (steepness * resolution**2 + relief**2) / 12
-    # The variance due to the stance pose is subtracted, because odometry accounts for it. Grids of earlier versions do
-    # not contain it.
+    # The variance due to the stance pose is subtracted, because odometry accounts for it. In grids of earlier versions,
+    # `variance` does not contain it.
     variance = np.maximum(layers["variance"] - pose_variance(terrain, at_x, at_y), layers["variance_local"])
     variance += tilt[0, 0] * at_y**2 + tilt[1, 1] * at_x**2 - 2 * tilt[0, 1] * at_x * at_y
     variance += LOOK_SIGMA_M**2 + moved

@@ -60,7 +60,7 @@ class KnownGround:
 def fuse_known_ground(cells: OdomCells, ground: KnownGround, now: MapPause, step: int) -> dict[str, Any]:
     """Fill unobserved cells in a declared patch; return the patch's entry for the map's record.
 
-    A cell is in the patch if its centre and its corners are.
+    A cell is in the patch if its centre is inside the outline and no edge of the outline crosses the cell.
     """
     transform, half = now.transform_footprint_to_odom, cells.resolution / 2 - SHRUNK_M
     outline = ground.outline @ transform[:2, :2].T + transform[:2, 3]

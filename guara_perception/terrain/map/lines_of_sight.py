@@ -17,7 +17,7 @@ from guara_perception.terrain.map.fuse_heights import MapPause
 from kinematics import RobotModel
 from kinematics.transforms import transform_points
 
-# Height above the soles above which a bound is useless for a swing; rays are not traced higher.
+# Largest height of a ray above the soles at which its bound is useful for a swing; rays are not traced higher.
 HIGHEST_M = 0.14
 # Margin around the scanned area in which ground below rays is bounded too.
 BESIDE_CELLS = 20
@@ -25,9 +25,10 @@ BESIDE_CELLS = 20
 AROUND_CELLS = 1
 # Largest drift at which a bound is still used.
 FARTHEST_DRIFT_CELLS = 10
-# Sideways components of a ray, relative to a ray from the mirror. The light may diverge from the mirror, from a line
-# lens before it along the beam, or from farther away; a bound must hold in all cases. Rays of two successive values
-# that pass over the same cell come from ground points 15 mm apart or less; neighbours of these points count too.
+# Sideways components of rays, as fractions of that of a ray from the mirror. The light may diverge from the mirror,
+# from a line lens before it along the beam, or from farther away; a bound must hold in all cases. If rays of two
+# successive values pass over the same cell, their ground points are at most 15 mm apart; the neighbours of these points
+# count too.
 SIDEWAYS_SHARES = tuple(number / 7 for number in range(8))
 # Value of a cell without a bound [m].
 NONE = np.float32(9.0)
