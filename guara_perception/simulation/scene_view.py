@@ -43,7 +43,8 @@ class SceneView:
         origin: (3,) position in the world at which the laser leaves the mirror [m].
         normals: (h, w, 3) float32, unit normals of the surface.
         reflectance: (h, w) float32, share of red light scattered towards the camera, reduced by vignetting.
-        laser_gain: (h, w) float32, red level of the point in the centre of a stripe; 0 in shadow or beside the fan.
+        laser_gain: (h, w) float32, red level of each point if it is at the centre of a stripe; 0 in shadow or beside
+            the fan.
         ambient: (h, w, 3) float32, BGR grey levels without laser light at nominal exposure.
         is_body: (h, w) bool, pixels that show the robot itself.
     """

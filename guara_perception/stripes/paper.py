@@ -36,7 +36,7 @@ UPPER_QUARTILE = 0.674
 NAN = np.float32(np.nan)
 # Assumed standard deviation of a skeleton's position.
 SIGMA_PX = 0.5
-# Largest extent of the skeleton of one line in a column; a larger extent belongs to two lines.
+# Largest extent of the skeleton of one line in a column. A larger extent indicates two lines.
 MOST_EXTENT_PX = 4
 # Largest difference between the rows of a line in the two skeletons, from the image and from its flipped copy.
 MOST_DIFFERENCE_PX = 1

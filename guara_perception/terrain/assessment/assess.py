@@ -20,7 +20,8 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
 # Minimum score of a safe cell, because 0 is reserved for hazards and unknown cells.
 LEAST_SAFE_SCORE = 0.01
-# Number of cells of a block of rows that fits the cache. All tests are local, so blocks do not change the result.
+# Number of cells in a block of rows, chosen to fit the processor's cache. All tests are local, so the blocks do not
+# change the result.
 BLOCK_CELLS = 60_000
 # Minimum height of a block in multiples of its margin; rows of the margin are assessed twice.
 LEAST_MARGINS = 6
@@ -44,7 +45,7 @@ def assess_layers(
     never makes another cell safe.
 
     Args:
-        raster: heights, variances not shared by neighbours, lowest and highest samples.
+        raster: heights, local variances (the part that neighbouring cells do not share), lowest and highest samples.
         hazard: (ny, nx) uint16 initial flags: causes of unknown cells, and flags such as SOFT, CONFLICT and STALE.
         resolution: cell edge [m].
         limits: traversability limits.

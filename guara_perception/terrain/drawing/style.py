@@ -1,4 +1,4 @@
-"""Style of all figures: colour-blind-safe colours, sizes, orientation (x up, y left), files.
+"""Style of all figures (colour-blind-safe colours, sizes, x up and y left), and writing of figures to files.
 
 Figures of `new_figure` need neither pyplot nor a display.
 """

@@ -112,7 +112,7 @@ def check_safe(elevation: Float32, hazard: Flags, traversability: Float32) -> No
     _reject(np.isinf(elevation), "elevation is infinite")
     _reject(np.isnan(elevation) != unknown, "elevation is NaN without an unknown flag, or known with one")
     _reject(~((traversability >= 0) & (traversability <= 1)), "traversability is outside 0 ... 1")
-    # This rule makes `occupancy_values` with `unknown` = 100 less than 100 exactly where hazard is 0.
+    # Occupancy needs no rule: `occupancy_values` with `unknown` = 100 is less than 100 exactly where hazard is 0.
     mismatch = (hazard == 0) != (traversability > 0)
     _reject(mismatch, "a cell is traversable with a hazard, or not traversable without one")
     # All cells in the test windows of a safe cell must be known. The size of the windows is not known here, so only

@@ -191,7 +191,7 @@ class GridRecord(FrozenArrays):
 
     Attributes:
         robot, robot_description: name of the robot, and its files packed by `kinematics.describe_robot`.
-        mode, method: pattern of the scan, and method of stripe extraction.
+        mode, method: pattern of the scan, and method of stripe extraction or other source of the heights.
         calibration_hash, calibration_verdict: identity of the calibration, and its verdict.
         stance, attitude_source, support_feet_used: stance of the robot, source of its attitude, and feet from which its
             pose was computed.
