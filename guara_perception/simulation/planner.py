@@ -104,8 +104,8 @@ def refusals(
 ) -> tuple[Reason, ...]:
     """Reasons why `plan_swing` found nothing.
 
-    They are those of the swing with the smallest clearance to the foothold of `plan_foothold` or, if there is none,
-    those of the nominal foothold.
+    They are those of a swing, tried with the smallest clearance, to the foothold of `plan_foothold`. If there is none,
+    they are those of the nominal foothold.
     """
     foothold = plan_foothold(terrain, leg, wish, robot=robot)
     if foothold is None:
