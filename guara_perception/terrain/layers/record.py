@@ -186,8 +186,8 @@ def limits_to_dict(limits: TraversabilityLimits) -> dict[str, float]:
 class GridRecord(FrozenArrays):
     """Fields common to the records of scans and maps; an absent value is None.
 
-    `to_json` returns the fields listed in docs/files.md. For a record read by `from_json`, it returns all fields that
-    were read, including unknown ones.
+    `to_json` returns the fields that have a value, and `extra`; docs/files.md lists the fields of a scan. For a record
+    read by `from_json`, it returns all fields that were read, including unknown ones.
 
     Attributes:
         robot, robot_description: name of the robot, and its files packed by `kinematics.describe_robot`.
@@ -196,8 +196,8 @@ class GridRecord(FrozenArrays):
         stance, attitude_source, support_feet_used: stance of the robot, source of its attitude, and feet from which its
             pose was computed.
         attitude_sigma: standard deviation of the vertical relative to gravity, per axis [rad].
-        support_soles: (4, 3) array of each sole by leg: centre [m], then the rows of its covariance [m^2], in
-            base_footprint.
+        support_soles: (4, 3) array of each supporting sole by leg, in base_footprint: centre [m], then the rows of its
+            covariance [m^2].
         transform_base_to_footprint, transform_camera_to_base: (4, 4) pose of the body and mount of the camera.
         pose_covariance: (6, 6) covariance of the pose in base_footprint.
         limits: traversability limits of the assessment.
