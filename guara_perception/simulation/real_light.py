@@ -17,8 +17,8 @@ PLAIN = Light()
 WIDEST_SIGMA_M = 0.0045  # 12 px wide at half its height
 STRONGEST_SKIRT = 0.12
 STRONGEST_HALO = 150.0
-# Factors of the laser light for "halo" and "clipping": without the halo, the clipped cores on soil are about 1 px and
-# 2 px wide.
+# Factors of the laser light for "halo" and "clipping": without the halo, the clipped cores on soil are up to about 1 px
+# and 3 px wide.
 LEAST_CLIPPED, MOST_CLIPPED = 3.0, 8.0
 MOST_LEAKAGE = (0.25, 0.52, 1.0)
 # Factor of the ambient light. Most red levels of soil are then 170 to 310 before clipping at 255, and brighter surfaces

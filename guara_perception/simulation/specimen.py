@@ -11,8 +11,8 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import Settings
 from kinematics import RobotModel
 
-# Ratio of focal length to sensor width, for example a 3.2 mm lens on a sensor about 3.5 mm wide. The scanned area is in
-# view with a margin of 3 % of the image or more on each side.
+# Ratio of focal length to sensor width, for example a 3.2 mm lens on a sensor about 3.5 mm wide. Without assembly
+# errors, the scanned area is in view with a margin of about 3 % of the image or more on each side.
 FOCAL_LENGTH_OF_WIDTH = 0.921
 DISTORTION = (-0.23, 0.06, 0.0, 0.0, 0.0)
 # Errors that remain after careful assembly (one sigma). Two sigma are about a degree, 3 mm, 1 % of the focal length,
