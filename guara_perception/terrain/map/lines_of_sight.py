@@ -27,8 +27,8 @@ AROUND_CELLS = 1
 FARTHEST_DRIFT_CELLS = 10
 # Sideways components of rays, as fractions of that of a ray from the mirror. The light may diverge from the mirror,
 # from a line lens before it along the beam, or from farther away; a bound must hold in all cases. If rays of two
-# successive values pass over the same cell, their ground points are at most 15 mm apart; the neighbours of these points
-# count too.
+# successive values from level ground pass over the same cell, their ground points are at most about 15 mm apart; the
+# neighbours of these points count too.
 SIDEWAYS_SHARES = tuple(number / 7 for number in range(8))
 # Value of a cell without a bound [m].
 NONE = np.float32(9.0)
