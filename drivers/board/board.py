@@ -183,7 +183,9 @@ class Board(ABC):
         deadline = timing.monotonic() + patience
         while (status := self.status()).moving:
             if timing.monotonic() > deadline:
-                raise MirrorTimeout(f"the mirror did not come to rest within {patience:g} s: check motor and mechanics")
+                raise MirrorTimeout(
+                    f"the mirror did not come to rest within {patience:g} s: check the motor and the mirror mechanism"
+                )
             timing.sleep(POLL_PERIOD)
         return status, timing.monotonic()
 

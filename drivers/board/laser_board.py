@@ -103,7 +103,9 @@ class LaserBoard(BoardSession):
         self._begin_motion(self.command(Request.HOME))
         status = self.wait_until_still(self.config.home_timeout)
         if BoardFault.HOME_NOT_FOUND in status.faults or not status.homed:
-            raise HomeNotFound("the mirror found no home switch over its whole travel: check switch and cable")
+            raise HomeNotFound(
+                "the home switch was not found over the whole travel of the mirror: check the switch and its cable"
+            )
         return status.home_error
 
     def go_to_step(self, step: int, *, wait: bool = True) -> float:
@@ -138,9 +140,9 @@ class LaserBoard(BoardSession):
     def still_since(self, timeout: float | None = None) -> tuple[BoardStatus, float]:
         """Wait as `wait_until_still` does; return the status, and a host time at which the mirror was at rest [s].
 
-        Returns immediately if the motion has ended, because the queued report contains the time of its end. The clocks
-        of board and host need not be synchronised: the reply to the motion command contained the board's time and
-        arrived at a known host time.
+        If the motion has already ended, this returns immediately: the board queued a report at its end, with the time.
+        The clocks of board and host need not be synchronised: the reply to the motion command contained the board's
+        time and arrived at a known host time.
 
         Args:
             timeout: longest wait [s]; None = that of the configuration.
@@ -153,7 +155,9 @@ class LaserBoard(BoardSession):
         status = None if self._moving else self.status()
         while status is None or status.moving or status.motion != self._motion:
             if timing.monotonic() > deadline:
-                raise MirrorTimeout(f"the mirror did not come to rest within {patience:g} s: check motor and mechanics")
+                raise MirrorTimeout(
+                    f"the mirror did not come to rest within {patience:g} s: check the motor and the mirror mechanism"
+                )
             record = self.read_record(REPORT_SLICE)
             status = record if isinstance(record, BoardStatus) else self.status()
         self._moving = False

@@ -254,9 +254,9 @@ def _problems(worker: ScanWorker | SweepWorker, verdicts: tuple[tuple[int, Strip
         problems.append("the first stripe is dark and the second is not: frames may lag behind the commands")
     counted = {
         "times that the board refused to switch the laser on because of a fault: {}": worker.switch.interruptions,
-        "{} off frames did not arrive": worker.off_frames_lost,
-        "{} frames were dropped on their way from the camera": worker.grabber.dropped,
-        "{} frames arrived twice": worker.grabber.repeated,
+        "off frames that did not arrive: {}": worker.off_frames_lost,
+        "frames dropped on their way from the camera: {}": worker.grabber.dropped,
+        "frames that arrived twice: {}": worker.grabber.repeated,
     }
     problems += [text.format(count) for text, count in counted.items() if count]
     if worker.failure is not None:

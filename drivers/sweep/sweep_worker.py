@@ -114,7 +114,7 @@ class SweepWorker(StripeWorker):
         for attempt in range(1 + self._sweep_options.repeats):
             if attempt:
                 logger.warning("repeating %d stripes whose frames could not be verified", len(missing))
-                self.notes.append(f"{len(missing)} stripes were repeated")
+                self.notes.append(f"stripes repeated: {len(missing)}")
                 if self._off is not None:
                     sweeps.set_off_frames(OffFrames.NONE)
             missing = self._take_sweep(sweeps, missing, SWEEP_STRIPES if attempt else 0)

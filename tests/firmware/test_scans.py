@@ -66,7 +66,7 @@ def test_the_board_sweeps_by_itself(board: LaserBoard, bus: ChipBus, wired: bool
         taken = list(stripes)
     assert sorted(stripe.index for stripe in taken) == [index for index, _ in FIRING_ORDER]
     assert stripes.report.in_step and not stripes.report.problems
-    assert "2 stripes were repeated" in stripes.report.notes
+    assert "stripes repeated: 2" in stripes.report.notes
     assert not bus.chip.world.lit and bus.chip.host.wrong_toggles == 0
 
 

@@ -185,7 +185,7 @@ def test_lost_steps_show_at_home(board: LaserBoard, emulated: BenchBoard) -> Non
 def test_missing_home_switch_is_reported(board: LaserBoard, emulated: BenchBoard) -> None:
     """A switch that is never met ends in an error, and the mirror counts as not homed."""
     emulated.inject(Fault(FaultKind.NO_HOME_SWITCH))
-    with pytest.raises(HomeNotFound, match="found no home switch"):
+    with pytest.raises(HomeNotFound, match="the home switch was not found"):
         board.home()
     assert not board.status().homed
 

@@ -217,7 +217,7 @@ def test_lost_off_frame_is_reported(
     stream = acquire(quick_board, camera, FIRING_ORDER, AcquireOptions(off=off, frame_timeout=0.1))
     with stream as stripes:
         taken = list(stripes)
-    assert lost and any("1 off frames did not arrive" in problem for problem in stripes.report.problems)
+    assert lost and any("off frames that did not arrive: 1" in problem for problem in stripes.report.problems)
     without = [stripe.index for stripe in taken if stripe.off is None]
     assert without == (list(range(12)) if off is OffFrames.ONE else [2])
     assert all(stripe.verdict.in_step for stripe in taken)

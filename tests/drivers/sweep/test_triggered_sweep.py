@@ -159,7 +159,7 @@ def test_a_stripe_whose_frame_is_lost_is_taken_again(rig: Rig, board: LaserBoard
     rig.camera.dropped = frozenset({4, 33})
     stripes, report = rig.scan(board)
     assert len(stripes) == STRIPES and not wrong(rig, stripes)
-    assert "2 stripes were repeated" in report.notes
+    assert "stripes repeated: 2" in report.notes
 
 
 def test_stripes_taken_again_do_not_wait(rig: Rig, board: LaserBoard) -> None:
@@ -168,7 +168,7 @@ def test_stripes_taken_again_do_not_wait(rig: Rig, board: LaserBoard) -> None:
     rig.camera.dropped = frozenset(range(41, 46))
     stripes, report = rig.scan(board)
     assert len(stripes) == STRIPES and not wrong(rig, stripes)
-    assert "5 stripes were repeated" in report.notes
+    assert "stripes repeated: 5" in report.notes
     gaps = np.diff(rig.emulated.triggers())
     assert gaps.size == STRIPES + 5 and gaps[-4:].max() < 1.05 * np.median(gaps)
 
