@@ -103,7 +103,7 @@ def _load(folder: Path, texts: Mapping[str, str]) -> RobotModel:
     sources = texts["toml"], texts["srdf"]
     robot = RobotModel(folder, tree, postures, settings, sources, (*tree.urdf.notes, *toml.notes))
     if robot.notes:
-        warnings.warn(RobotFileWarning(f"{folder}: not used: {'; '.join(robot.notes)}"), stacklevel=3)
+        warnings.warn(RobotFileWarning(f"{folder}: not used or not checked: {'; '.join(robot.notes)}"), stacklevel=3)
     for doubt in robot.doubts:
         warnings.warn(RobotFileWarning(f"{folder / 'robot.toml'}: {doubt}"), stacklevel=3)
     return robot

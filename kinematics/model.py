@@ -93,7 +93,7 @@ class RobotModel:
         """Joint name -> position [rad] of a named posture.
 
         Raises:
-            UnknownName: no such posture; the message lists them.
+            UnknownName: no such posture; the message lists the known ones.
         """
         return dict(named("posture", name, self._postures).joint_positions)
 
@@ -129,7 +129,9 @@ class RobotModel:
         find_unloaded: bool = True,
         noise: StanceNoise | None = None,
     ) -> StancePose:
-        """Pose of the body at a pause; arguments as in `kinematics.stance_pose`, `noise` None = that of the robot.
+        """Pose of the body at a pause.
+
+        Other arguments are as in `kinematics.stance_pose`; `noise` defaults to that of the robot.
 
         Raises:
             UnknownName, JointPositionError: as in `state`, or a leg that the robot does not have.
@@ -164,12 +166,13 @@ class RobotModel:
 
         Raises:
             UnknownName: no such leg.
-            ArgumentError: the leg has no closed form; see `kinematics.leg`.
+            ArgumentError: the leg has no closed-form kinematics; see `kinematics.leg`.
         """
         solver = leg_kinematics(self.tree, leg)
         if isinstance(solver, NumericLeg):
             raise ArgumentError(
-                f"leg {leg!r} of {self.name!r} has no closed form; it needs hip roll and two or three pitch joints"
+                f"leg {leg!r} of {self.name!r} has no closed-form kinematics, which require hip roll, two or three "
+                "pitch joints and the geometry described in kinematics.leg"
             )
         return solver.shanks_in_base(joint_positions)
 

@@ -171,7 +171,7 @@ class _Reader:
         is_possible = principal[0] > 0.0 and principal[0] + principal[1] >= principal[2] * (1.0 - TRIANGLE_TOLERANCE)
         if not is_possible:
             if mass > 0.0 and np.any(principal != 0.0):
-                self.findings.unused("<inertia> that is physically impossible")
+                self.findings.unused("<inertia> that is malformed or physically impossible")
             return np.zeros((3, 3))
         return np.asarray(transform[:3, :3] @ tensor @ transform[:3, :3].T)
 

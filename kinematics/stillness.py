@@ -229,10 +229,11 @@ class Stillness:
         if self._feet is None or (seen := self._power(window, WITH_HOLD, scales) >= POWER)[0]:
             return ""
         scale = scales[np.argmax(seen)] if seen.any() else scales[-1]
+        least = "only" if seen.any() else "not even"
         more = "send HOLD more often" if self._count > 2 else "send HOLD"
         return (
             f"joints too noisy ({math.degrees(math.sqrt(self._variance)):.3f} degrees per reading) to detect 1 mm or "
-            f"0.1 degrees in this pause, only {scale:.1f} mm or {0.1 * scale:.2f} degrees: {more}"
+            f"0.1 degrees in this pause, {least} {scale:.1f} mm or {0.1 * scale:.2f} degrees: {more}"
         )
 
     @property

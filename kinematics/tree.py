@@ -94,7 +94,7 @@ class KinematicTree:
         """Pinocchio's index of a link's frame.
 
         Raises:
-            UnknownName: the robot has no such frame; the message lists them.
+            UnknownName: the robot has no such frame; the message lists the known ones.
         """
         return named("frame", frame, self._frame_ids)
 
@@ -102,7 +102,7 @@ class KinematicTree:
         """Configuration of a leg.
 
         Raises:
-            UnknownName: the robot has no such leg; the message lists them.
+            UnknownName: the robot has no such leg; the message lists the known ones.
         """
         return named("leg", leg, self.legs)
 
@@ -110,7 +110,7 @@ class KinematicTree:
         """Index of a joint in `joint_names`.
 
         Raises:
-            UnknownName: the robot has no such joint; the message lists them.
+            UnknownName: the robot has no such joint; the message lists the known ones.
         """
         return named("joint", joint, self._columns)
 
@@ -212,7 +212,7 @@ class RobotState:
         """`transform_<frame>_to_base`, (4, 4), read-only.
 
         Raises:
-            UnknownName: the robot has no such frame; the message lists them.
+            UnknownName: the robot has no such frame; the message lists the known ones.
         """
         # `homogeneous` is a copy: the placement itself is a live view of Pinocchio's data.
         return read_only(self._data.oMf[self.tree.frame_id(frame)].homogeneous)
@@ -243,7 +243,7 @@ class RobotState:
         Rows are along the axes of `base_link`, columns in the order of `tree.joint_names`.
 
         Raises:
-            UnknownName: the robot has no such frame; the message lists them.
+            UnknownName: the robot has no such frame; the message lists the known ones.
         """
         import pinocchio
 
@@ -354,8 +354,9 @@ def beyond_limits(tree: KinematicTree, positions: Float) -> dict[str, float]:
     for index in np.flatnonzero((positions < lower - LIMIT_TOLERANCE) | (positions > upper + LIMIT_TOLERANCE)):
         name, value = tree.joint_names[index], positions[index]
         beyond[name] = float(max(lower[index] - value, value - upper[index]))
+        unit = "m" if any(joint.name == name and joint.kind == "prismatic" for joint in tree.urdf.joints) else "rad"
         complaints.append(
-            f"joint {name} is at {value:.4f} rad, {beyond[name]:.4f} rad beyond its limits "
+            f"joint {name} is at {value:.4f} {unit}, {beyond[name]:.4f} {unit} beyond its limits "
             f"{lower[index]:g} ... {upper[index]:g}"
         )
     if complaints:

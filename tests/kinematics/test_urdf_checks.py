@@ -145,8 +145,8 @@ def test_fault_is_refused_by_name(fault: str, broken_folder: Callable[..., Path]
 
 NOT_USED = {
     "zero mass": ('<mass value="0.45"/>', '<mass value="0"/>', None),
-    "inertia of no body": ('iyy="0.453125"', 'iyy="0.95"', "<inertia> that is physically impossible"),
-    "negative inertia": ('ixx="0.203125"', 'ixx="-0.2"', "<inertia> that is physically impossible"),
+    "inertia of no body": ('iyy="0.453125"', 'iyy="0.95"', "<inertia> that is malformed or physically impossible"),
+    "negative inertia": ('ixx="0.203125"', 'ixx="-0.2"', "<inertia> that is malformed or physically impossible"),
     "inertia missing": (
         '<inertia ixx="0.203125" ixy="0" ixz="0" iyy="0.453125" iyz="0" izz="0.65"/>',
         "",
