@@ -55,7 +55,7 @@ class GridPublishers:
         }
         self._occupancy = latched(occupancy_key(robot), cdr(OCCUPANCY), SMALL)
         self._grid_map = latched(grid_map_key(robot), cdr(GRID_MAP), LARGEST)
-        # Not latched, because routers may drop summaries on purpose, and readers must not fetch those.
+        # Not latched: routers may drop summaries on purpose, and readers of a latched key would fetch the dropped ones.
         self._summary = Publisher(session, summary_key(robot), latched=False, encoding=cdr(SUMMARY))
         self._regions = latched(regions_key(robot), cdr(REGIONS), SMALL)
 

@@ -160,7 +160,7 @@ def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = ()) ->
         The folder of the robot, which contains the folders of its roles.
 
     Raises:
-        SecurityError: the name is too long, reserved, taken or was revoked, or the folder lacks its CA or cannot be
+        SecurityError: the name is too long, reserved, taken or revoked, or the folder lacks its CA or cannot be
             read or written.
         KeyNameError: the name cannot be part of a key.
     """
@@ -178,7 +178,7 @@ def check_free(members: Members, name: str, member: Path) -> None:
         SecurityError: the name is not free.
     """
     if member.exists() or name in RESERVED or name in members.robots or name in members.revoked:
-        raise SecurityError(f"the name {name!r} is taken or was revoked; names are never used again")
+        raise SecurityError(f"the name {name!r} is reserved, taken or revoked; names are never used again")
 
 
 def add(folder: str | Path, name: str, role: str) -> Path:
@@ -195,7 +195,7 @@ def add(folder: str | Path, name: str, role: str) -> Path:
         again.
 
     Raises:
-        SecurityError: the name is too long, reserved, taken or was revoked, the robot or role is unknown, the role is
+        SecurityError: the name is too long, reserved, taken or revoked, the robot or role is unknown, the role is
             `node`, or the folder lacks its CA or cannot be read or written.
         KeyNameError: the name cannot be part of a key.
     """
@@ -210,7 +210,7 @@ def add(folder: str | Path, name: str, role: str) -> Path:
     own = members.robots[robot]
     target = own.folder / own_name
     if own_name in own.revoked or own_name in (*RESERVED, ROUTER, FLEET) or target.exists():
-        raise SecurityError(f"the name {own_name!r} is taken or was revoked; names are never used again")
+        raise SecurityError(f"the name {own_name!r} is reserved, taken or revoked; names are never used again")
     # Prefix of the common names of the robot's members; empty in folders made by an earlier version.
     prefix = common_name(own.folder / "node" / "node.pem").removesuffix("node")
     full = prefix + own_name

@@ -144,7 +144,7 @@ def check_robot(name: str) -> str:
     check_name(name)
     if len(name) > LONGEST_NAME or name in RESERVED:
         raise SecurityError(
-            f"robot name {name!r} cannot be in a certificate; allowed: {LONGEST_NAME} characters at most, and none "
+            f"robot name {name!r} is too long or reserved; allowed: at most {LONGEST_NAME} characters, and none "
             f"of {', '.join(RESERVED)}"
         )
     return name

@@ -46,7 +46,7 @@ def test_an_added_member_gets_in_and_one_that_was_shut_out_gets_nothing(endpoint
     with pytest.raises(SecurityError, match="planner was revoked"):
         renew(folder, ("planner",))
     for name in ("planner", "planner-2", "ca"):
-        with pytest.raises(SecurityError, match="is taken or was revoked"):
+        with pytest.raises(SecurityError, match="is reserved, taken or revoked"):
             add(folder, name, "planner")
 
 

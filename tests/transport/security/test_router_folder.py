@@ -153,14 +153,14 @@ def test_the_files_lie_where_the_router_will_run(tmp_path: Path) -> None:
 def test_names_never_stand_for_two(site: Path, tmp_path: Path) -> None:
     """A member cannot take the name in another's certificate; robots, routers and watchers share one set of names."""
     for name in ("rex.router", "rex.fleet", "rex.planner"):
-        with pytest.raises(SecurityError, match="is taken or was revoked"):
+        with pytest.raises(SecurityError, match="is reserved, taken or revoked"):
             add(site, name, "planner")
     for name in ("rex", "top", "desk"):
-        with pytest.raises(SecurityError, match="is taken or was revoked"):
+        with pytest.raises(SecurityError, match="is reserved, taken or revoked"):
             add_robot(site, name)
-        with pytest.raises(SecurityError, match="is taken or was revoked"):
+        with pytest.raises(SecurityError, match="is reserved, taken or revoked"):
             make_router(site, ["rex"], name=name)
-        with pytest.raises(SecurityError, match="is taken or was revoked"):
+        with pytest.raises(SecurityError, match="is reserved, taken or revoked"):
             add(site, name, "fleet")
     with pytest.raises(SecurityError, match="'rex.p+' is too long"):
         add(site, "rex." + "p" * 60, "planner")
