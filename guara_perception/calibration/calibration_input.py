@@ -152,6 +152,6 @@ def check_size(picture: Image, size: tuple[int, int], name: str, source: str) ->
     """
     if (picture.shape[1], picture.shape[0]) != size:
         raise CalibrationMismatch(
-            f"{source}: {name} has {picture.shape[1]}x{picture.shape[0]} px; the others have {size[0]}x{size[1]} px: "
+            f"{source}: {name} has {picture.shape[1]}x{picture.shape[0]} px instead of {size[0]}x{size[1]} px: "
             "all pictures of a session must come from one camera with the same settings"
         )

@@ -54,7 +54,9 @@ def _validated(fields: Fields, source: str) -> Calibration:
     content = dataclasses.replace(calibration, hash=content_hash(calibration))
     stored = fields.text("hash") if fields.has("hash") else ""
     if stored and stored != content.hash:
-        logger.warning("%s: stored hash %s, content hash %s: the file was edited", source, stored, content.hash)
+        logger.warning(
+            "%s: stored hash %s, content hash %s: the file was probably edited", source, stored, content.hash
+        )
     return content
 
 

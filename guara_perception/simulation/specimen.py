@@ -73,7 +73,7 @@ def specimen(
         camera=camera,
         transform_camera_to_base=transform_camera_to_base,
         stripes=stripes,
-        quality={"verdict": "good", "reasons": ["the truth of a simulated rangefinder"]},
+        quality={"verdict": "good", "reasons": ["true calibration of a simulated rangefinder"]},
         created="simulated",
     )
 

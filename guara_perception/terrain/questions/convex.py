@@ -1,9 +1,11 @@
 """Large convex polygons that avoid squares.
 
 Half-planes and an ellipse are computed alternately, as in IRIS (Deits and Tedrake, Computing large convex regions of
-obstacle-free space through semidefinite programming, WAFR 2014): each half-plane excludes the square that is nearest in
-the metric of the ellipse, among those not yet excluded, and the next ellipse is computed from the polygon of the
-half-planes. Unlike in IRIS, it is the ellipse of the polygon's second moments, not the largest inscribed ellipse.
+obstacle-free space through semidefinite programming, WAFR 2014): each half-plane excludes the nearest square not yet
+excluded, and the next ellipse is computed from the polygon of the half-planes. The distance of a square is measured in
+the metric of the ellipse, to the point of the square that is closest to the centre in the Euclidean sense. Unlike in
+IRIS, the ellipse is that of the polygon's second moments, not the largest inscribed one, and a half-plane that would
+exclude the seed is replaced.
 """
 
 from __future__ import annotations
@@ -18,8 +20,8 @@ from guara_perception.arrays import Float, Index
 MOST_ROUNDS = 4
 # Least relative gain in area after which another round follows.
 LEAST_GAIN = 0.01
-# Distance of the half-planes from the squares. It covers rounding errors, and excludes the lower edges of cells, which
-# belong to the cells.
+# Gap between half-planes and squares. It covers rounding errors, and keeps the polygon off the lower edges of cells,
+# since a cell includes its lower edges.
 OFF_M = 2e-6
 # Length below which a side is removed.
 LEAST_SIDE_M = 1e-9
@@ -85,12 +87,18 @@ def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float
 
 
 def _nearest(offset: Float, reach: float) -> Float:
-    """Coordinates, along one axis, of the points nearest to the origin in squares centred at `offset` (n,)."""
+    """Coordinates (n,) of the points nearest to the origin in squares with centre coordinates `offset` (n,).
+
+    Each coordinate is treated independently.
+    """
     return np.asarray(offset - np.minimum(np.maximum(offset, -reach), reach))
 
 
 def _side(normal_x: float, normal_y: float, x: float, y: float, reach: float) -> tuple[float, float, float]:
-    """Half-plane (a, b, c) with this outward normal, touching the square at (x, y); c is -inf for a zero normal."""
+    """Half-plane (a, b, c) with this outward normal that touches the square of half-width `reach` centred at (x, y).
+
+    c is -inf for a zero normal.
+    """
     length = math.hypot(normal_x, normal_y)
     if length == 0:
         return 0.0, 0.0, -math.inf
@@ -101,9 +109,9 @@ def _side(normal_x: float, normal_y: float, x: float, y: float, reach: float) ->
 def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
     """Bounded polygon of half-planes that all contain a point.
 
-    Relative to that point, a line at distance c with normal n has the dual point n / c. The lines of the dual points on
-    the convex hull of all dual points are the sides, in order. Dual points are rounded to float32 to merge nearly
-    equal lines. This moves the border by less than 1e-6 of its distance from the point, which is below OFF_M for
+    Relative to that point, a line at distance c with normal n has the dual point n / c. The corners of the convex hull
+    of the dual points, in order, correspond to the sides of the polygon. Dual points are rounded to float32 to merge
+    nearly equal lines. This moves the border by less than 1e-6 of its distance from the point, which is below OFF_M for
     polygons within 2 m of it.
     """
     normals, offsets = halfspaces[:, :2], halfspaces[:, 2] - halfspaces[:, :2] @ inside

@@ -1,4 +1,4 @@
-"""Writing of grids to NumPy files."""
+"""Writer of grids to NumPy files."""
 
 from __future__ import annotations
 

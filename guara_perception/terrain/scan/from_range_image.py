@@ -104,9 +104,9 @@ def _picture(image_mm: npt.ArrayLike, size: tuple[float, float]) -> Float:
     length, width = (edge / count for edge, count in zip(size, heights.shape, strict=True))
     if max(length, width) > LARGEST_PIXEL_RATIO * min(length, width):
         raise InvalidInput(
-            f"ortho_image_mm has shape {heights.shape}: pixels are {length * 1e3:.3g} x {width * 1e3:.3g} mm, allowed: "
-            f"nearly square ones (side ratio up to {LARGEST_PIXEL_RATIO}); rows run along x and columns along y: "
-            "transpose the picture, or give the area it covers"
+            f"ortho_image_mm has shape {heights.shape}, so pixels are {length * 1e3:.3g} x {width * 1e3:.3g} mm; the "
+            f"ratio of the sides must not exceed {LARGEST_PIXEL_RATIO}. Rows must run along x and columns along y: "
+            "transpose the image or correct `area`"
         )
     if np.isinf(heights).any() or (np.abs(heights) > HIGHEST_M).any():
         raise InvalidInput(

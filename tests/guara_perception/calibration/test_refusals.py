@@ -130,11 +130,11 @@ def resized(name: str) -> Break:
 
 
 MISMATCHES = [
-    (resized("board_05.jpg"), r"board_05.jpg has 320x256 px; the others have 640x512"),
-    (resized("fiducials.jpg"), r"fiducials.jpg has 320x256 px; the others have 640x512"),
+    (resized("board_05.jpg"), r"board_05.jpg has 320x256 px instead of 640x512"),
+    (resized("fiducials.jpg"), r"fiducials.jpg has 320x256 px instead of 640x512"),
     (
         lambda s: with_frames(s, 0, lambda picture: cv2.resize(picture, (320, 256))),
-        r"frame on_000.jpg has 320x256 px; the others have 640x512",
+        r"frame on_000.jpg has 320x256 px instead of 640x512",
     ),
 ]
 

@@ -69,7 +69,7 @@ def changed(value: float) -> np.ndarray:
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ({"ortho_image_mm": LEVEL.T}, "nearly square ones .*; rows run along x"),
+        ({"ortho_image_mm": LEVEL.T}, r"the ratio of the sides must not exceed 1\.25\. Rows must run along x"),
         ({"ortho_image_mm": LEVEL[None]}, "allowed: \\(rows along x, columns along y\\)"),
         ({"ortho_image_mm": "heights"}, "an array of numbers is needed"),
         ({"ortho_image_mm": changed(np.inf)}, "heights that are infinite or beyond"),
