@@ -142,7 +142,7 @@ def device_facts(rangefinder: Rangefinder, calibration: Calibration, picture: Im
         "camera": f"{rangefinder.camera.name}, {size[0]} x {size[1]} px; {held or 'no setting is locked'}",
         "laser board": f"firmware {'.'.join(map(str, identity.firmware))}, protocol "
         f"{'.'.join(map(str, identity.protocol))}, serial {getattr(rangefinder.board, 'serial', '') or 'none'}",
-        "calibration": f"{calibration.hash or 'of no file'}, of {calibration.created}, verdict "
+        "calibration": f"hash {calibration.hash or 'none'}, created: {calibration.created}, verdict "
         f"{quality.get('verdict')}, {len(calibration.stripes)} stripes",
         "light": f"the picture without the laser is at {100 * brightness:.0f} % of full scale",
         "programs": f"guara-perception {version('guara-perception')}, numpy {np.__version__}, OpenCV "

@@ -18,7 +18,7 @@ from transport import StatusItem
 
 ADDRESS = "127.0.0.1"
 LEVEL = "guara_status_level"
-# Metrics of status values that never decrease while the node runs.
+# Metrics exported as counters; all others are gauges.
 COUNTERS = {
     "guara_scanner_scans",
     "guara_scanner_failures",

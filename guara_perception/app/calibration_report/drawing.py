@@ -143,7 +143,7 @@ def halves(result: CalibrationResult) -> bytes | None:
     )
     figure.colorbar(shown, ax=axes, label="difference [px]", shrink=0.85)
     axes.quiver(*pixels.T, *difference.T, angles="xy", color="white", width=0.003)
-    axes.set_title("two lens models, each fitted to every other picture")
+    axes.set_title("two lens models, fitted to the even and to the odd pictures")
     _picture_axes(axes, result)
     return to_png(figure)
 

@@ -34,9 +34,11 @@ def command(source: Path, target: Path, step: int | None, extent: str | None) ->
     \b
     scan folder -> .mcap       recording of the scan
     .mcap -> folder            scan folder
-    .mcap -> .mcap             copy of all intact data of a truncated or damaged recording, with an index
+    .mcap -> .mcap             copy of the intact data up to the first damaged record, with an index
     .npz, .mcap -> .ply, .pcd  points of a grid, one per known cell
-    .npz, .mcap -> .csv        cells of a grid, one per line, with the cause where unknown
+    .npz, .mcap -> .csv        cells of a grid, one per line; unknown cells with the cause
+
+    A copy of a recording leaves out damaged chunks.
 
     \b
     Example:
@@ -73,7 +75,7 @@ def export_grid(source: Path, target: Path, step: int | None, extent: str | None
 
 
 def repair(source: Path, target: Path) -> None:
-    """Copy all intact data of a recording to a new file."""
+    """Copy the intact data of a recording up to the first damaged record, without damaged chunks, to a new file."""
     from guara_perception.files import existing_file
     from transport.recording import recover_recording
 
@@ -102,7 +104,9 @@ def export(source: Path, out: Path, step: int | None, extent: str | None) -> Non
 @file_argument
 @click.option("-o", "--out", type=FILE, help="new file; default: SOURCE-recovered.mcap")
 def recover(source: Path, out: Path | None) -> None:
-    """Copy all intact data of a truncated or damaged .mcap: `guara convert SOURCE OUT.mcap`.
+    """Copy the intact data of a damaged .mcap up to the first damaged record: `guara convert SOURCE OUT.mcap`.
+
+    Damaged chunks are skipped.
 
     \b
     Example:

@@ -21,7 +21,9 @@ COURSE_CYCLES, HIND_M = 20, 0.4
 
 
 @click.command(name="demo")
-@click.option("--out", type=FILE, default=Path("out/demo"), help="folder for pictures and recording")
+@click.option(
+    "--out", type=FILE, default=Path("out/demo"), help="folder for the pictures, and for the recording of a walk"
+)
 @click.option("--view", is_flag=True, help="show the recording in a browser afterwards (extra `view`)")
 @click.option("--cycles", type=click.FloatRange(1, 12), default=10, help="gait cycles of 140 mm")
 @click.option("--robot", default="guara", help="name or folder of the robot")
@@ -49,14 +51,14 @@ def command(
 ) -> None:
     """Walk a simulated robot over mixed terrain; scan, publish and choose footholds at every pause.
 
-    The planner runs in a second process and receives the grids over Zenoh. The folder --out gets pictures and a
-    recording. Exit 1 if the demo's own check fails.
+    The planner runs in a second process and receives the grids over Zenoh. The pictures and a recording of the
+    walk are written to the folder --out. Exit 1 if the demo's own check fails.
 
-    With --course, the planner fits the strides to the ground, for instance to stepping stones. The folder gets a
-    picture and an animation of the crossing, but no recording.
+    With --course, the planner fits the strides to the ground, for instance to stepping stones. A picture and
+    an animation of the crossing are written to the folder, but no recording.
 
-    With --sway, a robot scans while its body sways, with and without a joint stream, and while its body is still. The
-    folder gets a picture of the three scans.
+    With --sway, a robot scans while its body sways, with and without a joint stream, and while its body is still. A
+    picture of the three scans is written to the folder, but no recording.
 
     \b
     Example:

@@ -38,7 +38,9 @@ def command(
     as_json: bool,
     **looked_at: Any,
 ) -> None:
-    """Check camera, USB board, permissions, Zenoh, certificates, calibration, disk and speed; exit 1 if a check fails.
+    """Check camera, USB board, permissions, Zenoh, certificates, calibration, drift, disk and speed.
+
+    Exit 1 if a check fails.
 
     The first column of --cameras is the value for --camera and devices.toml. --bring-up guides you point by point and
     records passed points in bring_up.json. A laser may be connected only after the board has turned off an LED in time.

@@ -179,7 +179,7 @@ def _session(files: list[Path], out: Path, robot: RobotModel, stance: Stance, gi
             "a session needs pictures of the board, another one of the board on the floor, and one of the crosses"
         )
     pieces = given.plate or tuple((_ask("plates, HEIGHT=FOLDER, separated by spaces", "") or "").split())
-    tops = parse_heights(",".join(piece.partition("=")[0] for piece in pieces))
+    tops = parse_heights(",".join(piece.partition("=")[0] for piece in pieces), "list of --plate heights")
     scans = [Path(piece.partition("=")[2]) for piece in pieces]
     crosses = given.crosses
     points = cross_points(robot) if crosses is None else read_json(crosses).array("points_in_footprint", (None, 2))

@@ -58,7 +58,7 @@ def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
         f"x {x[0]:.2f} ... {x[1]:.2f}, y {y[0]:.2f} ... {y[1]:.2f} m; soles {made.sole[0]:.3f} x {made.sole[1]:.3f} m"
     )
     for text in made.urdf.notes:
-        click.echo(f"not used: {text}", err=True)
+        click.echo(f"not used or not checked: {text}", err=True)
     click.echo(f"{out}: {len(assumed(made))} values are assumed; its README.md describes how to measure them")
     click.echo(f"next: guara robot check {out}")
 

@@ -48,8 +48,8 @@ def command(
 ) -> None:
     """Scan once with the robot standing still, record to FOLDER (default: scan), and draw figures to FOLDER-figures.
 
-    FOLDER also contains the calibration, so `guara process FOLDER -o terrain.npz` needs nothing else. With
-    --no-calibration, neither calibration nor figures are written.
+    FOLDER also contains the calibration, so `guara process FOLDER -o terrain.npz` needs no other file; a robot
+    outside the stock folder still needs --robot. With --no-calibration, neither calibration nor figures are written.
     Without --stance, the robot is assumed to stand on all feet in its scan posture, with unknown gravity.
 
     \b

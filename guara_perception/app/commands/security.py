@@ -29,7 +29,7 @@ def command() -> None:
     "--host",
     "hosts",
     multiple=True,
-    help="name or address by which clients reach the node; repeatable; with several robots: one for each, in order",
+    help="name or address at which clients reach the node; repeatable; with several robots: one for each, in order",
 )
 def init(folder: Path, robots: tuple[str, ...], hosts: tuple[str, ...]) -> None:
     """Create a CA and one folder per role (node, gait, planner, viewer) in the new FOLDER.
@@ -51,7 +51,7 @@ def init(folder: Path, robots: tuple[str, ...], hosts: tuple[str, ...]) -> None:
 @command.command(name="robot")
 @click.argument("folder", type=FILE)
 @click.argument("name")
-@click.option("--host", "hosts", multiple=True, help="name or address by which clients reach its node; repeatable")
+@click.option("--host", "hosts", multiple=True, help="name or address at which clients reach its node; repeatable")
 def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
     """Add the robot NAME to FOLDER, with certificates of the same CA and a folder for each role.
 
@@ -69,15 +69,17 @@ def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
 @click.argument("folder", type=FILE)
 @click.option("--robot", "robots", multiple=True, required=True, help="instance name of a served robot; repeatable")
 @click.option("--name", default="router", help="name of the router and of its folder")
-@click.option("--host", "hosts", multiple=True, help="name or address by which others reach the router; repeatable")
+@click.option("--host", "hosts", multiple=True, help="name or address at which others reach the router; repeatable")
 @click.option("--listen", default="tls/0.0.0.0:7447", help="endpoint on which the router listens")
 @click.option("--uplink", default="", show_default="none", help="router in FOLDER to which this router connects")
 @click.option("--uplink-host", default="", show_default="first of its hosts", help="name or address of that router")
 @click.option("--scans", is_flag=True, help="let planners request scans through this router")
 @click.option("--summary-only", is_flag=True, help="send only summaries, status and liveliness to the uplink")
-@click.option("--place", help="path of the router's folder on the machine where it runs; default: as created")
+@click.option(
+    "--place", help="path of the router's folder on the machine where it runs; default: the folder created here"
+)
 def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> None:
-    """Create certificate and configuration of a Zenoh router (`zenohd`) that serves one or more robots.
+    """Create the certificate and configuration of a Zenoh router (`zenohd`) that serves one or more robots.
 
     Robots that FOLDER does not have yet are added, and FOLDER is created if needed.
 
@@ -96,7 +98,7 @@ def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> 
     if fresh:
         click.echo(f"added to {folder}, with a folder per role: {', '.join(fresh)}")
     others = f" and the folder of {uplink}" if uplink else ""
-    click.echo(f"copy the node folder of each of these robots{others} to its machine again and restart what runs there")
+    click.echo(f"copy the node folder of each of these robots{others} to their machines and restart the programs there")
 
 
 @command.command(name="check")
@@ -104,7 +106,7 @@ def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> 
 @click.option("--robot", help="instance name of the robot; default: all robots of the folder")
 @click.pass_context
 def check(context: click.Context, folder: Path, robot: str | None) -> None:
-    """Start a copy of each node and router on this machine, try every action in each role, and print what is allowed.
+    """On this machine, start a copy of each node and router, try every action in each role, and print what is allowed.
 
     Running nodes are not affected. Exit 1 if any result differs from the rules.
 
@@ -144,7 +146,7 @@ def renew(folder: Path, names: tuple[str, ...]) -> None:
     from transport.security.certificates import renew as renew_certificates
 
     done = renew_certificates(folder, names)
-    click.echo(f"renewed: {', '.join(done)}; copy each folder to its machine again and restart what runs there")
+    click.echo(f"renewed: {', '.join(done)}; copy each folder to its machine again and restart the programs there")
 
 
 @command.command(name="add")
@@ -159,8 +161,8 @@ def renew(folder: Path, names: tuple[str, ...]) -> None:
 def add(folder: Path, name: str, role: str) -> None:
     """Add the member NAME with the rights of a role, such as a second planner.
 
-    In a folder with several robots, NAME has the form ROBOT.NAME. The role `fleet` does not belong to a robot: its
-    members connect to the routers, and see which robots are running and their status.
+    If FOLDER has several robots, write ROBOT.NAME. Members with the role `fleet` belong to no robot: they connect to
+    routers, list the running robots and read their status.
 
     \b
     Example:
@@ -175,7 +177,7 @@ def add(folder: Path, name: str, role: str) -> None:
         click.echo(f"{made}: for the new fleet member; copy the folders of the routers again and restart the routers")
     else:
         click.echo(f"{made}: for the new {role}; copy {made.parent / 'node'} to the robot again and restart the node")
-        _print_routers(folder)
+        _print_routers(folder, made.parent)
 
 
 @command.command(name="revoke")
@@ -194,15 +196,20 @@ def revoke(folder: Path, name: str) -> None:
     changed = ", ".join(map(str, revoke_member(folder, name)))
     if changed:
         click.echo(
-            f"copy {changed} to the machines again and restart what runs there; until then {name} keeps its access"
+            f"copy {changed} to the machines again and restart the programs there; until then {name} keeps its access"
         )
     else:
         click.echo(f"{name} was already revoked; it has no access where the rules in {folder} are in force")
 
 
-def _print_routers(folder: Path) -> None:
+def _print_routers(folder: Path, robot_folder: Path) -> None:
     from transport.security.members import open_members
 
-    routers = open_members(folder).routers
+    members = open_members(folder)
+    routers = [
+        name
+        for name, router in members.routers.items()
+        if name not in members.revoked and any(members.robots[robot].folder == robot_folder for robot in router.robots)
+    ]
     if routers:
         click.echo(f"also copy the folders of these routers again and restart the routers: {', '.join(routers)}")

@@ -24,7 +24,7 @@ def declared_ground(announcement: StancePause, settings: Settings) -> tuple[Know
 
     Raises:
         InvalidInput: the patches are in another frame or too many, or a patch has too many corners, is too far away, is
-            outside the height limits, or has too large a sigma. No patch may then be used.
+            outside the height limits, or has too large a sigma. If one patch is invalid, none is used.
     """
     patches = announcement.known_ground
     if not patches:
@@ -39,10 +39,10 @@ def declared_ground(announcement: StancePause, settings: Settings) -> tuple[Know
         )
     for patch in patches:
         for name, value, low, high in (
-            ("number of corners", len(patch.outline), 0, MAXIMUM_CORNERS),
+            ("number of corners", len(patch.outline), 3, MAXIMUM_CORNERS),
             ("height [m]", patch.height, settings.minimum_height, settings.maximum_height),
             ("sigma [m]", patch.sigma, 0.0, LARGEST_SIGMA),
-            ("reach [m]", float(np.abs(patch.outline).max()), 0.0, FURTHEST),
+            ("largest absolute coordinate [m]", float(np.abs(patch.outline).max()), 0.0, FURTHEST),
         ):
             if not low <= value <= high:
                 raise InvalidInput(

@@ -64,7 +64,7 @@ def read_plan(folder: Path) -> SessionPlan:
         FileFormatError: the plan cannot be read.
     """
     if not (folder / PLAN_FILE).is_file():
-        raise MissingFile(f"{folder} contains no {PLAN_FILE}; --redo needs a session recorded by `guara record`")
+        raise MissingFile(f"{folder} contains no {PLAN_FILE}; --redo works only on sessions made by `guara record`")
     fields = read_json(folder / PLAN_FILE)
     with errors_as(FileFormatError, folder / PLAN_FILE, KinematicsError):
         stance = Stance.from_dict(fields.sub("stance").data)

@@ -72,7 +72,8 @@ def _subject_and_text(text: str) -> tuple[str, str]:
 
 def _file_findings(robot: RobotModel) -> Iterator[Finding]:
     for text in robot.notes:
-        yield wrong("urdf", text) if "the self-filter ignores it" in text else note("urdf", f"not used: {text}")
+        is_ignored = "the self-filter ignores it" in text
+        yield wrong("urdf", text) if is_ignored else note("urdf", f"not used or not checked: {text}")
     for text in robot.doubts:
         subject, _, rest = text.partition(": ")
         yield wrong(f"robot.toml {subject}", rest)

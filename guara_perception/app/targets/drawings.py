@@ -233,8 +233,8 @@ def parse_board(size: str, square: float, pattern: str = CHECKERBOARD) -> BoardS
     return board
 
 
-def parse_heights(text: str) -> tuple[float, ...]:
-    """Convert a text of plate heights [m], separated by commas, to numbers.
+def parse_heights(text: str, name: str = "--plates") -> tuple[float, ...]:
+    """Convert a text of plate heights [m], separated by commas, to numbers; `name` is the name of the text in messages.
 
     Raises:
         InvalidInput: a height is not a number, there are more than 20, some are more than 0.5 m from the floor, or no
@@ -243,11 +243,11 @@ def parse_heights(text: str) -> tuple[float, ...]:
     try:
         heights = tuple(float(height) for height in text.split(","))
     except ValueError:
-        raise InvalidInput(f"--plates is {text!r}; it must be heights in metres, separated by commas") from None
+        raise InvalidInput(f"{name} is {text!r}; it must be heights in metres, separated by commas") from None
     are_apart = np.diff(sorted(heights)).max(initial=0.0) >= MIN_HEIGHT_DIFFERENCE_M
     if not (are_apart and len(heights) <= 20 and all(-0.5 <= h <= 0.5 for h in heights)):
         raise InvalidInput(
-            f"--plates is {text!r}, allowed: 2 ... 20 heights of -0.5 ... 0.5 m, two successive ones "
+            f"{name} is {text!r}, allowed: 2 ... 20 heights of -0.5 ... 0.5 m, two successive ones "
             f"{MIN_HEIGHT_DIFFERENCE_M:g} m or more apart; 0 is the bare floor"
         )
     return heights

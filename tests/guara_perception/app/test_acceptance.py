@@ -46,7 +46,7 @@ def test_report_states_error_repeatability_known_light_calibration_and_versions(
         "repeatability",
         "known: 9",
         "exposure 0.008 s",
-        "of no file, of simulated",
+        "hash none, created: simulated",
         "A simulated device",
         "test &lt;b&gt;",
         *data["device"],

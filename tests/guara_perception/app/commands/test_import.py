@@ -209,7 +209,7 @@ def with_options(*options: str) -> Callable[[Path], list[str]]:
         ),
         (
             with_options("--ground", "0.png", "--crosses-picture", "1.png"),
-            "--plates is ''; it must be heights in metres",
+            "list of --plate heights is ''; it must be heights in metres",
         ),
     ],
 )

@@ -35,7 +35,7 @@ def test_renew_says_whom_and_what_to_do(guara, keys: Path) -> None:
     said = guara("security", "renew", keys)
     assert said.code == 0 and said.err == ""
     assert said.out == (
-        "renewed: node, gait, planner, viewer; copy each folder to its machine again and restart what runs there\n"
+        "renewed: node, gait, planner, viewer; copy each folder to its machine again and restart the programs there\n"
     )
     after = (keys / "viewer" / "viewer.key").read_bytes()
     assert guara("security", "renew", keys, "planner").out.startswith("renewed: planner; copy")
@@ -59,9 +59,9 @@ def test_add_and_revoke_say_what_to_copy(guara, keys: Path) -> None:
     ("arguments", "reported"),
     [
         (["router", "KEYS", "--robot", "guara", "--robot", "r/x"], "r/x"),
-        (["router", "KEYS", "--robot", "node"], "robot name 'node' cannot be in a certificate"),
-        (["router", "KEYS", "--robot", "r" * 32], "31 characters at most"),
-        (["router", "KEYS", "--robot", "guara", "--name", "ca"], "the name 'ca' is taken"),
+        (["router", "KEYS", "--robot", "node"], "robot name 'node' is too long or reserved"),
+        (["router", "KEYS", "--robot", "r" * 32], "allowed: at most 31 characters"),
+        (["router", "KEYS", "--robot", "guara", "--name", "ca"], "the name 'ca' is reserved, taken or revoked"),
         (["router", "KEYS", "--robot", "guara", "--name", "r" * 32], "is too long for a certificate"),
         (
             ["router", "KEYS", "--robot", "guara", "--uplink", "site"],
@@ -70,15 +70,15 @@ def test_add_and_revoke_say_what_to_copy(guara, keys: Path) -> None:
         (["router", "KEYS", "--robot", "guara", "--listen", "tcp/0.0.0.0:1"], "is not encrypted"),
         (["router", "KEYS", "--robot", "guara", "--summary-only"], "restricts what the router above receives"),
         (["router", "KEYS"], "Missing option '--robot'"),
-        (["robot", "KEYS", "guara"], "the name 'guara' is taken or was revoked"),
+        (["robot", "KEYS", "guara"], "the name 'guara' is reserved, taken or revoked"),
         (["robot", "NOWHERE", "rex"], "cannot read the CA of"),
         (["check", "NOWHERE"], "nowhere' does not exist"),
         (["check", "KEYS", "--robot", "rex"], "has no robot 'rex'; robots: guara"),
-        (["add", "KEYS", "router"], "the name 'router' is taken or was revoked"),
+        (["add", "KEYS", "router"], "the name 'router' is reserved, taken or revoked"),
         (["add", "KEYS", "rex.planner-2"], "write ROBOT.planner-2, where ROBOT is one of"),
         (["renew", "KEYS", "rex"], "has no member 'rex'; members: node, gait, planner, viewer"),
         (["renew", "NOWHERE"], "cannot read the CA of"),
-        (["add", "KEYS", "viewer"], "the name 'viewer' is taken or was revoked"),
+        (["add", "KEYS", "viewer"], "the name 'viewer' is reserved, taken or revoked"),
         (["add", "KEYS", "a/b"], "a/b"),
         (["add", "KEYS", "second", "--role", "node"], "'node' is not one of"),
         (["add", "NOWHERE", "second"], "cannot read the CA of"),

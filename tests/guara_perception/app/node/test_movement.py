@@ -313,7 +313,7 @@ REFUSED_GROUND: dict[str, tuple[dict[str, object], str]] = {
     "too many corners": ({"known_ground": patches(corners=17)}, "number of corners is 17"),
     "too low": ({"known_ground": patches(height=-1e5)}, "height [m] is -100000"),
     "too doubtful": ({"known_ground": patches(sigma=1.0)}, "sigma [m] is 1;"),
-    "too far": ({"known_ground": patches(corners=4, reach=1e6)}, "reach [m] is 1e+06"),
+    "too far": ({"known_ground": patches(corners=4, reach=1e6)}, "largest absolute coordinate [m] is 1e+06"),
 }
 
 

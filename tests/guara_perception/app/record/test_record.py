@@ -332,7 +332,7 @@ def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: P
         ),
         (["--simulated", "--crosses", "three.json"], "three.json: fiducials.points_in_footprint: 3 points given; 4 or"),
         (["--simulated", "--crosses", "line.json"], "line.json: fiducials: the points are collinear"),
-        (["--simulated", "--redo", "plates"], "contains no recording.json; --redo needs a session recorded by"),
+        (["--simulated", "--redo", "plates"], "contains no recording.json; --redo works only on sessions made by"),
         (["--simulated", "--redo", "laser"], "'laser' is not one of 'plates', 'board', 'crosses'"),
         (["--simulated", "--pattern", "dots"], "'dots' is not one of 'checkerboard', 'charuco'"),
         (["--simulated", "--board", "9"], "--board is '9'; it must be COLUMNSxROWS"),
