@@ -44,7 +44,7 @@ def test_report_states_error_repeatability_known_light_calibration_and_versions(
     page = (accepted / "report.html").read_text()
     for part in (
         "repeatability",
-        "known: 9",
+        "Known cells: 9",
         "exposure 0.008 s",
         "hash none, created: simulated",
         "A simulated device",
