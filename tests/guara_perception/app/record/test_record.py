@@ -159,7 +159,7 @@ def test_doctor_checks_camera_and_board_of_the_session(
     assert said.code == 0 and {line["level"] for line in found.values()} == {"ok"}
     assert "firmware" in found["board"]["message"]
     exposure = load_devices(devices).settings["exposure"]
-    assert f"delivers 640x512 px; exposure {exposure:g} held" in found["camera"]["message"]
+    assert f"delivers 640x512 px; exposure locked at {exposure:g}" in found["camera"]["message"]
 
     scan = guara("scan", tmp_path / "first", "-c", calibration, "--devices", devices, "--mode", "coarse")
     assert scan.code == 0, scan.err
