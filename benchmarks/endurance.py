@@ -14,9 +14,7 @@ from __future__ import annotations
 
 import itertools
 import random
-import re
 import resource
-import shutil
 import signal
 import subprocess
 import sys
@@ -41,6 +39,7 @@ from guara_perception.app.node.claim import FORMAT
 from guara_perception.app.node.simulated import SimulatedGait
 from guara_perception.simulation.walk import simulate_walk
 from kinematics import load_robot
+from testbed.altered_robot import altered_guara
 from testbed.journalled_node import Walk, start
 from testbed.random_world import random_world
 from transport import PausePhase, StancePause, open_client
@@ -235,15 +234,6 @@ def _how(fused: gp.TerrainGrid, step: int) -> str:
     return "begins with the walk" if step == 0 else (*fused.metadata["restarts"], "no journal")[0].split(":")[0]
 
 
-def _robot(folder: Path, cell: float) -> Path:
-    """Copy of the robot's folder with another edge of cells [m]."""
-    copied = shutil.copytree(load_robot("guara").folder, folder / "guara") / "robot.toml"
-    text, count = re.subn(r"(?m)^resolution = \S+", f"resolution = {cell}", copied.read_text())
-    assert count == 1, copied
-    copied.write_text(text)
-    return copied.parent
-
-
 class Machine:
     """The processes of a run, in a folder."""
 
@@ -254,7 +244,7 @@ class Machine:
         world = random_world(0)
         # Indirect light costs an eighth of the time, and only the simulation knows of it.
         world = replace(world, light=replace(world.light, bounce=0.0))
-        robot = _robot(folder, CELL)
+        robot = altered_guara(folder, ("resolution = 0.005 ", f"resolution = {CELL} "))
         walk = Walk(world, 0, tuple(simulate_walk(world, load_robot(robot), cycles=CYCLES, seed=0)), size, robot)
         walk.save(folder / "walk")
         self.router = Child("router", self._endpoint)

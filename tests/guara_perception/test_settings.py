@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import pytest
@@ -11,6 +10,7 @@ import guara_perception as gp
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.record import limits_to_dict
 from kinematics import RobotModel, load_robot
+from testbed.altered_robot import altered_guara
 
 
 def test_areas_and_patterns_of_the_guara(robot: RobotModel) -> None:
@@ -28,10 +28,8 @@ def test_areas_and_patterns_of_the_guara(robot: RobotModel) -> None:
 def test_settings_are_read_once_of_each_robot(robot: RobotModel, tmp_path: Path) -> None:
     """The same robot gives the same object; another one of the same name its own."""
     assert Settings.of(robot) is Settings.of(robot)
-    folder = Path(shutil.copytree(robot.folder, tmp_path / "guara"))
-    toml = folder / "robot.toml"
-    toml.write_text(toml.read_text().replace("stripes = 70", "stripes = 60"))
-    assert Settings.of(load_robot(folder)).stripes == 60
+    altered = altered_guara(tmp_path, ("stripes = 70", "stripes = 60"))
+    assert Settings.of(load_robot(altered)).stripes == 60
     assert Settings.of(robot).stripes == 70
 
 
@@ -70,32 +68,23 @@ def test_limits_go_through_plain_values(robot: RobotModel) -> None:
         ("minimum = -0.080", "minimum = 0.2", r"\[heights\] minimum is 0.2"),
     ],
 )
-def test_wrong_values_are_refused_with_table_and_field(
-    robot: RobotModel, tmp_path: Path, line: str, instead: str, message: str
-) -> None:
+def test_wrong_values_are_refused_with_table_and_field(tmp_path: Path, line: str, instead: str, message: str) -> None:
     """A robot.toml with one impossible value: the message names robot, table, field, value and what is allowed."""
-    folder = Path(shutil.copytree(robot.folder, tmp_path / "guara"))
-    text = (folder / "robot.toml").read_text()
-    assert line in text
-    (folder / "robot.toml").write_text(text.replace(line, instead, 1))
+    folder = altered_guara(tmp_path, (line, instead))
     with pytest.raises(gp.FileFormatError, match=message):
         Settings.of(load_robot(folder))
 
 
-def test_all_wrong_values_are_reported_at_once(robot: RobotModel, tmp_path: Path) -> None:
+def test_all_wrong_values_are_reported_at_once(tmp_path: Path) -> None:
     """Faults in five tables: one refusal that lists them all."""
-    folder = Path(shutil.copytree(robot.folder, tmp_path / "guara"))
-    text = (folder / "robot.toml").read_text()
-    for old, new in (
+    folder = altered_guara(
+        tmp_path,
         ("resolution = 0.005", "resolution = 5.0"),
         ("drop_limit = 0.020", 'drop_limit = "2 cm"'),
         ("disc_radius = 0.015", ""),
         ("coarse_every = 2", "coarse_every = 0"),
         ("[validity]", "[valid]"),
-    ):
-        assert old in text
-        text = text.replace(old, new, 1)
-    (folder / "robot.toml").write_text(text)
+    )
     with pytest.raises(gp.FileFormatError, match="5 findings: ") as caught:
         Settings.of(load_robot(folder))
     for expected_text in (

@@ -67,13 +67,19 @@ Restarts.TestCase.settings = settings(max_examples=examples(300), stateful_step_
 TestRestarts = pytest.mark.slow(Restarts.TestCase)
 
 
-@pytest.mark.parametrize("extent", EXTENTS)
-def test_a_node_that_no_longer_hears_the_gait_vouches_for_nothing(extent: str) -> None:
-    """The next pause may have begun unheard; once the gait is heard again, what it said last decides."""
+def scanned() -> World:
+    """World whose robot stands at its first pause, scanned by its node."""
     world = World()
     world.start()
     world.begin()
     world.scan()
+    return world
+
+
+@pytest.mark.parametrize("extent", EXTENTS)
+def test_a_node_that_no_longer_hears_the_gait_vouches_for_nothing(extent: str) -> None:
+    """The next pause may have begun unheard; once the gait is heard again, what it said last decides."""
+    world = scanned()
     world.end()
     world.pass_time(1.0)
     world.deafen()
@@ -93,10 +99,7 @@ def test_a_node_that_no_longer_hears_the_gait_vouches_for_nothing(extent: str) -
 @pytest.mark.parametrize("extent", EXTENTS)
 def test_a_confirmed_grid_is_used_in_the_swings_after_its_pause(extent: str) -> None:
     """From its scan to the next BEGIN; the map beyond."""
-    world = World()
-    world.start()
-    world.begin()
-    world.scan()
+    world = scanned()
     world.pass_time(1.0)
     assert world.held[extent].provisional and not world.against(extent)
     world.end()
@@ -113,10 +116,7 @@ def test_a_confirmed_grid_is_used_in_the_swings_after_its_pause(extent: str) -> 
 
 def test_a_provisional_grid_of_a_dead_node_is_stale_at_once() -> None:
     """END may have been missed: whatever is allowed of its age."""
-    world = World()
-    world.start()
-    world.begin()
-    world.scan()
+    world = scanned()
     world.pass_time(0.5)
     world.kill()
     world.pass_time(0.05)
@@ -126,20 +126,14 @@ def test_a_provisional_grid_of_a_dead_node_is_stale_at_once() -> None:
 @pytest.mark.parametrize("extent", EXTENTS)
 def test_a_node_whose_first_token_is_lost_is_gone(extent: str) -> None:
     """The token of its run may be withdrawn a moment later; a planner that already sees no node gets no grid."""
-    world = World()
-    world.start()
-    world.begin()
-    world.scan()
+    world = scanned()
     assert not world.against(extent)
     assert [o.text for o in world.against(extent, was_lost=True)] == ["is no longer confirmed: its node is gone"]
 
 
 def test_a_new_node_does_not_vouch_for_the_ground_of_the_dead_one() -> None:
     """Not on the next pause, not 48 pauses later, not on another walk, and not in the same pause either."""
-    world = World()
-    world.start()
-    world.begin()
-    world.scan()
+    world = scanned()
     world.end()
     world.pass_time(0.5)
     world.kill()
@@ -159,10 +153,7 @@ def test_a_new_node_does_not_vouch_for_the_ground_of_the_dead_one() -> None:
 
 def test_a_withdrawal_that_was_missed_is_noticed_by_its_number() -> None:
     """A movement withdrew the confirmed footprint, and the message was lost: the status names a newer one."""
-    world = World()
-    world.start()
-    world.begin()
-    world.scan()
+    world = scanned()
     world.pass_time(1.2)
     world.end()
     world.pass_time(0.1)
@@ -175,10 +166,7 @@ def test_a_withdrawal_that_was_missed_is_noticed_by_its_number() -> None:
 
 def test_an_age_that_cannot_be_compared_is_too_old() -> None:
     """A caller who computes `max_age` as NaN, or an age that is NaN, gets no old ground for it."""
-    world = World()
-    world.start()
-    world.begin()
-    world.scan()
+    world = scanned()
     world.pass_time(0.5)
     assert not world.against("footprint", math.inf)
     assert "allowed: nan s" in world.against("footprint", math.nan)[0].text

@@ -80,8 +80,11 @@ class GridPublishers:
             self._outbox.post(self._summary.key, partial(self._summary.put, summary), lane=self._summary.key)
         if regions is not None:
             # Regions, too, are computed only for subscribers and queries: this takes about as long as fusing the map.
-            make = partial(_encoded, regions)
-            self._outbox.post(self._regions.key, partial(self._regions.put, make), lane=self._regions.key)
+            self._outbox.post(
+                self._regions.key,
+                lambda: self._regions.put(lambda: encode_regions(regions())),
+                lane=self._regions.key,
+            )
 
     def close(self) -> None:
         """Undeclare the keys."""
@@ -101,10 +104,6 @@ class GridPublishers:
         ):
             send = partial(_send, publisher, MadeOnce(make), bridge, name, kind)
             self._outbox.post(publisher.key, send, lane=terrain.extent)
-
-
-def _encoded(regions: Callable[[], RegionsMessage]) -> Payload:
-    return encode_regions(regions())
 
 
 def _send(publisher: Publisher, made: MadeOnce, bridge: Ros2Bridge | None, name: str, kind: str) -> None:

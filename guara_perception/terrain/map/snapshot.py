@@ -142,27 +142,26 @@ class _Looks:
         """Variance of the difference between a height and those in its disc, due to looks that they do not share [m^2].
 
         If a mean of m + n looks contains all looks of a mean of m, their difference has n / (m + n) of the larger
-        variance, for which the largest variance in the disc is used. If the two heights were last seen at different
-        pauses, each also has a look that the other lacks, which adds twice `variance / looks` of this cell, and the
-        largest difference of drift within the disc is added. Ground that no scan saw shares nothing with other ground.
+        variance. If the two heights were last seen at different pauses, each also has a look that the other lacks,
+        which adds twice `variance / looks`, and the difference of their drift is added. Of variance, variance per look
+        and drift difference, the largest in the disc are used. Ground that no scan saw shares nothing with other
+        ground.
         """
-        (fewest, most), (newest, oldest), (least, largest) = (
-            self._ends(values, kernel) for values in (self.looks, self.pauses, self.drift)
-        )
-        whole, of_look = (
-            self._ends(values, kernel)[1] for values in (self.variance, self.variance / np.maximum(self.looks, 1))
-        )
-        nested = whole * (1 - fewest / np.maximum(most, 1))
-        aside = largest - least + 2 * of_look
-        return nested + np.where(newest < oldest, aside, 0.0)
+        least, most = self._least, self._most
+        nested = most(self.variance, kernel) * (1 - least(self.looks, kernel) / np.maximum(most(self.looks, kernel), 1))
+        of_look = most(self.variance / np.maximum(self.looks, 1), kernel)
+        aside = most(self.drift, kernel) - least(self.drift, kernel) + 2 * of_look
+        return nested + np.where(least(self.pauses, kernel) < most(self.pauses, kernel), aside, 0.0)
 
-    def _ends(self, values: Array, kernel: Kernel) -> tuple[Float, Float]:
-        """Least and largest value of the known cells in the disc around each cell."""
-        known = np.isfinite(self.variance)
-        given = values.astype(np.float64)
-        least = cv2.erode(np.where(known, given, np.finfo(np.float64).max), kernel)
-        largest = cv2.dilate(np.where(known, given, 0.0), kernel)
-        return np.asarray(least, np.float64), np.asarray(largest, np.float64)
+    def _least(self, values: Array, kernel: Kernel) -> Float:
+        """Least value of the known cells in the disc around each cell."""
+        known = np.where(np.isfinite(self.variance), values.astype(np.float64), np.finfo(np.float64).max)
+        return np.asarray(cv2.erode(known, kernel), np.float64)
+
+    def _most(self, values: Array, kernel: Kernel) -> Float:
+        """Largest value of the known cells in the disc around each cell."""
+        known = np.where(np.isfinite(self.variance), values.astype(np.float64), 0.0)
+        return np.asarray(cv2.dilate(known, kernel), np.float64)
 
 
 def _flags(cells: OdomCells, squares: Squares, now: MapPause, settings: Settings) -> Flags:

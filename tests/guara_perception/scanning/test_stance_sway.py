@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -16,17 +15,15 @@ from guara_perception.simulation.light import Light
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.world import World
 from kinematics import RobotFileError, RobotModel, load_robot
+from testbed.altered_robot import altered_guara
 
 WRONG_M = 0.005
 AMPLITUDE = np.radians(0.5)
 
 
-def that_sways(robot: RobotModel, tmp_path: Path, amplitude: object) -> RobotModel:
+def that_sways(folder: Path, amplitude: object) -> RobotModel:
     """Guará whose builder says that it sways by this [rad]."""
-    folder = Path(shutil.copytree(robot.folder, tmp_path / "guara"))
-    text = (folder / "robot.toml").read_text()
-    (folder / "robot.toml").write_text(text.replace("[pause]\n", f"[pause]\nstance_sway = {amplitude}\n"))
-    return load_robot(str(folder))
+    return load_robot(altered_guara(folder, ("[pause]\n", f"[pause]\nstance_sway = {amplitude}\n")))
 
 
 @pytest.mark.slow
@@ -35,7 +32,7 @@ def test_no_cell_is_free_that_an_unseen_sway_made_wrong(robot: RobotModel, tmp_p
     world = World(light=dataclasses.replace(Light(), ambient=(3.0, 3.0, 3.0)))
     simulated = SimulatedRobot(world=world, size=(320, 256))
     pause = next(simulated.walk(cycles=0))
-    swaying = that_sways(robot, tmp_path / "much", AMPLITUDE)
+    swaying = that_sways(tmp_path / "much", AMPLITUDE)
     view = SimulatedRangefinder(world, simulated.calibration, robot, 0)
     grids = {}
     for name, model, amplitude in (
@@ -68,7 +65,7 @@ def test_a_small_sway_costs_the_far_ground_alone(
 ) -> None:
     """Of a recorded scan: sigma at each cell is at least that of the sway there, and near ground stays free."""
     sway = np.radians(0.3)
-    grid = gp.process_scan(paper_scan, calibration, that_sways(robot, tmp_path, sway))
+    grid = gp.process_scan(paper_scan, calibration, that_sways(tmp_path, sway))
     x, y = grid.geometry.centres()
     known = np.isfinite(grid.elevation)
     assert (np.sqrt(grid.variance) >= 0.97 * sway * np.hypot(x, y[:, None]))[known].all()
@@ -77,9 +74,9 @@ def test_a_small_sway_costs_the_far_ground_alone(
 
 
 @pytest.mark.parametrize("value", ["-0.001", "0.1", "nan", '"a"'])
-def test_a_sway_that_is_none_is_refused(tmp_path: Path, robot: RobotModel, value: str) -> None:
+def test_a_sway_that_is_none_is_refused(tmp_path: Path, value: str) -> None:
     with pytest.raises(RobotFileError, match="stance_sway is"):
-        that_sways(robot, tmp_path, value)
+        that_sways(tmp_path, value)
 
 
 def _pitch(angle: float) -> np.ndarray:

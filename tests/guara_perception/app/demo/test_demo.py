@@ -1,6 +1,5 @@
 """The demo as a user runs it, and its own check, which must be able to fail."""
 
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +14,7 @@ from guara_perception.app.demo.check import CheckedFoothold, DemoCheck
 from guara_perception.app.demo.walk import first_recorded
 from guara_perception.app.files.open_scan import open_scans
 from guara_perception.app.view_moments import load_moments
+from testbed.altered_robot import altered_guara
 
 PATIENCE = 240.0
 
@@ -117,20 +117,10 @@ def test_a_robot_outside_of_the_package_walks_too(tmp_path: Path) -> None:
     assert grids[0].check_foothold(0.7, 0.0, leg="lf").reasons is not None
 
 
-def altered_guara(folder: Path, setting: str, instead: str) -> Path:
-    """A copy of the robot's folder with another setting in its robot.toml."""
-    robot = folder / "guara"
-    shutil.copytree(Path(__file__).parents[4] / "robots" / "guara", robot)
-    text = (robot / "robot.toml").read_text()
-    assert setting in text
-    (robot / "robot.toml").write_text(text.replace(setting, instead))
-    return robot
-
-
 @pytest.mark.heavy
 def test_a_walk_in_the_sun_keeps_its_promises_however_slow_the_machine(tmp_path: Path) -> None:
     """`--world sunlit`; the pauses last far longer than the robot's limit for pauses whose END does not come."""
-    robot = altered_guara(tmp_path, "time_limit = 30.0 ", "time_limit = 0.1 ")
+    robot = altered_guara(tmp_path, ("time_limit = 30.0 ", "time_limit = 0.1 "))
     program = [sys.executable, "-m", "guara_perception.app.main", "demo", "--world", "sunlit", "--cycles", "1"]
     done = subprocess.run(
         [*program, "--robot", str(robot), "--out", str(tmp_path / "out")],
@@ -149,7 +139,7 @@ def test_a_walk_in_the_sun_keeps_its_promises_however_slow_the_machine(tmp_path:
 @pytest.mark.heavy
 def test_stepping_stones_are_crossed_and_a_film_is_left(tmp_path: Path) -> None:
     """`--course stones`: every foot ends up behind the stones, none on a hazard; ground keeps on a slow machine too."""
-    robot = altered_guara(tmp_path, "\nseconds = 420.0 ", "\nseconds = 4200.0 ")
+    robot = altered_guara(tmp_path, ("\nseconds = 420.0 ", "\nseconds = 4200.0 "))
     program = [sys.executable, "-m", "guara_perception.app.main", "demo", "--course", "stones", "--robot", str(robot)]
     done = subprocess.run(
         [*program, "--out", str(tmp_path)], capture_output=True, text=True, timeout=8 * PATIENCE, check=False
