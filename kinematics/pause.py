@@ -45,7 +45,7 @@ class PauseDetector:
 
         Args:
             time: time of the reading on a clock with any epoch [s]; must be later than that of the last reading.
-            joint_velocities: joint name -> velocity [rad/s], every joint.
+            joint_velocities: joint name -> velocity [rad/s], of a prismatic joint [m/s]; every joint.
             support_feet: legs whose soles carry the body.
 
         Raises:

@@ -65,8 +65,8 @@ class PauseLimits:
         grace_share, grace_least, grace_most: allowed delay of the message that ends a pause: a fraction of the
             announced length or else of `time_limit` [-], and lower and upper bound of the delay [s]. No frame is taken
             during the delay.
-        stance_sway: largest amplitude of a sway of the body about its feet during a scan, around any horizontal axis,
-            that joints and images do not detect [rad]; 0, the default, means that the body does not sway.
+        stance_sway: largest amplitude of undetected body sway during a scan [rad]: rotation over the standing feet,
+            about any horizontal axis, that neither joints nor images show. 0, the default, means no sway.
     """
 
     joint_speed_limit: float

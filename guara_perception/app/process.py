@@ -40,23 +40,25 @@ def process_scan(
         robot: model, name or folder of the robot that carried the rangefinder; None = the robot named in the scan.
         method: one of `guara_perception.scanning.stripe_finder.METHODS`.
         resolution: cell edge [m]; None = the robot's default.
-        threshold: binarisation threshold of the paper's methods [grey levels of 8 bits]; None = chosen for each frame.
+        threshold: binarisation threshold of the paper's methods [8-bit grey levels]; None = chosen for each frame.
         area: "footprint"; or "wide", which extends along y like the robot's map, so that `TerrainMap.update` gets more
             ground.
         pictures: True to add the range images (`terrain.pictures`).
-        strict: True to reject a scan with an unusable frame; False to leave the ground of its stripe unknown.
+        strict: True to reject a scan with an unusable frame; False to leave the ground of its stripe unknown. If
+            `scan` is the path of a folder, a missing frame is an error in either case.
         progress: called with (stripes done, total number of stripes), or None.
 
     Returns:
-        TerrainGrid of extent "footprint".
+        TerrainGrid of a single scan; its `extent` is "footprint" for both areas.
 
     Raises:
-        CalibrationMismatch: robot, camera, stripes or image size of scan, calibration and `robot` do not match.
+        CalibrationMismatch: scan or calibration belongs to another robot than `robot`, or the calibration does not
+            match the camera, the image size or the stripes of the scan.
         InvalidInput: there is no calibration; the method or area is unknown, the threshold or resolution is invalid; a
             stance or a stripe index does not fit the robot; the camera moved during the scan; the node withdrew the
             grid of the scan; the path contains no scan or several; or, with `strict`, a frame is unusable.
-        MissingFile, FileFormatError: scan or calibration is missing or invalid; or a frame (with `strict`), or every
-            frame, cannot be read.
+        MissingFile, FileFormatError: scan or calibration is missing or invalid; a frame is missing from the given
+            folder; no frame can be read; or, with `strict`, a frame cannot be read.
         kinematics.KinematicsError: the robot does not exist or cannot be loaded.
     """
     check_area(area)

@@ -80,7 +80,7 @@ class ScanProcessor:
             stance: joint positions, support feet and gravity at this pause.
             mode: "coarse" or "standard".
             method: one of `guara_perception.scanning.stripe_finder.METHODS`.
-            threshold: binarisation threshold of the paper's methods [grey levels of 8 bits]; None = set for each frame.
+            threshold: binarisation threshold of the paper's methods [8-bit grey levels]; None = set for each frame.
             resolution: edge length of a cell [m], a divisor of both sides of the footprint; None = the robot's default.
             stamp: time of the end of the scan [ns since the epoch].
             step: number of the stance pause.

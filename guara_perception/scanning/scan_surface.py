@@ -36,7 +36,7 @@ from guara_perception.terrain.layers.record import Run
 from kinematics import RobotModel, StancePose
 from kinematics.self_filter import SelfFilter
 
-# Largest rasterised cell [m]; coarser cells are pooled from smaller ones, so that a lost stripe always leaves a gap.
+# Upper bound of the raster's cell edge [m]. Coarser grids are pooled from it, so that a lost stripe leaves a gap.
 FINEST_CELL_M = 0.005
 AREAS = ("footprint", "wide")
 # Tolerance for rounding errors [cells].
@@ -164,13 +164,13 @@ class ScanSurface:
 
     @property
     def pairs(self) -> Index:
-        """Index (ny, nx) of the first stripe of the pair that encloses each cell on flat ground, -1 where none does."""
+        """Index (ny, nx) of the first stripe of the pair that encloses each footprint cell on flat ground, else -1."""
         footprint = self.grids["footprint"]
         pairs = self._area("footprint").plan.pairs(np.arange(footprint.size))
         return np.append(self._order, -1)[pairs].reshape(footprint.shape)
 
     def add(self, stripes: Mapping[int, StripePoints]) -> None:
-        """Add stripes by index; several in one call take less time, with the same result."""
+        """Add stripes by index. Adding several in one call takes less time and gives the same result."""
         self._raster.add(stripes)
 
     def layers(self, area: str) -> dict[str, Array]:
@@ -300,7 +300,7 @@ def lost_cells(
     is_lost: Mask,
     geometry: GridGeometry,
 ) -> tuple[Run, ...]:
-    """Unscanned or occluded cells in view between the neighbours of a lost stripe.
+    """Unscanned or occluded cells in the camera's view that lie between the neighbours of a lost stripe.
 
     The ground of a cell may be at any height between the lowest and the highest that this scan measured; z = 0 is
     included.
@@ -385,7 +385,7 @@ class SurfaceRaster:
         return dict(sorted(self._stripes.items()))
 
     def add(self, stripes: Mapping[int, StripePoints]) -> None:
-        """Add stripes by index; several in one call are faster, with the same result."""
+        """Add stripes by index. Adding several in one call is faster and gives the same result."""
         for group in in_groups(list(stripes)):
             self._stripes.update((index, stripes[index]) for index in group)
             self._to_make.update(key for index in group for key in self._touched(index) if self._is_there(key))

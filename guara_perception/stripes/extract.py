@@ -34,7 +34,7 @@ def extract_stripe(
             crosses the rows and has one position (a column) per row.
         band: (first, end) rows to search, or columns for along="rows"; None = the whole image.
         method: one of METHODS.
-        threshold: binarisation threshold of the method "paper" [grey levels of 8 bits]; None = derived from the image.
+        threshold: binarisation threshold of the method "paper" [8-bit grey levels]; None = derived from the image.
 
     Returns:
         StripeProfile with w entries (h entries for along="rows"). If the images cannot be used, for instance because

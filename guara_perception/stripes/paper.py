@@ -53,7 +53,7 @@ def check_threshold(threshold: float | None, method: str, *, has_threshold: bool
     """Reject an invalid binarisation threshold, or any threshold for a method without binarisation.
 
     Args:
-        threshold: the threshold [grey levels of 8 bits]; None is always accepted.
+        threshold: the threshold [8-bit grey levels]; None is always accepted.
         method: name of the method, for the message.
         has_threshold: True for a method with binarisation.
 
@@ -75,7 +75,7 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
 
     Args:
         band: rows that can contain the stripe.
-        threshold: fixed threshold of the binarisation [grey levels of 8 bits]; None = derive it by Otsu's method.
+        threshold: fixed threshold of the binarisation [8-bit grey levels]; None = derive it by Otsu's method.
 
     Returns:
         Profile in rows of the whole image; a bad frame if the brightness beside the stripe changed too much.

@@ -121,7 +121,8 @@ class Outbox:
                 action()
             except Exception as failure:
                 error = f"{key}: {failure}"
-                # Losing messages because the session was closed is not an error.
+                # Failures after the session or this outbox was closed are expected: logged as INFO, but
+                # counted as failed.
                 is_expected = self._closed or isinstance(failure, SessionClosed)
                 logger.log(logging.INFO if is_expected else logging.ERROR, "sending on %s failed: %s", key, failure)
             with self._changed:

@@ -1,4 +1,4 @@
-"""Parts of messages (stance, transform, obstacle, declared ground), and checks shared by all messages."""
+"""Parts of messages (stance, transform, obstacle, ground patch), and checks shared by all messages."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def checked_shape(shape: Sequence[int], what: str) -> tuple[int, int]:
     """Check the shape of a grid, and return it as (ny, nx).
 
     Raises:
-        MessageError: there are not two dimensions, no cells, or too many cells.
+        MessageError: the shape does not have two dimensions, or has no cells or too many.
     """
     if len(shape) != 2 or 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
         cells = f"{' x '.join(map(str, shape))} cells" if shape else "a single number"

@@ -57,7 +57,7 @@ def _signed(
     key = ec.generate_private_key(ec.SECP256R1())
     now = datetime.datetime.now(datetime.UTC)
     end = now + datetime.timedelta(days=days)
-    # The validity begins one hour ago, so that a robot whose clock is slightly behind accepts the certificate.
+    # Start the validity one hour in the past, so that a robot whose clock is slow accepts the certificate.
     begin = min(now, end) - datetime.timedelta(hours=1)
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
     builder = (

@@ -1,4 +1,4 @@
-"""Members of a security folder (robots, routers, fleet members), and their access rules."""
+"""Members of a security folder (those of each robot, routers, fleet members), and their access rules."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Robot:
 
     Attributes:
         folder: folder that contains the folders of the members.
-        added: roles of additional members, by name. Each role always has one member, named like the role.
+        added: roles of additional members, by name. In addition, each role has one member with its name.
         revoked: names of the revoked members.
     """
 
@@ -47,7 +47,8 @@ class Router:
     Attributes:
         robots: instance names of the robots that the router serves.
         uplink: name of the router to which this router connects; empty = none.
-        scans: True if the router above and the clients of this router may request scans through it.
+        scans: True if nodes accept scan requests through this router, from its clients and, unless `summary_only`, from
+            the router above. A node that is a client of this router accepts requests of its planners in any case.
         summary_only: True if the router above receives only summaries, status and liveliness tokens.
     """
 
@@ -289,7 +290,9 @@ def edit_configuration(path: Path, change: Callable[[dict[str, Any]], bool]) -> 
             return True
         return False
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise SecurityError(f"cannot change {path}: {error}; allowed: the form that `guara security` writes") from error
+        raise SecurityError(
+            f"cannot change {path}: {error}; it must have the form that `guara security` writes"
+        ) from error
 
 
 def replace_file(path: Path, data: bytes, *, private: bool = False) -> None:

@@ -123,13 +123,13 @@ def coverage_and_sigma(result: CalibrationResult) -> bytes:
     image = 1e3 * floor_sigma.reshape(GRID[1], GRID[0])
     shown = sigma.contourf(pixels[: GRID[0], 0], pixels[:: GRID[0], 1], image, levels=12, cmap="viridis")
     figure.colorbar(shown, ax=sigma, label="sigma of the floor point [mm]", shrink=0.85)
-    sigma.set_title("standard deviation of a point of the floor")
+    sigma.set_title("standard deviation of floor points")
     _picture_axes(sigma, result)
     return to_png(figure)
 
 
 def halves(result: CalibrationResult) -> bytes | None:
-    """Draw the difference between two lens models, one fitted to the even and one to the odd images.
+    """Draw the difference between two lens models, one fitted to the even-numbered and one to the odd-numbered images.
 
     Returns None if `result` has no cross-validation.
     """
@@ -143,7 +143,7 @@ def halves(result: CalibrationResult) -> bytes | None:
     )
     figure.colorbar(shown, ax=axes, label="difference [px]", shrink=0.85)
     axes.quiver(*pixels.T, *difference.T, angles="xy", color="white", width=0.003)
-    axes.set_title("two lens models, fitted to the even and to the odd pictures")
+    axes.set_title("difference between lens models fitted to the even- and to the odd-numbered pictures")
     _picture_axes(axes, result)
     return to_png(figure)
 
@@ -192,7 +192,7 @@ def side_view(result: CalibrationResult) -> bytes:
     axes.annotate("mirror", mirror.point[[0, 2]], xytext=(8, 8), textcoords="offset points")
     axes.axvspan(*AREA_X, ymax=0.02, color=GREY)
     axes.set(xlabel="x, ahead of the robot [m]", ylabel="height [m]", aspect="equal")
-    axes.set_title("from the side: each red line is one laser plane; the grey bar is the scanned area")
+    axes.set_title("from the side: red lines are laser planes; the grey bar is the floor area of the other figures")
     axes.legend(loc="upper right", fontsize=8)
     return to_png(figure)
 

@@ -108,7 +108,7 @@ def draw_surface(path: Path, terrain: TerrainGrid, title: str) -> Path:
     bottom, top = min(low, 0.0), max(high, 60.0)
     axes.set(xlim=(y[-1], y[0]), ylim=(x[0], x[-1]), zlim=(bottom, top))
     axes.set_box_aspect((np.ptp(y), np.ptp(x), 2.0 * (top - bottom)))
-    axes.set(xlabel="y, left [mm]", ylabel="x, forward [mm]", zlabel="height, scaled by 2 [mm]")
+    axes.set(xlabel="y, left [mm]", ylabel="x, forward [mm]", zlabel="height [mm] (vertical exaggeration 2)")
     axes.view_init(elev=42, azim=-112)
     mappable = matplotlib.cm.ScalarMappable(norm=scale, cmap="viridis")
     figure.colorbar(mappable, ax=axes, label="height above the soles [mm]", shrink=0.7)

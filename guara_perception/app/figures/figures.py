@@ -63,7 +63,7 @@ def draw_figures(
             folder / "fig15_laser_stripes.png",
             corrected(stripes_together(scan)),
             area,
-            f"All {len(scan.stripes)} laser stripes (Fig. 15)",
+            "Laser stripes (Fig. 15)",
         ),
         draw_range_image(
             folder / "fig16_perspective_range_image.png", perspective, None, area, "Perspective range image (Fig. 16)"
@@ -75,7 +75,7 @@ def draw_figures(
             area,
             "Orthorectified range image, top view (Fig. 17)",
         ),
-        draw_surface(folder / "fig18_surface.png", terrain, "Orthorectified range image in 3-D (Fig. 18)"),
+        draw_surface(folder / "fig18_surface.png", terrain, "Elevation grid in 3-D (Fig. 18)"),
         draw_hazards(folder / "hazards.png", terrain, "Traversability and hazards"),
         *write_range_images(folder, terrain),
     ]
@@ -119,7 +119,7 @@ def as_grey(frame: Image) -> Grey:
 def corrected_image(
     image: Image, camera: CameraModel, transform_camera_to_footprint: Float, area: tuple[Interval, Interval]
 ) -> Image:
-    """Rectify an image to a view from straight above the floor, without distortion and perspective.
+    """Rectify an image to a top view of the floor, without lens distortion or perspective.
 
     Args:
         image: (h, w) or (h, w, 3) 8-bit image of the calibrated camera.

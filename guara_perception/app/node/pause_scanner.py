@@ -32,7 +32,8 @@ from transport import TerrainMessage, clock
 from transport.server import PerceptionServer
 
 logger = logging.getLogger(__name__)
-# Number of recent scans; the longest of their times from last frame to published grid is assumed for the next scan.
+# Number of recent scans whose longest delay from the last frame to the published grid is the estimate for the next
+# scan.
 TAILS = 5
 
 
@@ -79,7 +80,7 @@ class PauseScanner:
     def scan(
         self, pause: Pause, mode: str, should_stop: Callable[[], bool], progress: Progress | None = None
     ) -> TerrainMessage:
-        """Scan at a pause and publish grid and map, as provisional until joint readings confirm the scan.
+        """Scan at a pause and publish the grid and the map, both provisional until joint readings confirm the scan.
 
         If a device fails during the sweep, the scan ends early, and the health of the grid states the failure.
 
@@ -177,9 +178,9 @@ class PauseScanner:
         self._status.note("stream_use", f"the joint stream is not used: {why}" if why else "")
 
     def _await_joints(self, pause: Pause, processor: ScanProcessor, last_frame: float) -> None:
-        """Wait for the joint samples that locate the stripes; if these are unusable, require that the body stood still.
+        """Wait for the joint samples that give the pose of the body at each stripe.
 
-        The reason is then reported in the status.
+        If the samples are unusable, report the fault in the status and require that the body stood still.
         """
         stream = pause.stream
         if stream is None:
@@ -207,8 +208,8 @@ class PauseScanner:
     def _check_steps(self) -> None:
         """Reject a scan in which the mirror lost motor steps, so that stripes were not at their commanded angles.
 
-        The check homes the mirror, which takes a tenth of a second. The grid is therefore published before, and
-        withdrawn if steps were lost; the scan is fused into the map only afterwards.
+        The check homes the mirror, which takes a tenth of a second. The grid is therefore published first and
+        withdrawn if steps were lost; the scan is fused into the map only after the check.
 
         Raises:
             MirrorSlipped: steps were lost.

@@ -44,7 +44,7 @@ class BoardAdvice:
     _tilts: set[str] = field(default_factory=set)
 
     def judge(self, picture: Image, before: Image | None = None, name: str = "") -> tuple[BoardView, str]:
-        """Find the board in an image; return the view, and the reason why it is not accepted or "".
+        """Find the board in an image; return the view and the reason for rejecting it, "" if it is accepted.
 
         `before` is the previous frame, for checking that the board is still; None = no check.
         """
@@ -86,12 +86,12 @@ class BoardAdvice:
         if empty:
             row, column = empty[0]
             zone = f"{('top', 'middle', 'bottom')[row]} {('left', 'centre', 'right')[column]}"
-            advice.append(f"bring it to the {zone} of the picture ({len(empty)} of {ZONES**2} zones not yet seen)")
+            advice.append(f"move the board to the {zone} of the view ({len(empty)} of {ZONES**2} zones still empty)")
         sides = [side for side in SIDES if side not in self._tilts]
         if sides:
-            advice.append(f"tilt its {sides[0]} side away from the camera")
+            advice.append(f"tilt the {sides[0]} side of the board away from the camera")
         if not advice:
-            advice.append("show it at another place or with another tilt")
+            advice.append("show the board in another position or at another tilt")
         return f"{len(self.views)} of {WANTED_PICTURES} pictures: " + ", and ".join(advice)
 
 

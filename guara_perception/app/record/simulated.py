@@ -51,7 +51,7 @@ BOARD_POSES = (
 )
 # Factor by which a ChArUco board is held farther from the centre of the image, so that only part of it is visible.
 CHARUCO_REACH = 1.5
-# Material of the floor, on which the exposure is metered and the lag is measured.
+# Material of the floor. Exposure metering and the measurement of the camera's lag use the stripe on it.
 FLOOR_MATERIAL = "soil"
 
 
@@ -63,7 +63,7 @@ class SimulatedWorkshop:
     Attributes:
         robot: model of the robot.
         stance: stance of the robot during the whole session.
-        rangefinder: emulated board with the real driver, and a camera that sees the current scene.
+        rangefinder: emulated laser board with the real driver, and a camera that sees the current scene.
         truth: true geometry of the rangefinder.
     """
 

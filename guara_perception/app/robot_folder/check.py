@@ -58,7 +58,7 @@ def check_robot(folder: Path) -> tuple[RobotModel | None, list[Finding]]:
         findings.append(Finding(Weight.UNUSABLE, str(folder), str(error)))
     else:
         with warnings.catch_warnings():
-            # No warning for a joint beyond its limits, which is reported as a finding.
+            # Warnings of joints beyond their limits are suppressed: `_limits` reports those of the legs.
             warnings.simplefilter("ignore")
             findings += [*_file_findings(robot), *body_findings(robot), *scan_findings(robot)]
     return robot, findings
@@ -122,8 +122,8 @@ def _limits(robot: RobotModel, posture: str, state: RobotState) -> Iterator[Find
         if margin < LIMIT_MARGIN and joint in leg_joints:
             yield wrong(
                 f"posture {posture!r}",
-                f"joint {joint!r} is {margin:.3f} rad inside its limits; {LIMIT_MARGIN} rad are needed to follow a "
-                "tilting body: choose another height",
+                f"joint {joint!r} has a margin of {margin:.3f} rad to its limits; at least {LIMIT_MARGIN} rad is "
+                "required so that the body can tilt: choose another height",
             )
 
 
@@ -163,7 +163,8 @@ def _balance(robot: RobotModel) -> Iterator[Finding]:
     if tilt > LARGEST_TILT:
         yield wrong(
             f"posture {robot.config.scan_posture!r}",
-            f"the body is tilted by {np.degrees(tilt):.1f} degrees relative to its soles: heights would be tilted too",
+            f"the body is tilted by {np.degrees(tilt):.1f} degrees relative to the plane of its soles; the measured "
+            "terrain would be tilted as well",
         )
     margin = stability_margin(pose)
     if margin < BALANCE_M:

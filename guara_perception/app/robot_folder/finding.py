@@ -22,7 +22,7 @@ class Finding:
         weight: "unusable" if the robot cannot be used at all, "wrong" for an error that should be corrected, "note" for
             information.
         subject: the file, table, leg, link, posture or walk concerned.
-        text: the finding, with a remedy if it is to be corrected.
+        text: the finding, with a remedy where one is known.
     """
 
     weight: Weight

@@ -19,7 +19,7 @@ from kinematics import Stance, StanceError
 from kinematics.arrays import FrozenArrays
 
 Reader: TypeAlias = Callable[[object], Any]
-# Arrays of float64, read-only: (4, 4), (6, 6), (3,) and (4, 3).
+# Arrays of float64: (4, 4), (6, 6), (3,) and (4, 3). Fields are read-only; the arrays in `support_soles` are not.
 Transform: TypeAlias = Float
 Covariance: TypeAlias = Float
 Point: TypeAlias = Float
@@ -153,22 +153,22 @@ TEXT, WHOLE, FLAG, NUMBER = _is(str), _is(int), _is(bool), _is(int, float)
 LIST, OBJECT = _is(list, tuple), _is(Mapping)
 # Reader of each type of field, and the allowed values in words for error messages.
 FORMS: Mapping[str, tuple[Reader, str]] = {
-    "str | None": (TEXT, "text"),
+    "str | None": (TEXT, "a string"),
     "bool | None": (FLAG, "true or false"),
-    "int | None": (WHOLE, "a whole number"),
+    "int | None": (WHOLE, "an integer"),
     "float | None": (NUMBER, "a number"),
-    "tuple[str, ...] | None": (_each(TEXT), "a list of texts"),
-    "tuple[int, ...] | None": (_each(WHOLE), "a list of whole numbers"),
+    "tuple[str, ...] | None": (_each(TEXT), "a list of strings"),
+    "tuple[int, ...] | None": (_each(WHOLE), "a list of integers"),
     "tuple[float, ...] | None": (_each(NUMBER), "a list of numbers"),
     "tuple[Run, ...] | None": (_each(_run), "a list of runs [ix, first iy, end iy]"),
     "tuple[Mapping[str, object], ...] | None": (_each(OBJECT), "a list of objects"),
-    "Mapping[str, str] | None": (_named(TEXT), "an object of texts"),
-    "Mapping[str, int] | None": (_named(WHOLE), "an object of whole numbers"),
-    "Mapping[str, float] | None": (_named(NUMBER), "an object of numbers"),
-    "Mapping[str, float | None] | None": (_named(_number_or_null), "an object of numbers"),
+    "Mapping[str, str] | None": (_named(TEXT), "an object with string values"),
+    "Mapping[str, int] | None": (_named(WHOLE), "an object with integer values"),
+    "Mapping[str, float] | None": (_named(NUMBER), "an object with numbers as values"),
+    "Mapping[str, float | None] | None": (_named(_number_or_null), "an object with numbers or null as values"),
     "Transform | None": (_array(4, 4), "4 x 4 finite numbers"),
     "Covariance | None": (_array(6, 6), "6 x 6 finite numbers"),
-    "Mapping[str, Sole] | None": (_named(_array(4, 3)), "an object of 4 x 3 finite numbers"),
+    "Mapping[str, Sole] | None": (_named(_array(4, 3)), "an object whose values are 4 x 3 finite numbers"),
     "Point | None": (_array(3), "three finite numbers"),
     "Stance | None": (lambda value: Stance.from_dict(OBJECT(value)), "a stance"),
     "TraversabilityLimits | None": (_limits, f"an object of {', '.join(LIMITS)}"),
@@ -186,8 +186,8 @@ def limits_to_dict(limits: TraversabilityLimits) -> dict[str, float]:
 class GridRecord(FrozenArrays):
     """Fields common to the records of scans and maps; an absent value is None.
 
-    `to_json` returns the fields that have a value, and `extra`; docs/files.md lists the fields of a scan. For a record
-    read by `from_json`, it returns all fields that were read, including unknown ones.
+    `to_json` returns the fields that have a value, and `extra`; for a record read by `from_json`, it returns all fields
+    that were read, including unknown ones. docs/files.md lists the fields of a scan.
 
     Attributes:
         robot, robot_description: name of the robot, and its files packed by `kinematics.describe_robot`.
@@ -199,11 +199,12 @@ class GridRecord(FrozenArrays):
         support_soles: (4, 3) array of each supporting sole by leg, in base_footprint: centre [m], then the rows of its
             covariance [m^2].
         transform_base_to_footprint, transform_camera_to_base: (4, 4) pose of the body and mount of the camera.
-        pose_covariance: (6, 6) covariance of the pose in base_footprint.
+        pose_covariance: (6, 6) covariance of `transform_base_to_footprint`: x, y, z [m], rotations [rad].
         limits: traversability limits of the assessment.
         newer_limits, limit_flags: limits unknown to this version, and the flags that they set, by name.
         validity_pauses, validity_seconds: age up to which an observation may be used [pauses, s].
-        coverage, known: fraction of the expected cells, and of all cells, that are known.
+        coverage, known: fraction of the expected cells (of all cells in a map or a grid made from points), and of all
+            cells, that are known.
         hazard_cells: number of cells by flag.
         health: verdict on the grid.
         rounding: bounds of the rounding errors of a compact encoding.
@@ -211,7 +212,8 @@ class GridRecord(FrozenArrays):
         epoch: identity of the walk.
         provisional: True if the pause has not yet confirmed that the robot stood still.
         withdrawn: True if the node withdraws the grid of this step.
-        run, instance, sequence: run and name of the node that sent the grid, and number of its message.
+        run, instance, sequence: identity of the sending node's run (new at each start), instance name, and sequence
+            number of the message.
         scan_start, scan_end: times of the first and last frame [ns since the Unix epoch].
         scan_end_clock: time of the last frame on the node's clock [s].
         extra: fields of other programs and versions, null fields, and known fields whose values cannot be read.
@@ -258,7 +260,7 @@ class GridRecord(FrozenArrays):
     keys: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Freeze arrays and mappings."""
+        """Make array fields and mappings read-only, but not the arrays in a mapping."""
         super().__post_init__()
         for entry in fields(self):
             if isinstance(value := getattr(self, entry.name), Mapping):
@@ -333,8 +335,8 @@ class GridRecord(FrozenArrays):
         """
         if self.limits is None:
             raise InvalidInput(
-                f"the grid's metadata says limits = {self.extra.get('limits')!r}; this query needs {', '.join(LIMITS)} "
-                "there, as in a grid made by process_scan, TerrainMap or assess_terrain"
+                f"the grid's metadata says limits = {self.extra.get('limits')!r}; this query needs the limits "
+                f"{', '.join(LIMITS)}; grids made by process_scan, TerrainMap or assess_terrain have them"
             )
         return self.limits
 
@@ -359,7 +361,7 @@ class GridRecord(FrozenArrays):
         """Standard deviation of the vertical, 0 if unknown [rad].
 
         Raises:
-            InvalidInput: the value cannot be read, or is not finite and 0 or more.
+            InvalidInput: the value cannot be read, is negative, or is not finite.
         """
         self.check("attitude_sigma")
         sigma = self.attitude_sigma or 0.0
@@ -383,18 +385,18 @@ class ScanRecord(GridRecord):
     """Record of a scan.
 
     Attributes:
-        laser_origin: (3,) position of the laser in base_footprint [m].
+        laser_origin: (3,) point of the mirror axis nearest to the camera, in base_footprint [m].
         stripes_planned, stripes_used: numbers of stripes.
         stripes_missing: indices of the stripes that were never added.
         frames_bad: reason why the frame was not used, by stripe index.
         off_pictures_unused: mismatch of the laser-on and laser-off images, by stripe index. After a change of the
             ambient light, the laser-off image may have been used all the same.
-        points, points_used: number of image columns by status, and number of columns, or of given points or pixels,
-            that were used.
+        points, points_used: number of image columns by status, and number of those used. In a grid made from points or
+            a range image, `points_used` counts points or pixels.
         coverage_regions: coverage of each ninth of the area, by names such as "far left".
         seconds: computing time by stage [s].
-        lost_cells: unscanned or occluded cells that lost frames may have shown, as runs (ix, first iy, end iy), end
-            exclusive.
+        lost_cells: unscanned or occluded cells that may have been visible in a lost frame, as runs (ix, first iy,
+            end iy), end exclusive.
         dark_flashes: number of dark flashes with a usable frame; None for a sweep without dark flashes.
     """
 
@@ -436,7 +438,8 @@ class MapRecord(GridRecord):
         known_ground: ground declared by the gait.
         sideways_correction, sideways_correction_sigma: planar correction (x, y, yaw) of the walk [m, m, rad].
         registration_refused: reason why the registration of the scan was not used.
-        visual_corners: number of corners of the ground's texture that agree on a motion, None without images.
+        visual_corners: number of corners of the ground's texture that agree on a motion; None at the first pause of a
+            walk, and without images.
         visual_refused: reason why the laser-off image did not correct the walk.
         foot_slips: distance by which each standing foot slid since the last pause, including a slide common to all
             feet [m], by leg; None unless camera images corrected the poses at both pauses (the first pause of a walk

@@ -1,4 +1,5 @@
 """Map of a walk: fusion of the scans of several pauses in `odom`, drift correction, snapshots, known ground.
 
-Of `terrain`, it imports `layers`, `assessment` and `TerrainGrid`. `terrain.scan`, `app` and `simulation` use it.
+Within `terrain`, this package imports only `layers`, `assessment` and `TerrainGrid`; `terrain.scan`, `app` and
+`simulation` use it.
 """

@@ -23,7 +23,7 @@ from kinematics.arrays import FrozenArrays
 VALUE_AT_RIM = 0.5
 # Factor of the value at zero clearance, relative to open ground.
 VALUE_AT_EDGE = 0.5
-# Least relative gain in value that replaces the previous choice; it keeps the choice from alternating.
+# Relative gain in value required to replace the previous choice; prevents alternation between similar positions.
 HYSTERESIS = 1 / 3
 
 
@@ -76,8 +76,8 @@ def best_foothold(
 
     Candidates are the cell centres within the radius, the nominal position, and `previous` if it is within the radius.
     Of those that pass `check_foothold`, the result has the largest product of score, nearness and clearance factors,
-    unless `previous` is kept. Ties are decided by the smaller distance from the nominal position, then by the smaller
-    x, then by the smaller y.
+    unless `previous` is kept. Ties are broken by distance from the nominal position, then by x, then by y, smallest
+    first.
 
     Args:
         x, y: nominal position in base_footprint [m].
@@ -151,9 +151,9 @@ def best_refused(
 ) -> RefusedFoothold | None:
     """Find the candidate that came closest to being a foothold; None if no candidate is refused.
 
-    Safe ground that is only out of the leg's reach comes first, ordered by the excess of the joints. Other ground
-    follows, ordered by clearance, largest first. Ties are decided as in `best_foothold`. Use the result in messages
-    only: no foot may be placed at this position.
+    Safe ground that is merely out of the leg's reach comes first, ordered by how far the joints would exceed their
+    limits, smallest first. Other ground follows, ordered by clearance, largest first. Ties are broken as in
+    `best_foothold`. Use the result in messages only: no foot may be placed at this position.
 
     Args:
         x, y, radius, leg, robot: as in `best_foothold`.
