@@ -156,7 +156,10 @@ class World:
         """A new run, once the one before is gone."""
         if self.node is None:
             self._nodes += 1
-            self.node = Node(f"run-{self._nodes}", is_healthy)
+            # It queries the gait's clock as it starts. A pause whose gait is lost before the first answer expires by
+            # itself in the node, which is tested there: this world has no such pauses.
+            heard = math.inf if self.deaf_since < math.inf else self.now
+            self.node = Node(f"run-{self._nodes}", is_healthy, heard=heard)
             self._send(self.node.run, True)
             self._tell(self.node)
             self._hear()
