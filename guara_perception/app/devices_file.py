@@ -167,15 +167,15 @@ def devices_of(
 
     Args:
         path: devices.toml, or None.
-        camera: as `Devices.source`; None = unchanged. Any value removes the identity, which belongs to the camera in
-            the file.
+        camera: as `Devices.source`; None or empty = unchanged. Any other value removes the identity, which belongs to
+            the camera in the file.
         trigger, fps, off_frames: as in `Devices`; None = unchanged.
 
     Raises:
         MissingFile, FileFormatError: see `load_devices`.
     """
     known = Devices() if path is None else load_devices(path)
-    if camera is not None:
+    if camera:
         known = replace(known, identity="")
     given: dict[str, Any] = {"source": camera, "trigger": trigger, "fps": fps, "off_frames": off_frames}
     return replace(known, **{name: value for name, value in given.items() if value})

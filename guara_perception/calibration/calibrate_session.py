@@ -157,10 +157,11 @@ def calibrate_session(
     halves = None
     if not intrinsics.is_given:
         halves = cross_validation(intrinsics.views, session.board, size, distortion, distance)
-    floor_sigma = projection_uncertainty(fit)
+    settings = Settings.of(robot)
+    floor_sigma = projection_uncertainty(fit, settings.footprint_x[1])
     wanted = {stripe.index for plate in session.plates for stripe in plate.scan.stripes}
     missing = sorted(wanted - set(laser.stripes.indices))
-    near, far = height_sigmas(fit, laser, lines, to_footprint, Settings.of(robot).footprint_x)
+    near, far = height_sigmas(fit, laser, lines, to_footprint, settings.footprint_x)
     checks = camera_checks(intrinsics, fit, floor, square, cells, halves[1] if halves else None, floor_sigma[1])
     to_base = np.asarray(np.linalg.inv(to_footprint))
     camera_to_base = np.asarray(to_base @ fit.transform_camera_to_footprint)
@@ -201,6 +202,7 @@ def calibrate_session(
         coverage=cells,
         cross_validation=halves,
         floor_sigma=floor_sigma,
+        area=(settings.footprint_x, settings.footprint_y),
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from guara_perception.arrays import Float, Index
@@ -110,7 +112,8 @@ def camera_checks(
             None without a ground board.
         corners_by_cell: number of corners in each cell of the image.
         halves_px: (n, 2) projection differences between the lenses of the cross-validation [px]; None if not computed.
-        floor_sigma: (n,) standard deviations of the floor points seen by pixels all over the image [m].
+        floor_sigma: (n,) standard deviations of the floor points seen by pixels all over the image [m]; NaN does not
+            count.
     """
     residual = np.concatenate([np.empty(0), *(r.ravel() for r in fit.residuals_px)])
     marks = float(np.sqrt((fit.mark_residuals_px**2).sum(axis=1).mean()))
@@ -131,7 +134,8 @@ def camera_checks(
     checks.append(_check("fiducial misfit", marks, "px", 2.0 if given_by_hand else 0.3, 3.0 if given_by_hand else 1.0))
     if square_ratio is not None:
         checks.append(_check("square size error", 100 * abs(square_ratio - 1), "%", 0.3, 1.0))
-    return [*checks, _check("floor point sigma", 1e3 * float(np.nanmax(floor_sigma)), "mm", 0.5, 2.0)]
+    worst = max(floor_sigma[~np.isnan(floor_sigma)], default=math.inf)
+    return [*checks, _check("floor point sigma", 1e3 * float(worst), "mm", 0.5, 2.0)]
 
 
 def mount_checks(transform_camera_to_base: Float, nominal_camera_to_base: Float, mount: str) -> list[Check]:

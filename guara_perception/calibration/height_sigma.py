@@ -57,6 +57,8 @@ class HeightUncertainty:
             return None
         stored = Fields(calibration.covariance, "calibration", "covariance")
         planes = {item.integer("index"): item.array("plane", (4, 4)) for item in stored.items("stripes")}
+        if not planes:
+            raise FileFormatError(f"{stored.path_to('stripes')} is empty; allowed: the plane of each calibrated stripe")
         field = stored.sub("height_field")
         if tuple(field.sequence("terms")) != FIELD_TERMS:
             raise FileFormatError(f"{field.path_to('terms')} must be {', '.join(FIELD_TERMS)}")

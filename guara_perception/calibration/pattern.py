@@ -12,7 +12,7 @@ from guara_perception.calibration.calibration import Calibration, StripePlane, f
 from guara_perception.calibration.height_sigma import HeightUncertainty
 from guara_perception.calibration.mirror_model import MirrorModel
 from guara_perception.calibration.stripe_planes import plane_basis
-from guara_perception.exceptions import CalibrationMismatch
+from guara_perception.exceptions import CalibrationMismatch, FileFormatError
 from guara_perception.fields import Fields
 
 # Periods of the stepper's error that are tried [stripes of the standard pattern]. If every other stripe is calibrated,
@@ -88,6 +88,8 @@ def stored_mirror(calibration: Calibration) -> tuple[MirrorModel, Float, Float]:
     sizes = {"laser_plane": 4, "axis": 3, "point": 3, "normal_at_zero": 3}
     vectors = {name: stored.array(name, (size,)) for name, size in sizes.items()}
     errors = [(item.number("index"), item.number("error")) for item in stored.items("step_errors")]
+    if not errors:
+        raise FileFormatError(f"{stored.path_to('step_errors')} is empty; allowed: the error of each calibrated stripe")
     return MirrorModel(**vectors, gain=stored.number("gain")), *np.array(errors).reshape(-1, 2).T
 
 

@@ -116,21 +116,27 @@ def picture_grid(size: tuple[int, int]) -> Float:
     return np.column_stack((u.ravel(), v.ravel()))
 
 
-def projection_uncertainty(fit: CameraFit) -> tuple[Float, Float]:
+def projection_uncertainty(fit: CameraFit, far: float) -> tuple[Float, Float]:
     """Standard deviation of the floor point seen by a pixel, for pixels all over the image.
 
     The joint covariance of lens and mount is propagated to the floor.
 
+    Args:
+        fit: lens and mount.
+        far: far end of the scanned area, x in base_footprint [m].
+
     Returns:
         Pixels (63, 2), and the standard deviation (63,) of the floor point seen by each pixel [m]: the root of the
-        summed variances of x and y. It is meaningless for pixels above the horizon.
+        summed variances of x and y; NaN for pixels that see beyond the scanned area or above the horizon.
     """
     pixels = picture_grid(fit.camera.size)
     floor = to_floor(fit.camera, fit.transform_camera_to_footprint, pixels)
     moved = [(to_floor(camera, transform, pixels) - floor) / sigma for sigma, camera, transform in fit.moved()]
     derivative = np.stack(moved, axis=-1)
     covariance = np.einsum("nij,jk,nlk->nil", derivative, fit.covariance, derivative)
-    return pixels, np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+    sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+    is_below_horizon = fit.camera.rays(pixels) @ fit.transform_camera_to_footprint[2, :3] < 0
+    return pixels, np.where(is_below_horizon & (floor[:, 0] <= far), sigma, np.nan)
 
 
 def cross_validation(

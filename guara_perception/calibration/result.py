@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from guara_perception.arrays import Float, Index
+from guara_perception.arrays import Float, Index, Interval
 from guara_perception.calibration.board import BoardView
 from guara_perception.calibration.bundle import CameraFit
 from guara_perception.calibration.calibration import Calibration, CameraModel, StripePlane, format_indices, to_floor
@@ -42,7 +42,9 @@ class CalibrationResult:
         coverage: (6, 8) number of board corners in each cell of the image.
         cross_validation: pixels (n, 2), and differences (n, 2) at these pixels between the lenses calibrated from the
             two halves of the views [px]; None if not computed.
-        floor_sigma: pixels (n, 2), and standard deviations (n,) of the floor points seen by these pixels [m].
+        floor_sigma: pixels (n, 2), and standard deviations (n,) of the floor points seen by these pixels [m], NaN for
+            pixels that see beyond the scanned area.
+        area: x and y range of the scanned area, in base_footprint [m].
     """
 
     calibration: Calibration
@@ -59,6 +61,7 @@ class CalibrationResult:
     coverage: Index
     cross_validation: tuple[Float, Float] | None
     floor_sigma: tuple[Float, Float]
+    area: tuple[Interval, Interval]
 
     @property
     def verdict(self) -> str:

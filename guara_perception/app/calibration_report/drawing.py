@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -26,9 +27,7 @@ if TYPE_CHECKING:
 BLUE, ORANGE, GREEN, RED, GREY = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#999999"
 SERIES = (BLUE, ORANGE, GREEN, "#cc79a7", "#56b4e9", RED, "#000000")
 DPI = 110
-# Floor area of the paper's rectified image [m].
-AREA_X, AREA_Y = (0.50, 0.95), (-0.27, 0.27)
-FLOOR_EXTENT = (AREA_Y[1], AREA_Y[0], *AREA_X)
+GRID_LINES_M = 0.05
 FLOOR_LABELS = {"xlabel": "y, left of the robot [m]", "ylabel": "x, ahead of the robot [m]"}
 PICTURE_LABELS = {"xlabel": "column [px]", "ylabel": "row [px]"}
 
@@ -69,13 +68,12 @@ def board_before_after(result: CalibrationResult, name: str) -> bytes:
     ground = next(view for view in result.intrinsics.views if view.name == name)
     before.plot(*ground.corners_px.T, ".", color=RED, markersize=3)
     before.set(title="before: as seen by the camera (distorted, in perspective)", **PICTURE_LABELS)
-    floor = corrected_image(picture, result.fit.camera, result.fit.transform_camera_to_footprint, (AREA_X, AREA_Y))
+    floor = corrected_image(picture, result.fit.camera, result.fit.transform_camera_to_footprint, result.area)
     # Draw the far side at the top and the left side on the left.
-    after.imshow(floor[::-1, ::-1], extent=FLOOR_EXTENT)
-    for x in np.arange(AREA_X[0], AREA_X[1] + 1e-9, 0.05):
-        after.axhline(x, color=GREEN, linewidth=0.4)
-    for y in np.arange(-0.25, 0.26, 0.05):
-        after.axvline(y, color=GREEN, linewidth=0.4)
+    after.imshow(floor[::-1, ::-1], extent=_floor_extent(result))
+    for axis, lines in zip(result.area, (after.axhline, after.axvline), strict=True):
+        for tick in range(math.ceil(axis[0] / GRID_LINES_M), math.floor(axis[1] / GRID_LINES_M) + 1):
+            lines(tick * GRID_LINES_M, color=GREEN, linewidth=0.4)
     after.set(title="after: straight from above, lines every 50 mm", **FLOOR_LABELS)
     return to_png(figure)
 
@@ -168,6 +166,12 @@ def fiducials(result: CalibrationResult) -> bytes:
     return to_png(figure)
 
 
+def _floor_extent(result: CalibrationResult) -> tuple[float, float, float, float]:
+    """Extent of an image of the scanned area with its far side at the top and its left side on the left."""
+    x, y = result.area
+    return y[1], y[0], *x
+
+
 def _picture_axes(axes: Any, result: CalibrationResult) -> None:
     width, height = result.fit.camera.size
     axes.set(xlim=(0, width), ylim=(height, 0), aspect="equal", **PICTURE_LABELS)
@@ -190,7 +194,7 @@ def side_view(result: CalibrationResult) -> bytes:
     axes.annotate("camera", camera_position[[0, 2]], xytext=(9, -4), textcoords="offset points")
     axes.plot(*mirror.point[[0, 2]], "^", color=RED, markersize=9)
     axes.annotate("mirror", mirror.point[[0, 2]], xytext=(8, 8), textcoords="offset points")
-    axes.axvspan(*AREA_X, ymax=0.02, color=GREY)
+    axes.axvspan(*result.area[0], ymax=0.02, color=GREY)
     axes.set(xlabel="x, ahead of the robot [m]", ylabel="height [m]", aspect="equal")
     axes.set_title("from the side: red lines are laser planes; the grey bar is the floor area of the other figures")
     axes.legend(loc="upper right", fontsize=8)
@@ -270,7 +274,7 @@ def mirror_steps(result: CalibrationResult) -> bytes:
 
 def height_sigma(result: CalibrationResult) -> bytes:
     """Draw the predicted sigma of heights across the floor area, in total and from the calibration alone."""
-    x, y = np.linspace(*AREA_X, 46), np.linspace(*AREA_Y, 55)
+    x, y = np.linspace(*result.area[0], 46), np.linspace(*result.area[1], 55)
     point = np.column_stack((np.repeat(x, y.size), np.tile(y, x.size)))
     stripes, transform = result.laser.stripes, result.fit.transform_camera_to_footprint
     pixels = level_pixels(result.fit.camera, transform, point, 0.0)
@@ -300,7 +304,7 @@ def height_sigma(result: CalibrationResult) -> bytes:
         (axes[0], both, "one return: noise and calibration together"),
         (axes[1], alone, "calibration alone"),
     ):
-        shown = axis.imshow(image[::-1, ::-1], extent=FLOOR_EXTENT, cmap="viridis", vmin=0)
+        shown = axis.imshow(image[::-1, ::-1], extent=_floor_extent(result), cmap="viridis", vmin=0)
         figure.colorbar(shown, ax=axis, label="sigma of height [mm]", shrink=0.85)
         axis.set(title=title, **FLOOR_LABELS)
     return to_png(figure)

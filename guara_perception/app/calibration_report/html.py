@@ -66,7 +66,7 @@ def report_page(result: CalibrationResult) -> str:
     # Each image of the page has the name of the function that draws it.
     pictures = {name: data_url(drawn[name](result)) for name in re.findall(r'src="\$(\w+)"', page)}
     by_name = {check.name: check.value for check in result.checks}
-    depth = 1e3 * (drawing.AREA_X[1] - drawing.AREA_X[0])
+    depth = 1e3 * float(np.ptp(result.area[0]))
     near, far = (100 * 2 * by_name[f"height sigma {where}"] / depth for where in ("near", "far"))
     return Template(page).substitute(
         pictures,

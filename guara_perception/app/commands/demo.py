@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
 from guara_perception.app.options import FILE
 from guara_perception.app.progress import progress
@@ -73,6 +74,13 @@ def command(
 
     if course is not None and sway is not None:
         raise click.UsageError("--course and --sway were both given; allowed: one of them")
+    for chosen, unused in ((course, ("view", "cycles", "world")), (sway, ("view", "cycles"))):
+        for name in unused if chosen is not None else ():
+            if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+                raise click.UsageError(
+                    f"--{name} was given with {'--sway' if course is None else '--course'}, which does not use it; "
+                    "allowed: one of them"
+                )
     check_folder(out)
     out.mkdir(parents=True, exist_ok=True)
     if sway is not None:

@@ -16,10 +16,10 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.layers.hazard import Hazard
 from kinematics import Stance, StanceError
-from kinematics.arrays import FrozenArrays
+from kinematics.arrays import FrozenArrays, read_only
 
 Reader: TypeAlias = Callable[[object], Any]
-# Arrays of float64: (4, 4), (6, 6), (3,) and (4, 3). Fields are read-only; the arrays in `support_soles` are not.
+# Read-only arrays of float64: (4, 4), (6, 6), (3,) and (4, 3).
 Transform: TypeAlias = Float
 Covariance: TypeAlias = Float
 Point: TypeAlias = Float
@@ -260,11 +260,14 @@ class GridRecord(FrozenArrays):
     keys: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Make array fields and mappings read-only, but not the arrays in a mapping."""
+        """Make arrays and mappings read-only."""
         super().__post_init__()
         for entry in fields(self):
             if isinstance(value := getattr(self, entry.name), Mapping):
-                object.__setattr__(self, entry.name, MappingProxyType(dict(value)))
+                items = {
+                    name: read_only(item) if isinstance(item, np.ndarray) else item for name, item in value.items()
+                }
+                object.__setattr__(self, entry.name, MappingProxyType(items))
 
     def __reduce__(self) -> tuple[object, ...]:
         """Support pickling by way of the JSON object."""

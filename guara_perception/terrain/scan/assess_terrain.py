@@ -47,7 +47,7 @@ def assess_terrain(
     Raises:
         InvalidInput: an array is not numeric or has the wrong shape; resolution or origin is invalid; an elevation is
             infinite or beyond 10 km; or, where the height is known, the variance is NaN, infinite or negative, or the
-            lowest or highest height is missing or on the wrong side of `elevation`.
+            lowest or highest height is missing, infinite or on the wrong side of `elevation`.
     """
     heights, variances = check_heights(elevation, variance)
     low, high = _bound(lowest, "lowest", heights, -1), _bound(highest, "highest", heights, 1)
@@ -69,11 +69,14 @@ def _bound(bound: npt.ArrayLike | None, name: str, heights: Float, side: int) ->
         return heights
     bounds = numbers(bound, name)
     known = np.isfinite(heights)
-    if bounds.shape != heights.shape or not (side * (bounds[known] - heights[known]) >= 0).all():
+    if (
+        bounds.shape != heights.shape
+        or not (np.isfinite(bounds[known]) & (side * (bounds[known] - heights[known]) >= 0)).all()
+    ):
         beyond = "at or below" if side < 0 else "at or above"
         raise InvalidInput(
             f"{name} has shape {bounds.shape}; allowed: the shape of elevation, {heights.shape}, and in known cells "
-            f"heights {beyond} elevation [m]"
+            f"finite heights {beyond} elevation [m]"
         )
     return np.where(known, bounds, np.nan)
 

@@ -9,7 +9,7 @@ import pytest
 
 import guara_perception as gp
 from drivers import Board, Camera, CameraSettings, OpenCvCamera
-from guara_perception.app.devices_file import Devices, load_devices, save_devices
+from guara_perception.app.devices_file import Devices, devices_of, load_devices, save_devices
 from guara_perception.app.main import run
 from guara_perception.app.node.devices import rangefinder_of
 
@@ -42,6 +42,14 @@ def own_camera(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "my_cameras", raising=False)
     return "my_cameras"
+
+
+@pytest.mark.parametrize(("camera", "identity"), [(None, "mine"), ("", "mine"), ("1", "")])
+def test_the_identity_belongs_to_the_camera_of_the_file(tmp_path: Path, camera: str | None, identity: str) -> None:
+    path = tmp_path / "devices.toml"
+    save_devices(Devices("0", identity="mine"), path)
+    found = devices_of(path, camera=camera)
+    assert (found.source, found.identity) == (camera or "0", identity)
 
 
 @pytest.mark.parametrize(

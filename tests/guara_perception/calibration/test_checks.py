@@ -1,15 +1,18 @@
-"""The mount by joint angles against the mount by gravity."""
+"""Checks of a calibration: the mount by joint angles against gravity, and the floor that pixels see."""
 
 from __future__ import annotations
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from guara_perception.calibration.checks import stance_checks
+from guara_perception.calibration.checks import camera_checks, stance_checks
+from guara_perception.calibration.quality import projection_uncertainty
+from guara_perception.calibration.result import CalibrationResult
 from kinematics import RobotModel, Stance
 
 
@@ -47,3 +50,29 @@ def test_without_gravity_or_a_plane_of_soles_there_is_no_figure(robot: RobotMode
     assert stance_checks(robot, standing(robot, None)) == []
     two = dataclasses.replace(standing(robot, (0.0, 0.0, -1.0)), support_feet=robot.legs[:2])
     assert stance_checks(robot, two) == []
+
+
+def test_pixels_beyond_the_scanned_area_or_above_the_horizon_refuse_no_mount(result: CalibrationResult) -> None:
+    """A camera tilted up by 60 degrees sees the horizon, where floor points are not determined."""
+    up = cv2.Rodrigues(np.array([0.0, -np.deg2rad(60.0), 0.0]))[0]
+    to_footprint = np.array(result.fit.transform_camera_to_footprint)
+    to_footprint[:3, :3] = up @ to_footprint[:3, :3]
+    to_camera = np.linalg.inv(to_footprint)
+    pose = np.append(cv2.Rodrigues(to_camera[:3, :3])[0].ravel(), to_camera[:3, 3])
+    fit = dataclasses.replace(result.fit, transform_camera_to_footprint=to_footprint, pose=pose)
+    far = 1.5
+    pixels, sigma = projection_uncertainty(fit, far)
+    rays = fit.camera.rays(pixels) @ to_footprint[:3, :3].T
+    depth = -to_footprint[2, 3] / rays[:, 2]
+    sees_floor = (depth > 0) & (to_footprint[0, 3] + depth * rays[:, 0] <= far)
+    assert 0 < sees_floor.sum() < len(pixels) and (depth < 0).any()
+    np.testing.assert_array_equal(np.isfinite(sigma), sees_floor)
+    everywhere = projection_uncertainty(fit, np.inf)[1]
+    assert np.nanmax(sigma) < 3e-3 < np.nanmax(everywhere)
+
+
+def test_a_camera_that_sees_no_scanned_floor_is_refused(result: CalibrationResult) -> None:
+    """Without a pixel to judge there is no evidence that the mount is right."""
+    nothing = np.full(63, np.nan)
+    checks = camera_checks(result.intrinsics, result.fit, result.floor, None, result.coverage, None, nothing)
+    assert next(check for check in checks if check.name == "floor point sigma").verdict == "refused"

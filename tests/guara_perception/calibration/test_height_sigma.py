@@ -106,6 +106,8 @@ def broken(covariance: dict[str, Any], change: str) -> dict[str, Any]:
         return {**covariance, "height_field": {**field, "terms": list(FIELD_TERMS[:9])}}
     if change == "matrix":
         return {**covariance, "height_field": {**field, "matrix": [[1.0]]}}
+    if change == "no stripes":
+        return {**covariance, "stripes": []}
     return {name: value for name, value in covariance.items() if name != "stripes"}
 
 
@@ -115,6 +117,7 @@ def broken(covariance: dict[str, Any], change: str) -> dict[str, Any]:
         ("terms", "height_field.terms must be 1, x, y"),
         ("matrix", "calibration: covariance.height_field.matrix has shape 1x1; it must be 10x10"),
         ("stripes", "calibration: covariance.stripes is missing"),
+        ("no stripes", "calibration: covariance.stripes is empty; allowed: the plane of each calibrated stripe"),
     ],
 )
 def test_spoilt_covariance(result: CalibrationResult, change: str, reason: str) -> None:

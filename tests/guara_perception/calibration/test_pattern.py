@@ -29,6 +29,13 @@ def standard(calibration: gp.Calibration, indices: np.ndarray) -> gp.Calibration
     return dataclasses.replace(calibration, stripes=stripes, mirror=record, covariance=None)
 
 
+def test_a_mirror_without_step_errors_is_told(calibration: gp.Calibration) -> None:
+    mirror = {**dict(standard(calibration, INDICES[::2]).mirror or {}), "step_errors": []}
+    damaged = dataclasses.replace(standard(calibration, INDICES[::2]), mirror=mirror)
+    with pytest.raises(FileFormatError, match=r"step_errors is empty; allowed: the error of each calibrated stripe"):
+        interpolate_pattern(damaged, range(70))
+
+
 def test_standard_from_coarse_and_back(calibration: gp.Calibration) -> None:
     """Every second stripe and the motor's wave give the others exactly; without these it is the coarse one again."""
     whole = standard(calibration, INDICES)

@@ -223,6 +223,22 @@ def test_each_broken_promise_is_a_failure(changes: dict[str, object], said: str)
     assert any(said in problem for problem in check(**changes).failures(41))
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--course", "stones", "--view"],
+        ["--course", "stones", "--cycles", "3"],
+        ["--course", "stones", "--world", "demo"],
+        ["--sway", "0.5", "--cycles", "3"],
+    ],
+)
+def test_an_option_that_a_demo_does_not_use_is_refused(tmp_path: Path, arguments: list[str]) -> None:
+    result = CliRunner().invoke(demo_command, [*arguments, "--out", str(tmp_path / "out")])
+    assert result.exit_code == 2
+    assert f"{arguments[2]} was given with {arguments[0]}, which does not use it" in result.output
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_course_and_a_body_that_sways_are_two_demos(tmp_path: Path) -> None:
     arguments = ["--course", "stones", "--sway", "0.5", "--out", str(tmp_path / "out")]
     result = CliRunner().invoke(demo_command, arguments)

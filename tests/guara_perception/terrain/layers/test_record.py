@@ -89,6 +89,7 @@ def test_a_record_cannot_be_changed() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         record.robot = "other"  # type: ignore[misc]
     assert record.pose_covariance is not None and not record.pose_covariance.flags.writeable
+    assert record.support_soles and not any(sole.flags.writeable for sole in record.support_soles.values())
     for mapping in (record.hazard_cells, record.to_json()):
         with pytest.raises(TypeError):
             mapping["STEP"] = 0  # type: ignore[index]

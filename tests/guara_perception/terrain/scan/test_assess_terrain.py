@@ -54,8 +54,9 @@ def test_its_input_is_not_kept() -> None:
         ({"variance": np.full((2, 2), np.inf)}, "NaN, infinite or negative"),
         ({"lowest": np.zeros((2, 3))}, r"lowest has shape \(2, 3\); allowed: the shape of elevation, \(2, 2\)"),
         ({"lowest": np.full((2, 2), 0.01)}, "lowest .* heights at or below elevation"),
+        ({"highest": np.full((2, 2), np.inf)}, "highest .* finite heights at or above elevation"),
         ({"highest": np.full((2, 2), -0.01)}, "highest .* heights at or above elevation"),
-        ({"highest": np.full((2, 2), np.nan)}, "highest .* in known cells heights at or above elevation"),
+        ({"highest": np.full((2, 2), np.nan)}, "highest .* in known cells finite heights at or above elevation"),
     ],
 )
 def test_bad_input_is_refused(arguments: dict[str, object], message: str) -> None:
