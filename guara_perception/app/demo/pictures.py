@@ -79,7 +79,13 @@ def draw_map(path: Path, pauses: Sequence[DemoPause]) -> None:
                 markeredgewidth=0.5,
                 label=f"{leg} foothold",
             )
-    panels[0].legend(loc="lower left", fontsize=6.0, frameon=True, framealpha=0.8)
+    hazards = panels[1]
+    # A second legend of the same axes replaces the first one, which is therefore kept as an artist.
+    if (causes := hazards.get_legend()) is not None:
+        hazards.add_artist(causes)
+    hazards.legend(
+        handles=hazards.get_lines(), loc="lower left", bbox_to_anchor=(1.01, 0.0), borderaxespad=0.0, fontsize=7.0
+    )
     save_figure(figure, path)
 
 
