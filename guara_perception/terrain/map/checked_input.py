@@ -121,4 +121,4 @@ def tilt_since(terrain: TerrainGrid, between_looks: Float, pauses: int) -> Float
     if terrain.record.attitude_source == "odometry":
         # Odometry carries the vertical from each pause to the next by two readings of the feet.
         return 2.0 * pauses * between_looks
-    return np.eye(2) * (terrain.record.attitude_sigma or 0.0) ** 2
+    return np.diag(np.full(2, terrain.record.attitude_sigma or 0.0) ** 2)

@@ -454,6 +454,13 @@ def test_a_movement_that_comes_to_light_after_end_withdraws_what_was_confirmed(b
 
 def test_a_begin_that_comes_after_the_end_of_its_pause_turns_no_laser_on(bench: Bench) -> None:
     """It was held up for longer than the pause lasts: no scan, and the status says so."""
+    # Until the gait's clock answers, a pause lasts from the arrival of its BEGIN.
+    assert wait_until(
+        lambda: (
+            (status := bench.client.status()) is not None
+            and any(item.values.get("gait") == "heard" for item in status.items)
+        )
+    )
     bench.gait.say(0, PausePhase.BEGIN, time_available=4.0, stamp=time.time_ns() - 60 * 10**9)
     assert wait_until(lambda: any("step 0" in item.message for item in bench.status.items()))
     assert not bench.rig.board.view().laser_on and bench.client.counts()["received"] == 0
