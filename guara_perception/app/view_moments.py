@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from functools import cache, partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,33 @@ if TYPE_CHECKING:
     from kinematics import RobotModel
 
 logger = logging.getLogger(__name__)
+
+
+def robot_of(path: Path) -> str | None:
+    """Name of the robot of a grid, recording or scan folder; None if not stated or if `load_moments` refuses it.
+
+    Raises:
+        MissingFile, FileFormatError, UnsafeGrid: the file is damaged, or a frame of the folder does not exist.
+    """
+    if not path.exists():
+        return None
+    if path.is_dir():
+        from guara_perception.app.files.scan_folder import open_scan_folder
+
+        return open_scan_folder(path).robot
+    if path.suffix == ".npz":
+        from guara_perception.terrain.file import load_terrain
+
+        return load_terrain(path).record.robot
+    if path.suffix != ".mcap":
+        return None
+    from guara_perception.app.files.recording import open_recording
+
+    with open_recording(path) as recording:
+        if recording.scans:
+            return recording.scans[0].robot
+        grids = chain.from_iterable(map(recording.grids, EXTENTS))
+        return next((grid.record.robot for grid in grids), None)
 
 
 def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration | None = None) -> list[Moment]:

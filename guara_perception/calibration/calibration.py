@@ -74,7 +74,7 @@ class Calibration:
         quality: verdict (`good`, `usable`, `refused`, `unknown`), the reasons for it, and other results of its checks.
         created: time of creation, as ISO 8601 text; "simulated" for a simulated rangefinder; otherwise empty before the
             calibration is saved.
-        hash: content hash, hexadecimal; empty before the calibration is saved.
+        hash: content hash, hexadecimal; empty before the calibration is saved, except for a simulated rangefinder.
     """
 
     robot: str

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration, CameraModel, StripePlane
+from guara_perception.calibration.file import content_hash
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import Settings
 from kinematics import RobotModel
@@ -29,7 +32,7 @@ MIRROR_STEP = 122718e-9
 def specimen(
     robot: RobotModel, size: tuple[int, int] = (640, 512), seed: int | None = 0, *, mirror_step: float = MIRROR_STEP
 ) -> Calibration:
-    """Create the true calibration of a simulated rangefinder.
+    """Create the true calibration of a simulated rangefinder, with its content hash.
 
     Args:
         robot: robot with the nominal mounts and the scan pattern.
@@ -68,7 +71,7 @@ def specimen(
         StripePlane(index=i, mirror_angle=float(angle), plane=plane @ transform_camera_to_base)
         for i, (angle, plane) in enumerate(zip(angles, planes, strict=True))
     )
-    return Calibration(
+    calibration = Calibration(
         robot=robot.name,
         camera=camera,
         transform_camera_to_base=transform_camera_to_base,
@@ -76,6 +79,7 @@ def specimen(
         quality={"verdict": "good", "reasons": ["true calibration of a simulated rangefinder"]},
         created="simulated",
     )
+    return dataclasses.replace(calibration, hash=content_hash(calibration))
 
 
 def rotation(turn: npt.ArrayLike) -> Float:

@@ -30,7 +30,7 @@ TELLING = 1.0
     type=FILE,
     help="calibration for processing scans; default: that of the recording or scan folder",
 )
-@click.option("--robot", default="guara", help="name or folder of the robot")
+@click.option("--robot", help="name or folder of the robot; default: that of FILE, or guara")
 @click.option(
     "--connect", "endpoint", help="live: endpoint of node or router; default: that of --security, or tcp/127.0.0.1:7447"
 )
@@ -43,7 +43,7 @@ TELLING = 1.0
 def command(
     file: Path | None,
     calibration: Path | None = None,
-    robot: str = "guara",
+    robot: str | None = None,
     endpoint: str | None = None,
     name: str = "guara",
     security: Path | None = None,
@@ -70,11 +70,13 @@ def command(
         show_in_rerun(file, rerun, save)
         return
     from guara_perception.app.until_stopped import stop_event
-    from guara_perception.app.view_moments import load_moments
+    from guara_perception.app.view_moments import load_moments, robot_of
     from guara_perception.calibration.file import load_calibration
     from guara_perception.view.browser import BrowserView
     from kinematics import load_robot
 
+    if robot is None:
+        robot = (None if file is None else robot_of(file)) or "guara"
     model = load_robot(robot)
     known = None if calibration is None else load_calibration(calibration)
     moments = [] if file is None else load_moments(file, model, known)

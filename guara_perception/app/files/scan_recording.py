@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from guara_perception.app.messages import add_samples, message_to_stance
 from guara_perception.arrays import Float
+from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import parse_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, errors_as
 from guara_perception.files import existing_file
@@ -50,13 +51,13 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
         recording = open_recording(path)
     with file_errors(f"{path}: a recorded grid cannot be read: "):
         withdrawn, walks = _read_grids(recording.scans, recording.terrains())
-    identity = ""
+    calibration: Calibration | None = None
     if recording.calibration is not None:
         # A damaged calibration is reported only if it is used.
         with suppress(FileFormatError):
-            identity = parse_calibration(recording.calibration, str(path)).camera.identity
+            calibration = parse_calibration(recording.calibration, str(path))
     return [
-        _scan(recording, record, path, withdrawn.get(index, ""), walks.get(index, ""), identity)
+        _scan(recording, record, path, withdrawn.get(index, ""), walks.get(index, ""), calibration)
         for index, record in enumerate(recording.scans)
         # A pause that ended before its first stripe does not make the recording invalid.
         if any(stripe.on is not None for stripe in record.stripes)
@@ -91,8 +92,10 @@ def _read_grids(scans: Sequence[ScanRecord], grids: Iterable[TerrainMessage]) ->
 
 
 def _scan(
-    recording: Recording, record: ScanRecord, path: Path, withdrawn: str, epoch: str, camera_identity: str
+    recording: Recording, record: ScanRecord, path: Path, withdrawn: str, epoch: str, calibration: Calibration | None
 ) -> Scan:
+    # A node records its instance name; its calibration names the robot, whose model processing needs.
+    is_calibrated = calibration is not None and calibration.hash == record.calibration_hash
     source = f"{path} step {record.step}"
     names: dict[str, FrameReference] = {}
 
@@ -137,7 +140,7 @@ def _scan(
             return track
 
         return Scan(
-            robot=record.robot,
+            robot=calibration.robot if calibration is not None and is_calibrated else record.robot,
             mode=record.mode,
             stamp=record.stamp,
             step=record.step,
@@ -149,7 +152,7 @@ def _scan(
             read_frame=read_frame,
             withdrawn=withdrawn,
             dark_after=tuple(stripe.index for stripe in record.stripes if stripe.is_dark_due),
-            camera_identity=camera_identity,
+            camera_identity="" if calibration is None else calibration.camera.identity,
             read_track=read_track if flashes else None,
             epoch=epoch,
         )

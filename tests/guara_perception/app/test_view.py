@@ -20,7 +20,7 @@ from guara_perception.app.live_moments import LiveMoments
 from guara_perception.app.messages import stance_to_message, terrain_to_message
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.scene.range_images import range_image_messages
-from guara_perception.app.view_moments import load_moments
+from guara_perception.app.view_moments import load_moments, robot_of
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.view.moment import Moment, no_stripes
 from kinematics import RobotModel, load_robot
@@ -194,6 +194,23 @@ def test_a_recording_that_carries_its_calibration_needs_no_other(
         pass
     with pytest.raises(FileFormatError, match=r"damaged.mcap: calibration.json: format is missing"):
         load_moments(damaged, robot)
+
+
+def test_the_robot_of_a_file_is_the_default(
+    guara: Callable, tmp_path: Path, terrain_file: Path, paper_terrain: gp.TerrainGrid, edited_scan: Callable
+) -> None:
+    """Of a grid, a scan folder, a recording of scans and one of grids; nothing else names a robot."""
+    assert robot_of(terrain_file) == "guara"
+    folder = edited_scan(lambda scan: scan.update(robot="tapir"))
+    assert guara("convert", folder, tmp_path / "scan.mcap").code == 0
+    assert robot_of(folder) == robot_of(tmp_path / "scan.mcap") == "tapir"
+    with RecordingWriter(tmp_path / "grids.mcap", robot="lobo") as writer:
+        grid = dataclasses.replace(paper_terrain, pictures={})
+        writer.add_terrain(terrain_to_message(grid, robot="lobo", sequence=1))
+    assert robot_of(tmp_path / "grids.mcap") == "guara"
+    assert robot_of(tmp_path / "none.npz") is None
+    said = guara("view", folder)
+    assert said.code == 2 and "no robot 'tapir'" in said.err
 
 
 def test_what_cannot_be_shown_is_refused(guara: Callable, tmp_path: Path, robot: RobotModel) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -30,6 +32,12 @@ def robot() -> RobotModel:
 @pytest.fixture(scope="module")
 def calibration(robot: RobotModel) -> Calibration:
     return specimen(robot, (640, 512), seed=1)
+
+
+def test_the_true_calibration_has_the_hash_of_its_file(calibration: Calibration, tmp_path: Path) -> None:
+    """Simulated scans and grids carry it, as those of a calibrated robot do."""
+    saved = gp.save_calibration(calibration, tmp_path / "calibration.json")
+    assert len(calibration.hash) == 16 and calibration.hash == saved.hash
 
 
 def standing(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0, x: float = 0.0) -> np.ndarray:

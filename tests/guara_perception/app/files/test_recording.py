@@ -9,9 +9,9 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app.files.convert import convert
-from guara_perception.app.messages import terrain_to_message
+from guara_perception.app.messages import stance_to_message, terrain_to_message
 from transport import PausePhase, StanceMessage, StancePause
-from transport.recording import RecordingWriter
+from transport.recording import FrameRecord, RecordingWriter, ScanRecord
 
 
 @pytest.fixture
@@ -48,6 +48,27 @@ def test_scans_can_be_processed_again(data: Path, tmp_path: Path, calibration, p
         terrain = gp.process_scan(scan, calibration, "guara", pictures=False)
         assert recording.calibration is None
     assert np.array_equal(terrain.elevation, paper_terrain.elevation, equal_nan=True)
+
+
+@pytest.mark.slow
+def test_scans_of_a_node_with_a_name_of_its_own_can_be_processed(
+    calibration_file: Path, tmp_path: Path, paper_scan: gp.Scan
+) -> None:
+    """A scan is of the robot of its calibration, not of an instance "lobo"."""
+    calibration = gp.load_calibration(calibration_file)
+    for number, hash_text, robot in ((0, calibration.hash, "guara"), (1, "0" * 16, "lobo")):
+        path = tmp_path / f"{number}.mcap"
+        with RecordingWriter(path, robot="lobo", calibration=calibration_file.read_bytes()) as writer:
+            stance = stance_to_message(paper_scan.stance)
+            record = ScanRecord(robot="lobo", mode="coarse", stamp=1, step=0, stance=stance, calibration_hash=hash_text)
+            writer.begin_scan(record)
+            for stripe in paper_scan.stripes[:2]:
+                frame = FrameRecord(pixels=paper_scan.read_frame(stripe.on))
+                writer.add_stripe(stripe.index, stripe.mirror_angle, frame)
+            writer.end_scan()
+        assert gp.open_scan(path).robot == robot
+        if robot == "guara":
+            assert gp.process_scan(path, pictures=False).metadata["robot"] == "guara"
 
 
 def test_wrong_extent_and_files_are_refused(walk: Path, tmp_path: Path):
