@@ -167,8 +167,8 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
     # The file is created here, so that its name is not taken by another process and its permissions are the user's
     # default.
-    temporary.touch(exist_ok=False)
     try:
+        temporary.touch(exist_ok=False)
         yield temporary
         # Without fsync, a power cut soon after the rename can leave an empty file under the new name.
         with temporary.open("rb") as file:

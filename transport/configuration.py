@@ -28,6 +28,7 @@ PATIENT_WAIT_US = 100_000
 # milliseconds loses nothing, and a put does not wait.
 QUEUES = {"data_high": 16, "data_low": 8, "background": 16}
 
+HIGHEST_PORT = 65535
 PROTOCOLS = ("tcp", "tls", "udp", "quic", "ws", "unixsock-stream")
 
 RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
@@ -37,14 +38,15 @@ def check_endpoint(endpoint: str) -> str:
     """Check a Zenoh endpoint, `protocol/address`; return the endpoint.
 
     Raises:
-        ConfigurationError: the protocol is unknown, or address or port is missing.
+        ConfigurationError: the protocol is unknown, address or port is missing, or the port is above HIGHEST_PORT.
     """
     protocol, _, address = endpoint.partition("/")
-    has_port = protocol == "unixsock-stream" or address.split("?")[0].rpartition(":")[2].isdigit()
-    if protocol not in PROTOCOLS or not address or not has_port:
+    port = address.split("?")[0].rpartition(":")[2]
+    is_port = port.isdecimal() and len(port) <= len(str(HIGHEST_PORT)) and int(port) <= HIGHEST_PORT
+    if protocol not in PROTOCOLS or not address or not (is_port or protocol == "unixsock-stream"):
         raise ConfigurationError(
             f"endpoint {endpoint!r} is not valid; write protocol/host:port, for example {DEFAULT_ENDPOINT}, "
-            f"with one of {', '.join(PROTOCOLS)}"
+            f"with one of {', '.join(PROTOCOLS)} and a port of 0 ... {HIGHEST_PORT}"
         )
     return endpoint
 

@@ -106,6 +106,8 @@ def run_scan(
     if processor.track_fault:
         _check_still(scan, calibration, robot)
         processor.leave_track()
+    # Not before: a refusal is the one thing to say of a scan that is refused.
+    _tell_differences(scan, calibration)
     return processor
 
 
@@ -122,7 +124,7 @@ def _check_still(scan: Scan, calibration: Calibration, robot: RobotModel) -> Non
 
 
 def _check_fit(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
-    """Reject a scan of another robot, camera or pattern, or with uncalibrated stripes; warn of other differences."""
+    """Reject a scan of another robot, camera or pattern, or with uncalibrated stripes."""
     if scan.robot != robot.name:
         raise CalibrationMismatch(
             f"{scan.source}: robot is {scan.robot!r}, but the given model is {robot.name!r}: use the robot of the scan"
@@ -139,6 +141,10 @@ def _check_fit(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
             f"{scan.source}: stripe index {_listed(missing)} is not in the calibration, "
             f"which holds {_listed(calibration.indices)}: scan and calibration differ in rangefinder or pattern"
         )
+
+
+def _tell_differences(scan: Scan, calibration: Calibration) -> None:
+    """Warn of mirror angles and a calibration hash that differ from those of the calibration."""
     angles = {stripe.index: stripe.mirror_angle for stripe in scan.stripes}
     calibrated = {index: calibration.stripe(index).mirror_angle for index in angles}
     if moved := {index for index in angles if abs(angles[index] - calibrated[index]) > MIRROR_TOLERANCE}:

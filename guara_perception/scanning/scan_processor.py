@@ -37,7 +37,7 @@ from guara_perception.scanning.stripe_places import NO_PLACE, StripePlaces, part
 from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.stripes.band import FramePair, StripeProfile, bad_frame
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.geometry import GridGeometry, cell_edge
 from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import BodyTrack, GravityEstimate, Stance, StanceError, Stillness, describe_robot
 from kinematics.self_filter import SelfFilter
@@ -115,7 +115,7 @@ class ScanProcessor:
         self.pose = robot.stance_pose(self._stance, odometry=gravity)
         self._stamp, self._step = int(stamp), int(step)
         self._robot_description = describe_robot(robot)
-        self._cell = settings.resolution if resolution is None else float(resolution)
+        self._cell = cell_edge(resolution, settings.resolution)
         to_footprint = self.pose.transform_base_to_footprint
         self._geometry = scan_geometry(calibration, to_footprint, settings, mode)
         if not self._geometry.stripes:

@@ -41,6 +41,12 @@ def test_an_error_leaves_nothing_where_nothing_was(tmp_path: Path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_folder_that_takes_no_files_is_told_by_the_name_given() -> None:
+    """Not by the temporary name, which the user does not know."""
+    with pytest.raises(OSError, match=r"'/proc/out\.json'"), whole_file("/proc/out.json"):
+        pass
+
+
 @pytest.mark.parametrize("mask", [0o022, 0o077])
 def test_permissions_are_those_of_any_new_file(tmp_path: Path, mask: int):
     """The file is as readable as any that the user makes: mode 666 less the mask."""

@@ -170,7 +170,7 @@ def command(
     from guara_perception.app.until_stopped import closed_within, stop_event
     from guara_perception.scanning.stripe_finder import check_method
     from guara_perception.stripes.kernel.library import kernel
-    from transport.keys import stance_key
+    from transport.keys import check_name, stance_key
     from transport.node_name import open_only_node
     from transport.ros2_stream import Ros2Stream
     from transport.server import PerceptionServer
@@ -181,6 +181,8 @@ def command(
     if all(context.get_parameter_source(name) is ParameterSource.COMMANDLINE for name in ("jpeg", "earlier_lossless")):
         raise InvalidInput("--lossless and --jpeg are mutually exclusive: give one of them")
     check_method(method, threshold)
+    if name is not None:
+        check_name(name)
     # Report a damaged installation now, not at the first scan.
     kernel()
     log_to_stderr(log)
@@ -206,7 +208,7 @@ def command(
         follow(end_with)
         stack.callback(forget, end_with)
         rig = choose_rig(chosen, simulated=simulated, on_the_move=True, world=world)
-        instance = name or rig.robot.name
+        instance = rig.robot.name if name is None else name
         stack.enter_context(closed_within(rig.rangefinder))
         session = stack.enter_context(
             open_only_node(

@@ -209,3 +209,17 @@ def widest_window(kernel: Kernel, resolution: float, limits: TraversabilityLimit
 def half_cells(length: float, resolution: float) -> int:
     """Number of cells touched by a sole of this length on each side of its centre cell."""
     return int(np.ceil((length / 2 - resolution / 2) / resolution - 1e-9)) if length > resolution else 0
+
+
+def cell_edge(resolution: float | None, default: float) -> float:
+    """Edge of a cell as a float [m]; `default` for None.
+
+    Raises:
+        InvalidInput: the resolution is not a number.
+    """
+    if resolution is None:
+        return default
+    try:
+        return float(resolution)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"resolution is {resolution!r}; it must be a positive number of metres") from None

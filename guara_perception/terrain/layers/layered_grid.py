@@ -269,12 +269,16 @@ def look_up(grid: Gridded, layer: str, x: npt.ArrayLike, y: npt.ArrayLike, outsi
 
 
 def numbers(values: npt.ArrayLike, name: str) -> Float:
-    """Copy an argument to an array of float64.
+    """Copy an argument to an array of float64; masked elements become NaN.
 
     Raises:
-        InvalidInput: the argument is not an array of numbers.
+        InvalidInput: the argument is not an array of real numbers.
     """
     try:
+        if np.iscomplexobj(values):
+            raise TypeError
+        if isinstance(values, np.ma.MaskedArray):
+            return np.asarray(values.astype(np.float64).filled(np.nan))
         return np.array(values, dtype=np.float64)
     except (ValueError, TypeError):
         raise InvalidInput(f"{name}: an array of numbers is needed") from None

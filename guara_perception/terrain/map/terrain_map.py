@@ -15,7 +15,7 @@ from guara_perception.files import whole_file
 from guara_perception.ground_picture import GroundPicture
 from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.geometry import GridGeometry, cell_edge
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, cells_by_flag
 from guara_perception.terrain.layers.record import POSE, Health, MapRecord
 from guara_perception.terrain.map.checked_input import check_scan, checked_pose, tilt_between_looks, tilt_since
@@ -70,7 +70,7 @@ class TerrainMap:
         self._robot = robot_model(robot)
         self._settings = Settings.of(self._robot)
         x, y = self._settings.map_x, self._settings.map_y
-        self._grid = GridGeometry.over(x, y, self._settings.resolution if resolution is None else float(resolution))
+        self._grid = GridGeometry.over(x, y, cell_edge(resolution, self._settings.resolution))
         self._reach = float(np.hypot(max(map(abs, x)), max(map(abs, y)))) + MARGIN_M
         self._cells = OdomCells(self._grid.resolution, self._reach)
         self._state = MapState()

@@ -36,7 +36,8 @@ def assess_terrain(
     """Assess any elevation array as if the rangefinder had measured it.
 
     Args:
-        elevation: (ny, nx) heights [m], indexed [iy, ix]; NaN = unknown, flagged UNSCANNED.
+        elevation: (ny, nx) heights [m], indexed [iy, ix]; NaN or masked = unknown, flagged
+            UNSCANNED.
         resolution: cell edge [m].
         origin: corner (x, y) of cell (0, 0) with the smallest coordinates [m].
         variance: (ny, nx) variances of the heights [m^2]; None = exact.
@@ -45,20 +46,25 @@ def assess_terrain(
             edges within coarse cells.
 
     Raises:
-        InvalidInput: an array is not numeric or has the wrong shape; resolution or origin is invalid; an elevation is
-            infinite or beyond 10 km; or, where the height is known, the variance is NaN, infinite or negative, or the
-            lowest or highest height is missing, infinite or on the wrong side of `elevation`.
+        InvalidInput: an array is not numeric or has the wrong shape; resolution, origin or limits are invalid; an
+            elevation is infinite or beyond 10 km; or, where the height is known, the variance is NaN, infinite or
+            negative, or the lowest or highest height is missing, infinite or on the wrong side of `elevation`.
     """
     heights, variances = check_heights(elevation, variance)
     low, high = _bound(lowest, "lowest", heights, -1), _bound(highest, "highest", heights, 1)
-    if np.ndim(resolution) != 0 or len(tuple(origin)) != 2:
-        raise InvalidInput(f"resolution is {resolution}, origin is {origin}: one number and a pair (x, y) are needed")
-    x, y = origin
-    geometry = GridGeometry((float(x), float(y)), float(resolution), (heights.shape[0], heights.shape[1]))
+    try:
+        (x, y), edge = map(float, origin), float(resolution)
+    except (TypeError, ValueError):
+        raise InvalidInput(
+            f"resolution is {resolution!r}, origin is {origin!r}: one number and a pair (x, y) are needed"
+        ) from None
+    geometry = GridGeometry((x, y), edge, (heights.shape[0], heights.shape[1]))
     known = np.isfinite(heights)
     hazard = np.where(known, 0, np.uint16(Hazard.UNSCANNED)).astype(np.uint16)
     if limits is None:
         limits = default_limits()
+    elif not isinstance(limits, TraversabilityLimits):
+        raise InvalidInput(f"limits is {limits!r}, allowed: TraversabilityLimits, or None for those of the Guará")
     layers = assess_layers(Raster(heights, variances, low, high), hazard, geometry.resolution, limits)
     return TerrainGrid(layers=layers, geometry=geometry, record=ScanRecord(limits=limits))
 

@@ -13,7 +13,7 @@ from guara_perception.exceptions import InvalidInput, optional_library
 from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.assessment.raster import merge, rasterise, without_cells
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.geometry import GridGeometry, cell_edge
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.scan.from_points import judged_grid
 from guara_perception.terrain.scan.from_range_image import checked_area
@@ -79,7 +79,7 @@ def terrain_from_mujoco(
     except KinematicsError as error:
         raise InvalidInput(f"the robot in the scene does not stand: {error}") from None
     transform_footprint_to_world = transform_base_to_world @ inverse(pose.transform_base_to_footprint)
-    cell = settings.resolution if resolution is None else float(resolution)
+    cell = cell_edge(resolution, settings.resolution)
     x, y = checked_area(area or (settings.footprint_x, settings.footprint_y))
     geometry = GridGeometry.over(x, y, cell)
     points = _ground(mujoco, model, data, ground, geometry, transform_footprint_to_world, settings)

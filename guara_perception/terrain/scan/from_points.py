@@ -16,7 +16,7 @@ from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.causes import behind_surface
 from guara_perception.terrain.assessment.raster import Raster, cells_of, merge, rasterise, without_cells
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.geometry import GridGeometry, cell_edge
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
 from guara_perception.terrain.layers.layered_grid import numbers
 from guara_perception.terrain.layers.record import Health, ScanRecord
@@ -63,7 +63,7 @@ def terrain_from_points(
     """
     robot = robot_model("guara" if robot is None else robot)
     settings = Settings.of(robot)
-    cell = settings.resolution if resolution is None else float(resolution)
+    cell = cell_edge(resolution, settings.resolution)
     geometry = GridGeometry.over(settings.footprint_x, settings.footprint_y, cell)
     cloud = _rows(points, "points")
     sigmas = numbers(sigma, "sigma")

@@ -10,7 +10,7 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.assessment.raster import merge, rasterise, without_cells
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.geometry import GridGeometry, cell_edge
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.layered_grid import numbers
 from guara_perception.terrain.scan.assess_terrain import HIGHEST_M
@@ -64,7 +64,7 @@ def terrain_from_range_image(
     known = np.isfinite(heights)
     flags = _causes(causes, known)
     variance = _sigma(sigma_mm, known) ** 2
-    cell = settings.resolution if resolution is None else float(resolution)
+    cell = cell_edge(resolution, settings.resolution)
     geometry = GridGeometry.over((x_min, x_max), (y_min, y_max), cell)
     rows, columns = heights.shape
     x = x_min + (np.arange(rows) + 0.5) * (x_max - x_min) / rows

@@ -77,11 +77,12 @@ def test_resolutions_that_divide_the_area(paper_scan, calibration, robot, resolu
     np.testing.assert_array_equal(np.isfinite(terrain.elevation), known)
 
 
-@pytest.mark.parametrize("resolution", [0.007, 0.0, -0.005, float("nan"), float("inf"), 0.02, 1.0])
+@pytest.mark.parametrize("resolution", [0.007, 0.0, -0.005, float("nan"), float("inf"), 0.02, 1.0, "'fine'"])
 def test_resolutions_that_do_not_fit_are_refused(paper_scan, calibration, robot, resolution):
     """The message shows the value and what is allowed."""
     with pytest.raises(gp.InvalidInput, match=f"resolution (is )?{resolution}"):
-        gp.process_scan(paper_scan, calibration, robot, resolution=resolution)
+        given = resolution.strip("'") if isinstance(resolution, str) else resolution
+        gp.process_scan(paper_scan, calibration, robot, resolution=given)
 
 
 @pytest.mark.slow
@@ -259,6 +260,14 @@ def test_mirror_that_stood_elsewhere_is_reported(paper_scan, calibration, robot,
         assert not caplog.records
         gp.process_scan(dataclasses.replace(paper_scan, stripes=stripes), calibration, robot, pictures=False)
     assert "mirror_angle of stripe index 0, 2 ... 68 differs from the calibrated one" in caplog.text
+    caplog.clear()
+    half = dataclasses.replace(
+        paper_scan, stripes=stripes, read_frame=lambda name: paper_scan.read_frame(name)[::2, ::2]
+    )
+    with caplog.at_level(logging.WARNING), pytest.raises(gp.InvalidInput, match="the frame is 320x256 px"):
+        gp.process_scan(half, calibration, robot, strict=True)
+    # A refused scan has its one message.
+    assert not caplog.records
 
 
 def test_progress_counts_every_stripe(paper_scan, calibration, robot):

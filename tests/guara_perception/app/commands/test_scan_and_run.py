@@ -223,6 +223,23 @@ def test_a_place_that_cannot_be_recorded_to_is_refused(
     assert not Path("walks").exists() and not Path("w.mcap").exists()
 
 
+@pytest.mark.parametrize(
+    ("option", "given", "said"),
+    [
+        ("--name", "", "robot name '' cannot be part of a key"),
+        ("--name", "a/b", "robot name 'a/b' cannot be part of a key"),
+        ("--listen", "tcp/127.0.0.1:99999", "and a port of 0 ... 65535"),
+    ],
+)
+def test_a_name_or_endpoint_that_cannot_be_is_refused_at_once(
+    option: str, given: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In one line, without waiting for a port to become free."""
+    assert run(["run", "--simulated", option, given]) == 2
+    told = capsys.readouterr().err
+    assert said in told and told.count("\n") == 1
+
+
 @pytest.mark.slow
 def test_the_simulated_gait_speaks_under_the_name_of_the_robot(
     free_endpoint: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
@@ -243,7 +260,8 @@ def test_the_simulated_gait_speaks_under_the_name_of_the_robot(
     finally:
         node.kill()
     assert node.returncode == 0 and printed.splitlines()[-1] == "stopped, laser off"
-    assert gp.open_scan(recording, step=0).step == 0
+    assert gp.open_scan(recording, step=0).robot == "guara"
+    assert run(["process", str(recording), "--step", "0", "-o", str(tmp_path / "again.npz")]) == 0
     assert re.search(r"^step 0, coarse, 90x108 cells of 5 mm, known \d+%, traversable \d+%, ", printed, re.MULTILINE)
 
 

@@ -24,6 +24,16 @@ def test_nan_becomes_unscanned_and_origin_is_the_corner() -> None:
     assert terrain.looks[0, 0] == 1
 
 
+def test_masked_heights_are_unknown() -> None:
+    """Whatever number lies under the mask."""
+    heights = np.ma.masked_array(np.zeros((40, 40)), mask=np.zeros((40, 40), bool))
+    assert (gp.assess_terrain(heights, 0.005).hazard == 0).any()
+    heights[20, 20] = np.ma.masked
+    terrain = gp.assess_terrain(heights, 0.005)
+    assert np.isnan(terrain.elevation[20, 20]) and terrain.hazard[20, 20] & Hazard.UNSCANNED
+    assert terrain.hazard[20, 22] & Hazard.EDGE
+
+
 def test_its_input_is_not_kept() -> None:
     """Changing the array afterwards changes nothing."""
     heights = np.zeros((30, 30))
@@ -40,12 +50,18 @@ def test_its_input_is_not_kept() -> None:
         ({"elevation": np.zeros((2, 2, 2))}, r"shape \(2, 2, 2\)"),
         ({"elevation": [["a"]]}, "elevation: an array of numbers is needed"),
         ({"elevation": [[0.0, 1.0], [0.0]]}, "elevation: an array of numbers is needed"),
+        ({"elevation": np.zeros((2, 2), complex)}, "elevation: an array of numbers is needed"),
         ({"elevation": [[np.inf, 0.0]]}, "infinite heights: use NaN"),
         ({"elevation": [[2e4, 0.0]]}, "at most 10000 m is allowed"),
         ({"resolution": 0.0}, "resolution is 0.0; it must be a positive"),
         ({"resolution": -0.01}, "resolution is -0.01"),
         ({"resolution": np.nan}, "resolution is nan"),
         ({"resolution": [0.01, 0.01]}, "one number"),
+        ({"resolution": None}, "resolution is None, .*: one number and a pair"),
+        ({"resolution": "fine"}, "resolution is 'fine'"),
+        ({"origin": 5}, "origin is 5: one number and a pair"),
+        ({"origin": None}, "origin is None"),
+        ({"limits": {"slope": 0.3}}, "limits is {'slope': 0.3}, allowed: TraversabilityLimits"),
         ({"origin": (0.0, np.nan)}, "two finite numbers"),
         ({"origin": (0.0,)}, "pair"),
         ({"variance": np.zeros((2, 3))}, r"variance has shape \(2, 3\), elevation has \(2, 2\)"),
