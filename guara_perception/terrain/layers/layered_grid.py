@@ -277,8 +277,9 @@ def numbers(values: npt.ArrayLike, name: str) -> Float:
     try:
         if np.iscomplexobj(values):
             raise TypeError
+        copy = np.array(values, dtype=np.float64)
         if isinstance(values, np.ma.MaskedArray):
-            return np.asarray(values.astype(np.float64).filled(np.nan))
-        return np.array(values, dtype=np.float64)
+            copy[np.ma.getmaskarray(values)] = np.nan
+        return copy
     except (ValueError, TypeError):
         raise InvalidInput(f"{name}: an array of numbers is needed") from None
