@@ -224,6 +224,7 @@ class BackgroundWitness:
         """
         if self._reference is None and off is not None:
             self._begin(off)
+        self._seen[index] = []
         if self._reference is None or len(self._points) < LEAST_CORNERS:
             return
         scale = self._reference.shape[0] / picture.shape[0]
@@ -321,12 +322,10 @@ class BackgroundWitness:
 
     @property
     def is_blind(self) -> bool:
-        """True if a motion that makes heights wrong by `WRONG_M` could be missed: no texture, or too little light.
+        """True if a motion that makes heights wrong by `WRONG_M` could be missed.
 
-        False for a scan without laser-off images, in which motion is not looked for.
+        There is no texture, too little light, or no laser-off image, without which motion is not looked for.
         """
-        if self._reference is None:
-            return False
         found = _estimates(self._told(), self._reference_sigma())
         sigmas = [found[index].sigma.max() if index in found else np.inf for index in self._seen]
         return not sigmas or LEAST_SIGMAS * float(np.median(sigmas)) > WRONG_M

@@ -267,6 +267,8 @@ class ScanProcessor:
             claimed = {index: place.transform_camera_to_footprint for index, place in places.items()}
             parted = parted_pairs(places, self._pattern.step, self._corners)
         moved = {i: rise for i, rise in self._witness.moved(self._profiles, claimed).items() if i in self._profiles}
+        # Once motion is seen, only stripes that are shown to be still are used.
+        may_sway = places is None and not moved and self._witness.is_blind
         motion = motion_text(moved, len(parted), len(self._profiles), has_track=places is not None)
         motion = "; ".join(filter(None, (left, motion)))
         forbidden |= dict.fromkeys(moved, MOVED)
@@ -281,7 +283,7 @@ class ScanProcessor:
             elif proof.spoilt is not None and (new := without_spoilt(profile, proof.spoilt)) is not profile:
                 changed[index] = new
         if not changed and self._places is None:
-            return _Proved(proof, self._profiles, self._surface, motion)
+            return _Proved(proof, self._profiles, self._surface, motion, may_sway)
         profiles = {**self._profiles, **changed}
         good = {index: each for index, each in profiles.items() if not each.is_frame_bad}
         surface = self._new_surface(places, parted)
@@ -290,7 +292,7 @@ class ScanProcessor:
             surface.add(self._ranger.points({index: each for index, each in good.items() if index in changed}))
         else:
             surface.add(self._ranger.points(good, places))
-        return _Proved(proof, profiles, surface, motion, places)
+        return _Proved(proof, profiles, surface, motion, may_sway, places)
 
     def _new_surface(
         self, places: Mapping[int, StripePlace] | None = None, parted: Collection[Key] = ()
@@ -480,7 +482,8 @@ class ScanProcessor:
         last few stripes. It has no effect with a track, because stripes are then placed later.
         """
         if self._places is None:
-            self._what_is_proved().surface.layers("footprint")
+            proved = self._what_is_proved()
+            proved.surface.layers("footprint", may_sway=proved.may_sway)
 
     def finish(self, area: str = "footprint", *, record: ScanRecord | None = None) -> TerrainGrid:
         """Compute the terrain from the stripes added so far.
@@ -497,7 +500,7 @@ class ScanProcessor:
         """
         start = time.perf_counter()
         proved = self._what_is_proved()
-        layers = proved.surface.layers(area)
+        layers = proved.surface.layers(area, may_sway=proved.may_sway)
         if record is None:
             record = scan_record(
                 geometry=self._geometry,
@@ -515,7 +518,7 @@ class ScanProcessor:
                 mirrored_points=self._mirrored_points,
                 proof=proved.proof,
                 motion=proved.motion,
-                is_blind=proved.places is None and self._witness.is_blind,
+                may_sway=proved.may_sway,
             )
         # A refused scan is not evidence of lost returns: its stripes must not erase known cells of the map.
         unusable = {} if proved.proof.refused else proved.profiles
@@ -548,6 +551,7 @@ class _Proved:
         profiles: profile of each stripe; those not confirmed are bad.
         surface: surface of the confirmed stripes.
         motion: description of detected motion during the scan, and of a track that is not used; may be empty.
+        may_sway: True if neither joint stream nor background can show whether the body sways.
         places: pose of camera and body at each stripe; None if all stripes have the pose of the stance.
     """
 
@@ -555,4 +559,5 @@ class _Proved:
     profiles: Mapping[int, StripeProfile]
     surface: ScanSurface
     motion: str
+    may_sway: bool
     places: Mapping[int, StripePlace] | None = None

@@ -25,7 +25,10 @@ from kinematics.stance_pose import support_soles
 
 # Coverage below which the health states a cause and a remedy.
 LOW_COVERAGE = 0.5
-UNSEEN = "whether the body sways cannot be seen: the light is too dim or unsteady, or the ground has no texture"
+UNSEEN = (
+    "whether the body sways cannot be seen: the light is too dim or unsteady, the ground has no texture, or there is "
+    "no laser-off picture"
+)
 REGIONS_X, REGIONS_Y = ("near", "middle", "far"), ("right", "centre", "left")
 MIRRORED = (
     "mirrored left to right, the frames fit the calibration: the camera or its driver mirrors them, so that left and "
@@ -67,7 +70,7 @@ def scan_record(
     mirrored_points: Callable[[], Mapping[int, StripePoints]],
     proof: Proof,
     motion: str,
-    is_blind: bool,
+    may_sway: bool,
 ) -> ScanRecord:
     """Record of a scan; docs/files.md describes its fields."""
     calibration, planned, settings = geometry.calibration, geometry.stripes, Settings.of(robot)
@@ -84,8 +87,9 @@ def scan_record(
     told = {index: reason for index, reason in bad.items() if index not in proof.unproved and reason != MOVED}
     reasons = [f"stripe {index}: {reason}" for index, reason in told.items()]
     sway = robot.pause_limits.stance_sway
-    if is_blind and not motion:
-        reasons.append(UNSEEN if sway else f"{UNSEEN}, and robot.toml says that it does not sway ([pause] stance_sway)")
+    if may_sway:
+        amplitude = f"it may do so by {np.degrees(sway):.2f} degrees, which the variance of heights includes"
+        reasons.append(f"{UNSEEN}; by robot.toml ([pause] stance_sway) {amplitude if sway else 'it does not'}")
     if proof.unproved:
         reasons.append(
             f"{OTHER_INSTANT}, perhaps: {len(proof.unproved)} stripes without a later dark flash are not used"
@@ -111,11 +115,6 @@ def scan_record(
         reasons.append(
             "levelled by the plane of the feet, as neither an IMU nor leg odometry gives gravity: level to "
             f"{np.degrees(pose.attitude_sigma):.1f} degrees (one sigma)"
-        )
-    if sway:
-        reasons.append(
-            f"the body may sway by {np.degrees(sway):.2f} degrees undetected (robot.toml, [pause] stance_sway): the "
-            "variance of heights includes it"
         )
     verdict = calibration.quality.get("verdict")
     if verdict == "refused":

@@ -173,8 +173,12 @@ class ScanSurface:
         """Add stripes by index. Adding several in one call takes less time and gives the same result."""
         self._raster.add(stripes)
 
-    def layers(self, area: str) -> dict[str, Array]:
+    def layers(self, area: str, *, may_sway: bool) -> dict[str, Array]:
         """All layers of an area's grid by name, read-only, from the stripes added so far.
+
+        Args:
+            area: one of AREAS.
+            may_sway: True to add the variance due to the body's sway.
 
         Raises:
             InvalidInput: no such area.
@@ -182,7 +186,7 @@ class ScanSurface:
         check_area(area)
         own = self._area(area)
         raster = pool(self._raster.raster(), self._pooling).window((own.rows, slice(None)))
-        if own.sway_variance is not None:
+        if may_sway and own.sway_variance is not None:
             raster = replace(raster, variance=raster.variance + own.sway_variance)
         marks = pool_flags(self._raster.marks(), self._pooling)[own.rows]
         usable = np.isin(self._order, list(self.stripes))
@@ -235,7 +239,7 @@ class _Area:
     Attributes:
         rows: rows of the widest area's raster that belong to this area.
         plan: stripe pair and visibility of each of its cells.
-        sway_variance: (ny, nx) added to the variance of every cell [m^2], or None.
+        sway_variance: (ny, nx) variance due to the body's sway [m^2], or None.
     """
 
     rows: slice
