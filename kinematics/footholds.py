@@ -18,7 +18,8 @@ the sigma of the result.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -44,7 +45,8 @@ class Fit:
 
     Attributes:
         transform_footprint_to_odom: (4, 4), a rotation about z and a translation.
-        covariance: (4, 4) covariance of the footprint's x, y, z [m] and heading [rad].
+        covariance: (4, 4) covariance of the footprint's x, y, z [m] and heading [rad], from noise alone.
+        by_slides: (4, 4) covariance of its displacement in this motion if other feet stayed.
         residual: rms horizontal distance of the soles that stayed from their footholds [m].
         misfit: chi-square per degree of freedom if noise does not explain the residuals, otherwise 1.
         last_covariance: (4, 4) covariance of the previous footprint's x, y, z and heading.
@@ -53,6 +55,7 @@ class Fit:
 
     transform_footprint_to_odom: Float
     covariance: Float
+    by_slides: Float
     residual: float
     misfit: float
     last_covariance: Float
@@ -69,6 +72,10 @@ class Footholds:
         covariance: (4 n, 4 n) covariance of all positions.
         with_footprint: (4, 4 n) cross-covariance of the last footprint's x, y, z and heading with the positions.
         of_footprint: (4, 4) covariance of the last footprint's x, y, z and heading.
+        by_slides: (4, 4) covariance of the displacement of all that came after feet which may have slid: x, y, z and
+            heading of a motion of `odom` about its origin. All footholds share it, so that no reading can reduce it. In
+            `covariance` it would seem to shrink, because a filter that is linearised anew at each pause takes noise for
+            knowledge of the heading.
     """
 
     legs: tuple[str, ...]
@@ -76,6 +83,7 @@ class Footholds:
     covariance: Float
     with_footprint: Float
     of_footprint: Float
+    by_slides: Float = field(default_factory=lambda: read_only(np.zeros((4, 4))))
 
     def after_pause(
         self,
@@ -84,7 +92,7 @@ class Footholds:
         readings: Float,
         covariances: Float,
         *,
-        instead: tuple[str, ...] = (),
+        instead: Sequence[tuple[str, ...]] = (),
     ) -> tuple[Fit, Footholds]:
         """Fit the footprint of a new pause; return it with the footholds updated by the pause's readings.
 
@@ -93,8 +101,8 @@ class Footholds:
             legs: all feet that carry the body now, including those that stayed.
             readings: (n, 4) sole centres and pitches of all these feet in the new footprint [m, rad].
             covariances: (n, 4, 4) covariance of each reading.
-            instead: other feet that may have stayed, if the feet in `stayed` slid together. The covariance of the
-                footprint includes the largest displacement between the two explanations.
+            instead: other sets of feet that may have stayed. `Fit.by_slides` has the displacements of the footprint by
+                which these feet would be in place. A foot alone shows no turn.
         """
         now = [legs.index(leg) for leg in stayed]
         kept = np.concatenate([np.arange(4) + 4 * self.legs.index(leg) for leg in stayed])
@@ -126,16 +134,18 @@ class Footholds:
         residual_weight = inverse - inverse @ by_pose @ pose_covariance @ by_pose.T @ inverse
         transform = np.eye(4)
         transform[:3, :3], transform[:3, 3] = _turn(angle)[:3, :3], shift[:3]
-        # If all feet in `stayed` slide together, the footprint shifts by this slide, and the residuals do not show it.
-        slides = [
-            self.positions[self.legs.index(leg)] - rotation @ readings[legs.index(leg)] - shift for leg in instead
-        ]
-        slide = max(slides, key=np.linalg.norm, default=np.zeros(4))[:2]
-        covariance = 0.5 * (pose_covariance + pose_covariance.T)
-        covariance[:2, :2] += np.outer(slide, slide)
+        # The residuals do not show these displacements: any of the sets fits.
+        by_slides = np.zeros((4, 4))
+        for feet in instead:
+            there = np.array([self.positions[self.legs.index(leg), :3] for leg in feet])
+            here = readings[[legs.index(leg) for leg in feet]] @ rotation.T
+            turn, move = _closed_form(here[:, :3], there)
+            displaced = np.array([*(move - shift)[:2], 0.0, turn])
+            by_slides += np.outer(displaced, displaced)
         fit = Fit(
             transform_footprint_to_odom=read_only(transform),
-            covariance=read_only(covariance),
+            covariance=read_only(0.5 * (pose_covariance + pose_covariance.T)),
+            by_slides=read_only(by_slides),
             residual=float(np.sqrt(np.mean(np.sum(errors.reshape(-1, 4)[:, :2] ** 2, axis=1)))),
             misfit=misfit,
             last_covariance=self.of_footprint,
@@ -147,6 +157,7 @@ class Footholds:
             self,
             positions=read_only((self.positions.ravel() - cross_covariance @ residual_weight @ errors).reshape(-1, 4)),
             covariance=read_only(self.covariance - cross_covariance @ residual_weight @ cross_covariance.T),
+            by_slides=read_only(self.by_slides + (back := _carried(-shift)) @ by_slides @ back.T),
         )
         cross = pose_covariance @ by_pose.T @ inverse @ cross_covariance.T
         # If the fit is poor or there are feet in `instead`, the feet in `stayed` may have slipped. All footholds are
@@ -192,7 +203,13 @@ class Footholds:
             read_only(0.5 * (covariance + covariance.T)),
             read_only(joint[:4] @ source.T),
             fit.covariance,
+            self.by_slides,
         )
+
+    def slides_at(self, position: Float) -> Float:
+        """Covariance (4, 4) of the displacement of a footprint at a position (2,) or longer in `odom` by slides."""
+        carried = _carried(position)
+        return np.asarray(carried @ self.by_slides @ carried.T)
 
     @property
     def own_of_footprint(self) -> Float:
@@ -237,6 +254,13 @@ def _by_pose(rotated: Float) -> Float:
     derivative[:, :3, :3] = np.eye(3)
     derivative[:, 0, 3], derivative[:, 1, 3] = -rotated[:, 1], rotated[:, 0]
     return derivative.reshape(-1, 4)
+
+
+def _carried(way: Float) -> Float:
+    """Matrix (4, 4) that maps a small motion about a point to that of a place further by a way (2,) or longer."""
+    matrix = np.eye(4)
+    matrix[:2, 3] = -way[1], way[0]
+    return matrix
 
 
 def _blocks(covariances: Float) -> Float:

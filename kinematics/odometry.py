@@ -191,7 +191,7 @@ class LegOdometry:
         self, stance: Stance, last: OdometryPose, footholds: Footholds, standing: Sequence[str] | None
     ) -> tuple[OdometryPose, Footholds]:
         state = self._robot.state(stance.joint_positions)
-        common, stayed = self._feet(state, stance, last, standing)
+        common, (stayed, *others) = self._feet(state, stance, last, standing)
         pose = self._pose(state, stance, self._carried(state, stance, last, stayed))
         if len(stayed) < 2:
             raise OdometryLost(
@@ -200,15 +200,15 @@ class LegOdometry:
             )
         legs, before = _named_feet(pose), footholds
         readings = sole_readings(pose, legs, self._robot.noise)
-        fit, footholds = before.after_pause(tuple(stayed), legs, *readings)
+        fit, footholds = before.after_pause(stayed, legs, *readings)
         transform = fit.transform_footprint_to_odom
         moved = self._moved(pose, last, transform, common)
-        if instead := self._instead(common, stayed, moved):
-            fit, footholds = before.after_pause(tuple(stayed), legs, *readings, instead=instead)
+        if instead := others or self._instead(common, stayed, moved):
+            fit, footholds = before.after_pause(stayed, legs, *readings, instead=instead)
         # The tilt error of a pause shifts only that pause's footprint, so it is added here and not propagated.
         rotation = transform[:3, :3]
         covariance = self._first_tilt.copy()
-        covariance[np.ix_(PLANAR, PLANAR)] += fit.covariance
+        covariance[np.ix_(PLANAR, PLANAR)] += fit.covariance + footholds.slides_at(transform[:2, 3])
         covariance[:3, :3] += rotation @ _shift_by_tilt(pose)[:3, :3] @ rotation.T
         swung = [leg for leg in common if leg not in stayed and moved[leg] >= self._limits.swing_least]
         new = OdometryPose(
@@ -218,7 +218,7 @@ class LegOdometry:
             covariance=read_only(covariance),
             covariance_since_last=read_only(_since_last(last, pose, fit)),
             own_covariance=read_only(_own(pose, transform, footholds)),
-            stayed_feet=tuple(stayed),
+            stayed_feet=stayed,
             swung_feet=tuple(swung),
             slipped_feet=tuple(leg for leg in common if leg not in stayed and leg not in swung),
             foot_slips={leg: distance for leg, distance in moved.items() if leg not in swung},
@@ -241,7 +241,7 @@ class LegOdometry:
         if self._last is None:
             return None
         state = self._robot.state(stance.joint_positions)
-        return self._carried(state, stance, self._last, self._feet(state, stance, self._last)[1])
+        return self._carried(state, stance, self._last, self._feet(state, stance, self._last)[1][0])
 
     def _carried(
         self, state: RobotState, stance: Stance, last: OdometryPose, stayed: Sequence[str]
@@ -259,17 +259,17 @@ class LegOdometry:
 
     def _feet(
         self, state: RobotState, stance: Stance, last: OdometryPose, standing: Sequence[str] | None = None
-    ) -> tuple[list[str], list[str]]:
-        """Feet that carried the body at both pauses, and those among them that stayed."""
+    ) -> tuple[list[str], list[tuple[str, ...]]]:
+        """Feet that carried the body at both pauses, and sets of them that may have stayed, the likeliest first."""
         # A foot that was found unloaded is included: it may stand on a block, and if it hangs free, its distances to
         # the other feet change.
         may_stand = stance.support_feet if standing is None else set(standing).intersection(stance.support_feet)
         common = [leg for leg in _named_feet(last.pose) if leg in may_stand]
         return common, self._stayed(state, last.pose.state, common)
 
-    def _stayed(self, now: RobotState, before: RobotState, common: list[str]) -> list[str]:
+    def _stayed(self, now: RobotState, before: RobotState, common: list[str]) -> list[tuple[str, ...]]:
         # Soles in base_link suffice, because the distances between them do not depend on the vertical.
-        rows = find_stayed_feet(
+        sets = find_stayed_feet(
             now.soles_in_base(common),
             sole_covariances(now, common, self._robot.noise),
             before.soles_in_base(common),
@@ -277,17 +277,20 @@ class LegOdometry:
             slip_sigmas=self._limits.slip_sigmas,
             turn_limit=self._limits.turn_limit,
         )
-        return [common[row] for row in rows]
+        return [tuple(common[row] for row in rows) for rows in sets] or [()]
 
-    def _instead(self, common: list[str], stayed: list[str], moved: Mapping[str, float]) -> tuple[str, ...]:
-        """Feet of which one may have stood, if the two feet that seem to have stayed slid by the same vector."""
+    def _instead(
+        self, common: Sequence[str], stayed: Sequence[str], moved: Mapping[str, float]
+    ) -> Sequence[tuple[str, ...]]:
+        """Foot that may have stood alone, if the two feet that seem to have stayed slid by the same vector."""
         others = {leg: moved[leg] for leg in common if leg not in stayed}
         if len(stayed) > 2 or not others:
             return ()
         # A foot possibly stood if it moved less than `swing_least`, or less than twice that and less than half as far
         # as the foot that moved farthest.
         farthest, least = max(others.values()), self._limits.swing_least
-        return tuple(leg for leg, way in others.items() if way < least or (way < 2 * least and 2 * way < farthest))
+        alone = {leg: way for leg, way in others.items() if way < least or (way < 2 * least and 2 * way < farthest)}
+        return [(max(alone, key=alone.__getitem__),)] if alone else ()
 
     def _moved(self, pose: StancePose, last: OdometryPose, transform: Float, legs: list[str]) -> dict[str, float]:
         """Leg -> distance by which its sole moved in `odom` [m]."""
@@ -327,8 +330,9 @@ def _since_last(last: OdometryPose, pose: StancePose, fit: Fit) -> Float:
     by_new, by_last = np.eye(4), -np.eye(4)
     by_new[:3, :3], by_last[:3, :3] = rotation.T, -rotation.T
     by_last[:3, 3] = rotation.T @ (moved[1], -moved[0], 0.0)
+    new = fit.covariance + fit.by_slides
     shared = by_last @ fit.with_last @ by_new.T
-    planar = by_last @ fit.last_covariance @ by_last.T + by_new @ fit.covariance @ by_new.T + shared + shared.T
+    planar = by_last @ fit.last_covariance @ by_last.T + by_new @ new @ by_new.T + shared + shared.T
     result = np.zeros((6, 6))
     result[np.ix_(PLANAR, PLANAR)] = (planar + planar.T) / 2
     turn = rotation.T @ after[:3, :3]

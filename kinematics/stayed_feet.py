@@ -2,8 +2,9 @@
 
 Feet that stay keep their distances from each other however the body moves. The largest set of feet whose mutual
 distances did not change is therefore taken as the feet that stayed; of equally large sets, the one with the smallest
-changes. A swing can preserve a distance by chance, if one foot passes another. The line between two feet must therefore
-not have rotated by more than the body can turn.
+changes. The others may have stayed instead: a foot that slides across the line to another keeps its distance. A swing
+can preserve a distance by chance, if one foot passes another. The line between two feet must therefore not have rotated
+by more than the body can turn.
 
 A flat sole that carries the body keeps its pitch to within a degree or two. Its measured pitch also contains the noise
 of the leg's joints, which displaces the measured sole too; the covariance of pitch and position relates the two. A
@@ -38,8 +39,10 @@ def find_stayed_feet(
     *,
     slip_sigmas: float,
     turn_limit: float,
-) -> list[int]:
-    """Find the rows of the feet that stayed, in ascending order; empty if no two feet stayed.
+) -> list[tuple[int, ...]]:
+    """Find the sets of feet that may have stayed, the likeliest first; empty if no two feet stayed.
+
+    All sets are of the same size; each contains the rows of its feet in ascending order.
 
     Args:
         soles_now: (n, 3) sole centres at this pause, in a frame fixed to the body [m].
@@ -65,7 +68,7 @@ def find_stayed_feet(
             if all(change[i, j] <= slip_sigmas for i, j in combinations(rows, 2))
         ]
         if held:
-            return list(min(held)[1])
+            return [rows for _, rows in sorted(held)]
     return []
 
 

@@ -130,7 +130,26 @@ def test_feet_that_no_longer_stand_are_forgotten() -> None:
     np.testing.assert_allclose(footholds.positions, READINGS[rows], atol=1e-12)
 
 
-def stayed(now: np.ndarray, before: np.ndarray, turn_limit: float = 0.26) -> list[int]:
+def test_what_other_feet_say_is_a_displacement_that_nothing_reduces() -> None:
+    """A foot that slides across its line to the one that stays: the motion by the others is one sigma away, and later
+    readings of feet that stand change neither it nor the footholds.
+    """
+    now = READINGS.copy()
+    now[0, :2] += (0.0, 0.05)
+    fit, footholds = FIRST.after_pause(("rf", "rh"), LEGS, now, NOISE, instead=[("lf", "lh")])
+    by_lf, _ = FIRST.after_pause(("lf", "lh"), LEGS, now, NOISE)
+    there = by_lf.transform_footprint_to_odom
+    way = np.array([*there[:2, 3], 0.0, np.arctan2(there[1, 0], there[0, 0])])
+    np.testing.assert_allclose(fit.by_slides, np.outer(way, way), atol=1e-6)
+    np.testing.assert_allclose(footholds.by_slides, fit.by_slides, atol=1e-6)
+    for _ in range(3):
+        _, footholds = footholds.after_pause(LEGS, LEGS, seen_from(now, 0.1, (0.2, 0.0, 0.0)), NOISE)
+    np.testing.assert_allclose(footholds.by_slides, fit.by_slides, atol=1e-6)
+    # Further along the way the turn displaces sideways.
+    assert footholds.slides_at(np.array([1.0, 0.0]))[1, 1] == pytest.approx((way[1] + way[3]) ** 2, rel=1e-3)
+
+
+def stayed(now: np.ndarray, before: np.ndarray, turn_limit: float = 0.26) -> list[tuple[int, ...]]:
     return find_stayed_feet(now, NOISE[:, :3, :3], before, NOISE[:, :3, :3], slip_sigmas=4.5, turn_limit=turn_limit)
 
 
@@ -140,7 +159,7 @@ def test_the_foot_that_swung_is_distinguished_from_those_that_stayed() -> None:
         before = SOLES.copy()
         before[swung, 0] -= 0.14
         now = seen_from(READINGS, 0.05, (-0.035, 0.01, 0.0))[:, :3]
-        assert stayed(now, before) == [foot for foot in range(4) if foot != swung]
+        assert stayed(now, before) == [tuple(foot for foot in range(4) if foot != swung)]
 
 
 def test_a_swing_that_keeps_a_distance_is_seen_by_its_turn() -> None:
@@ -148,7 +167,15 @@ def test_a_swing_that_keeps_a_distance_is_seen_by_its_turn() -> None:
     before, now = SOLES[:2].copy(), SOLES[:2].copy()
     before[1, 0], now[1, 0] = 0.23, 0.37
     assert stayed(now, before) == []
-    assert stayed(now, before, turn_limit=3.0) == [0, 1]
+    assert stayed(now, before, turn_limit=3.0) == [(0, 1)]
+
+
+def test_a_foot_that_slides_across_a_line_may_have_stayed() -> None:
+    """Both pairs of equal length are given, the likelier first."""
+    now = SOLES[:3].copy()
+    now[0, 1] += 0.05
+    found = stayed(now, SOLES[:3])
+    assert found[0] == (1, 2) and set(found) == {(1, 2), (0, 2)}
 
 
 def test_nothing_in_common_means_none() -> None:

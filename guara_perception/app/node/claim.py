@@ -254,6 +254,9 @@ def _odometry(fields: Fields, robot: RobotModel) -> OdometryState:
         "with_footprint": (4, 4 * n),
         "of_footprint": (4, 4),
     }
+    if feet.has("by_slides"):
+        # Older journals are without.
+        shapes["by_slides"] = (4, 4)
     return OdometryState(
         step=fields.integer("step", 0),
         transform_footprint_to_odom=fields.array("transform_footprint_to_odom", (4, 4)),
