@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from transport import clock
 from transport.exceptions import MessageError
@@ -26,10 +27,15 @@ CLOCK_PERIOD = 2.0
 GAIT_SILENT = 4.0
 
 
+# Publisher of the last BEGIN or END, by session and robot.
+_LAST: WeakKeyDictionary[Session, dict[str, StancePublisher]] = WeakKeyDictionary()
+
+
 class StancePublisher(Sender):
     """Publisher of stance pauses and of the clock that stamps them. It never waits for a receiver.
 
-    Receivers that start during a pause still receive the BEGIN of the pause.
+    Receivers that start during a pause still receive the BEGIN of the pause. They receive nothing of an older publisher
+    of the same robot in the same session, so that the END of an earlier walk does not end the pause.
 
     Args:
         session: open session.
@@ -66,6 +72,10 @@ class StancePublisher(Sender):
         if pause.phase is PausePhase.HOLD:
             self._outbox.post(f"{self._holds.key} hold", lambda: self._holds.put(encode_stance_pause(pause)))
             return
+        before = _LAST.setdefault(self._session, {}).get(self._robot)
+        _LAST[self._session][self._robot] = self
+        if before is not None and before is not self:
+            before._publisher.forget()
         self._count += 1
         key = f"{self._publisher.key} {self._count}"
         self._outbox.post(key, lambda: self._publisher.put(encode_stance_pause(pause)))

@@ -58,6 +58,31 @@ def test_an_invalid_announcement_is_reported_and_the_next_one_heard(endpoint: st
 
 
 @pytest.mark.slow
+def test_a_second_publisher_of_a_session_takes_the_place_of_the_first(endpoint: str, peer, eventually) -> None:
+    """A node that comes within the new walk's pause hears its BEGIN, and not the END of the walk before."""
+    with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint, timeout=180.0) as other:
+
+        def say(publisher: transport.StancePublisher, step: int, phase: transport.PausePhase) -> None:
+            reported = {"robot": "guara", "step": step, "phase": phase, "stamp": 1, "stance": peer.make_stance()}
+            publisher.publish(transport.StancePause(**reported))
+            publisher.flush(30.0)
+
+        first, second = transport.StancePublisher(other), transport.StancePublisher(other)
+        say(first, 7, transport.PausePhase.END)
+        for publisher, step in ((second, 0), (first, 8)):
+            say(publisher, step, transport.PausePhase.BEGIN)
+            heard: list[tuple[str, int]] = []
+            receiver = transport.StanceReceiver(
+                session, on_pause=lambda p, heard=heard: heard.append((p.phase.name, p.step))
+            )
+            assert eventually(lambda heard=heard, step=step: ("BEGIN", step) in heard)
+            say(publisher, step, transport.PausePhase.HOLD)
+            assert eventually(lambda heard=heard, step=step: ("HOLD", step) in heard)
+            assert heard == [("BEGIN", step), ("HOLD", step)]
+            receiver.close()
+
+
+@pytest.mark.slow
 def test_who_comes_within_a_pause_hears_its_begin_and_not_its_holds(endpoint: str, peer, eventually) -> None:
     """HOLD is for those who listen now; a node that starts meanwhile needs the BEGIN, and then hears every HOLD."""
     with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint, timeout=180.0) as other:

@@ -124,6 +124,12 @@ class LastMessage:
                 if place >= KEPT or now - self._kept[other][2] > KEPT_FOR:
                     del self._kept[other]
 
+    def forget(self) -> None:
+        """Keep no message until the next one."""
+        with self._lock:
+            self._last = -1
+            self._kept.clear()
+
     def announce(self) -> None:
         """Announce the number of the last message, if there is one and messages are not identified by timestamps.
 

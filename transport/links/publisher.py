@@ -98,6 +98,11 @@ class Publisher(Resource):
             if self._last is not None:
                 self._last.announce()
 
+    def forget(self) -> None:
+        """Keep no payload for late subscribers until the next one is published."""
+        if self._last is not None:
+            self._last.forget()
+
     def _release(self) -> None:
         if self._last is not None:
             self._last.close()
