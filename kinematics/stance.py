@@ -35,7 +35,7 @@ class Stance:
         object.__setattr__(self, "joint_positions", _checked_joints(self.joint_positions))
         object.__setattr__(self, "support_feet", _checked_feet(self.support_feet))
         if self.gravity_in_base is not None:
-            object.__setattr__(self, "gravity_in_base", _checked_gravity(self.gravity_in_base))
+            object.__setattr__(self, "gravity_in_base", checked_gravity(self.gravity_in_base))
 
     def __reduce__(self) -> tuple[object, ...]:
         """Support pickling: a mapping proxy cannot be pickled, so it is replaced by a dict."""
@@ -113,7 +113,8 @@ def _checked_feet(feet: object) -> tuple[str, ...]:
     return names
 
 
-def _checked_gravity(gravity: object) -> tuple[float, float, float]:
+def checked_gravity(gravity: object) -> tuple[float, float, float]:
+    """Direction of gravity in `base_link` as a tuple; refused unless it is three numbers that point down."""
     if isinstance(gravity, str) or not isinstance(gravity, Iterable):
         raise StanceError(f"gravity_in_base: {gravity!r} is not a list of three numbers")
     values = [_number(value, "gravity_in_base") for value in gravity]

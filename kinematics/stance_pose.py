@@ -28,6 +28,7 @@ from kinematics.footprint import (
     footprint_jacobians,
     transform_base_to_footprint,
 )
+from kinematics.stance import checked_gravity
 from kinematics.toml_table import Table
 from kinematics.transforms import checked_transform, inverse, transform_points, unit_vector
 from kinematics.tree import RobotState
@@ -266,11 +267,11 @@ def _vertical(
     if attitude == "imu":
         if gravity_in_base is None:
             raise StanceError("attitude 'imu' was requested, but the stance has no gravity_in_base")
-        return attitude, -unit_vector(gravity_in_base), noise.imu_sigma
+        return attitude, -unit_vector(checked_gravity(gravity_in_base)), noise.imu_sigma
     if attitude == "odometry":
         if odometry is None:
             raise StanceError("attitude 'odometry' was requested, but no odometry was given")
-        return attitude, -unit_vector(odometry.gravity_in_base), odometry.sigma
+        return attitude, -unit_vector(checked_gravity(odometry.gravity_in_base)), odometry.sigma
     if attitude == "level":
         return attitude, np.array([0.0, 0.0, 1.0]), noise.level_sigma
     return attitude, None, 0.0

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kinematics.arrays import Float
+from kinematics.arrays import Array, Float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +50,11 @@ def find_unloaded_foot(feet: FourFeet, sigmas: float) -> int | None:
         sigmas: minimum height of a hanging foot above the plane of the other three, and largest height difference
             between level feet, in standard deviations.
     """
-    candidates = np.flatnonzero(_gaps_in_sigmas(feet) > sigmas).tolist()
+    corners = feet.soles[OTHERS]
+    corners[..., 2] = 1.0
+    # Three soles on a line span no plane, above which the fourth could hang.
+    spanning = np.flatnonzero(np.abs(np.linalg.det(corners)) > LEAST_AREA)
+    candidates = spanning[_gaps_in_sigmas(feet, spanning) > sigmas].tolist()
     if feet.up is not None:
         candidates = [row for row in candidates if _others_level(feet, row, sigmas)]
     if len(candidates) < 2:
@@ -63,6 +67,8 @@ def find_unloaded_foot(feet: FourFeet, sigmas: float) -> int | None:
 
 # Rows of the other three feet, for each foot.
 OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+# Twice the least area of three soles that span a plane [m^2]: that of a leg's length by a hundredth of a millimetre.
+LEAST_AREA = 1e-5
 
 
 def _normal(threes: Float) -> Float:
@@ -73,17 +79,18 @@ def _normal(threes: Float) -> Float:
     return np.asarray(normal / np.where(normal[..., 2:] > 0.0, length, -length))
 
 
-def _gaps_in_sigmas(feet: FourFeet) -> Float:
-    """Height (4,) of each sole above the plane of the other three, in standard deviations."""
-    others = feet.soles[OTHERS]
+def _gaps_in_sigmas(feet: FourFeet, rows: Array) -> Float:
+    """Height (r,) of the soles of these rows above the plane of the other three, in standard deviations."""
+    others = feet.soles[OTHERS[rows]]
     normals = _normal(others)
-    gaps = np.vecdot(normals, feet.soles - others[:, 0])
+    gaps = np.vecdot(normals, feet.soles[rows] - others[:, 0])
     # The point of the plane below a sole is the sum of the three other soles, weighted by barycentric coordinates.
-    under, corners = (feet.soles - gaps[:, None] * normals), np.swapaxes(others, 1, 2).copy()
+    under, corners = (feet.soles[rows] - gaps[:, None] * normals), np.swapaxes(others, 1, 2).copy()
     under[:, 2], corners[:, 2] = 1.0, 1.0
     weights = np.linalg.solve(corners, under[..., None])[..., 0]
     along_normals = np.einsum("ri,fij,rj->rf", normals, feet.covariances, normals)
-    variances = np.diag(along_normals) + np.vecdot(weights**2, np.take_along_axis(along_normals, OTHERS, axis=1))
+    of_others = np.take_along_axis(along_normals, OTHERS[rows], axis=1)
+    variances = along_normals[np.arange(len(rows)), rows] + np.vecdot(weights**2, of_others)
     return np.asarray(gaps / np.sqrt(variances))
 
 

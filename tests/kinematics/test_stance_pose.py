@@ -13,6 +13,7 @@ from kinematics import (
     Stance,
     StanceError,
     load_robot,
+    stance_pose,
 )
 from kinematics.footprint import fit_support_plane, transform_base_to_footprint
 from kinematics.stance_pose import sole_covariances
@@ -141,6 +142,16 @@ def test_sources_that_are_not_there_are_refused(guara: RobotModel) -> None:
         guara.stance_pose(tilted(guara), attitude="odometry")
     with pytest.raises(ArgumentError, match="attitude is 'gyro'; allowed: None, 'imu', 'odometry', 'supp"):
         guara.stance_pose(tilted(guara), attitude="gyro")
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, 0.0), (0.0, 0.0, 9.81), (0.0, 0.0, float("nan")), (0.0, -1.0)])
+def test_gravity_that_does_not_point_down_is_refused(guara: RobotModel, gravity: tuple[float, ...]) -> None:
+    """Whether an IMU or a walk gives it."""
+    state = guara.state(guara.posture("scan"))
+    carried = GravityEstimate(gravity, 0.01)
+    for said in ({"gravity_in_base": gravity}, {"odometry": carried}):
+        with pytest.raises(StanceError, match="gravity_in_base"):
+            stance_pose(state, guara.legs, noise=guara.noise, **said)
 
 
 def test_few_feet_need_gravity(guara: RobotModel) -> None:

@@ -46,3 +46,12 @@ def test_uneven_ground_is_not_a_hanging_foot() -> None:
     feet = four_feet(0.02, up=UP)
     feet.soles[3, 2] += 0.03
     assert find_unloaded_foot(feet, 3.5) is None
+
+
+def test_three_soles_on_a_line_say_nothing_of_the_fourth() -> None:
+    """They span no plane; with any of them left out, the others do."""
+    feet = four_feet(0.0)
+    feet.soles[1] = (feet.soles[0] + feet.soles[2]) / 2
+    assert find_unloaded_foot(feet, 3.5) is None
+    feet.soles[1, 2] += 0.03
+    assert find_unloaded_foot(feet, 3.5) == 1
