@@ -188,7 +188,7 @@ class ScanSurface:
         raster = pool(self._raster.raster(), self._pooling).window((own.rows, slice(None)))
         if may_sway and own.sway_variance is not None:
             raster = replace(raster, variance=raster.variance + own.sway_variance)
-        marks = pool_flags(self._raster.marks(), self._pooling)[own.rows]
+        marks = pool_flags(self._raster.marks(self._hidden), self._pooling)[own.rows]
         usable = np.isin(self._order, list(self.stripes))
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
         causes = unknown_causes(own.plan, self._origins, raster.elevation, pair_usable, marks, self._hidden)
@@ -413,10 +413,18 @@ class SurfaceRaster:
         self._to_merge.fill(False)
         return without_cells(self._raster, self._too_high)
 
-    def marks(self) -> Flags:
-        """Flags of the cells with unusable returns."""
+    def marks(self, hidden: Callable[[Float], Mask] | None = None) -> Flags:
+        """Flags of the cells with unusable returns.
+
+        Args:
+            hidden: returns the mask of the points (n, 3) that the robot hides from its own camera or laser. A stripe
+                ends there because of the robot, so an unusable return says nothing about the ground. None = no such
+                points.
+        """
         flags = self._out_of_range * np.uint16(Hazard.OUT_OF_RANGE)
         doubtful = np.concatenate([np.empty((0, 3)), *(each.doubtful.points for each in self._stripes.values())])
+        if hidden is not None and len(doubtful):
+            doubtful = doubtful[~hidden(doubtful)]
         flags.ravel()[cells_of(doubtful, self._geometry)[0]] |= np.uint16(Hazard.AMBIGUOUS)
         return flags
 
