@@ -148,7 +148,7 @@ def _find(name_or_path: str | Path) -> Path:
         return folder.resolve()
     raise RobotNotFound(
         f"no robot {str(name_or_path)!r}: it is neither a folder with a robot.toml nor one of the names "
-        f"{', '.join(names)}"
+        f"{', '.join(names)}: give the path of its folder"
     )
 
 

@@ -75,6 +75,8 @@ def read_urdf(path: Path, text: str | None = None) -> Urdf:
     root, text = read_xml(path) if text is None else (parse_xml(text, path), text)
     if root.tag != "robot":
         raise RobotFileError(f"{path}: the outermost element is <{root.tag}>, not <robot>")
+    if any(child.tag.startswith("xacro:") for child in root.iter()):
+        raise RobotFileError(f"{path}: has xacro macros: expand it first (xacro {path.name} > robot.urdf)")
     reader = _Reader(path)
     check_words(root, "robot", reader.findings)
     links = tuple(reader.link(element) for element in root.findall("link"))  # type: ignore[arg-type]

@@ -118,10 +118,11 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         Raises:
             StaleTerrain: the newest grid may not be used, or the node has not published one yet.
             ScannerUnavailable: there is no grid and no node.
-            SessionClosed: the client is closed; a usable grid that was received before is still returned.
+            SessionClosed: the client is closed: what ends a grid's use would not reach it.
             MessageError: the newest sample is not a valid grid, or the extent is unknown.
         """
         receiver = self.receiver(extent)
+        self._session.check_open()
         received = receiver.latest() or self._first(extent, SETTLE)
         if received is None and self.is_alive:
             received = self._first(extent, FIRST_GRID)

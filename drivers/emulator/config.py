@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 
 from drivers.board.board_records import BoardIdentity
 from drivers.board.protocol import PROTOCOL_MAJOR, PROTOCOL_MINOR
@@ -53,3 +54,14 @@ class EmulatorConfig:
     periodic_error: float = 0.0
     temperature: float = 30.0
     bus_delay: float = 0.0
+
+    @classmethod
+    def reaching(cls, angles: Iterable[float]) -> EmulatorConfig:
+        """Configuration of a board whose travel is the default one, extended to include mirror angles [rad]."""
+        identity = _default_identity()
+        steps = [identity.step_of(angle) for angle in angles]
+        below = max(0, identity.min_step - min(steps))
+        above = max(0, max(steps) - identity.max_step)
+        return cls(
+            identity=replace(identity, zero_step=identity.zero_step + below, max_step=identity.max_step + below + above)
+        )

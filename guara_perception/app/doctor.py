@@ -66,6 +66,7 @@ def examine(
     scan: Path | None = None,
     checks: tuple[str, ...] = (),
     security: Path | None = None,
+    robot: str | None = None,
 ) -> Iterator[tuple[str, Finding]]:
     """Run the checks one by one; yield the name and the finding of each check.
 
@@ -77,6 +78,7 @@ def examine(
         scan: recorded scan with floor in view, for the drift check; None = skip the check.
         checks: names of the checks to run; empty = all.
         security: security folder to check, or None.
+        robot: name or folder of the robot of `scan`; None = as the scan says.
     """
     every: dict[str, tuple[Callable[..., Finding], *tuple[Any, ...]]] = {
         "usb": (check_usb,),
@@ -85,7 +87,7 @@ def examine(
         "cameras": (check_cameras,),
         "zenoh": (check_endpoint, listen),
         "calibration": (check_calibration, calibration, devices),
-        "drift": (check_scan_drift, calibration, scan),
+        "drift": (check_scan_drift, calibration, scan, robot),
         "disk": (check_disk, folder),
         "speed": (check_speed,),
         "certificates": (check_certificates, security),
@@ -204,12 +206,12 @@ def judge_calibration(calibration: Calibration) -> Finding:
     return Finding(OK if verdict != "unknown" else WARN, f"{text}, {days} days old")
 
 
-def check_scan_drift(calibration: Path | None, scan: Path | None) -> Finding:
+def check_scan_drift(calibration: Path | None, scan: Path | None, robot: str | None = None) -> Finding:
     """Check that the calibration still agrees with the floor in a scan."""
     if calibration is None or scan is None:
         return Finding(SKIP, "not checked: give -c calibration.json and --scan SCAN, a scan with floor in view")
     recorded, calibrated = open_scan(scan), load_calibration(calibration)
-    drift = run_scan(recorded, calibrated, load_robot(recorded.robot)).drift()
+    drift = run_scan(recorded, calibrated, load_robot(robot or recorded.robot)).drift()
     if drift.verdict == DRIFTING:
         return Finding(WARN, f"{'; '.join(drift.reasons)}: calibrate again")
     if drift.verdict == HOLDS:

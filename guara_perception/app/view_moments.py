@@ -79,8 +79,9 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
         from guara_perception.app.files.open_scan import open_scans
         from guara_perception.app.files.scan_calibration import calibration_for
 
+        scans = open_scans(path)
         known = calibration_for(path, None) if calibration is None else calibration
-        return [_processed(scan, robot, known) for scan in open_scans(path)]
+        return [_processed(scan, robot, known) for scan in scans]
     if path.suffix == ".npz":
         from guara_perception.terrain.file import load_terrain
 

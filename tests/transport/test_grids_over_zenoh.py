@@ -25,6 +25,11 @@ def test_a_grid_travels_whole_between_processes(start, endpoint: str, peer) -> N
         for name, array in expected.layers.items():
             assert terrain.layers[name].tobytes() == array.tobytes(), name
         assert client.latest() is terrain
+        with pytest.raises(transport.MessageError, match="timeout is nan; allowed: a number of seconds, or None"):
+            client.receive(lambda _: True, timeout=math.nan)
+    # A closed client would not hear what ends the grid's use.
+    with pytest.raises(transport.SessionClosed):
+        client.latest()
 
 
 def test_late_joiners_get_the_last_grid(start, endpoint: str) -> None:

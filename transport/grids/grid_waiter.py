@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import partial
 
 from transport import clock
-from transport.exceptions import ReceiveTimeout, ScannerGone, ScannerUnavailable, StaleTerrain
+from transport.exceptions import MessageError, ReceiveTimeout, ScannerGone, ScannerUnavailable, StaleTerrain
 from transport.grids.evidence import G
 from transport.grids.grid_judge import POLL, TAKING_BACK, GridJudge, Terms
 from transport.keys import PERCEPTION_VERSION, alive_keys_of_all_versions
@@ -62,7 +62,10 @@ class GridWaiter:
             ScannerGone: no accepted message arrived, and the node has disappeared.
             ScannerUnavailable: no accepted message arrived, and no node was ever seen.
             SessionClosed: the receiver is closed.
+            MessageError: the timeout is NaN, which would never end.
         """
+        if timeout is not None and math.isnan(timeout):
+            raise MessageError("timeout is nan; allowed: a number of seconds, or None for no limit")
         deadline = math.inf if timeout is None else clock.now() + timeout
         stale: StaleTerrain | None = None
         while True:

@@ -79,10 +79,15 @@ class Session(AbstractContextManager["Session"]):
         Raises:
             SessionClosed: the session is closed.
         """
-        self._check_open()
+        self.check_open()
         return self._raw
 
-    def _check_open(self) -> None:
+    def check_open(self) -> None:
+        """Check that the session is open.
+
+        Raises:
+            SessionClosed: the session is closed.
+        """
         if self.is_closed:
             raise SessionClosed(f"the Zenoh session is closed; {self._cause}")
 
@@ -102,7 +107,7 @@ class Session(AbstractContextManager["Session"]):
             SessionClosed: the session is already closed.
         """
         with self._lock:
-            self._check_open()
+            self.check_open()
             self._resources.append(resource)
 
     def disown(self, resource: Closable) -> None:

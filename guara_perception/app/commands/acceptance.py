@@ -13,7 +13,7 @@ from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
 if TYPE_CHECKING:
-    from guara_perception.app.node.devices import Rig
+    from guara_perception.app.node.devices import Rig, robot_of
     from guara_perception.progress import Progress
 
 
@@ -115,11 +115,12 @@ def rig_with(heights: tuple[float, ...], chosen: DeviceOptions) -> Rig:
 
     if chosen.devices is not None:
         raise InvalidInput("--simulated has its own devices: leave --devices out")
-    model = load_robot(chosen.robot or "guara")
+    name = robot_of(chosen)
+    model = load_robot(name)
     (x0, x1), (y0, y1) = Settings.of(model).footprint_x, Settings.of(model).footprint_y
     pitch = (y1 - y0) / len(heights)
     size = (0.6 * pitch, 0.6 * pitch)
     row = enumerate(heights)
     boxes = tuple(Box(x=(x0 + x1) / 2, y=y0 + (i + 0.5) * pitch, size=size, height=height) for i, height in row)
-    made = SimulatedRobot(chosen.robot or "guara", chosen.calibration, world=World(features=boxes))
+    made = SimulatedRobot(name, chosen.calibration, world=World(features=boxes))
     return Rig(made.robot, made.calibration, made.rangefinder, made)

@@ -19,6 +19,7 @@ from guara_perception.app.options import FILE
 @click.option("--trigger", metavar="LINE", help="camera line wired to the board's TRIGGER")
 @click.option("--listen", default="tcp/127.0.0.1:7447", help="endpoint on which the node will listen")
 @click.option("--scan", type=FILE, help="recorded scan with floor in view, for the drift check")
+@click.option("--robot", help="name or folder of the robot, for the drift check; default: that of the scan")
 @click.option("--security", type=FILE, help="security folder with the certificates to check")
 @click.option("--only", "checks", multiple=True, help="run only this check; repeatable", metavar="NAME")
 @click.option(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,12 +17,15 @@ from guara_perception.terrain.layers.layered_grid import EXTENTS
 from transport.keys import DEFAULT_ROBOT
 
 if TYPE_CHECKING:
+    from guara_perception.app.client import TerrainClient
     from transport.fleet import RobotState
 
 # [s] Longest wait for the connection.
 CONNECTING_SECONDS = 5.0
 # [s] Default of --timeout with --all: time to wait for the answers to each query.
 ANSWER_SECONDS = 2.0
+# [s] Time after which a node that is not seen is said to be missing; its sign of life takes far less to arrive.
+SILENCE = 5.0
 COLUMNS = ("robot", "step", "age", "health", "links")
 
 
@@ -81,6 +85,8 @@ def command(
     connecting = CONNECTING_SECONDS if timeout is None else min(timeout, CONNECTING_SECONDS)
     with TerrainClient(endpoint, robot=robot, security=security, timeout=connecting, encoding=encoding) as client:
         try:
+            if timeout is None:
+                say_if_missing(client, robot)
             for terrain in client.stream(timeout, extent):
                 seen += 1
                 sequence = terrain.record.sequence
@@ -92,6 +98,20 @@ def command(
                     break
         except KeyboardInterrupt:
             click.echo(f"stopped; grids received: {seen}", err=True)
+
+
+def say_if_missing(client: TerrainClient, robot: str) -> None:
+    """Print a line on standard error if the node is not seen within `SILENCE` seconds."""
+    deadline = time.monotonic() + SILENCE
+    while not client.is_alive:
+        if time.monotonic() > deadline:
+            click.echo(
+                f"waiting for a node with instance name {robot!r}: none is seen here; `guara listen --all` lists those "
+                "that are, and --name selects one",
+                err=True,
+            )
+            return
+        time.sleep(0.05)
 
 
 def list_robots(

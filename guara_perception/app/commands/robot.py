@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 
 import click
@@ -60,7 +61,7 @@ def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
     for text in made.urdf.notes:
         click.echo(f"not used or not checked: {text}", err=True)
     click.echo(f"{out}: {len(assumed(made))} values are assumed; its README.md describes how to measure them")
-    click.echo(f"next: guara robot check {out}")
+    click.echo(f"next: guara robot check {shlex.quote(str(out))}")
 
 
 @command.command(name="check")

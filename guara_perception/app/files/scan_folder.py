@@ -49,6 +49,9 @@ def open_scan_folder(folder: str | Path, *, missing_ok: bool = False) -> Scan:
     folder = Path(folder)
     if not folder.is_dir():
         raise MissingFile(f"{folder}: no such folder; a scan is a folder with {SCAN_FILE} and frames")
+    if not (folder / SCAN_FILE).exists():
+        kind = "; this is the folder of a calibration session" if (folder / "session.json").is_file() else ""
+        raise MissingFile(f"{folder}: contains no {SCAN_FILE}, so it is not a scan{kind}")
     fields = read_json(folder / SCAN_FILE)
     fields.text("format", (FORMAT,))
     stripes = tuple(_stripe(item) for item in fields.items("stripes"))

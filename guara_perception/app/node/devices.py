@@ -85,7 +85,7 @@ def choose_rig(
         from guara_perception.app.node.simulated import SimulatedRobot
         from guara_perception.simulation.world import load_world
 
-        made = SimulatedRobot(chosen.robot or "guara", chosen.calibration, world=load_world(world))
+        made = SimulatedRobot(robot_of(chosen), chosen.calibration, world=load_world(world))
         return Rig(made.robot, made.calibration, made.rangefinder, made)
     devices = devices_of(
         chosen.devices, camera=chosen.camera, trigger=chosen.trigger, fps=chosen.fps, off_frames=chosen.off_frames
@@ -102,6 +102,17 @@ def choose_rig(
     check_identity(devices.identity, calibrated.identity, str(chosen.devices))
     devices = replace(devices, size=calibrated.size, identity=calibrated.identity or devices.identity)
     return Rig(model, calibration, rangefinder_of(devices), None)
+
+
+def robot_of(chosen: DeviceOptions) -> str:
+    """Name or folder of the robot that the options select.
+
+    Raises:
+        MissingFile, FileFormatError: the calibration cannot be read.
+    """
+    if chosen.robot is None and chosen.calibration is not None:
+        return load_calibration(chosen.calibration).robot
+    return chosen.robot or "guara"
 
 
 def _refuse_assumed(robot: RobotModel) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers import CameraSettings, LaserBoard
-from drivers.emulator import EmulatedBoard, EmulatedClock, emulated_backend
+from drivers.emulator import EmulatedBoard, EmulatedClock, EmulatorConfig, emulated_backend
 from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.arrays import Float
@@ -73,7 +73,8 @@ class SimulatedRobot:
         self._rig = SimulatedRangefinder(self.world, self.calibration, self.robot, seed)
         self._seed = seed
         clock = EmulatedClock(time.monotonic())
-        board = EmulatedBoard(clock=clock.monotonic)
+        travel = EmulatorConfig.reaching(stripe.mirror_angle for stripe in self.calibration.stripes)
+        board = EmulatedBoard(travel, clock=clock.monotonic)
         camera = simulated_camera(self._rig, board, fps=fps, latency=LATENCY_S)
         camera.identity = self.calibration.camera.identity or camera.identity
         settings = CameraSettings(exposure=NOMINAL_EXPOSURE_S, gain=1.0)

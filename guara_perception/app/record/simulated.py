@@ -76,7 +76,7 @@ class SimulatedWorkshop:
             seed: random seed of the simulated device and its noise.
         """
         from drivers import LaserBoard
-        from drivers.emulator import EmulatedBoard, EmulatedClock, emulated_backend
+        from drivers.emulator import EmulatedBoard, EmulatedClock, EmulatorConfig, emulated_backend
         from drivers.emulator.emulated_camera import EmulatedCamera
 
         self.robot: RobotModel = load_robot(robot)
@@ -90,7 +90,8 @@ class SimulatedWorkshop:
         self._floor: Scene = renderer(self._over(0.0))
         self._scene = self._floor
         clock = EmulatedClock()
-        board = EmulatedBoard(clock=clock.monotonic)
+        travel = EmulatorConfig.reaching(stripe.mirror_angle for stripe in self.truth.stripes)
+        board = EmulatedBoard(travel, clock=clock.monotonic)
         camera = EmulatedCamera(
             board,
             lambda seen, settings: self._scene(seen, settings),

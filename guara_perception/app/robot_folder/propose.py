@@ -27,6 +27,10 @@ LEAST_SOLE_M = 0.020
 # sixth of the diameter to either side, and rubber flattens by a tenth on either side.
 CONTACT_SHARE = 0.55
 HALF_SWING_M = 0.07
+# Lengths of a leg that are taken for metres [m].
+LEG_M = (0.05, 5.0)
+# Joint limits between two turns in radians and two turns in degrees are taken for degrees. Larger ones mean "no limit".
+DEGREES = (4.0 * np.pi, 720.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,11 +88,12 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
         hip_height: height of the hips above the soles in the scan posture [m]; None = chosen for the reach of the feet.
 
     Raises:
-        InvalidInput: fewer than three legs are found, legs share joints, the robot cannot stand on them, or its feet
-            reach no position of the gait.
+        InvalidInput: fewer than three legs are found, legs share joints, lengths or limits have the wrong unit, the
+            robot cannot stand on its legs, or its feet reach no position of the gait.
     """
     found = find_legs(urdf)
     legs = tuple(LegSolver(urdf, leg, find_foot(urdf, leg)) for leg in found)
+    _check_units(urdf, legs)
     height, reach = choose_height(legs) if hip_height is None else (hip_height, None)
     scan = stand(legs, height)
     if scan is None:
@@ -132,6 +137,23 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
         camera_frame=camera_frame,
         laser_frame=laser_frame,
     )
+
+
+def _check_units(urdf: Urdf, legs: tuple[LegSolver, ...]) -> None:
+    """Check that lengths can be metres and joint limits radians."""
+    for leg in legs:
+        if not LEG_M[0] <= leg.length <= LEG_M[1]:
+            raise InvalidInput(
+                f"{urdf.path}: the leg of {leg.leg.foot!r} is {leg.length:.3g} m long, allowed: {LEG_M[0]:g} ... "
+                f"{LEG_M[1]:g} m. Lengths in a URDF are in metres (<mesh scale> too): convert them in a copy"
+            )
+        for joint in urdf.joints:
+            largest = max(abs(joint.lower), abs(joint.upper))
+            if joint.name in leg.leg.joints and joint.kind == "revolute" and DEGREES[0] < largest <= DEGREES[1]:
+                raise InvalidInput(
+                    f"{urdf.path}:{joint.line}: joint {joint.name!r} has the limits {joint.lower:g} ... "
+                    f"{joint.upper:g} rad, more than two turns. Limits in a URDF are in radians: convert them in a copy"
+                )
 
 
 def _free(urdf: Urdf, wanted: str) -> str:

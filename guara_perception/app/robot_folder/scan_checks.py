@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.app.robot_folder.finding import Finding, wrong
+from drivers.emulator import EmulatorConfig
+from guara_perception.app.robot_folder.finding import Finding, note, wrong
 from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
 from guara_perception.simulation.specimen import specimen
@@ -111,4 +112,13 @@ def scan_findings(robot: RobotModel) -> Iterator[Finding]:
             "frames.camera, frames.laser",
             f"the robot itself hides {hidden:.0%} of the scanned area from camera or laser (legs, body): mount them "
             "farther ahead or higher",
+        )
+    board = EmulatorConfig().identity
+    angles = np.degrees(sorted(Settings.of(robot).mirror_angles))
+    travel = np.degrees([board.angle_of(board.min_step), board.angle_of(board.max_step)])
+    if angles[0] < travel[0] or angles[1] > travel[1]:
+        yield note(
+            "robot.toml [scan]",
+            f"turns the mirror from {angles[0]:.1f} to {angles[1]:.1f} degrees, the firmware of this project from "
+            f"{travel[0]:.1f} to {travel[1]:.1f}: set MIN_STEP, MAX_STEP and ZERO_STEP in its config.h for this robot",
         )

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import RobotLike
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.leg_reach import pose_of
@@ -35,10 +36,12 @@ def leg_clearance(
         leg, robot: as in `check_foothold`.
 
     Raises:
-        InvalidInput: as in `check_foothold`.
+        InvalidInput: as in `check_foothold`, or x or y is an array.
         kinematics.KinematicsError: no such leg, or the robot cannot be loaded or does not fit the stance.
     """
     terrain = asked(terrain, allow_stale)
+    if np.ndim(x) or np.ndim(y):
+        raise InvalidInput(f"x and y have shapes {np.shape(x)} and {np.shape(y)}; two numbers are needed [m]")
     pose = pose_of(terrain, robot)
     # A rounded height is taken as the least value that it may have had before rounding.
     sole = np.array([x, y, float(terrain.height_at(x, y)) - terrain.record.checked_rounding.elevation])

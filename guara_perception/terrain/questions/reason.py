@@ -28,7 +28,11 @@ class Reason:
         """Text with values in millimetres, degrees and per cent."""
         units = {"m": (1e3, "mm"), "rad": (math.degrees(1), "deg"), "share": (1e2, "%")}
         scale, unit = units.get(self.unit, (1.0, self.unit))
-        found = f"{self.value * scale:.3g} {unit}, allowed {self.limit * scale:.3g} {unit}"
+        # Three digits, and whole numbers such as 2106 cells rather than 2.11e+03.
+        value, limit = (
+            f"{each:.3g}" if abs(each) < 1e3 else f"{each:.0f}" for each in (self.value * scale, self.limit * scale)
+        )
+        found = f"{value} {unit}, allowed {limit} {unit}"
         text = f"{self.test} {'impossible' if math.isnan(self.value) else found}"
         return f"{text} ({self.detail})" if self.detail else text
 

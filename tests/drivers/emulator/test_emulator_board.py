@@ -189,3 +189,13 @@ def test_fault_without_request_strikes_any_command_but_no_report() -> None:
     board.inject(Fault(FaultKind.STALL))
     assert board.plan.strike("report", (FaultKind.STALL,)) is None
     assert board.plan.strike(Request.HOME, (FaultKind.STALL,)) is not None
+
+
+def test_a_board_that_reaches_other_angles() -> None:
+    """Its travel is the usual one, extended to every angle given; steps begin where they did."""
+    usual = EmulatorConfig().identity
+    assert EmulatorConfig.reaching([-0.1, 0.3]).identity == usual
+    identity = EmulatorConfig.reaching([0.5, -0.3]).identity
+    assert identity.min_step == usual.min_step
+    assert identity.angle_of(identity.min_step) == pytest.approx(-0.3, abs=1e-4)
+    assert identity.angle_of(identity.max_step) == pytest.approx(0.5, abs=1e-4)

@@ -15,6 +15,7 @@ from guara_perception.app import doctor
 from guara_perception.app.devices_file import Devices, save_devices
 from guara_perception.app.doctor import FAIL, OK, WARN, attempt
 from guara_perception.app.main import run
+from testbed.altered_robot import altered_guara
 
 
 def test_missing_devices_are_named_with_the_remedy() -> None:
@@ -100,6 +101,16 @@ def test_drift_is_checked_on_a_scan(data: Path, calibration: gp.Calibration, tmp
     gp.save_calibration(dataclasses.replace(calibration, camera=lens), tmp_path / "other.json")
     finding = attempt(doctor.check_scan_drift, tmp_path / "other.json", scan)
     assert finding.level == WARN and "the calibration belongs to another camera or mount" in finding.message
+    copied = shutil.copytree(scan, tmp_path / "scan")
+    (copied / "scan.json").write_text((scan / "scan.json").read_text().replace('"robot": "guara"', '"robot": "mine"'))
+    robot = altered_guara(tmp_path, ('name = "guara"', 'name = "mine"'))
+    for kind, suffix in (("urdf", "urdf"), ("srdf", "srdf")):
+        text = (robot / kind / f"guara.{suffix}").read_text().replace('<robot name="guara"', '<robot name="mine"')
+        (robot / kind / f"mine.{suffix}").write_text(text)
+    gp.save_calibration(dataclasses.replace(calibration, robot="mine"), tmp_path / "mine.json")
+    finding = attempt(doctor.check_scan_drift, tmp_path / "mine.json", copied)
+    assert finding.level == FAIL and "give the path of its folder" in finding.message
+    assert attempt(doctor.check_scan_drift, tmp_path / "mine.json", copied, str(robot)).level == OK
     assert "not checked" in attempt(doctor.check_scan_drift, None, None).message
     assert attempt(doctor.check_scan_drift, tmp_path / "true.json", tmp_path / "none").level == FAIL
 

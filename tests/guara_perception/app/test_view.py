@@ -55,6 +55,8 @@ def test_a_scan_folder_shows_its_stripes(data: Path, robot: RobotModel, calibrat
     assert moment.picture() is picture
     with pytest.raises(InvalidInput, match=r"paper has no calibration.json: give the calibration .* \(-c\)"):
         load_moments(data / "scans" / "paper", robot)
+    with pytest.raises(MissingFile, match="not a scan; this is the folder of a calibration session"):
+        load_moments(data / "calibration", robot)
 
 
 def test_a_scan_folder_that_carries_its_calibration_needs_no_other(

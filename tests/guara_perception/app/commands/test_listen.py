@@ -2,10 +2,12 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import guara_perception as gp
+from guara_perception.app.commands import listen
 from transport import KeyNameError
 
 NODE = Path(__file__).parent.parent / "publishing_node.py"
@@ -65,6 +67,16 @@ def test_other_extent(node, guara, module_endpoint: str):
     node.tell("map 12")
     said = guara("listen", "--connect", module_endpoint, "--extent", "map", "--count", "1", "--timeout", "60")
     assert said.out.startswith("guara map #1: step 12, ") and said.code == 0
+
+
+def test_a_name_that_nobody_has_is_said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Without --timeout it waits, and says for what; a node that is there brings no line."""
+    monkeypatch.setattr(listen, "SILENCE", 0.0)
+    for is_alive in (True, False):
+        listen.say_if_missing(SimpleNamespace(is_alive=is_alive), "tapir")  # type: ignore[arg-type]
+    said = capsys.readouterr()
+    assert said.out == "" and said.err.count("\n") == 1
+    assert "waiting for a node with instance name 'tapir': none is seen here; `guara listen --all`" in said.err
 
 
 def test_no_grid_in_time_is_a_failure(node, guara, module_endpoint: str):

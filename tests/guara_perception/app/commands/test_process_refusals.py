@@ -34,7 +34,7 @@ def rename_joint(content: dict) -> None:
 
 
 BAD_SCANS: dict[str, tuple[Change, str]] = {
-    "no scan.json": (lambda f: (f / "scan.json").unlink(), "scan.json: no such file"),
+    "no scan.json": (lambda f: (f / "scan.json").unlink(), "contains no scan.json, so it is not a scan"),
     "broken scan.json": (lambda f: (f / "scan.json").write_text("{"), "scan.json: not a JSON file"),
     "wrong format tag": (scan_json(lambda c: c.update(format="x/1")), "format is 'x/1', allowed: 'guara-scan/1'"),
     "unknown joint": (scan_json(rename_joint), "stance: unknown joint 'lf_hap_joint'; this robot has: lf_haa_joint"),

@@ -147,7 +147,7 @@ def test_missing_folder_and_missing_scan_file(tmp_path: Path):
     """A path with nothing there, and a folder that is no scan."""
     with pytest.raises(gp.MissingFile, match="nowhere: no such"):
         gp.open_scan(tmp_path / "nowhere")
-    with pytest.raises(gp.MissingFile, match="scan.json: no such file"):
+    with pytest.raises(gp.MissingFile, match="contains no scan.json, so it is not a scan"):
         gp.open_scan(tmp_path)
 
 

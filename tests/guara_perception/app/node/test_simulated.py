@@ -17,7 +17,10 @@ from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
 from guara_perception.app.node.simulated_walk import walk_until_stopped
+from guara_perception.app.record.simulated import SimulatedWorkshop
+from guara_perception.settings import Settings
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+from testbed.altered_robot import altered_guara
 from transport import Session, open_client, open_node
 from transport.messages.codec import read_time
 from transport.recording import open_recording
@@ -48,6 +51,19 @@ def walking(
             StanceReceiver(session, on_pause=node.on_pause, on_refused=node.on_refused)
             with open_client(endpoint) as client_session, gp.TerrainClient(endpoint) as client:
                 yield node, SimulatedGait(StancePublisher(client_session), "guara"), client, session
+
+
+@pytest.mark.parametrize("make", [SimulatedRobot, SimulatedWorkshop])
+def test_the_simulated_board_reaches_every_angle_of_the_robot(
+    make: type[SimulatedRobot] | type[SimulatedWorkshop], tmp_path: Path
+) -> None:
+    """Also those of a robot whose mirror stands so far ahead that the emulated board's usual travel ends too early."""
+    folder = altered_guara(tmp_path, ("mirror_angle_first = -0.110", "mirror_angle_first = -0.310"))
+    made = make(folder, size=SIZE)
+    with made.rangefinder as rangefinder:
+        for angle in Settings.of(made.robot).mirror_angles:
+            step = rangefinder.board.step_at(angle)
+            assert rangefinder.board.identity.angle_of(step) == pytest.approx(angle, abs=1e-4)
 
 
 def test_clear_ground_is_scanned_coarsely(free_endpoint: str, tmp_path: Path) -> None:

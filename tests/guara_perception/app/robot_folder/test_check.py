@@ -17,6 +17,7 @@ from guara_perception.app.robot_folder.finding import Weight
 from guara_perception.app.robot_folder.show import robot_moment
 from guara_perception.app.robot_folder.trial_walk import TrialWalk, trial_walk
 from kinematics import load_robot
+from testbed.altered_robot import altered_guara
 
 ROOT = Path(__file__).parents[4]
 
@@ -134,6 +135,19 @@ def test_the_robots_of_this_repository_are_sound(folder: Path) -> None:
     _, found = check_robot(ROOT / "tests" / "robots" / "tapir")
     wrong = [finding for finding in found if finding.weight is not Weight.NOTE]
     assert len(wrong) == 4 and all("4.0 mm above the lowest point" in finding.text for finding in wrong)
+
+
+def test_a_pattern_beyond_the_travel_of_the_board_is_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As of a mirror far ahead of the area: the folder is sound, and the firmware must be built for it."""
+    folder = altered_guara(tmp_path, ("mirror_angle_first = -0.110", "mirror_angle_first = -0.310"))
+    assert run(["robot", "check", str(folder)]) == 0
+    noted = [line for line in capsys.readouterr().out.splitlines() if "degrees, the firmware of this project" in line]
+    assert len(noted) == 1 and noted[0].startswith(
+        "note: robot.toml [scan]: turns the mirror from -17.8 to 18.6 degrees"
+    )
+    assert "from -15.0 to 25.0: set MIN_STEP, MAX_STEP and ZERO_STEP" in noted[0]
+    assert run(["robot", "check", "guara"]) == 0
+    assert "MIN_STEP" not in capsys.readouterr().out
 
 
 def test_a_folder_without_robot_is_unusable(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -123,6 +123,9 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
         ("<axis xyz", "<axes xyz", "did you mean <axis>?"),
         ('type="revolute"', 'type="fixed"', "A leg is a chain of 3 or more moving joints"),
         ('<joint name="', '<joint nam="', "a <joint> has no name"),
+        ("</robot>", '<xacro:property name="a" value="1"/></robot>', "has xacro macros: expand it first"),
+        ('lower="-1.6" upper="1.0"', 'lower="-92" upper="57"', "has the limits -92 ... 57 rad, more than two turns"),
+        ('xyz="0 0 -0.1', 'xyz="0 0 -100.1', "m long, allowed: 0.05 ... 5 m. Lengths in a URDF are in metres"),
     ],
 )
 def test_a_urdf_that_is_no_walking_robot_is_refused(
@@ -135,6 +138,14 @@ def test_a_urdf_that_is_no_walking_robot_is_refused(
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["bad.urdf"]
+
+
+@pytest.mark.slow
+def test_the_next_command_can_be_copied(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also where the folder's name has a space."""
+    folder = tmp_path / "my robot"
+    assert run(["robot", "new", str(SOURCES["tapir"]), "-o", str(folder)]) == 0
+    assert capsys.readouterr().out.endswith(f"next: guara robot check '{folder}'\n")
 
 
 def test_a_missing_urdf_and_a_bad_name_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -96,6 +96,8 @@ def test_what_bounds_nothing_gives_no_number(sole: np.ndarray) -> None:
     assert np.isnan(terrain.leg_clearance(9.0, 0.0, "lf")) and np.isnan(terrain.leg_clearance(np.nan, 0.0, "lf"))
     with pytest.raises(UnknownName):
         terrain.leg_clearance(*sole[:2], "xx")
+    with pytest.raises(gp.InvalidInput, match=r"x and y have shapes \(2,\) and \(\); two numbers"):
+        terrain.leg_clearance([0.1, 0.2], 0.0, "lf")  # type: ignore[arg-type]
     with pytest.raises(gp.InvalidInput, match="lacks"):
         gp.assess_terrain(level(), 0.005, (-0.6, -0.4)).leg_clearance(*sole[:2], "lf")
 

@@ -265,12 +265,13 @@ def test_off_the_grid_is_unknown() -> None:
     ):
         assert not verdict.ok
         assert "off the grid" in verdict.reasons[0].detail
+    assert "unknown 2601 cells" in str(flat.check_polygon([[2.0, 0.0], [2.245, 0.0], [2.245, 0.245], [2.0, 0.245]]))
 
 
 @pytest.mark.parametrize(
     ("points", "clearance", "message"),
     [
-        ([[0.0, 0.0, np.nan]], 0.01, "finite points"),
+        ([[0.0, 0.0, np.nan]], 0.01, "hold NaN or infinity; allowed: finite points"),
         ([0.0, 0.0, 0.0], 0.01, r"shape \(3,\)"),
         ([[0.0]], 0.01, r"shape \(1, 1\)"),
         (np.empty((0, 3)), 0.01, r"shape \(0, 3\)"),
