@@ -13,6 +13,7 @@ from typing import Any
 from transport import zenoh_api
 from transport.configuration import (
     DEFAULT_ENDPOINT,
+    check_endpoint,
     check_exposure,
     client_configuration,
     node_configuration,
@@ -196,22 +197,42 @@ def open_node(
         ConnectionFailed: the node cannot listen, for example because the port is in use, or cannot connect to the
             external router.
     """
-    if connect is not None and uplink is not None:
-        raise ConfigurationError(
-            f"connect ({connect}) and uplink ({uplink}) are mutually exclusive: a node is the client of one router, or "
-            f"its own router with an uplink; give one of them"
-        )
+    check_node_links(listen, connect, uplink, security, allow_insecure)
     if connect is not None:
         return open_client(connect, security=security, role="node", shared_memory=shared_memory, timeout=timeout)
     given = (listen,) if isinstance(listen, str) else tuple(listen or ())
     if security is None:
         endpoints = given or (DEFAULT_ENDPOINT,)
-        # Clients of the router at the other end of the uplink can reach this node too.
-        check_exposure((*endpoints, *(() if uplink is None else (uplink,))), allow_insecure=allow_insecure)
         return listen_with(node_configuration(endpoints, uplink=uplink, shared_memory=shared_memory), endpoints)
     folder = role_folder(security, "node")
     configuration = load_configuration(folder, listen=given, uplink=uplink, shared_memory=shared_memory)
     return listen_with(configuration, given or configured_endpoints(folder, "listen"))
+
+
+def check_node_links(
+    listen: str | tuple[str, ...] | None,
+    connect: str | None,
+    uplink: str | None,
+    security: str | Path | None,
+    allow_insecure: bool,
+) -> None:
+    """Check the endpoints of `open_node`, whose arguments these are, without opening a session.
+
+    Raises:
+        ConfigurationError: as in `open_node`, without the security folder.
+    """
+    if connect is not None and uplink is not None:
+        raise ConfigurationError(
+            f"connect ({connect}) and uplink ({uplink}) are mutually exclusive: a node is the client of one router, or "
+            f"its own router with an uplink; give one of them"
+        )
+    listening = (listen,) if isinstance(listen, str) else tuple(listen or ())
+    # Clients of the router at the other end of the uplink can reach this node too.
+    given = (connect,) if connect is not None else (*listening, *(() if uplink is None else (uplink,)))
+    for endpoint in given:
+        check_endpoint(endpoint)
+    if security is None and connect is None:
+        check_exposure(given, allow_insecure=allow_insecure)
 
 
 def open_client(

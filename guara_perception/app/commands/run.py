@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 
 from guara_perception.exceptions import FileFormatError, InvalidInput
 
+ROS2_PAIR = "--ros2-tf and --ros2-unknown require --ros2"
+SIMULATED_PAIR = "--gait and --world require --simulated; a real robot follows its own gait"
+
 # JPEG frames of this quality take a ninth of the disk space of lossless frames. The compression shifts stripes by
 # 0.035 px rms (640 x 512 px, simulated).
 JPEG_QUALITY = 90
@@ -158,7 +161,7 @@ def command(
     from guara_perception.app.files.recording_files import read_limit
     from guara_perception.app.metrics import metrics_served
     from guara_perception.app.node.claim import Seal
-    from guara_perception.app.node.configuration import ConfigurationWatch
+    from guara_perception.app.node.configuration import ConfigurationWatch, mistakes_of
     from guara_perception.app.node.devices import choose_rig
     from guara_perception.app.node.journal import Journal
     from guara_perception.app.node.node import PerceptionNode
@@ -170,7 +173,8 @@ def command(
     from guara_perception.app.until_stopped import closed_within, stop_event
     from guara_perception.scanning.stripe_finder import check_method
     from guara_perception.stripes.kernel.library import kernel
-    from transport.keys import check_name, stance_key
+    from transport.keys import DEFAULT_ROBOT, check_name, stance_key
+    from transport.links.session import check_node_links
     from transport.node_name import open_only_node
     from transport.ros2_stream import Ros2Stream
     from transport.server import PerceptionServer
@@ -180,21 +184,26 @@ def command(
 
     if all(context.get_parameter_source(name) is ParameterSource.COMMANDLINE for name in ("jpeg", "earlier_lossless")):
         raise InvalidInput("--lossless and --jpeg are mutually exclusive: give one of them")
-    check_method(method, threshold)
-    if name is not None:
-        check_name(name)
     # Report a damaged installation now, not at the first scan.
     kernel()
     log_to_stderr(log)
     say = click.echo if log == "text" else _say_as_json
-    limit = None if record_limit is None else read_limit(record_limit, record)
+    options: list[Callable[[], object]] = [
+        partial(check_method, method, threshold),
+        partial(_check_pairs, not ros2 and (ros2_tf or ros2_unknown != "100"), ROS2_PAIR),
+        partial(_check_pairs, not simulated and (gait != "wave" or world != "demo"), SIMULATED_PAIR),
+        partial(check_name, DEFAULT_ROBOT if name is None else name),
+        partial(check_node_links, listen, connect, uplink, security, allow_insecure),
+    ]
+    if record_limit is not None:
+        options.append(partial(read_limit, record_limit, record))
     if check:
-        _check(context.meta.get(MISTAKES, []), chosen, simulated, security)
+        mistakes = mistakes_of(chosen, simulated=simulated, security=security, world=world, options=options)
+        _check([*context.meta.get(MISTAKES, []), *mistakes])
         return
-    if not ros2 and (ros2_tf or ros2_unknown != "100"):
-        raise InvalidInput("--ros2-tf and --ros2-unknown require --ros2")
-    if not simulated and (gait != "wave" or world != "demo"):
-        raise InvalidInput("--gait and --world require --simulated; a real robot follows its own gait")
+    for option in options:
+        option()
+    limit = None if record_limit is None else read_limit(record_limit, record)
     quality = jpeg or None
     final: list[Failure] = []
     with ExitStack() as stack:
@@ -208,7 +217,7 @@ def command(
         follow(end_with)
         stack.callback(forget, end_with)
         rig = choose_rig(chosen, simulated=simulated, on_the_move=True, world=world)
-        instance = rig.robot.name if name is None else name
+        instance = name or rig.robot.name
         stack.enter_context(closed_within(rig.rangefinder))
         session = stack.enter_context(
             open_only_node(
@@ -300,15 +309,22 @@ def command(
         click.get_current_context().exit(EXIT_THREAD_FAILED)
 
 
-def _check(mistakes: list[str], chosen: DeviceOptions, simulated: bool, security: Path | None) -> None:
+def _check_pairs(is_wrong: bool, text: str) -> None:
+    """Refuse options that only work with another one.
+
+    Raises:
+        InvalidInput: `is_wrong` is True; the message is `text`.
+    """
+    if is_wrong:
+        raise InvalidInput(text)
+
+
+def _check(found: list[str]) -> None:
     """Report that the configuration is sound, or raise one error that lists all mistakes.
 
     Raises:
         FileFormatError: the configuration has mistakes.
     """
-    from guara_perception.app.node.configuration import mistakes_of
-
-    found = [*mistakes, *mistakes_of(chosen, simulated=simulated, security=security)]
     if found:
         raise FileFormatError(*found)
     click.echo("the configuration is sound; no device was opened")

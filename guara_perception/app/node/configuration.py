@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,15 @@ from transport.security.certificates import judge_security
 EXPECTED = (PerceptionError, KinematicsError, TransportError, OSError)
 
 
-def mistakes_of(chosen: DeviceOptions, *, simulated: bool, security: Path | None) -> list[str]:
-    """Find the mistakes in robot, calibration, devices.toml and security folder without opening a device.
+def mistakes_of(
+    chosen: DeviceOptions,
+    *,
+    simulated: bool,
+    security: Path | None,
+    world: str = "demo",
+    options: Iterable[Callable[[], object]] = (),
+) -> list[str]:
+    """Find the mistakes in robot, calibration, devices.toml, security folder and options without opening a device.
 
     Parts that do not fit together are reported only if each part is valid.
 
@@ -28,6 +35,8 @@ def mistakes_of(chosen: DeviceOptions, *, simulated: bool, security: Path | None
         chosen: robot, calibration and devices.
         simulated: True for a simulated robot and devices.
         security: folder of the node's role, or None.
+        world: name or file of the simulated world.
+        options: checks of further options, each of which raises an error that names a mistake.
     """
     parts: tuple[tuple[Any, Callable[[str], object]], ...] = (
         (chosen.robot, load_robot),
@@ -38,7 +47,8 @@ def mistakes_of(chosen: DeviceOptions, *, simulated: bool, security: Path | None
     mistakes = [_mistake(load, str(given)) for given, load in parts if given is not None]
     if not any(mistakes):
         # The parts are valid, but may not fit together.
-        mistakes.append(_mistake(partial(choose_rig, simulated=simulated, on_the_move=True), chosen))
+        mistakes.append(_mistake(partial(choose_rig, simulated=simulated, on_the_move=True, world=world), chosen))
+    mistakes += [_mistake(lambda check: check(), option) for option in options]
     return list(filter(None, mistakes))
 
 

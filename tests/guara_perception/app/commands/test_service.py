@@ -145,6 +145,30 @@ def test_a_check_names_every_mistake_at_once(tmp_path: Path, capsys: pytest.Capt
     assert "2 findings" in capsys.readouterr().err
 
 
+def test_a_check_finds_what_a_start_would_refuse(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Options that are checked only at the start, each named."""
+    node = tmp_path / "node.toml"
+    node.write_text(
+        'format = "guara-node/1"\nsimulated = true\nname = "r e x"\nlisten = "tcp/0.0.0.0:7447"\nros2_tf = true\n'
+        'method = "best"\nrecord_limit = "5 apples"\nworld = "none.toml"\n'
+    )
+    assert run(["run", "--node", str(node), "--check"]) == 2
+    error = capsys.readouterr().err
+    assert "6 findings" in error
+    for part in (
+        "robot name 'r e x' cannot",
+        "'tcp/0.0.0.0:7447' is reachable from other machines",
+        "--ros2-tf and --ros2-unknown require --ros2",
+        "method is 'best'",
+        "--record-limit is '5 apples'",
+        "none.toml: no such world file",
+    ):
+        assert part in error
+    node.write_text('format = "guara-node/1"\nsimulated = true\nconnect = "tcp/site:1"\nuplink = "tcp/site:2"\n')
+    assert run(["run", "--node", str(node), "--check"]) == 2
+    assert "are mutually exclusive" in capsys.readouterr().err
+
+
 def test_a_sound_configuration_is_told(
     tmp_path: Path, calibration_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
