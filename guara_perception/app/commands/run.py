@@ -217,7 +217,7 @@ def command(
         follow(end_with)
         stack.callback(forget, end_with)
         rig = choose_rig(chosen, simulated=simulated, on_the_move=True, world=world)
-        instance = name or rig.robot.name
+        instance = rig.robot.name if name is None else name
         stack.enter_context(closed_within(rig.rangefinder))
         session = stack.enter_context(
             open_only_node(
