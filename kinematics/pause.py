@@ -11,6 +11,9 @@ from kinematics.exceptions import ArgumentError
 from kinematics.model import RobotModel
 from kinematics.tree import in_order, refuse_not_finite
 
+# Way of a foot per radian of a leg's joint [m], by which the limit of speeds applies to prismatic joints.
+LEVER_M = 0.2
+
 
 @dataclass(frozen=True, slots=True)
 class PauseReport:
@@ -59,16 +62,18 @@ class PauseDetector:
         names = self._robot.joint_names
         velocities = np.array(in_order(joint_velocities, names, "velocity"), np.float64)
         refuse_not_finite(velocities, names, "velocity")
-        limits, speeds = self._limits, np.abs(velocities)
-        fastest = int(speeds.argmax())
-        is_moving = bool(speeds[fastest] >= limits.joint_speed_limit)
+        limits, speeds, is_prismatic = self._limits, np.abs(velocities), self._robot.tree.is_prismatic
+        most = limits.joint_speed_limit * np.where(is_prismatic, LEVER_M, 1.0)
+        fastest = int((speeds / most).argmax())
+        is_moving = bool(speeds[fastest] >= most[fastest])
         feet = frozenset(self._robot.tree.leg(foot).name for foot in support_feet)
         self._time = time
         if feet != self._feet or is_moving:
             self._still_since = None
         self._feet = feet
         if is_moving:
-            reason = f"joint {names[fastest]} moves at {speeds[fastest]:.3f} rad/s, limit {limits.joint_speed_limit:g}"
+            unit = "m/s" if is_prismatic[fastest] else "rad/s"
+            reason = f"joint {names[fastest]} moves at {speeds[fastest]:.3f} {unit}, limit {most[fastest]:g}"
             return PauseReport(False, reason, 0.0)
         if self._still_since is None:
             self._still_since = time

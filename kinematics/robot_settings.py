@@ -56,7 +56,7 @@ class PauseLimits:
     """Limits for stance pauses (robot.toml, table [pause]).
 
     Attributes:
-        joint_speed_limit: every joint must be slower than this [rad/s].
+        joint_speed_limit: every joint must be slower than this [rad/s], a prismatic one than 0.2 m times this.
         hold_time: time for which all joints must stay below `joint_speed_limit`, on the same supporting feet [s].
         minimum_feet: minimum number of feet that carry the body.
         camera_translation_limit: largest translation of the camera during a scan [m].

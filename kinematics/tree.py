@@ -39,6 +39,7 @@ class KinematicTree:
         legs: leg name -> configuration of the leg, in robot.toml's order.
         links: link name -> the link with its inertia and shapes.
         lower_limits, upper_limits: (n,) [rad], for prismatic joints [m], in the order of `joint_names`.
+        is_prismatic: (n,) mask of the prismatic joints.
         pinocchio_model: Pinocchio's model; do not modify it.
         velocity_indices: (n,) columns of Pinocchio's Jacobians, in the order of `joint_names`.
         nominal: (n,) joint positions of a standing posture, in the order of `joint_names`; defines the side to which
@@ -66,6 +67,7 @@ class KinematicTree:
         leg_joints = [joint for leg in config.legs for joint in leg.joints]
         self.joint_names = (*leg_joints, *(name for name in moving if name not in leg_joints))
         self._columns = {name: column for column, name in enumerate(self.joint_names)}
+        self.is_prismatic = read_only(np.array([moving[name].kind == "prismatic" for name in self.joint_names], bool))
         self.lower_limits = read_only(np.array([moving[name].lower for name in self.joint_names], np.float64))
         self.upper_limits = read_only(np.array([moving[name].upper for name in self.joint_names], np.float64))
         centre = (self.lower_limits + self.upper_limits) / 2.0

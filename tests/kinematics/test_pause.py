@@ -1,4 +1,5 @@
 import math
+from pathlib import Path
 
 import pytest
 
@@ -8,7 +9,9 @@ from kinematics import (
     PauseDetector,
     RobotModel,
     UnknownName,
+    load_robot,
 )
+from testbed.altered_robot import altered_guara
 
 
 def still(robot: RobotModel, speed: float = 0.0) -> dict[str, float]:
@@ -29,6 +32,22 @@ def test_a_pause_is_long_enough_stillness(robot: RobotModel) -> None:
     assert report.reason == f"joint {robot.joint_names[2]} moves at 0.200 rad/s, limit 0.05"
     assert not detector.update(1.1, still(robot), robot.legs).is_pause
     assert detector.update(1.1 + 1.01 * limits.hold_time, still(robot), robot.legs).is_pause
+
+
+def test_a_prismatic_joint_is_judged_in_metres(tmp_path: Path) -> None:
+    """0.02 m/s moves a foot as fast as 0.1 rad/s of a leg of 0.2 m: beyond the limit of 0.05 rad/s."""
+    folder = altered_guara(tmp_path)
+    urdf, srdf = folder / "urdf" / "guara.urdf", folder / "srdf" / "guara.srdf"
+    slide = '<joint name="imu_joint" type="prismatic"><axis xyz="1 0 0"/><limit lower="-1" upper="1" velocity="1"/>'
+    urdf.write_text(urdf.read_text().replace('<joint name="imu_joint" type="fixed">', slide))
+    states = srdf.read_text().replace("</group_state>", '<joint name="imu_joint" value="0"/></group_state>')
+    srdf.write_text(states)
+    robot = load_robot(folder)
+    detector = PauseDetector(robot)
+    detector.update(0.0, still(robot), robot.legs)
+    assert detector.update(1.0, {**still(robot), "imu_joint": 0.009}, robot.legs).is_pause
+    report = detector.update(2.0, {**still(robot, 0.03), "imu_joint": -0.02}, robot.legs)
+    assert not report.is_pause and report.reason == "joint imu_joint moves at 0.020 m/s, limit 0.01"
 
 
 def test_a_change_of_feet_starts_again(robot: RobotModel) -> None:
