@@ -53,7 +53,7 @@ class JudgedPause:
 
     Attributes:
         item: the pause and its scan.
-        fused: the fused map, whose poses come from odometry and drift.
+        fused: the fused map, whose poses come from odometry and pictures, as in the node.
         oracle: the map as it would be if every cell of it were known exactly.
         dark: (ny, nx) cells with ground that swallows the laser.
         from_world: (4, 4) true transform from the world to base_footprint of the scan.
@@ -67,11 +67,12 @@ class JudgedPause:
 
 
 def judged_walk(robot: RobotModel, truth: TrueGround, pauses: Iterable[ScannedPause]) -> Iterator[JudgedPause]:
-    """Fuse the scans of a walk at the poses of odometry; yields pauses from FIRST_JUDGED_STEP on with map and truth."""
+    """Fuse the scans and pictures of a walk; yields pauses from FIRST_JUDGED_STEP on with map and truth."""
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
     for item in pauses:
         pause, scan = item.pause, item.scan
-        fused = terrain_map.update(scan, odometry.update(pause.stance), known_ground=pause.known_ground)
+        pose, declared = odometry.update(pause.stance), pause.known_ground
+        fused = terrain_map.update(scan, pose, known_ground=declared, picture=item.picture)
         if pause.step < FIRST_JUDGED_STEP:
             continue
         transform_footprint_to_world = item.to_world

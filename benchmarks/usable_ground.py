@@ -29,7 +29,6 @@ from guara_perception.simulation.planner import plan_foothold, plan_swing
 from guara_perception.terrain.layers.geometry import half_cells
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.layers import CEILING_SIGMA_M
-from guara_perception.terrain.questions.best_foothold import Foothold
 from guara_perception.terrain.questions.path import PathVerdict, corridor_of, sampled
 from kinematics import RobotModel, load_robot
 from testbed.kinds_of_ground import KINDS, MOVING
@@ -152,8 +151,10 @@ def swings(counts: Counter[str], robot: RobotModel, judged: JudgedPause) -> None
     leg, wish = pause.next_leg, pause.nominal
     counts["swings"] += 1
     found = plan_foothold(fused, leg, wish, robot=robot)
+    bright = _bright(oracle, judged.dark)
     for name, foothold in (
-        ("truth", _bright(oracle, judged.dark, wish)),
+        ("truth", plan_foothold(bright, None, wish)),
+        ("truth with reach", plan_foothold(bright, leg, wish, robot=robot)),
         ("map", plan_foothold(fused, None, wish, robot=robot)),
         ("map with reach", found),
     ):
@@ -220,15 +221,15 @@ def _unknown_below(fused: gp.TerrainGrid, dark: Mask, way: Float) -> str:
     return "dark ground" if dark[below][unknown].any() else "bright ground alone"
 
 
-def _bright(oracle: gp.TerrainGrid, dark: Mask, wish: tuple[float, float]) -> Foothold | None:
-    """A place near the wish that is truly safe and not on dark ground."""
+def _bright(oracle: gp.TerrainGrid, dark: Mask) -> gp.TerrainGrid:
+    """The oracle, in which no sole may stand on dark ground."""
     layers = {name: np.array(layer) for name, layer in oracle.layers.items()}
     limits = oracle.metadata["limits"]
     sole = np.ones([2 * half_cells(limits[v], oracle.resolution) + 1 for v in ("sole_width", "sole_length")], np.uint8)
     under = cv2.dilate(dark.astype(np.uint8), sole) > 0
     layers["hazard"][under] |= np.uint16(Hazard.UNCERTAIN)
     layers["traversability"][under] = 0
-    return plan_foothold(dataclasses.replace(oracle, layers=layers), None, wish)
+    return dataclasses.replace(oracle, layers=layers)
 
 
 def ground_line(counts: Counter[str]) -> str:

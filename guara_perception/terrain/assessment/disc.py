@@ -143,12 +143,14 @@ def edge_cells(
 ) -> Mask:
     """Mask of the cells on which a sole would cover a hazard, or depend on something unknown or off the grid.
 
-    Every cell under the sole must be free of hazards and known, and every cell of the discs of these cells must be
-    known, so that no test under the sole depends on an unknown cell.
+    Every cell under the sole must be free of hazards and known, and every cell that touches the discs of these cells
+    must be known, so that no test under the sole depends on an unknown cell. One more ring of cells must be known,
+    because heights may change with a neighbouring stripe, and an edge within a cell may show only in the next cell.
 
     Unknown cells, rises and falls are therefore at least one disc radius away from the sole, and do not get under it
-    while the map drifts by no more than this radius. In the map, the sole is also widened on each side. The widening is
-    one cell, so that nothing unsafe reaches the sole's rim, or the excess of the drift over the radius if that is more.
+    while the map drifts by no more than this radius. In the map, the ring is part of a sole that is wider on each side,
+    also around hazards. The widening is one cell, so that nothing unsafe reaches the sole's rim, or the excess of the
+    drift over the radius if that is more.
 
     Args:
         flags: (ny, nx) hazard flags.
@@ -156,9 +158,7 @@ def edge_cells(
         resolution: cell edge [m].
         limits: limits of the robot, including the size of its sole.
         drift: (ny, nx, 2) number of cells along y and x by which each cell of the map may have drifted, independently
-            of other cells. None for a single scan, which does not drift. In a scan, all cells that the discs touch and
-            one more ring must be known, because heights may change with a neighbouring stripe, and an edge within a
-            cell may show only in the next cell.
+            of other cells. None for a single scan, which does not drift.
     """
     half = [half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length)]
     bad = ((flags & ALL_BUT_EDGE) != 0).astype(np.uint8)
@@ -171,11 +171,10 @@ def edge_cells(
         area = np.ones([2 * (n + more) + 1 for n, more in zip(half, beside, strict=True)], np.uint8)
         return np.asarray(reaches(cells, area), dtype=bool)
 
+    read = reaches(unknown, disc_kernel(limits.disc_radius / resolution, TOUCHED))
     if drift is None:
         side = 2 * EXTRA_RING_CELLS + 1
-        read = reaches(unknown, disc_kernel(limits.disc_radius / resolution, TOUCHED))
         return under_sole(bad | reaches(read, np.ones((side, side), np.uint8)), (0, 0))
-    read = reaches(unknown, kernel)
     result = np.zeros(flags.shape, dtype=bool)
     beside = np.maximum(drift - kernel.shape[0] // 2, LEAST_MARGIN_CELLS)
     wide = int(beside.max(initial=0)) + 1

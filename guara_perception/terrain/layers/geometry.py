@@ -19,8 +19,8 @@ Kernel = Codes
 KNOWN_SHARE = 0.6
 # Largest radius of the disc [cells]. Smaller cells would show no more detail, because the spacing of stripes limits it.
 MOST_RADIUS_CELLS = 24
-# Number of rings of cells around the disc that must also be known in a single scan, because a lost stripe may change
-# heights beside it.
+# Number of rings of cells around the disc that must also be known, because a lost stripe may change heights beside it.
+# In the fused map the widening of the sole includes it.
 EXTRA_RING_CELLS = 1
 # Half edge of a cell [cells].
 TOUCHED = 0.5
@@ -186,9 +186,9 @@ def disc_kernel(radius_cells: float, half_cell: float = 0.0) -> Kernel:
     return (nearest[:, None] ** 2 + nearest**2 <= radius**2 + rounding).astype(np.uint8)
 
 
-def beyond_border(kernel: Kernel) -> int:
+def beyond_border(disc_radius_cells: float) -> int:
     """Number of rows or columns beyond each border of the fused map that affect the safety of a sole inside it."""
-    return kernel.shape[0] // 2 + _most_beside(kernel)
+    return disc_kernel(disc_radius_cells, TOUCHED).shape[0] // 2 + _most_beside(disc_kernel(disc_radius_cells))
 
 
 def _most_beside(kernel: Kernel) -> int:
@@ -199,8 +199,9 @@ def _most_beside(kernel: Kernel) -> int:
 def widest_window(kernel: Kernel, resolution: float, limits: TraversabilityLimits, *, is_map: bool) -> float:
     """Distance from the centre of a cell to the farthest corner of the window that `edge_cells` reads [m]."""
     half_y, half_x = (half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length))
-    iy, ix = np.nonzero(kernel if is_map else disc_kernel(limits.disc_radius / resolution, TOUCHED))
-    radius = kernel.shape[0] // 2
+    touched = disc_kernel(limits.disc_radius / resolution, TOUCHED)
+    iy, ix = np.nonzero(touched)
+    radius = touched.shape[0] // 2
     more = _most_beside(kernel) if is_map else EXTRA_RING_CELLS
     reach_y, reach_x = np.abs(iy - radius) + more, np.abs(ix - radius) + more
     return float(np.hypot(half_y + reach_y + 0.5, half_x + reach_x + 0.5).max()) * resolution

@@ -43,7 +43,7 @@ def snapshot_layers(
     unknown cells of the map is unknown, with the causes of all of them. The lowest and highest samples of a known cell
     are those of all map cells that it touches, so that no narrow bump is missed.
     """
-    inner, beyond = geometry, beyond_border(disc_kernel(settings.limits.disc_radius / geometry.resolution))
+    inner, beyond = geometry, beyond_border(settings.limits.disc_radius / geometry.resolution)
     geometry = inner.widened(beyond)
     x, y = geometry.centres()
     transform = now.transform_footprint_to_odom

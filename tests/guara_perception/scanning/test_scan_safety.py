@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.ranging.scan_geometry import in_groups
+from kinematics import PoseInOdom
 from testbed.grid_truth import figures, load_truth
 from tests.guara_perception.recordings import DATA, guara, recorded_scan, truth
 from tests.thorough import IS_THOROUGH, examples, further
@@ -60,6 +61,28 @@ def test_losing_any_single_stripe_never_makes_another_cell_safe_or_known(name: s
         terrain = process(name, frozenset({index}))
         assert not ((terrain.traversability > 0) & ~(whole(name).traversability > 0)).any(), index
         assert not (np.isfinite(terrain.elevation) & ~np.isfinite(whole(name).elevation)).any(), index
+
+
+@pytest.mark.parametrize(
+    ("name", "lost", "unusable", "at"),
+    [
+        ("tilt", {62}, set(), (0.0, 0.0)),
+        ("tilt", set(), {60}, (0.0, 0.0)),
+        ("paper", {48}, {16, 24}, (0.0033025, 0.00465732)),
+    ],
+)
+def test_losing_stripes_never_makes_a_cell_of_the_map_safe(
+    name: str, lost: set[int], unusable: set[int], at: tuple[float, float]
+) -> None:
+    """The map of one scan, wherever in a cell of it the scan's cells lie."""
+    pose = np.eye(4)
+    pose[:2, 3] = at
+    whole_map, map_of_less = (
+        gp.TerrainMap("guara").update(scan, PoseInOdom(pose, np.zeros((6, 6))))
+        for scan in (whole(name), process(name, frozenset(lost), frozenset(unusable)))
+    )
+    assert (whole_map.hazard == 0).sum() > 50
+    assert not ((map_of_less.hazard == 0) & (whole_map.hazard != 0)).any()
 
 
 @pytest.mark.parametrize("name", SCANS)

@@ -128,7 +128,7 @@ def test_a_narrower_window_would_be_broken(limits: TraversabilityLimits) -> None
 def test_the_window_of_one_unknown_cell(limits: TraversabilityLimits, drift: tuple[int, int] | None) -> None:
     """Exactly the sole, the disc, one cell more, and in a map as many as drift goes beyond the disc's radius.
 
-    In a single scan the disc is all cells that a circle of its radius touches, in a map those whose centres it holds.
+    The disc is all cells that a circle of its radius touches.
     """
     flags = np.zeros((81, 81), np.uint16)
     flags[40, 40] = Hazard.UNSCANNED
@@ -139,14 +139,12 @@ def test_the_window_of_one_unknown_cell(limits: TraversabilityLimits, drift: tup
     sizes = zip((limits.sole_width, limits.sole_length), more, strict=True)
     half = [half_cells(length, RESOLUTION) + beside for length, beside in sizes]
     expected = np.zeros(edge.shape, dtype=bool)
-    cells_of_disc = kernel > 0
-    if drift is None:
-        # Points all over each cell, with the cell at the centre of the circle as the unit of length.
-        fine = np.abs(np.linspace(-3.5, 3.5, 7 * 40 + 1))[:, None]
-        within = np.hypot(fine, fine.T) <= 3
-        cells_of_disc = np.array(
-            [[within[40 * i : 40 * i + 41, 40 * j : 40 * j + 41].any() for j in range(7)] for i in range(7)]
-        )
+    # Points all over each cell, with the cell at the centre of the circle as the unit of length.
+    fine = np.abs(np.linspace(-3.5, 3.5, 7 * 40 + 1))[:, None]
+    within = np.hypot(fine, fine.T) <= 3
+    cells_of_disc = np.array(
+        [[within[40 * i : 40 * i + 41, 40 * j : 40 * j + 41].any() for j in range(7)] for i in range(7)]
+    )
     for dy, dx in zip(*np.nonzero(cells_of_disc), strict=True):
         iy, ix = 15 + dy - kernel.shape[0] // 2, 15 + dx - kernel.shape[1] // 2
         expected[iy - half[0] : iy + half[0] + 1, ix - half[1] : ix + half[1] + 1] = True
