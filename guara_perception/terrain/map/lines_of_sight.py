@@ -21,7 +21,8 @@ from kinematics.transforms import transform_points
 HIGHEST_M = 0.14
 # Margin around the scanned area in which ground below rays is bounded too.
 BESIDE_CELLS = 20
-# A bound must also hold in all cells within this distance of its cell; in the map, within this distance plus the drift.
+# A bound must also hold in all cells of its scan within this distance of its cell. In the map it must hold in all cells
+# that a cell of the map may touch, wherever it drifted.
 AROUND_CELLS = 1
 # Largest drift at which a bound is still used.
 FARTHEST_DRIFT_CELLS = 10
@@ -95,10 +96,10 @@ def ceiling_of(
 ) -> Float32:
     """Upper bound (ny, nx) of the ground in each unknown cell of the map [m], NaN where there is none.
 
-    Bounds of a scan are dilated by one cell plus the horizontal drift since the scan, and raised by the drift in z,
-    both with the confidence of the limits. A bound expires at the age at which ground becomes STALE. It is not used
-    where the drift exceeds FARTHEST_DRIFT_CELLS, or where a later scan measured something higher. A later observation
-    without a return does not remove a bound, because a hole is lower.
+    A cell gets the highest of the bounds that it may touch with the horizontal drift since the scan, raised by the
+    drift in z, both with the confidence of the limits. A bound expires at the age at which ground becomes STALE. It is
+    not used where the drift exceeds FARTHEST_DRIFT_CELLS, or where a later scan measured something higher. A later
+    observation without a return does not remove a bound, because a hole is lower.
 
     Args:
         scans: lines of sight of the walk, oldest first.
@@ -117,13 +118,16 @@ def ceiling_of(
             continue
         pose = scan.transform_footprint_to_odom
         there = (in_odom - pose[:3, 3]) @ pose[:3, :3]
+        # Half the extent of a cell of the map along the axes of the scan, in cells.
+        half = 0.5 * float(np.abs(pose[:2, 0] @ now.transform_footprint_to_odom[:2, :2]).sum())
         iy, ix = scan.geometry.indices(there[:, 0], there[:, 1])
         inside = np.flatnonzero(scan.geometry.contains(iy, ix))
         pauses = np.full(inside.size, scan.pause)
         aside = now.sideways.variances(pauses, in_odom[inside, 0], in_odom[inside, 1], pose)
-        drift = np.ceil(confidence * np.sqrt(aside) / geometry.resolution).astype(np.intp)
+        drift = confidence * np.sqrt(aside) / geometry.resolution
         near = (drift <= FARTHEST_DRIFT_CELLS).all(axis=0)
-        inside, drift = inside[near], drift[:, near]
+        # Also from the middle of a cell, a square of this half extent reaches no cell that is farther away.
+        inside, around = inside[near], np.ceil(drift[:, near] + half - 1e-9).astype(np.intp)
         if not inside.size:
             continue
         at = iy[inside], ix[inside]
@@ -133,9 +137,9 @@ def ceiling_of(
         with np.errstate(invalid="ignore"):
             broken = (seen > least + confidence * CEILING_SIGMA_M).reshape(geometry.shape)
         if broken.any():
-            around = AROUND_CELLS + int(drift.max())
-            least[_worst_around(broken.astype(np.float32), around, around, 0.0).ravel() > 0] = NONE
-        bounds = _worst_of_each(scan.bounds, at, AROUND_CELLS + drift)
+            most = int(around.max())
+            least[_worst_around(broken.astype(np.float32), most, most, 0.0).ravel() > 0] = NONE
+        bounds = _worst_of_each(scan.bounds, at, around)
         raised = confidence * np.sqrt(max(now.drift.rise - scan.rise, 0.0))
         higher = np.where(bounds < NONE, bounds - there[inside, 2] + raised, NONE).astype(np.float32)
         least[inside] = np.minimum(least[inside], higher)
