@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from typing import Any
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, WeakValueDictionary
 
 from transport import clock
 from transport.exceptions import MessageError
@@ -28,7 +28,7 @@ GAIT_SILENT = 4.0
 
 
 # Publisher of the last BEGIN or END, by session and robot.
-_LAST: WeakKeyDictionary[Session, dict[str, StancePublisher]] = WeakKeyDictionary()
+_LAST: WeakKeyDictionary[Session, WeakValueDictionary[str, StancePublisher]] = WeakKeyDictionary()
 
 
 class StancePublisher(Sender):
@@ -72,8 +72,8 @@ class StancePublisher(Sender):
         if pause.phase is PausePhase.HOLD:
             self._outbox.post(f"{self._holds.key} hold", lambda: self._holds.put(encode_stance_pause(pause)))
             return
-        before = _LAST.setdefault(self._session, {}).get(self._robot)
-        _LAST[self._session][self._robot] = self
+        last = _LAST.setdefault(self._session, WeakValueDictionary())
+        before, last[self._robot] = last.get(self._robot), self
         if before is not None and before is not self:
             before._publisher.forget()
         self._count += 1
