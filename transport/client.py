@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from functools import partial
+from numbers import Integral
 from typing import Any, Unpack
 
 from transport import clock
@@ -245,7 +246,12 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
             epoch: identity of the walk; None = the current one.
             refined_only: skip a coarse grid that will be followed by a finer one of the same pause.
             accepted: as in `latest`.
+
+        Raises:
+            MessageError: the step is no whole number.
         """
+        if not isinstance(step, Integral):
+            raise MessageError(f"step is {step!r}; allowed: a whole number")
         predicate = self._waiter.is_of_step(step, epoch, refined_only=refined_only)
         return self._waiter.wait(self.receiver(extent), predicate, timeout, Terms(**accepted)).message
 

@@ -46,7 +46,7 @@ class ConnectionFailed(ScannerUnavailable):
     """The session could not be opened; the error message lists what to check."""
 
 
-class ScannerGone(TransportError, ConnectionError):
+class ScannerGone(ScannerUnavailable):
     """The scanner disappeared: its process ended or hung, or the link to it was lost."""
 
 

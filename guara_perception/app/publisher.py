@@ -84,8 +84,8 @@ def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> N
             names none) with the suffix `_own`, since the name alone belongs to the robot's perception node.
 
     Raises:
-        InvalidInput: `terrain` is not a TerrainGrid, or a field of its record has a value that a receiver cannot read
-            back.
+        InvalidInput: `session` or `terrain` is of another type, or a field of the grid's record has a value that a
+            receiver cannot read back.
         UnsafeGrid: the grid violates the safety invariant; nothing is sent.
         transport.NameTaken: after 15 s, another node still uses the name, or waits for it and takes precedence.
         transport.KeyNameError: the name cannot be part of a key.
@@ -96,6 +96,9 @@ def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> N
         raise InvalidInput(
             f"terrain is a {given}; allowed: a TerrainGrid (`assess_terrain` makes one from an array of heights)"
         )
+    if not isinstance(session, Session):
+        given = f"{type(session).__module__}.{type(session).__name__}"
+        raise InvalidInput(f"session is a {given}; allowed: one of transport.open_client or transport.open_node")
     name = name or f"{terrain.record.robot or DEFAULT_ROBOT}_own"
     servers = _SERVERS.setdefault(session, {})
     if name not in servers:

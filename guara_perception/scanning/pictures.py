@@ -10,7 +10,7 @@ from guara_perception.arrays import Array, Float32, Image
 from guara_perception.ranging.range_images import COLUMNS, ROWS, range_images
 from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
 
 def with_pictures(terrain: TerrainGrid, processor: ScanProcessor | None = None) -> TerrainGrid:
@@ -37,8 +37,12 @@ def with_pictures(terrain: TerrainGrid, processor: ScanProcessor | None = None) 
 
 
 def cause_image(terrain: TerrainGrid) -> Image:
-    """Flags (512, 640) that say why the cells under unknown orthorectified pixels are unknown; 0 elsewhere."""
+    """Flags (512, 640) that say why unknown orthorectified pixels are unknown; 0 where the height is known.
+
+    They are the flags of the cell under the pixel; UNSCANNED where that cell is known from other pixels.
+    """
     flags = (_under_pixels(terrain, terrain.hazard) & UNKNOWN_MASK).astype(np.uint8)
+    flags[flags == 0] = Hazard.UNSCANNED
     return np.where(np.isnan(terrain.pictures["ortho_image_mm"]), flags, 0).astype(np.uint8)
 
 

@@ -11,10 +11,12 @@
 #define MOST_COLOUR_DEVIATION 0.9
 // Laser light is coherent, so it looks grainy on every rough surface; ambient light does not. The grain is measured in
 // pieces of at least GRAINED_COLUMNS, as what a running mean over GRAIN_COLUMNS leaves of the light across the stripe. It
-// shows where it is CLEAR_GRAIN times the noise beside it; a piece with less than LEAST_GRAIN of the brightest piece's grain
-// is not lit by the laser. From a share of clipped columns on a piece is too bright to show its grain.
+// shows where it is CLEAR_GRAIN times the noise beside it, and more than ROUNDING: a drawn picture has neither. A piece with
+// less than LEAST_GRAIN of the brightest piece's grain is not lit by the laser. From a share of clipped columns on a piece is
+// too bright to show its grain.
 enum { GRAINED_COLUMNS = 24, GRAIN_COLUMNS = 9 };
 #define CLEAR_GRAIN 2.0
+#define ROUNDING 1e-3
 #define LEAST_GRAIN (1.0 / 3)
 #define MOST_CLIPPED 0.25
 // Rows within which a ridge is that of the path, and the share of its strength from which another may as well be the stripe.
@@ -135,7 +137,7 @@ void of_laser_speckle(const float *light, int64_t rows, int64_t width, const Pat
     }
     if (!last) return;
     grain_of(light, rows, width, p, first, last, sigma, work, &grain, &noise);
-    if (grain < CLEAR_GRAIN * noise) return;
+    if (grain < MAX(CLEAR_GRAIN * noise, ROUNDING)) return;
     const double least = LEAST_GRAIN * grain;
     FOR_PIECES(kept, width) {
         if (!is_grained(is_core, begin, end)) continue;

@@ -61,6 +61,9 @@ def test_wait_for_step_returns_that_step_or_a_later_one(node, client: gp.Terrain
     assert client.wait_for_step(3, timeout=180).step == 6
     with pytest.raises(ReceiveTimeout, match="within 0.3 s"):
         client.wait_for_step(7, timeout=0.3)
+    for step in (math.nan, "6"):
+        with pytest.raises(ValueError, match="allowed: a whole number"):
+            client.wait_for_step(step, timeout=30)
 
 
 def test_old_grid_is_stale(node, client: gp.TerrainClient):
@@ -241,5 +244,6 @@ def test_node_that_dies_is_noticed(start, free_endpoint: str, terrain_file: Path
         assert client.latest().step == 5
         with pytest.raises(gp.StaleTerrain, match="its node is gone"):
             client.latest(max_age=0.0)
-        with pytest.raises(gp.ScannerGone, match="disappeared"):
+        with pytest.raises(gp.ScannerUnavailable, match="disappeared") as error:
             client.wait_for_step(6, timeout=0.3)
+        assert error.type is gp.ScannerGone

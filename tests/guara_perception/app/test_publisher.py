@@ -81,6 +81,10 @@ def test_a_grid_of_ones_own_that_is_unsafe_or_none_is_not_sent(session: Session,
             gp.publish_terrain(session, unsafe)
         with pytest.raises(gp.InvalidInput, match="terrain is a ndarray; allowed: a TerrainGrid"):
             gp.publish_terrain(session, paper_terrain.elevation)  # type: ignore[arg-type]
+        with pytest.raises(
+            gp.InvalidInput, match=r"session is a builtins\.Session; allowed: one of transport\.open_client"
+        ):
+            gp.publish_terrain(session.raw, paper_terrain)
         gp.publish_terrain(session, dataclasses.replace(paper_terrain, step=8, stamp=time.time_ns()))
         assert client.wait_for_step(7, timeout=60).step == 8
 

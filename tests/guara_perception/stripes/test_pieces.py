@@ -79,6 +79,15 @@ def test_a_brightest_piece_without_grain_says_nothing(dim_contrast: float) -> No
     assert (of_laser_speckle(light, rows, is_stripe, 2.0) == is_stripe).all()
 
 
+@pytest.mark.parametrize("slope", [0.0, 0.1])
+def test_a_line_that_is_drawn_has_neither_grain_nor_noise(slope: float) -> None:
+    """A mono picture without a laser-off picture: each of the two levels of the line is found."""
+    row = 60.3 + slope * np.arange(COLUMNS) + np.where(np.arange(COLUMNS) < 230, 0.0, 50.0)
+    profile = gp.extract_stripe(eight_bits(10 + 180 * ridge(row, 1.6, slice(0, COLUMNS))))
+    assert (profile.status == STATUS.OK).mean() > 0.95
+    assert np.nanmax(np.abs(profile.position_px - row)) < 0.1
+
+
 def test_the_gain_of_a_scene_that_is_mostly_dark_is_fitted() -> None:
     """Squares on an eighth of the scene stand 20 grey levels out of the plain difference, the stripe 4."""
     rows = 110 + 0.1 * np.arange(COLUMNS)
