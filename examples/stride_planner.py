@@ -1,8 +1,10 @@
 """A planner that fits its strides to the ground: a small search over the next steps, so that feet land on stones.
 
-`guara demo --course stones` walks with it; its source, `guara_perception/simulation/strides.py`, is there to be copied.
+It chooses the leg, its foothold, and the place of the body, which stays in balance. `guara demo --course stones` walks
+with it, and the Go2 of `python -m benchmarks crossing`; its source, `guara_perception/simulation/strides.py`, is there
+to be copied.
 
-python examples/stride_planner.py map.npz lf
+python examples/stride_planner.py map.npz
 """
 
 import guara_perception as gp
@@ -10,16 +12,16 @@ from guara_perception.simulation.strides import StridePlanner
 from kinematics import load_robot
 
 
-def main(grid: str, leg: str) -> None:
+def main(grid: str) -> None:
     """Plan one step on a saved map."""
     terrain = gp.load_terrain(grid)
-    stride = StridePlanner(load_robot(terrain.metadata["robot"])).next_stride(terrain, leg)
-    print(f"the body advances by {round(1e3 * stride.advance):+d} mm")
-    if stride.swing is None:
-        print(f"{leg} stays where it is")
-    else:
-        x, y, z = stride.swing.points[-1]
-        print(f"{leg} goes to x {x:+.3f}, y {y:+.3f}, z {z:+.3f} m")
+    stride = StridePlanner(load_robot(terrain.metadata["robot"])).next_stride(terrain)
+    if stride is None:
+        print("no leg finds a foothold on the way ahead")
+        return
+    x, y, z = stride.target
+    print(f"the body moves by {1e3 * stride.body[0, 3]:+.0f} mm along x, {1e3 * stride.body[1, 3]:+.0f} mm along y")
+    print(f"{stride.leg} goes to x {x:+.3f}, y {y:+.3f}, z {z:+.3f} m")
 
 
 if __name__ == "__main__":

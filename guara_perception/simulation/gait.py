@@ -108,8 +108,7 @@ def stand_on(
         transform = body_pose(np.array(list(soles.values())), position, height - float(crouch))
         joints: dict[str, float] = {}
         for leg, sole in soles.items():
-            in_base = transform[:3, :3].T @ (sole - transform[:3, 3])
-            reached = robot.reach(leg, in_base, level_pitch(robot, leg, in_base, transform[2, :3]))
+            reached = robot.reach_from(leg, sole, transform)
             if not reached.is_reachable:
                 failed = leg
                 break
@@ -141,14 +140,3 @@ def body_pose(soles: Float, position: tuple[float, float], height: float) -> Flo
     ground = centre[2] + slope @ (np.asarray(position) - centre[:2])
     transform[:3, 3] = position[0], position[1], ground + height / up[2]
     return transform
-
-
-def level_pitch(robot: RobotModel, leg: str, sole_in_base: Float, up_in_base: Float) -> float:
-    """Pitch p of a sole in the leg's plane that makes the sole's x axis level [rad].
-
-    tan p = u_x / (u_z cos q - u_y sin q), with the vertical u in base_link and the roll q of the leg's plane.
-    """
-    hip = robot.state(robot.posture(robot.config.scan_posture)).position_in_base(robot.tree.leg(leg).hip)
-    reach = sole_in_base - hip
-    roll = np.arctan2(reach[1], -reach[2])
-    return float(np.arctan2(up_in_base[0], up_in_base[2] * np.cos(roll) - up_in_base[1] * np.sin(roll)))

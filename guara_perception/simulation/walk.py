@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,9 +17,24 @@ from guara_perception.terrain.map.known_ground import KnownGround
 from kinematics import RobotModel, Stance
 from kinematics.stance_pose import ENCODER_NOISE
 
-# Foothold x and y [m], and advance of the body before the swing [m] (None or omitted = advance of the gait); None = no
-# foothold.
-Choice = tuple[float, float] | tuple[float, float, float | None] | None
+
+class Landing(NamedTuple):
+    """Chosen foothold, in base_footprint of the pause.
+
+    Attributes:
+        x, y: position [m].
+        leg: leg that swings; None: the one whose turn it is.
+        body: x and y of the body before the swing [m]; None: as the gait.
+    """
+
+    x: float
+    y: float
+    leg: str | None = None
+    body: tuple[float, float] | None = None
+
+
+# None: no foothold.
+Choice = tuple[float, float] | Landing | None
 
 # Margin of the declared ground around the first stance. Behind, it allows for slip; ahead, it reaches the scanned area.
 KNOWN_GROUND_MARGIN_M = 0.17
@@ -79,7 +95,7 @@ class WalkPause:
         step: number of the pause.
         stance: stance as reported, with biased joint positions, support feet, and noisy direction of gravity or None.
         known_ground: ground declared safe by the gait, in base_footprint; empty except at the first pause.
-        next_leg: leg that swings after this pause.
+        next_leg: leg whose turn it is to swing after this pause.
         nominal: nominal foothold of `next_leg`, x and y in base_footprint of this pause [m].
         last_footstep: last footstep before this pause; None at the first pause.
         joint_positions: true joint positions, by joint [rad].
@@ -127,9 +143,8 @@ def simulate_walk(
     Args:
         world: the terrain; it must be level around the origin, because the gait declares that ground as level.
         robot: the robot.
-        choose: function of a pause that returns x and y of the foothold in base_footprint of the pause, optionally
-            followed by the advance of the body, or None if there is no safe foothold. Without the function, every foot
-            lands at its nominal foothold.
+        choose: returns the foothold in base_footprint of the pause, a pair or a `Landing`, or None if there is no safe
+            one; None = every foot lands at its nominal foothold.
         cycles: length of the walk in cycles of all legs.
         seed: seed of the noise.
         noise: errors of footsteps and reports; None = the defaults of `WalkNoise`.
@@ -154,9 +169,9 @@ def simulate_walk(
 
     soles = {leg: set_down(*xy) for leg, xy in gait.first_stance().items()}
     footstep: Footstep | None = None
-    farther = 0.0
+    farther = aside = 0.0
     for step in range(round(cycles * len(gait.lift_order)) + 1):
-        position = (step * gait.advance + farther, 0.0)
+        position = (step * gait.advance + farther, aside)
         transform, joints = stand_on(robot, soles, position, gait.hip_height)
         footprint = true_footprint(robot, joints, feet, transform)
         leg = gait.leg_of_swing(step)
@@ -176,21 +191,24 @@ def simulate_walk(
             soles_in_world=soles,
         )
         yield pause
-        x, y, advance = chosen_foothold(pause, choose)
-        farther += 0.0 if advance is None else advance - gait.advance
+        x, y, other, body = chosen_foothold(pause, choose)
+        leg = other or leg
+        way = gait.advance
+        if body is not None:
+            ahead, aside = pause.to_world(*body)
+            way = ahead - position[0]
+            farther += way - gait.advance
         if noise.creep:
             soles = {each: sole + noise.creep * np.append(rng.standard_normal(2), 0.0) for each, sole in soles.items()}
         if noise.slide:
-            soles = {each: sole - (noise.slide * gait.advance, 0.0, 0.0) for each, sole in soles.items()}
-        soles = {**soles, leg: set_down(*pause.to_world(x, y))}
-        sole = soles[leg]
+            soles = {each: sole - (noise.slide * way, 0.0, 0.0) for each, sole in soles.items()}
+        sole = set_down(*pause.to_world(x, y))
+        soles = {**soles, leg: sole}
         footstep = Footstep(leg, (x, y), (float(sole[0]), float(sole[1]), float(sole[2])))
 
 
-def chosen_foothold(
-    pause: WalkPause, choose: Callable[[WalkPause], Choice] | None
-) -> tuple[float, float, float | None]:
-    """Foothold chosen by the planner at a pause, x and y in base_footprint, and the advance of the body or None [m].
+def chosen_foothold(pause: WalkPause, choose: Callable[[WalkPause], Choice] | None) -> Landing:
+    """Foothold that the planner chose at a pause.
 
     Raises:
         WalkEnded: the planner found no foothold.
@@ -199,7 +217,7 @@ def chosen_foothold(
     if choice is None:
         wish = f"x {pause.nominal[0]:.3f}, y {pause.nominal[1]:.3f}"
         raise WalkEnded(f"step {pause.step}: the planner found no safe foothold for leg {pause.next_leg!r} near {wish}")
-    return float(choice[0]), float(choice[1]), choice[2] if len(choice) > 2 else None
+    return Landing(*choice)
 
 
 def true_footprint(

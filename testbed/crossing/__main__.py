@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from guara_perception.app.demo.course import CourseDrawing
+from guara_perception.simulation.footing import CELL_M
 from guara_perception.terrain.drawing.style import save_figure, styled
 from testbed.crossing.courses import KINDS, START_M, course
 from testbed.crossing.eyes import Sight
-from testbed.crossing.ground import CELL_M
 from testbed.crossing.robot import LEGS, Robot
 from testbed.crossing.walk import ARMS, Crossing, cross
 

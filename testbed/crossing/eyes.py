@@ -9,9 +9,10 @@ import numpy as np
 from scipy import ndimage
 
 from guara_perception.arrays import Float, Mask
+from guara_perception.simulation.footing import CELL_M, Footing, around, widened
 from testbed.crossing import ground
 from testbed.crossing.courses import Course
-from testbed.crossing.ground import CELL_M, SOLE_M, KnownGround
+from testbed.crossing.ground import SOLE_M
 from testbed.crossing.robot import Robot
 
 # A depth camera of the D4xx class: cells, noise of their heights and blur of edges (standard deviations), reach ahead
@@ -30,7 +31,7 @@ class Sight:
         foot_errors: (4, 3) how far each foot truly is from where its joints say, in the world [m].
     """
 
-    ground: KnownGround
+    ground: Footing
     feet: Float
     to_world: Float = field(default_factory=lambda: np.eye(4))
     foot_errors: Float = field(default_factory=lambda: np.zeros((4, 3)))
@@ -104,11 +105,11 @@ class DepthCamera:
         heights = np.where(seen, self._sum / np.maximum(self._looks, 1), 0.0)
         step = ndimage.maximum_filter(heights, size=3) - ndimage.minimum_filter(heights, size=3)
         passed = seen & (step <= DEPTH_STEP_M)
-        x, y = ground.around(body)
+        x, y = around(body)
         nearest = (np.rint((at - own[0]) / DEPTH_CELL_M).astype(np.intp) for at, own in ((x, self._x), (y, self._y)))
         cells = np.ix_(*nearest)
         safe, near = passed[cells], np.where(seen, heights, np.inf)[cells]
         return Sight(
-            KnownGround(x, y, heights[cells], safe, SOLE_M + ground.room(safe), *(ground.widened(near),) * 2),
+            Footing(x, y, heights[cells], safe, SOLE_M + ground.room(safe), *(widened(near),) * 2),
             robot.feet,
         )

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 import guara_perception as gp
-from guara_perception.arrays import Float
 from guara_perception.simulation import SimulatedRangefinder, specimen
+from guara_perception.simulation.footing import Footing
 from kinematics import LegOdometry, Stance
 from testbed.crossing.courses import START_M, Course
 from testbed.crossing.eyes import Sight
-from testbed.crossing.ground import AMPLE_M, CELL_M, KnownGround, around, widened
 from testbed.crossing.robot import FOOT_RADIUS_M, Robot, go2
 
 PICTURE = (640, 512)
@@ -19,7 +18,6 @@ MODE, EVERY = "coarse", 2
 BIAS, NOISE, GRAVITY_NOISE = 0.0035, 0.00035, 0.00175
 # Ground that the gait vouches for at the start, from the body; it ends well before the field [m].
 DECLARED_X, DECLARED_Y = (-0.49, START_M - 0.15), 0.35
-SIGMAS = 2.0
 # A coarse sweep, camera at 120 frames a second (`benchmarks sweeps`) [s].
 SWEEP_S = 0.59
 
@@ -65,7 +63,9 @@ class Laser:
             for leg in range(4)
         ]
         to_world = base_to_world @ np.linalg.inv(base_to_odom)
-        return Sight(asked(fused, footprint_to_odom, base_to_odom[:3, 3], feet), feet, to_world, np.array(errors))
+        return Sight(
+            Footing.of_map(fused, base_to_odom[:3, 3], feet, footprint_to_odom), feet, to_world, np.array(errors)
+        )
 
     def _stance(self, robot: Robot) -> Stance:
         """What the robot reads of itself."""
@@ -79,28 +79,3 @@ def declared() -> gp.KnownGround:
     """The level ground on which the walk begins."""
     (x0, x1), y = DECLARED_X, DECLARED_Y
     return gp.KnownGround(np.array([(x0, -y), (x1, -y), (x1, y), (x0, y)]), height=0.0, sigma=0.001)
-
-
-def asked(fused: gp.TerrainGrid, footprint_to_odom: Float, body: Float, feet: Float) -> KnownGround:
-    """The map's answers around the body, in `odom`.
-
-    A foot stands where the map allows it, with the map's own margins. It passes below the highest of a known cell, and
-    an unknown one's ceiling; where there is none, nothing passes.
-    """
-    x, y = around(body)
-    at = np.stack([*np.meshgrid(x, y, indexing="ij"), np.zeros((x.size, y.size))], axis=-1)
-    px, py, _ = np.moveaxis((at - footprint_to_odom[:3, 3] * (1, 1, 0)) @ footprint_to_odom[:3, :3], -1, 0)
-    rise = footprint_to_odom[2, 3]
-    heights, safe = fused.height_at(px, py), fused.is_traversable(px, py)
-    iy, ix = fused.geometry.indices(px, py)
-    inside = fused.geometry.contains(iy, ix)
-    cells = np.where(inside, iy, 0), np.where(inside, ix, 0)
-    highest = (fused.elevation_max + SIGMAS * np.sqrt(fused.variance))[cells]
-    ceiling = fused.ceiling[cells]
-    known = np.where(inside & np.isfinite(highest), highest, -1.0) + rise
-    highest = np.where(np.isfinite(highest), highest, np.where(np.isfinite(ceiling), ceiling, np.inf))
-    highest = np.where(inside, highest, np.inf) + rise
-    for foot in feet:  # Below a sole that stands the ground is no higher than the sole.
-        under = np.hypot(x[:, None] - foot[0], y - foot[1]) < FOOT_RADIUS_M + CELL_M
-        highest[under] = np.minimum(highest[under], foot[2])
-    return KnownGround(x, y, heights + rise, safe, np.where(safe, AMPLE_M, 0.0), widened(highest), widened(known))

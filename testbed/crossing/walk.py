@@ -10,16 +10,19 @@ from typing import Any
 import numpy as np
 
 from guara_perception.arrays import Float
+from guara_perception.simulation.strides import Stride, StridePlanner
 from guara_perception.simulation.world import World
+from kinematics.transforms import transform_points
 from testbed.crossing.courses import Course, course
-from testbed.crossing.crawl import Crawl, Fell, NoGround
+from testbed.crossing.crawl import CLEARANCE_M, Crawl, Fell, NoGround
 from testbed.crossing.eyes import AllKnowing, Blind, DepthCamera, Eye, Sight
 from testbed.crossing.laser import Laser
-from testbed.crossing.planner import BODY_HEIGHTS_M, Planner, Step
 from testbed.crossing.robot import LEGS, Robot
 from testbed.crossing.stiff_crawl import StiffCrawl
 
 MOST_STEPS = 140
+# Of the body over its feet, best first [m].
+BODY_HEIGHTS_M = (0.295, 0.27, 0.245)
 # So many steps without so much way: stopped.
 STUCK_STEPS, STUCK_M = 12, 0.03
 # Beyond the goal, and tries for a foot that finds nothing, each so far from the ones before.
@@ -97,7 +100,7 @@ def cross(
     began, way = time.process_time(), course(kind, seed)
     robot = Robot(way, np.array([0.0, 0.0, BODY_HEIGHTS_M[0]]))
     crawl, eye = (StiffCrawl if is_stiff else Crawl)(robot), ARMS[arm](way)
-    planner = Planner(robot.legs, robot.com_in_base)
+    planner = StridePlanner(robot.product, BODY_HEIGHTS_M, CLEARANCE_M)
     done = Crossing(kind, seed, "go2 stiff" if is_stiff else "go2", arm)
     start, xs = robot.base[0], [-np.inf] * STUCK_STEPS
     try:
@@ -126,7 +129,7 @@ def cross(
     return done
 
 
-def _step(done: Crossing, robot: Robot, crawl: Crawl, planner: Planner, sight: Sight, world: World) -> None:
+def _step(done: Crossing, robot: Robot, crawl: Crawl, planner: StridePlanner, sight: Sight, world: World) -> None:
     """One step; where a foot finds no ground, another one near it.
 
     Raises:
@@ -138,15 +141,16 @@ def _step(done: Crossing, robot: Robot, crawl: Crawl, planner: Planner, sight: S
         step = planner.next_step(known, sight.feet)
         if step is None:
             raise NoGround("no step was found")
-        target = turn @ step.target + shift + sight.foot_errors[step.leg]
-        com = turn @ (step.base + step.rotation @ robot.com_in_base) + shift
+        leg = LEGS.index(step.leg)
+        target = turn @ step.target + shift + sight.foot_errors[leg]
+        com = turn @ transform_points(step.body, robot.com_in_base) + shift
         edge, gap = edge_distance(world, target)
         done.worst_edge_m, done.targets_over_gap = min(done.worst_edge_m, edge), done.targets_over_gap + gap
         done.trace = done.trace[1 - SWINGS_BEFORE :]
-        done.trace.append((LEGS[step.leg], *target[:2].round(3).tolist(), edge, 1.0))
+        done.trace.append((step.leg, *target[:2].round(3).tolist(), edge, 1.0))
         try:
             crawl.step(
-                step.leg, _in_world(step, target, turn, shift), com, turn @ step.rotation, _top(step, turn, shift)
+                leg, _in_world(step, target, turn, shift), com, turn @ step.body[:3, :3], _top(step, turn, shift)
             )
             break
         except NoGround:
@@ -154,19 +158,19 @@ def _step(done: Crossing, robot: Robot, crawl: Crawl, planner: Planner, sight: S
                 raise
             known = known.without(step.target, ELSEWHERE_M)
     assert step is not None
-    foot = robot.feet[step.leg]
+    foot = robot.feet[leg]
     share, distance = support(world, foot, robot.product.config.sole), edge_distance(world, foot)[0]
-    done.trace[-1] = (LEGS[step.leg], *target[:2].round(3).tolist(), distance, share)
+    done.trace[-1] = (step.leg, *target[:2].round(3).tolist(), distance, share)
     done.steps += 1
     done.soles_badly_supported += int(share < SUPPORT)
 
 
-def _in_world(step: Step, target: Float, turn: Float, shift: Float) -> Float:
+def _in_world(step: Stride, target: Float, turn: Float, shift: Float) -> Float:
     """Places (n, 3) that the foot passes."""
     return np.array([*(turn @ np.array([*place, step.top]) + shift for place in step.way[:-1]), target])
 
 
-def _top(step: Step, turn: Float, shift: Float) -> float:
+def _top(step: Stride, turn: Float, shift: Float) -> float:
     return float((turn @ np.array([*step.target[:2], step.top]) + shift)[2])
 
 

@@ -14,7 +14,6 @@ from guara_perception.simulation.gait import (
     OutOfReach,
     WaveGait,
     body_pose,
-    level_pitch,
     stand_on,
 )
 from guara_perception.simulation.walk import (
@@ -30,6 +29,7 @@ from guara_perception.simulation.walk import (
 )
 from guara_perception.simulation.world import World
 from guara_perception.terrain.map.known_ground import KnownGround
+from kinematics.reach import level_sole_pitch
 from testbed.physics.physics_robot import PhysicsRobot
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def physics_walk(
     for step in range(round(cycles * len(gait.lift_order)) + 1):
         pause = _pause(robot, gait, body, step, footstep, noise, rng)
         yield pause
-        x, y, _ = chosen_foothold(pause, choose)
+        x, y, *_ = chosen_foothold(pause, choose)
         length, width = robot.sole
         xy = pause.to_world(x, y)
         target = np.array([*xy, world.sole_height(*xy, length, width)])
@@ -218,7 +218,7 @@ def _ticks(seconds: float) -> Float:
 def _joints(robot: RobotModel, soles_in_base: Mapping[str, Float], up_in_base: Float) -> dict[str, float]:
     joints: dict[str, float] = {}
     for leg, sole in soles_in_base.items():
-        reached = robot.reach(leg, sole, level_pitch(robot, leg, sole, up_in_base))
+        reached = robot.reach(leg, sole, level_sole_pitch(robot.tree, leg, sole, up_in_base))
         if not np.isfinite(reached.joint_positions).all():
             position = np.round(sole, 3).tolist()
             raise OutOfReach(f"leg {leg!r} cannot reach {position} in base_link: choose a foothold nearer to its hip")

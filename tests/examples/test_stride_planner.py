@@ -10,7 +10,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.simulation import SimulatedRangefinder, World, specimen
-from guara_perception.simulation.walk import WalkPause, simulate_walk
+from guara_perception.simulation.walk import Landing, WalkPause, simulate_walk
 from kinematics import LegOdometry, RobotModel
 from testbed.stones import END_M, stepping_stones
 from tests.examples.test_examples import EXAMPLES
@@ -35,14 +35,11 @@ def test_stepping_stones_are_crossed(seed: int, planner_module: ModuleType, robo
     planner, terrain_map, odometry = planner_module.StridePlanner(robot), gp.TerrainMap(robot), LegOdometry(robot)
     maps: list[gp.TerrainGrid] = []
 
-    def choose(pause: WalkPause) -> tuple[float, float, float]:
-        stride = planner.next_stride(maps[-1], pause.next_leg)
-        if stride.swing is not None:
-            x, y, _ = stride.swing.points[-1]
-        else:
-            here = np.append(pause.soles_in_world[pause.next_leg], 1.0)
-            x, y, *_ = np.linalg.solve(pause.transform_footprint_to_world, here)
-        return float(x), float(y), stride.advance
+    def choose(pause: WalkPause) -> Landing | None:
+        stride = planner.next_stride(maps[-1])
+        if stride is None:
+            return None
+        return Landing(*stride.swing.points[-1][:2], stride.leg, stride.body[:2, 3])
 
     for pause in simulate_walk(world, robot, choose, cycles=15, seed=seed):
         if pause.last_footstep is not None:

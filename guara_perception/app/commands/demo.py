@@ -168,11 +168,11 @@ def line(item: DemoPause) -> str:
     duration = ((record.scan_end or 0) - (record.scan_start or 0)) * 1e-9
     unknown = int(((item.terrain.hazard & UNKNOWN_MASK) != 0).sum())
     most = sorted((name for name, n in counts.items() if n), key=lambda name: -counts[name])[:3]
-    where = "the walk ends here" if item.answer["advance"] is None else f"{item.pause.next_leg} stays"
+    where = "the walk ends here"
     if item.foothold is not None:
         x, y, z = item.answer["foothold"]
         ground = "scanned" if item.foothold.is_scanned else "declared"
-        where = f"{item.pause.next_leg} to x {x:+.3f} y {y:+.3f} z {z:+.3f} on {ground} ground"
+        where = f"{item.foothold.leg} to x {x:+.3f} y {y:+.3f} z {z:+.3f} on {ground} ground"
     return (
         f"step {item.pause.step:>2}  {record.mode} {record.stripes_used} stripes "
         f"{duration:.1f} s  coverage {record.coverage or 0.0:4.0%}  "

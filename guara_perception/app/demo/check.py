@@ -73,7 +73,7 @@ class DemoCheck:
         return float(np.median(known)) if known.size else float("nan")
 
     def add_foothold(
-        self, world: World, pause: WalkPause, fused: TerrainGrid, x: float, y: float, swing: PathVerdict
+        self, world: World, pause: WalkPause, fused: TerrainGrid, leg: str, x: float, y: float, swing: PathVerdict
     ) -> CheckedFoothold:
         """Add the foothold that the planner chose on the fused map of a pause, and the verdict on its swing."""
         iy, ix = fused.geometry.indices(x, y)
@@ -82,8 +82,8 @@ class DemoCheck:
         truth = float(world.height(world_x, world_y)) - pause.transform_footprint_to_world[2, 3]
         checked = CheckedFoothold(
             step=pause.step,
-            leg=pause.next_leg,
-            is_hind=pause.nominal[0] < 0,
+            leg=leg,
+            is_hind=x < 0,
             is_scanned=inside and bool(np.asarray(fused.looks)[iy, ix] > 0),
             is_hazard=not inside or bool(np.asarray(fused.hazard)[iy, ix] != 0),
             is_swing_refused=not swing.ok,

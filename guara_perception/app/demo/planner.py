@@ -2,8 +2,8 @@
 
 The first output line, {"ready": true}, reports that the planner is connected. Each request is a JSON line {step, leg,
 x, y, extent, is_course}. Each answer is a JSON line with the foothold and the swing chosen on the grid of that step, or
-with the reasons why no foothold was found. On a course, the planner fits the stride to the ground: the answer then
-always has a foothold and the advance of the body, and it has no swing if the foot stays.
+with the reasons why no foothold was found. On a course, strides are fitted to the ground: the planner chooses the leg
+too, and the answer has the place of the body during the swing.
 """
 
 from __future__ import annotations
@@ -64,11 +64,11 @@ def answer(client: TerrainClient, request: dict[str, Any], steps: set[int]) -> d
         "foothold": None,
         "swing": None,
         "clearance": None,
-        "advance": None,
+        "body": None,
         "reasons": [],
     }
     if request["is_course"]:
-        return {**reply, **fitted_stride(terrain, leg)}
+        return {**reply, **fitted_stride(terrain)}
     found = plan_swing(terrain, leg, (x, y))
     if found is None:
         reply["reasons"] = [str(reason) for reason in refusals(terrain, leg, (x, y))]
@@ -83,16 +83,14 @@ def answer(client: TerrainClient, request: dict[str, Any], steps: set[int]) -> d
     return reply
 
 
-def fitted_stride(terrain: TerrainGrid, leg: str) -> dict[str, Any]:
-    """Part of an answer on a course: advance of the body, next foothold of the leg, and swing.
-
-    If the leg stays, the foothold is its current position and there is no swing.
-    """
-    stride = stride_planner(str(terrain.record.robot_description)).next_stride(terrain, leg)
-    if stride.swing is None:
-        return {"advance": stride.advance, "foothold": stride.start.tolist()}
-    points = stride.swing.points.tolist()
-    return {"advance": stride.advance, "foothold": points[-1], "swing": points, "clearance": SWING_CLEARANCES[-1]}
+def fitted_stride(terrain: TerrainGrid) -> dict[str, Any]:
+    """Part of an answer: leg, foothold, swing and place of the body (x, y)."""
+    stride = stride_planner(str(terrain.record.robot_description)).next_stride(terrain)
+    if stride is None or stride.swing is None:
+        return {"reasons": ["no leg finds a foothold on the way ahead"]}
+    points, body = stride.swing.points.tolist(), stride.body[:2, 3].tolist()
+    clearance = SWING_CLEARANCES[-1]
+    return {"leg": stride.leg, "foothold": points[-1], "swing": points, "clearance": clearance, "body": body}
 
 
 @lru_cache(maxsize=1)

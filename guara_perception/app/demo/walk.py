@@ -23,7 +23,7 @@ from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.simulated import DEMO_WORLD, SimulatedGait, SimulatedRobot
 from guara_perception.app.scene.scene import Scene
 from guara_perception.exceptions import InvalidInput, PlannerFailed
-from guara_perception.simulation.walk import Choice, WalkPause
+from guara_perception.simulation.walk import Choice, Landing, WalkPause
 from guara_perception.simulation.world import World, load_world
 from guara_perception.terrain.grid import TerrainGrid
 from transport import DEFAULT_ROBOT, open_client, open_node
@@ -42,8 +42,8 @@ JPEG_QUALITY = 85
 # cycle, the posture is the same again, and odometry would assume that the robot stood still.
 RECORDED_PAUSES = 8
 PAUSES_PER_CYCLE = 4
-# Number of successive pauses without a swing after which the robot counts as stuck on its course: two cycles.
-STUCK_PAUSES = 8
+# A robot on a course whose feet gain less than this in two cycles is stuck [m].
+STUCK_PAUSES, STUCK_M = 8, 0.05
 START_TIMEOUT_S = 60.0
 # [s] Longest wait for an answer: longer than the planner waits for the two grids of a step, so that the planner's error
 # is reported.
@@ -59,7 +59,7 @@ class DemoPause:
         pause: true state of the robot in the simulation.
         terrain: grid of the scan, received by a client.
         fused: grid of the map, received by a client.
-        foothold: foothold of the next leg; None if the foot stays, the planner found none, or the walk ends here.
+        foothold: foothold of the leg that swings; None if the planner found none, or the walk ends here.
         answer: reply of the planner.
         error: median absolute height error of the scan [m]; NaN if no cell is known.
     """
@@ -91,8 +91,8 @@ def demo_walk(
         seed: random seed of the simulated rangefinder, its noise and the noise of the walk.
         robot_name: name or folder of the robot.
         world: name of a world of the package, or a world file.
-        is_course: True to fit strides to the ground; the walk then also ends beyond all features, or after two cycles
-            in which no foot could swing.
+        is_course: True to fit strides to the ground; the walk then also ends beyond all features, where the planner
+            finds no step, or after two cycles in which the feet gained next to nothing.
 
     Yields:
         One DemoPause per stance pause.
@@ -142,7 +142,7 @@ def demo_walk(
         client = stack.enter_context(TerrainClient(endpoint, robot=instance))
         planner = stack.enter_context(PlannerProcess(endpoint, instance))
         choices: dict[int, Choice] = {}
-        stays = 0
+        places: list[float] = []
         last, goal = round(cycles * PAUSES_PER_CYCLE), goal_of(robot.world) if is_course else np.inf
         for pause in robot.walk(lambda pause: choices[pause.step], cycles=cycles):
             robot.stand_at(pause)
@@ -158,14 +158,15 @@ def demo_walk(
             check.grids_received = answer["received"]
             error = check.add_grids(robot.world, pause, terrain, fused)
             choice = answer["foothold"]
-            choices[pause.step] = None if choice is None else (choice[0], choice[1], answer["advance"])
-            foothold = None
-            stays = 0 if answer["swing"] is not None else stays + 1
+            leg, foothold = answer["leg"], None
+            choices[pause.step] = None if choice is None else Landing(choice[0], choice[1], leg, answer["body"])
             is_over = pause.step == last or min(sole[0] for sole in pause.soles_in_world.values()) > goal
-            is_over |= is_course and stays == STUCK_PAUSES
-            if choice is not None and answer["swing"] is not None and not is_over:
+            places.append(float(np.mean([sole[0] for sole in pause.soles_in_world.values()])))
+            is_stuck = len(places) > STUCK_PAUSES and places[-1] - places[-1 - STUCK_PAUSES] < STUCK_M
+            is_over |= is_course and (choice is None or is_stuck)
+            if choice is not None and not is_over:
                 swing = fused.check_path(answer["swing"], answer["clearance"])
-                foothold = check.add_foothold(robot.world, pause, fused, choice[0], choice[1], swing)
+                foothold = check.add_foothold(robot.world, pause, fused, leg, choice[0], choice[1], swing)
             gait.end(pause)
             yield DemoPause(pause, terrain, fused, foothold, answer, error)
             if is_over:

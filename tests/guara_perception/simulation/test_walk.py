@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.features import Box, Step
 from guara_perception.simulation.gait import OutOfReach, WaveGait, body_pose, stand_on
-from guara_perception.simulation.walk import WalkEnded, WalkNoise, simulate_walk
+from guara_perception.simulation.walk import Choice, Landing, WalkEnded, WalkNoise, WalkPause, simulate_walk
 from guara_perception.simulation.world import World
 from kinematics import RobotModel, load_robot
 from testbed.random_world import random_world
@@ -165,12 +165,22 @@ def test_body_pose_is_parallel_to_its_feet() -> None:
     assert transform[1, 0] == 0
 
 
-def test_a_planner_may_say_how_far_the_body_advances(robot: RobotModel) -> None:
-    """The body goes as far as asked, then as the gait says; the nominal landing follows it."""
-    choices = iter([(0.060,), (), (0.0,), ()])
-    pauses = list(
-        simulate_walk(World(), robot, lambda pause: (*pause.nominal, *next(choices)), cycles=0.75, noise=EXACT)
-    )
-    assert [pause.transform_base_to_world[0, 3] for pause in pauses] == pytest.approx([0.0, 0.060, 0.095, 0.095])
-    landing = WaveGait.of(robot).landing(pauses[1].next_leg)[0]
-    assert pauses[1].to_world(*pauses[1].nominal)[0] == pytest.approx(0.095 + landing)
+def test_a_planner_may_choose_leg_and_body(robot: RobotModel) -> None:
+    """The body goes where it is told, then on as the gait does; the nominal landing follows it."""
+    gait = WaveGait.of(robot)
+    order = gait.lift_order
+    chosen = iter([(order[2], (0.060, 0.020)), None, (order[1], (0.0, -0.010)), None])
+
+    def choose(pause: WalkPause) -> Choice:
+        move = next(chosen)
+        if move is None:
+            return pause.nominal
+        (x, y), (leg, body) = gait.landing(move[0]), move
+        return Landing(x + body[0], y, leg, body)
+
+    pauses = list(simulate_walk(World(), robot, choose, cycles=0.75, noise=EXACT))
+    bodies = [pause.transform_base_to_world[:2, 3].tolist() for pause in pauses]
+    np.testing.assert_allclose(bodies, [[0.0, 0.0], [0.060, 0.020], [0.095, 0.020], [0.095, 0.010]], atol=1e-9)
+    assert pauses[1].to_world(*pauses[1].nominal)[0] == pytest.approx(0.095 + gait.landing(pauses[1].next_leg)[0])
+    swung = [pause.last_footstep.leg for pause in pauses[1:] if pause.last_footstep]
+    assert swung == [order[2], order[1], order[1]]
