@@ -151,11 +151,12 @@ def _largest_agreement(y: Float, z: Float) -> Mask:
     first, second = PAIRS.T
     slope = (z[:, second] - z[:, first]) / (y[:, second] - y[:, first])
     distance = z[:, None, :] - z[:, first, None] - slope[:, :, None] * (y[:, None, :] - y[:, first, None])
-    distance = np.nan_to_num(np.abs(distance), nan=np.inf)
-    # The weight of a part on the line decreases from 1 to 0.5 with its distance.
-    weight = np.maximum(1.0 - 0.5 * distance / LINE_TOLERANCE_M, 0.0) * (distance < LINE_TOLERANCE_M)
+    np.abs(distance, out=distance)
+    # The weight of a part on the line decreases from 1 to 0.5 with its distance. A part without points is on no line.
+    is_near = distance < LINE_TOLERANCE_M
+    weight = np.where(is_near, 1.0 - 0.5 * distance / LINE_TOLERANCE_M, 0.0)
     best = np.argmax(weight.sum(axis=2), axis=1)
-    return np.asarray(distance[np.arange(len(z)), best] < LINE_TOLERANCE_M)
+    return np.asarray(is_near[np.arange(len(z)), best])
 
 
 @dataclass(frozen=True, slots=True)

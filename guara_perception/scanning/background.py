@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Array, Float, Image, Mask
+from guara_perception.arrays import Float, Float32, Image, Index
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.optical_flow import follow
 from guara_perception.stripes.band import pictures_of
@@ -39,7 +39,7 @@ DIM_LEVEL, BRIGHT_LEVEL, MOST_GAIN = 32.0, 100.0, 16.0
 # least LEAST_SHARE must agree; `aligned` requires this share of all corners.
 MOST_CORNERS, QUALITY, APART_PX, LEAST_CORNERS, LEAST_SHARE = 48, 0.01, 14, 16, 0.6
 WINDOW_PX, LEVELS = 13, 2
-# Nominal number of corners in the first, fast test for a camera that stands still; it uses up to twice as many.
+# Largest number of corners in the first, fast test for a camera that stands still.
 FEW_CORNERS = 20
 # Largest error of a corner that agrees with the homography, and median motion below which an image counts as unmoved
 # [px].
@@ -158,10 +158,21 @@ class _Seen:
         """True if the sigmas can be trusted; the errors of noisier estimates are larger than their sigmas."""
         return bool(self.sigma.max() <= MOST_RISE_M)
 
-    def is_beyond(self, expected: Float | float, common: Float | float) -> bool:
-        """Test if the rise differs significantly from `expected` [m]; `common` is the shared sigma [m]."""
-        limit = np.maximum(MOST_RISE_M, LEAST_SIGMAS * np.hypot(self.sigma, common))
-        return bool((np.abs(self.rise - expected) > limit).any())
+    def is_beyond(self, common: Float) -> bool:
+        """Test if the rise differs significantly from 0; `common` is the shared sigma [m]."""
+        return is_beyond(self.rise, self.sigma, common)
+
+
+def is_beyond(rises: Float, sigmas: Float, common: Float | float) -> bool:
+    """Test if any of rises (..., 4) differs significantly from 0.
+
+    Args:
+        rises: rises of the corners of the scanned area [m].
+        sigmas: their standard deviations [m].
+        common: standard deviation that all of them share [m].
+    """
+    limit = np.maximum(MOST_RISE_M, LEAST_SIGMAS * np.hypot(sigmas, common))
+    return bool((np.abs(rises) > limit).any())
 
 
 def _estimates(looks: Mapping[int, Sequence[_Seen]], common: Float) -> dict[int, _Seen]:
@@ -169,7 +180,7 @@ def _estimates(looks: Mapping[int, Sequence[_Seen]], common: Float) -> dict[int,
     groups, found = list(looks.values()), {}
     for number, (index, own) in enumerate(looks.items()):
         seen = _pooled(own)
-        if seen is None or (LEAST_SIGMAS * seen.sigma.max() > MOST_RISE_M and not seen.is_beyond(0.0, common)):
+        if seen is None or (LEAST_SIGMAS * seen.sigma.max() > MOST_RISE_M and not seen.is_beyond(common)):
             around = groups[max(number - NEIGHBOURS, 0) : number + NEIGHBOURS + 1]
             seen = _pooled([look for group in around for look in group])
         if seen is not None:
@@ -179,8 +190,8 @@ def _estimates(looks: Mapping[int, Sequence[_Seen]], common: Float) -> dict[int,
 
 def _pooled(looks: Sequence[_Seen]) -> _Seen | None:
     """Weighted mean of estimates, None if there are none; its sigma includes their scatter."""
-    if not looks:
-        return None
+    if len(looks) < 2:
+        return looks[0] if looks else None
     rises, weights = np.array([look.rise for look in looks]), np.array([look.sigma for look in looks]) ** -2.0
     mean = (weights * rises).sum(axis=0) / weights.sum(axis=0)
     scatter = (weights * (rises - mean) ** 2).sum() / max(weights.size - len(mean), 1)
@@ -241,27 +252,28 @@ class BackgroundWitness:
         """Motion since the reference image; corners within `rows` of the reduced image are not used."""
         assert self._reference is not None
         given, channel, factor, gain = _reduction(picture, self._gain)
-        outside = (self._points[:, 1] < rows[0]) | (self._points[:, 1] >= rows[1])
-        if (given.rows // factor, given.columns // factor) != self._reference.shape or outside.sum() < LEAST_CORNERS:
+        used = np.flatnonzero((self._points[:, 1] < rows[0]) | (self._points[:, 1] >= rows[1]))
+        if (given.rows // factor, given.columns // factor) != self._reference.shape or used.size < LEAST_CORNERS:
             return None
-        found = self._still(given, outside, (channel, factor, gain))
+        found = self._still(given, used, (channel, factor, gain))
         if found is None:
-            there = follow(self._reference, grey(picture, self._gain), self._points[outside], WINDOW_PX, LEVELS)
-            rays = self._camera.rays(there / scale)[:, :2]
-            found = self._motion(rays - self._rays[outside], self._flow[outside], there - self._points[outside])
+            there = follow(self._reference, grey(picture, self._gain), self._points[used], WINDOW_PX, LEVELS)
+            flow = self._camera.rays(there / scale)[:, :2] - self._rays[used]
+            found = self._motion(flow, (there - self._points[used]).astype(np.float32), used)
         return found
 
-    def _still(self, picture: Picture, outside: Mask, how: tuple[int, int, float]) -> _Seen | None:
+    def _still(self, picture: Picture, usable: Index, how: tuple[int, int, float]) -> _Seen | None:
         """Estimate from a few corners; None if they do not show that the camera stands still.
 
         Only the surroundings of these corners in the image are read.
         """
-        used = np.flatnonzero(outside)[:: max(np.count_nonzero(outside) // FEW_CORNERS, 1)]
-        points, moved = self._points[used], np.empty((len(used), 2), np.float32)
         assert self._reference is not None
-        kernel().follow_corners(picture, *how, *addresses(self._reference, points), len(points), address(moved))
-        flow = self._turn[used] @ moved[..., None].astype(np.float64)
-        found = self._motion(flow[..., 0], self._flow[used], moved)
+        count = min(usable.size, FEW_CORNERS)
+        used = usable[np.arange(count) * usable.size // count]
+        moved, flow = np.empty((count, 2), np.float32), np.empty((count, 2))
+        of_scan = addresses(self._reference, self._points, self._turn)
+        kernel().follow_corners(picture, *how, *of_scan, address(used), count, *addresses(moved, flow))
+        found = self._motion(flow, moved, used)
         if found is None or (np.abs(found.rise) + LEAST_SIGMAS * np.sqrt(2.0) * found.sigma > MOST_RISE_M).any():
             return None
         return found
@@ -295,30 +307,21 @@ class BackgroundWitness:
         looks = self._seen.get(index, [])
         return bool(looks) and all(look.shift < STILL_PX for look in looks)
 
-    def _motion(self, flow: Float, rows: Float, moved: Array) -> _Seen | None:
+    def _motion(self, flow: Float, moved: Float32, used: Index) -> _Seen | None:
         """Camera motion from the flow of image corners; None if the flow does not determine it.
 
         Args:
             flow: (n, 2) change of the rays of the corners, NaN where a corner was lost.
-            rows: (n, 2, 6) derivatives of `flow` with respect to the motion.
             moved: (n, 2) motion of the corners [px of the reduced image].
+            used: (n,) numbers of these corners.
         """
-        seen = np.isfinite(flow[:, 0])
-        count = int(np.count_nonzero(seen))
-        if count < max(LEAST_CORNERS, LEAST_SHARE * len(flow)):
+        count, ends = len(used), len(self._rise)
+        found, work = np.empty(2 * ends + 1), np.empty(2 * count)
+        limits = LEAST_CORNERS, LEAST_SHARE, STEPS, LEAST_NOISE_PX * self._pixel, MOST_CONDITION
+        given = addresses(self._flow, flow, moved, used)
+        if not kernel().fit_motion(*given, count, *limits, address(self._rise), ends, *addresses(work, found)):
             return None
-        rows, wanted = rows[seen], flow[seen]
-        fit, work = np.empty(6 + 36 + 2), np.empty((2, count), np.float32)
-        limits = STEPS, LEAST_NOISE_PX * self._pixel, MOST_CONDITION
-        if not kernel().fit_motion(*addresses(rows, wanted), count, *limits, *addresses(work, fit)):
-            return None
-        motion, inverse_normal, (noise, agree) = fit[:6], fit[6:42].reshape(6, 6), fit[42:]
-        if agree < max(LEAST_CORNERS, LEAST_SHARE * count):
-            return None
-        sigma = noise * np.sqrt(((self._rise @ inverse_normal) * self._rise).sum(axis=1))
-        # Half of the variance of a difference between two images comes from each.
-        sigma /= np.sqrt(2.0)
-        return _Seen(self._rise @ motion, sigma, float(np.median(np.linalg.norm(moved[seen], axis=1))))
+        return _Seen(found[:ends], found[ends:-1], float(found[-1]))
 
     @property
     def is_blind(self) -> bool:
@@ -362,7 +365,8 @@ class BackgroundWitness:
             # All motion is relative to the camera pose of the reference image, which is unknown.
             found = {index: replace(each, rise=each.rise - middle) for index, each in found.items()}
             middle = np.zeros_like(middle)
-        if not any(each.is_beyond(0.0, common) or each.is_beyond(middle, 0.0) for each in found.values()):
+        rises, sigmas = (np.array([getattr(each, name) for each in found.values()]) for name in ("rise", "sigma"))
+        if not is_beyond(rises, sigmas, common) and not is_beyond(rises - middle, sigmas, 0.0):
             return {}
         moved = {index: 0.0 for index in stripes if index not in found}
         for index, each in found.items():

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Float, Image, Index, Mask
+from guara_perception.arrays import Array, Float, Float32, Image, Index, Mask
 from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus, is_clipped
 
 # Approximate number of sampled frames, spread over the scan, and spacing of the sampled rows and of the pixels in them
@@ -213,16 +214,21 @@ def _brightest_rows(on: Image, off: Image | None) -> Float:
     seen = on.astype(np.float32)
     if off is not None and off.shape == on.shape:
         seen -= off
-    if seen.ndim == 3:
-        seen = seen.max(axis=2)
+    seen = _over_channels(np.maximum, seen)
     if on.dtype == np.uint16:
         seen /= 257.0
     some = seen[::USUAL_ROWS_APART]
-    usual = np.median(some, axis=0)
-    noise = np.median(np.abs(some - usual), axis=0)
+    usual = _middle(some)
+    noise = _middle(np.abs(some - usual))
     row = seen.argmax(axis=0)
     height = seen[row, np.arange(len(row))] - usual
     return np.where(height > np.maximum(LEAST_LEVEL, LEAST_SIGMAS * noise), row, np.nan)
+
+
+def _middle(values: Float32) -> Float32:
+    """Median (n,) of each column of values (m, n) without NaN; much faster than `np.median`."""
+    ordered, half = np.sort(values, axis=0), len(values) // 2
+    return np.asarray(0.5 * (ordered[half] + ordered[(len(values) - 1) // 2]), np.float32)
 
 
 def _median(samples: Sequence[FrameSample], name: str) -> float:
@@ -264,4 +270,11 @@ def _core(on: Image, off: Image | None) -> float:
 
 def _any_channel(values: Mask) -> Mask:
     """Mask (rows, columns) of pixels that are true in any channel."""
-    return np.asarray(values.any(axis=2)) if values.ndim == 3 else values
+    return _over_channels(np.logical_or, values)
+
+
+def _over_channels(combine: np.ufunc, values: Array) -> Array:
+    """Combine the channels (rows, columns[, channels]) one after the other, which is faster than along their axis."""
+    if values.ndim == 2:
+        return values
+    return np.asarray(functools.reduce(combine, np.moveaxis(values, 2, 0)))

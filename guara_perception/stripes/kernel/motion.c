@@ -32,7 +32,7 @@ void shrink(const Picture *p, int64_t channel, int64_t factor, double gain, void
 
 // Half the side of the square about a corner that is compared, farthest that a corner is followed, and half the side of the
 // square of the picture that this takes [px of the small picture].
-enum { HALF = 6, FAR = 2, REACH = HALF + FAR + 1, SIDE = 2 * REACH + 1, WINDOW = 2 * HALF + 1 };
+enum { HALF = 6, FAR = 1, REACH = HALF + FAR + 1, SIDE = 2 * REACH + 1, WINDOW = 2 * HALF + 1 };
 // Floats of a square, LANES of which may be read from any column of its rows.
 enum { SQUARE = SIDE * SIDE + LANES };
 // Most steps, step at which they end [px], and share of the square's contrast that may remain.
@@ -72,17 +72,20 @@ static float sum_of(const float *lanes) {
 
 // One corner by Lucas and Kanade at full size of the small pictures; 0 where it is lost. own: reference at the corner.
 static int follow_corner(const uint8_t *own, int64_t columns, const float *square, float *moved) {
-    float light[WINDOW][LANES] = {{0}}, along_x[WINDOW][LANES] = {{0}}, along_y[WINDOW][LANES] = {{0}};
-    float xx = 0, xy = 0, yy = 0, mean = 0, contrast = 0, dx = 0, dy = 0;
+    float light[WINDOW][LANES], along_x[WINDOW][LANES], along_y[WINDOW][LANES], sums[5][LANES] = {{0}};
+    float dx = 0, dy = 0;
     for (int64_t r = 0; r < WINDOW; r++)
-        for (int64_t c = 0; c < WINDOW; c++) {
-            const uint8_t *at = own + (r - HALF) * columns + c - HALF, *up = at - columns, *down = at + columns;
-            const float x = (float)(3 * (up[1] - up[-1] + down[1] - down[-1]) + 10 * (at[1] - at[-1])) / 32;
-            const float y = (float)(3 * (down[-1] - up[-1] + down[1] - up[1]) + 10 * (down[0] - up[0])) / 32;
-            along_x[r][c] = x, along_y[r][c] = y, xx += x * x, xy += x * y, yy += y * y;
-            light[r][c] = *at, mean += (float)*at / (WINDOW * WINDOW), contrast += (float)*at * (float)*at;
+        // Lanes beyond the window read what follows in the reference, and count nothing.
+        for (int64_t k = 0; k < LANES; k++) {
+            const uint8_t *at = own + (r - HALF) * columns + k - HALF, *up = at - columns, *down = at + columns;
+            const float counts = k < WINDOW, level = counts * (float)*at;
+            const float x = counts * (float)(3 * (up[1] - up[-1] + down[1] - down[-1]) + 10 * (at[1] - at[-1])) / 32;
+            const float y = counts * (float)(3 * (down[-1] - up[-1] + down[1] - up[1]) + 10 * (down[0] - up[0])) / 32;
+            along_x[r][k] = x, along_y[r][k] = y, light[r][k] = level;
+            sums[0][k] += x * x, sums[1][k] += x * y, sums[2][k] += y * y, sums[3][k] += level, sums[4][k] += level * level;
         }
-    contrast -= mean * mean * WINDOW * WINDOW;
+    const float xx = sum_of(sums[0]), xy = sum_of(sums[1]), yy = sum_of(sums[2]), mean = sum_of(sums[3]) / (WINDOW * WINDOW);
+    const float contrast = sum_of(sums[4]) - mean * mean * WINDOW * WINDOW;
     const float determinant = xx * yy - xy * xy;
     if (!(determinant > 0)) return 0;
     for (int64_t step = 0; step < MOST_STEPS; step++) {
@@ -106,20 +109,24 @@ static int follow_corner(const uint8_t *own, int64_t columns, const float *squar
     return 0;
 }
 
-// How far corners (n, 2) of a small reference (rows, columns) have moved (n, 2) in a picture, if that is little; NaN where a
-// corner is lost. Only what surrounds the corners is read.
+// How far some corners of a small reference (rows, columns) have moved (n, 2) in a picture, if that is little, and the change
+// (n, 2) of their rays; NaN where a corner is lost. Only what surrounds the corners is read. used: (n,) numbers of corners.
+// turn: (corners, 2, 2) change of the rays by each pixel.
 void follow_corners(const Picture *p, int64_t channel, int64_t factor, double gain, const uint8_t *reference,
-    const double *corners, int64_t n, float *moved) {
+    const double *corners, const double *turn, const int64_t *used, int64_t n, float *moved, double *flow) {
     const int64_t rows = p->rows / factor, columns = p->columns / factor;
     float square[SQUARE] = {0};
     for (int64_t i = 0; i < n; i++) {
-        const int64_t x = llrint(corners[2 * i]), y = llrint(corners[2 * i + 1]);
+        const double *corner = corners + 2 * used[i], *by = turn + 4 * used[i];
+        const int64_t x = llrint(corner[0]), y = llrint(corner[1]);
         int found = x >= REACH && y >= REACH && x < columns - REACH && y < rows - REACH;
         if (found) {
             small_square(p, channel, factor, gain, x, y, square);
             found = follow_corner(reference + y * columns + x, columns, square, moved + 2 * i);
         }
         if (!found) moved[2 * i] = moved[2 * i + 1] = NAN;
+        const double along = (double)moved[2 * i], down = (double)moved[2 * i + 1];
+        flow[2 * i] = by[0] * along + by[1] * down, flow[2 * i + 1] = by[2] * along + by[3] * down;
     }
 }
 
@@ -144,40 +151,64 @@ static int invert(const double *matrix, double *inverse) {
     return 1;
 }
 
-// Motion (6,) that explains flows (n, 2) by their rows (n, 2, 6): steps of least squares with Tukey's weights, so that what
-// moves by itself counts nothing. found: the motion, the inverse of its normal equations (6, 6), the noise, and the number
-// of flows that agree. 0 where the equations' condition exceeds the given one. work: (2, n).
-int64_t fit_motion(const double *rows, const double *wanted, int64_t n, int64_t steps, double least_noise,
-    double most_condition, float *work, double *found) {
-    double *inverse = found + DEGREES, *noise = inverse + DEGREES * DEGREES, *agree = noise + 1;
-    float *weight = work, *left = work + n;
-    for (int64_t i = 0; i < n; i++) weight[i] = 1;
+// Rises of some points by the motion of the camera that explains flows (n, 2) by their rows (corners, 2, 6): steps of least
+// squares with Tukey's weights, so that what moves by itself counts nothing. used: (n,) numbers of corners; flows that are NaN
+// count nothing. moved: (n, 2) [px]. by_motion: (points, 6) rise of each by each part of the motion. work: 2 n numbers of 8
+// bytes. found: rises and their standard deviations (2, points) by the noise of both pictures, and the median of what moved.
+// Returns 0 where fewer flows are known or agree than `least` or this share, or their equations' condition exceeds the given one.
+int64_t fit_motion(const double *rows, const double *wanted, const float *moved, const int64_t *used, int64_t n, int64_t least,
+    double least_share, int64_t steps, double least_noise, double most_condition, const double *by_motion, int64_t points,
+    double *work, double *found) {
+    int64_t *known = (int64_t *)work, count = 0, agree = 0;
+    float *weight = (float *)(known + n), *left = weight + n;
+    double inverse[DEGREES * DEGREES] = {0}, motion[DEGREES] = {0}, noise = 0;
+    for (int64_t i = 0; i < n; i++) known[count] = i, count += isfinite(wanted[2 * i]) != 0;
+    if (count < least || (double)count < least_share * (double)n) return 0;
+    for (int64_t i = 0; i < count; i++) weight[i] = 1;
     for (int64_t step = 0; step < steps; step++) {
         double normal[DEGREES * DEGREES] = {0}, right[DEGREES] = {0}, size = 0, inverse_size = 0;
-        for (int64_t i = 0; i < 2 * n; i++)
+        for (int64_t i = 0; i < 2 * count; i++) {
+            const double *row = rows + (2 * used[known[i / 2]] + i % 2) * DEGREES, flow = wanted[2 * known[i / 2] + i % 2];
             for (int j = 0; j < DEGREES; j++) {
-                const double own = (double)weight[i / 2] * rows[i * DEGREES + j];
-                right[j] += own * wanted[i];
-                for (int k = 0; k < DEGREES; k++) normal[j * DEGREES + k] += own * rows[i * DEGREES + k];
+                const double own = (double)weight[i / 2] * row[j];
+                right[j] += own * flow;
+                for (int k = 0; k < DEGREES; k++) normal[j * DEGREES + k] += own * row[k];
             }
+        }
         if (!invert(normal, inverse)) return 0;
         for (int k = 0; k < DEGREES * DEGREES; k++) size += normal[k] * normal[k], inverse_size += inverse[k] * inverse[k];
         if (!(sqrt(size * inverse_size) < most_condition)) return 0;
         for (int j = 0; j < DEGREES; j++) {
-            found[j] = 0;
-            for (int k = 0; k < DEGREES; k++) found[j] += inverse[j * DEGREES + k] * right[k];
+            motion[j] = 0;
+            for (int k = 0; k < DEGREES; k++) motion[j] += inverse[j * DEGREES + k] * right[k];
         }
-        for (int64_t i = 0; i < n; i++) {
-            double off[2] = {wanted[2 * i], wanted[2 * i + 1]};
-            for (int k = 0; k < DEGREES; k++)
-                off[0] -= rows[2 * i * DEGREES + k] * found[k], off[1] -= rows[(2 * i + 1) * DEGREES + k] * found[k];
+        for (int64_t i = 0; i < count; i++) {
+            const double *row = rows + 2 * used[known[i]] * DEGREES;
+            double off[2] = {wanted[2 * known[i]], wanted[2 * known[i] + 1]};
+            for (int k = 0; k < DEGREES; k++) off[0] -= row[k] * motion[k], off[1] -= row[DEGREES + k] * motion[k];
             left[i] = weight[i] = (float)sqrt(off[0] * off[0] + off[1] * off[1]);
         }
-        *noise = MAX(median(weight, n), least_noise), *agree = 0;
-        for (int64_t i = 0; i < n; i++) {
-            const float far = left[i] / (float)(6 * *noise), rest = MAX(1 - far * far, 0);
-            weight[i] = rest * rest, *agree += weight[i] > 0;
+        noise = MAX(median(weight, count), least_noise), agree = 0;
+        for (int64_t i = 0; i < count; i++) {
+            const float far = left[i] / (float)(6 * noise), rest = MAX(1 - far * far, 0);
+            weight[i] = rest * rest, agree += weight[i] > 0;
         }
     }
+    if (agree < least || (double)agree < least_share * (double)count) return 0;
+    for (int64_t p = 0; p < points; p++) {
+        const double *own = by_motion + p * DEGREES;
+        double rise = 0, square = 0;
+        for (int j = 0; j < DEGREES; j++) {
+            rise += own[j] * motion[j];
+            for (int k = 0; k < DEGREES; k++) square += own[j] * inverse[j * DEGREES + k] * own[k];
+        }
+        // Half of the variance of a difference between two pictures comes from each.
+        found[p] = rise, found[points + p] = noise * sqrt(square / 2);
+    }
+    for (int64_t i = 0; i < count; i++) {
+        const float *own = moved + 2 * known[i];
+        left[i] = sqrtf(own[0] * own[0] + own[1] * own[1]);
+    }
+    found[2 * points] = median(left, count);
     return 1;
 }

@@ -121,7 +121,10 @@ void pair_relief(const float *points, const float *variance, int64_t n, double *
     int64_t both = 0, neighbours = 0;
     for (int64_t c = 0; c < n; c++) relief[c] = 0;
     for (int64_t c = 0; c < n; c++)
-        if (isfinite(z[c]) && isfinite(z[n + c])) some[both++] = (float)hypot((double)x[n + c] - (double)x[c], (double)y[n + c] - (double)y[c]);
+        if (isfinite(z[c]) && isfinite(z[n + c])) {
+            const double along = (double)x[n + c] - (double)x[c], across = (double)y[n + c] - (double)y[c];
+            some[both++] = (float)sqrt(along * along + across * across);
+        }
     if (!both) return;
     const double apart = median(some, both);
     for (int64_t k = 0; k < 2; k++)

@@ -78,14 +78,21 @@ double second_line(const Picture *on, const Picture *off, const float *position,
         column[n] = c, top[n++] = row;
     }
     if (inside < LEAST_COLUMNS || n < LEAST_COLUMNS) return 0;
+    const int is_ragged = (double)clipped > MOST_CLIPPED * (double)(n * on->channels);
     double share = 0, odd = 0;
     for (int64_t far = 2; far <= reach; far++) {
         const float *below = light + (reach + far) * MOST_COLUMNS, *above = light + (reach - far) * MOST_COLUMNS;
+        int64_t within_share = 0;
         // Unsigned, because the profile may follow one line in some columns and the other line elsewhere.
-        for (int64_t i = 0; i < n; i++) differences[i] = below[i] - above[i], sizes[i] = fabsf(differences[i]);
-        share = MAX(share, median(sizes, n)), odd = MAX(odd, fabs(median(differences, n)));
+        for (int64_t i = 0; i < n; i++) {
+            differences[i] = below[i] - above[i], sizes[i] = fabsf(differences[i]);
+            within_share += (double)sizes[i] <= share;
+        }
+        // Where more than half are so small, the median is as well.
+        if (2 * within_share < n + 2) share = MAX(share, median(sizes, n));
+        if (is_ragged) odd = MAX(odd, fabs(median(differences, n)));
     }
-    if ((double)clipped > MOST_CLIPPED * (double)(n * on->channels)) return MAX(odd, MIN(share, at_most));
+    if (is_ragged) return MAX(odd, MIN(share, at_most));
     // Mean cross-section in bins about the centre, as shares of its height.
     double nearest_end = 0;
     for (int64_t r = 0; r < lines; r += lines - 1) {

@@ -55,8 +55,13 @@ for number in range(60):
     reference = random.integers(0, 256, (given.rows // factor, given.columns // factor), np.uint8)
     corners, moved = random.uniform(-2.0, 72.0 / factor, (40, 2)), np.empty((40, 2), np.float32)
     corners[0] = np.nan
-    memory = library.addresses(reference, corners)
-    library.kernel().follow_corners(given, 0, factor, 255.0 / most, *memory, 40, library.address(moved))
+    turn, flow, used = random.normal(size=(40, 2, 2)), np.empty((40, 2)), random.permutation(40)
+    memory = library.addresses(reference, corners, turn, used)
+    library.kernel().follow_corners(given, 0, factor, 255.0 / most, *memory, 40, *library.addresses(moved, flow))
+    rows, by_motion, out = random.normal(size=(40, 2, 6)), random.normal(size=(4, 6)), np.empty(9 + 80)
+    memory = library.addresses(rows, flow, moved, used)
+    places = library.address(by_motion), 4, library.address(out[9:]), library.address(out)
+    library.kernel().fit_motion(*memory, 40, number % 3, 0.1, 4, 1e-9, 1e9, *places)
     if number // 2 % 2 == 0:
         second_line(gp.FramePair(0, *pair), profile)
 # Pairs so wide that paths are looked for in fewer columns: noise, white pixels, and lines with a ghost.
