@@ -13,7 +13,7 @@ from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
 if TYPE_CHECKING:
-    from guara_perception.app.node.devices import Rig, robot_of
+    from guara_perception.app.node.devices import Rig
     from guara_perception.progress import Progress
 
 
@@ -106,7 +106,7 @@ def rig_with(heights: tuple[float, ...], chosen: DeviceOptions) -> Rig:
     Raises:
         InvalidInput: the option --devices is given.
     """
-    from guara_perception.app.node.devices import Rig
+    from guara_perception.app.node.devices import Rig, robot_of
     from guara_perception.app.node.simulated import SimulatedRobot
     from guara_perception.settings import Settings
     from guara_perception.simulation.features import Box
