@@ -22,6 +22,8 @@ PICTURES = ("ortho_image_mm", "range_image_mm")
 def load_terrain(path: str | Path) -> TerrainGrid:
     """Read a grid written by `save_terrain`, and check the safety invariant.
 
+    A grid that was saved when it was stale still is, and `stale_because` gives the reasons.
+
     Raises:
         MissingFile: there is no such file.
         FileFormatError: the file is not a terrain file, its arrays or metadata are invalid, or the grid violates the
@@ -39,7 +41,9 @@ def load_terrain(path: str | Path) -> TerrainGrid:
         raise FileFormatError(f"{path}: not a terrain file; missing arrays: {', '.join(missing)}")
     x, y = (float(v) for v in _checked(data, path, "origin", "fiu", (2,)))
     text = str(_checked(data, path, "metadata", "U", ()))
-    metadata = dict(parse_json(text.encode(errors="surrogatepass"), f"{path}: metadata").data)
+    fields = parse_json(text.encode(errors="surrogatepass"), f"{path}: metadata")
+    metadata = dict(fields.data)
+    stale_because = fields.sequence("stale_because") if metadata.pop("stale_because", None) is not None else ()
     try:
         return TerrainGrid(
             layers={layer.name: data[layer.name] for layer in LAYERS},
@@ -52,6 +56,7 @@ def load_terrain(path: str | Path) -> TerrainGrid:
             extent=(extent := metadata.pop("extent", "footprint")),
             record=RECORDS.get(str(extent), ScanRecord).from_json(metadata),
             pictures={name: _checked(data, path, name, "f", (None, None)) for name in PICTURES if name in data},
+            stale_because=tuple(map(str, stale_because)),
         )
     except FileFormatError:
         raise

@@ -27,6 +27,9 @@ def test_a_grid_travels_whole_between_processes(start, endpoint: str, peer) -> N
         assert client.latest() is terrain
         with pytest.raises(transport.MessageError, match="timeout is nan; allowed: a number of seconds, or None"):
             client.receive(lambda _: True, timeout=math.nan)
+        for max_age in (-1.0, math.nan):
+            with pytest.raises(transport.MessageError, match=f"max_age is {max_age:g}; allowed: 0 s or more, or None"):
+                client.latest(max_age=max_age)
     # A closed client would not hear what ends the grid's use.
     with pytest.raises(transport.SessionClosed):
         client.latest()

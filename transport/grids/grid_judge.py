@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypedDict, cast
 
 from transport import clock
-from transport.exceptions import StaleTerrain
+from transport.exceptions import MessageError, StaleTerrain
 from transport.grids.evidence import SILENT, Cure, Evidence, G, Objection, read_word, silent_for
 from transport.grids.node_clock import NodeClock
 from transport.keys import alive_key, run_key, status_key
@@ -38,11 +38,19 @@ class Terms:
         max_age: allowed time since the end of the scan [s]; None = the validity of the grid itself.
         allow_stale: True = also accept stale grids, with the reasons in `stale_because`.
         confirmed_only: True = reject provisional grids.
+
+    Raises:
+        MessageError: `max_age` is negative or NaN, which no grid could meet.
     """
 
     max_age: float | None = None
     allow_stale: bool = False
     confirmed_only: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the fields."""
+        if self.max_age is not None and not self.max_age >= 0.0:
+            raise MessageError(f"max_age is {self.max_age:g}; allowed: 0 s or more, or None for its own validity")
 
 
 TERMS = Terms()

@@ -209,15 +209,18 @@ class LayeredGrid(Gridded):
             raise InvalidInput(f"layer is {name!r}, allowed: {', '.join(LAYER_NAMES)}")
         return self.layers[name]
 
-    def to_occupancy(self, unknown: int = 100) -> npt.NDArray[np.int8]:
+    def to_occupancy(self, unknown: int = 100, *, allow_stale: bool = False) -> npt.NDArray[np.int8]:
         """Occupancy (ny, nx) int8 as in nav_msgs/OccupancyGrid; `.ravel()` gives the `data` of that message.
 
         Args:
             unknown: value of unknown cells, 100 (as a hazard) or -1.
+            allow_stale: also answer from a stale grid.
 
         Raises:
             InvalidInput: any other value for `unknown`.
+            transport.StaleTerrain: the grid is stale and `allow_stale` is not set.
         """
+        refuse_stale(self.stale_because, allow_stale)
         if unknown not in (100, -1):
             raise InvalidInput(f"unknown is {unknown!r}, allowed: 100 (unknown is a hazard), -1 (unknown is marked)")
         return occupancy_values(self.layers["traversability"], self.layers["hazard"], unknown)

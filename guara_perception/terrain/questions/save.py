@@ -23,6 +23,8 @@ def save_terrain(terrain: LayeredGrid, path: str | Path) -> None:
     if Path(path).suffix != ".npz":
         raise InvalidInput(f"{path}: a grid is saved as .npz; `guara convert` writes .ply, .pcd and .csv")
     metadata = {**terrain.record.to_json(), "extent": terrain.extent}
+    if terrain.stale_because:
+        metadata["stale_because"] = list(terrain.stale_because)
     with whole_file(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(
             stream,

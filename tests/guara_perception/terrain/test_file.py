@@ -1,5 +1,6 @@
 """Grid files: what is saved is what is loaded, and what is no grid, or an unsafe one, is refused by name."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,17 @@ def test_everything_comes_back(saved: Path, paper_terrain: gp.TerrainGrid):
         assert loaded.pictures[name].tobytes() == picture.tobytes()
     for name in ("origin", "resolution", "shape", "frame", "stamp", "step", "extent", "metadata"):
         assert getattr(loaded, name) == getattr(paper_terrain, name)
+
+
+def test_a_stale_grid_stays_stale(paper_terrain: gp.TerrainGrid, tmp_path: Path):
+    """With its reasons, in a file too: no query answers from it unasked."""
+    dataclasses.replace(paper_terrain, stale_because=("2 pauses old", "withdrawn")).save(tmp_path / "stale.npz")
+    terrain = gp.load_terrain(tmp_path / "stale.npz")
+    assert terrain.stale_because == ("2 pauses old", "withdrawn") and "stale_because" not in terrain.metadata
+    for ask in (terrain.to_occupancy, lambda: terrain.is_traversable(0.7, 0.0)):
+        with pytest.raises(gp.StaleTerrain, match="2 pauses old; withdrawn"):
+            ask()
+    np.testing.assert_array_equal(terrain.to_occupancy(allow_stale=True), paper_terrain.to_occupancy())
 
 
 def test_grid_without_pictures_is_saved_too(tmp_path: Path):
