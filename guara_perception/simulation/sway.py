@@ -42,6 +42,10 @@ class Sway:
         transform[0, 3] += self.speed * time
         return transform
 
+    def joints_at(self, robot: RobotModel, time: float) -> Float:
+        """True joint positions (j,) at a time [s]; arguments and errors as in `joints_of`."""
+        return joints_of(robot, self.at(time))
+
 
 def joints_of(robot: RobotModel, transform_base_to_begin: Float) -> Float:
     """True joint positions (j,) [rad] after a motion of the body from the scan posture over fixed soles.
@@ -93,8 +97,8 @@ def stream_of(
     Raises:
         InvalidInput: a sole is out of reach of its leg.
     """
-    true = np.array([joints_of(robot, sway.at(time)) for time in times.tolist()])
+    true = np.array([sway.joints_at(robot, time) for time in times.tolist()])
     off = rng.normal(0.0, bias, true.shape[1])
-    first = joints_of(robot, sway.at(begin)) + off + rng.normal(0.0, white, true.shape[1])
+    first = sway.joints_at(robot, begin) + off + rng.normal(0.0, white, true.shape[1])
     stance = Stance(dict(zip(robot.tree.joint_names, first.tolist(), strict=True)), robot.legs, None)
     return true + off + rng.normal(0.0, white, true.shape), stance

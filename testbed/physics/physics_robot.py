@@ -11,7 +11,7 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput, optional_library
 from guara_perception.simulation.features import Box, Patch
 from guara_perception.simulation.world import World
-from testbed.physics.mujoco_robot import FRICTION, SERVO_STIFFNESS, STEP_S, mujoco_robot
+from testbed.physics.mujoco_robot import FRICTION, SERVO_DAMPING, SERVO_STIFFNESS, STEP_S, mujoco_robot
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
@@ -37,6 +37,7 @@ class PhysicsRobot:
         robot: RobotModel,
         transform_base_to_world: Float,
         joint_positions: Mapping[str, float],
+        ankle_stiffness: float = SERVO_STIFFNESS,
     ) -> None:
         """Build it, standing in a pose.
 
@@ -45,6 +46,7 @@ class PhysicsRobot:
             robot: the robot.
             transform_base_to_world: (4, 4) pose of the base at the start.
             joint_positions: positions of the joints at the start, by name [rad].
+            ankle_stiffness: of the servos of a leg's fourth joint [Nm/rad].
 
         Raises:
             MissingExtra: MuJoCo is not installed.
@@ -52,7 +54,7 @@ class PhysicsRobot:
         """
         self._mujoco = optional_library("mujoco", "sim", "the physical simulation")
         self._names = robot.joint_names
-        self._model = self._build(world, robot)
+        self._model = self._build(world, robot, ankle_stiffness)
         self._data: Any = self._mujoco.MjData(self._model)
         self._positions = [self._model.joint(name).qposadr[0] for name in self._names]
         self._dofs = [self._model.joint(name).dofadr[0] for name in self._names]
@@ -127,8 +129,11 @@ class PhysicsRobot:
             torques -= max(float(force), 0.0) * jacobian[2]
         return np.asarray(torques[self._dofs])
 
-    def _build(self, world: World, robot: RobotModel) -> Any:
+    def _build(self, world: World, robot: RobotModel, ankle_stiffness: float) -> Any:
         spec = mujoco_robot(robot)
+        for ankle in (name for leg in robot.legs for name in robot.tree.leg(leg).joints[3:]):
+            damping = SERVO_DAMPING * ankle_stiffness / SERVO_STIFFNESS
+            spec.actuator(ankle).set_to_position(kp=ankle_stiffness, kv=damping)
         for geom in spec.geoms:
             # The robot touches the terrain, never itself.
             geom.contype, geom.conaffinity = ROBOT_BIT, TERRAIN_BIT

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from benchmarks.sway import MUST, P95_M, STILL, WALKS, figures, scan
+from benchmarks.sway import BLOCKS, MUST, P95_M, STILL, WALKS, figures
 from guara_perception.app.node.simulated import DEMO_WORLD
 from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.sway import stream_of
@@ -20,13 +20,22 @@ SIZE = (320, 256)
 @pytest.mark.heavy
 def test_a_body_that_sways_or_goes_on_is_scanned_as_one_that_stands(robot: RobotModel) -> None:
     """0.5 degrees, 5 mm, 1 Hz, or 20 mm/s, 200 samples a second; without them what moved is left out."""
-    world = load_world(DEMO_WORLD)
-    still = [scan(robot, world, STILL, 0.0, 0, SIZE)]
+    world, block = load_world(DEMO_WORLD), BLOCKS["guara"]
+    still = block.scans(robot, world, STILL, ["-"], 0, SIZE)
     for moves in (MUST, WALKS):
-        p95, wrong, kept = figures([scan(robot, world, moves, 200.0, 0, SIZE)], still)
+        streamed, blind = block.scans(robot, world, moves, ["200", "-"], 0, SIZE)
+        p95, wrong, kept = figures([streamed], still)
         assert p95 < P95_M / 2 and wrong == 0 and kept > 0.95
-    _, wrong, kept = figures([scan(robot, world, MUST, 0.0, 0, SIZE)], still)
-    assert wrong == 0 and kept < 0.5
+        _, wrong, kept = figures([blind], still)
+        assert wrong == 0 and kept < 0.5
+
+
+@pytest.mark.heavy
+def test_a_body_that_sways_in_mujoco_leaves_no_wrong_free_cell(robot: RobotModel) -> None:
+    """Its soles rock: what the feet contradict is not used."""
+    world, block = load_world(DEMO_WORLD), BLOCKS["physical"]
+    for made in block.scans(robot, world, MUST, ["200", "-"], 0, SIZE):
+        assert made.wrong == 0
 
 
 @pytest.mark.slow

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration
@@ -30,6 +31,8 @@ STRIPE_PERIOD, INSTANT_ERROR, AROUND = 0.035, 0.001, 0.3
 NO_STREAM, STREAM_HZ = 0.0, 200.0
 # Amplitude of the shift [m] and frequency [1/s] of the demo's sway.
 SHIFT, FREQUENCY = 0.005, 1.0
+# White noise of one reading of gravity [rad].
+IMU_RAD = np.radians(0.1)
 # Height error above which a free cell counts as wrong [m].
 WRONG_M = 0.005
 # Required known cells with a stream, as a fraction of those of the still scan; size of the camera images [px].
@@ -60,56 +63,94 @@ class SwayingScan:
         return int(((self.terrain.hazard == 0) & (np.abs(self.errors) > WRONG_M)).sum())
 
 
-def swaying_scan(
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """Readings that a scan of a swaying body gets.
+
+    Attributes:
+        rate: sampling rate of the joint stream [1/s]; `NO_STREAM` for none.
+        clock_sigma: standard deviation of a clock error common to all flashes [s]. The scan knows this value, not the
+            error.
+        imu_bias: standard deviation of the bias of gravity at BEGIN, whose white noise is `IMU_RAD` [rad]; None = no
+            IMU.
+    """
+
+    rate: float = NO_STREAM
+    clock_sigma: float = 0.0
+    imu_bias: float | None = None
+
+
+def swaying_scans(
     robot: RobotModel,
     world: World,
     calibration: Calibration,
     sway: Sway,
-    rate: float,
+    streams: Sequence[Stream],
     seed: int,
     *,
     mode: str = "coarse",
     light: Light | None = None,
-    clock_sigma: float = 0.0,
-) -> SwayingScan:
-    """Simulate one scan of a swaying body.
+    period: float = STRIPE_PERIOD,
+    travel: float = 0.0,
+) -> list[SwayingScan]:
+    """Simulate one scan of a swaying body, and process its frames with each of several streams.
 
     Args:
         robot: model of the robot.
         world: simulated ground.
         calibration: true geometry of the rangefinder.
         sway: motion of the body; its phase at BEGIN is random.
-        rate: sampling rate of the joint stream [1/s]; `NO_STREAM` for none.
+        streams: readings with which the frames are processed.
         seed: random seed of the noise and of the phase.
         mode: scan pattern.
         light: light and sensor effects; None = those of the world.
-        clock_sigma: standard deviation of a clock error common to all flashes [s]. The scan knows this value, not the
-            error.
+        period: interval between the stripes [s].
+        travel: rotation of the mirror during an exposure [rad].
     """
-    rng = np.random.default_rng(seed)
     view = SimulatedRangefinder(world, calibration, robot, seed, light=light)
     posture = robot.posture(robot.config.scan_posture)
     standing = robot.stance_pose(Stance(posture, robot.legs, None)).transform_base_to_footprint
-    phase = rng.uniform(0.0, 1.0 / sway.frequency)
+    phase = np.random.default_rng(seed).uniform(0.0, 1.0 / sway.frequency)
     wanted = set(Settings.of(robot).pattern(mode))
-    stripes = [stripe for stripe in calibration.stripes if stripe.index in wanted]
-    times = np.arange(-AROUND, len(stripes) * STRIPE_PERIOD + AROUND, 1.0 / (rate or STREAM_HZ))
+    pairs = []
+    for number, stripe in enumerate(each for each in calibration.stripes if each.index in wanted):
+        instant = (number + 0.5) * period
+        view.set_pose(standing @ sway.at(phase + instant))
+        on = view.frame(mirror_angle=stripe.mirror_angle, mirror_travel=travel)
+        pairs.append(FramePair(stripe.index, on, view.frame(laser=0.0), instant=instant))
+    return [_processed(robot, world, calibration, sway, each, seed, mode, pairs, standing) for each in streams]
+
+
+def _processed(
+    robot: RobotModel,
+    world: World,
+    calibration: Calibration,
+    sway: Sway,
+    stream: Stream,
+    seed: int,
+    mode: str,
+    pairs: Sequence[FramePair],
+    standing: Float,
+) -> SwayingScan:
+    rng = np.random.default_rng(seed)
+    phase, duration = rng.uniform(0.0, 1.0 / sway.frequency), pairs[-1].instant
+    times = np.arange(-AROUND, duration + AROUND, 1.0 / (stream.rate or STREAM_HZ))
     readings, stance = stream_of(robot, sway, times + phase, rng, begin=phase)
+    begin = standing @ sway.at(phase)
+    if stream.imu_bias is not None:
+        off = Rotation.from_rotvec(rng.normal(0.0, math.hypot(IMU_RAD, stream.imu_bias), 3))
+        stance = replace(stance, gravity_in_base=tuple(off.apply(-begin[2, :3]).tolist()))
     track = None
-    if rate:
+    if stream.rate:
         track = BodyTrack(robot, stance, transform_camera_to_base=calibration.transform_camera_to_base)
         track.add(times, readings, np.ones((len(times), len(robot.legs)), dtype=bool))
     processor = ScanProcessor(calibration, robot, stance, mode, track=track)
-    late = clock_sigma * math.sqrt(3.0) * rng.uniform(-1.0, 1.0)
-    for number, stripe in enumerate(stripes):
-        time = (number + 0.5) * STRIPE_PERIOD
-        view.set_pose(standing @ sway.at(phase + time))
-        on = view.frame(mirror_angle=stripe.mirror_angle)
-        told = time + late + rng.uniform(-INSTANT_ERROR, INSTANT_ERROR)
-        pair = FramePair(stripe.index, on, view.frame(laser=0.0), instant=told, instant_sigma=clock_sigma)
-        processor.add_all([pair])
+    late = stream.clock_sigma * math.sqrt(3.0) * rng.uniform(-1.0, 1.0)
+    for pair in pairs:
+        told = pair.instant + late + rng.uniform(-INSTANT_ERROR, INSTANT_ERROR)
+        processor.add_all([replace(pair, instant=told, instant_sigma=stream.clock_sigma)])
     grid = processor.finish()
-    to_world = standing @ sway.at(phase) @ np.linalg.inv(processor.pose.transform_base_to_footprint)
+    to_world = begin @ np.linalg.inv(processor.pose.transform_base_to_footprint)
     x, y = np.meshgrid(*grid.geometry.centres())
     points = np.stack((x, y, grid.elevation), axis=-1) @ to_world[:3, :3].T + to_world[:3, 3]
     across, along, heights = (np.asarray(points[..., axis], np.float64) for axis in range(3))
@@ -134,12 +175,11 @@ def scans_beside(robot_name: str | Path, world: str | Path, degrees: float) -> I
     """
     robot, ground = load_robot(robot_name), load_world(world)
     calibration, sways = specimen(robot, SIZE), Sway(math.radians(degrees), SHIFT, FREQUENCY)
-    for title, sway, rate in (
-        ("body still", Sway(0.0, 0.0, FREQUENCY), NO_STREAM),
-        ("body sways, joints streamed", sways, STREAM_HZ),
-        ("body sways, no stream", sways, NO_STREAM),
+    for titles, sway, streams in (
+        (("body still",), Sway(0.0, 0.0, FREQUENCY), (Stream(),)),
+        (("body sways, joints streamed", "body sways, no stream"), sways, (Stream(STREAM_HZ), Stream())),
     ):
-        yield title, swaying_scan(robot, ground, calibration, sway, rate, seed=0)
+        yield from zip(titles, swaying_scans(robot, ground, calibration, sway, streams, seed=0), strict=True)
 
 
 def sway_lines(scans: Sequence[tuple[str, SwayingScan]]) -> list[str]:
