@@ -160,7 +160,7 @@ class BodyTrack:
             np.linalg.solve(parabola.T @ (weights[:, None] * parabola), parabola.T * weights), np.float64
         )
         smoothed, rates, bends = gains @ joints
-        residual = joints - parabola @ (smoothed, rates, bends)
+        residual = (joints - parabola @ (smoothed, rates, bends)) / self._robot.tree.joint_scales
         stated = self._robot.noise.encoder_noise**2
         noise = float(np.sum(weights[:, None] * residual**2)) / (joints.shape[1] * _freedom(parabola, weights, gains))
         carries: list[bool] = np.all(samples[:, 1 + joints.shape[1] :], axis=0).tolist()

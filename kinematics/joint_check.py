@@ -44,7 +44,8 @@ SLIP_SIGMA = 0.0015
 # Sigma of the sinkage of a standing foot between two pauses [m].
 SINK_SIGMA = 0.0005
 # A jump or wrong zero is reported only if it exceeds LEAST_ERROR [rad] and LEAST_SIGMAS standard deviations. A wrong
-# zero is also reported if it exceeds LEAST_ERROR and STATED_SIGMAS.
+# zero is also reported if it exceeds LEAST_ERROR and STATED_SIGMAS. These and the following errors and sigmas are those
+# of revolute joints; for prismatic ones, they are multiplied by `tree.joint_scales`.
 LEAST_ERROR, LEAST_SIGMAS = 0.045, 4.5
 # Limit for a wrong zero in standard deviations by the noise stated in robot.toml; noise exceeds it once in 10,000
 # tests. For a wrong zero, LEAST_SIGMAS refers to the noise estimated from the window and is larger, because over one
@@ -76,22 +77,24 @@ class JointFault:
 
     Attributes:
         joints: their names, the likeliest first.
-        error: error of the first joint, reading minus truth [rad]; for kind "limit", distance beyond its limits.
-        sigma: standard deviation of the error [rad]; 0 for kind "limit".
+        error: error of the first joint, reading minus truth [`unit`]; for kind "limit", distance beyond its limits.
+        sigma: standard deviation of the error [`unit`]; 0 for kind "limit".
         kind: "jump" (between two pauses), "offset" (in all pauses of the window) or "limit".
+        unit: "rad", or "m" if the first joint is prismatic.
     """
 
     joints: tuple[str, ...]
     error: float
     sigma: float
     kind: str
+    unit: str = "rad"
 
     def __str__(self) -> str:
         """Describe the fault in one line."""
-        names = " or ".join(self.joints)
+        names, digits = " or ".join(self.joints), 3 if self.unit == "m" else 2
         if self.kind == "limit":
-            return f"joint {names} is {self.error:.2f} rad beyond its limits: check its encoder"
-        size = f"{self.error:+.2f} rad (sigma {self.sigma:.3f})"
+            return f"joint {names} is {self.error:.{digits}f} {self.unit} beyond its limits: check its encoder"
+        size = f"{self.error:+.{digits}f} {self.unit} (sigma {self.sigma:.3f})"
         if self.kind == "jump":
             return f"joint {names} jumped by {size} between two pauses, or its foot slipped: check its encoder"
         return f"joint {names} has a zero error of {size}: check its zero"
@@ -117,7 +120,7 @@ class _Reading:
     def __init__(self, robot: RobotModel, stance: Stance, state: RobotState) -> None:
         tree, self.legs = state.tree, stance.support_feet
         self.soles = state.soles_in_base(self.legs)
-        self.jacobians = [state.jacobian(tree.leg(leg).sole) for leg in self.legs]
+        self.jacobians = [state.noise_jacobian(tree.leg(leg).sole) for leg in self.legs]
         # A foot that stays keeps its contact point, so the contact noise does not vary between pauses; only joint noise
         # counts.
         self.covariances = [robot.noise.encoder_sigma**2 * j[:3] @ j[:3].T for j in self.jacobians]
@@ -250,18 +253,19 @@ class JointCheck:
 
     @property
     def sigmas(self) -> dict[str, float]:
-        """Joint name -> standard deviation of its zero error in the current window [rad]; inf if unobservable."""
+        """Joint name -> sigma of its zero error in the current window [rad], if prismatic [m]; inf if unobservable."""
         if not self._pauses:
             return dict.fromkeys(self._robot.joint_names, math.inf)
         _, sigma = _Chains(self._robot, self._pauses).errors(since_last=False)
-        return dict(zip(self._robot.joint_names, sigma.tolist(), strict=True))
+        return dict(zip(self._robot.joint_names, (sigma * self._robot.tree.joint_scales).tolist(), strict=True))
 
     @property
     def bars(self) -> dict[str, float]:
-        """Joint name -> smallest reported zero error in the current window [rad]; inf if no error can be reported."""
+        """Joint name -> smallest reported zero error in the window [rad], if prismatic [m]; inf if none is reported."""
         if len(self._pauses) < SHORTEST:
             return dict.fromkeys(self._robot.joint_names, math.inf)
-        return {name: bar for name, (*_, bar) in self._zeros(_Chains(self._robot, self._pauses)).items()}
+        zeros = self._zeros(_Chains(self._robot, self._pauses))
+        return {name: bar * self._scale_of(name) for name, (*_, bar) in zeros.items()}
 
     def update(self, stance: Stance) -> JointReport:
         """Check the joints at a new pause.
@@ -270,12 +274,12 @@ class JointCheck:
             UnknownName, JointPositionError: the joints or legs of the stance are not those of this robot, or a position
                 is invalid.
         """
-        state = self._robot.state(stance.joint_positions)
+        state, tree = self._robot.state(stance.joint_positions), self._robot.tree
         reading = _Reading(self._robot, stance, state)
         faults = [
-            JointFault((name,), beyond, 0.0, "limit")
+            JointFault((name,), beyond, 0.0, "limit", tree.unit(tree.joint_index(name)))
             for name, beyond in state.beyond_limits.items()
-            if beyond > BEYOND_LIMIT
+            if beyond > BEYOND_LIMIT * self._scale_of(name)
         ]
         self._count += 1
         residual = math.nan
@@ -292,10 +296,21 @@ class JointCheck:
             footholds = {leg: last.footholds[leg] if leg in stayed else self._count for leg in reading.legs}
             self._pauses = (*self._pauses, last.then(reading, stayed, footholds))[-LONGEST:]
         if len(self._pauses) >= SHORTEST:
-            faults += self._offsets(_Chains(self._robot, self._pauses))
+            faults += self._in_units(self._offsets(_Chains(self._robot, self._pauses)))
         if self._jump is not None and self._count - self._jump[0] < SHORTEST:
-            faults.append(self._jump[1])
+            faults += self._in_units([self._jump[1]])
         return JointReport(residual, tuple(faults))
+
+    def _scale_of(self, name: str) -> float:
+        return float(self._robot.tree.joint_scales[self._robot.tree.joint_index(name)])
+
+    def _in_units(self, faults: Sequence[JointFault]) -> list[JointFault]:
+        """Faults in radians -> in the unit of their first joint."""
+        tree, found = self._robot.tree, list[JointFault]()
+        for fault in faults:
+            scale, unit = self._scale_of(fault.joints[0]), tree.unit(tree.joint_index(fault.joints[0]))
+            found.append(replace(fault, error=scale * fault.error, sigma=scale * fault.sigma, unit=unit))
+        return found
 
     def _begin(self, reading: _Reading) -> tuple[_Placed, ...]:
         """Window that starts with this reading; empty if fewer than three feet stand or they are on a line."""

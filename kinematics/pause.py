@@ -11,9 +11,6 @@ from kinematics.exceptions import ArgumentError
 from kinematics.model import RobotModel
 from kinematics.tree import in_order, refuse_not_finite
 
-# Way of a foot per radian of a leg's joint [m], by which the limit of speeds applies to prismatic joints.
-LEVER_M = 0.2
-
 
 @dataclass(frozen=True, slots=True)
 class PauseReport:
@@ -62,8 +59,8 @@ class PauseDetector:
         names = self._robot.joint_names
         velocities = np.array(in_order(joint_velocities, names, "velocity"), np.float64)
         refuse_not_finite(velocities, names, "velocity")
-        limits, speeds, is_prismatic = self._limits, np.abs(velocities), self._robot.tree.is_prismatic
-        most = limits.joint_speed_limit * np.where(is_prismatic, LEVER_M, 1.0)
+        limits, speeds = self._limits, np.abs(velocities)
+        most = limits.joint_speed_limit * self._robot.tree.joint_scales
         fastest = int((speeds / most).argmax())
         is_moving = bool(speeds[fastest] >= most[fastest])
         feet = frozenset(self._robot.tree.leg(foot).name for foot in support_feet)
@@ -72,8 +69,8 @@ class PauseDetector:
             self._still_since = None
         self._feet = feet
         if is_moving:
-            unit = "m/s" if is_prismatic[fastest] else "rad/s"
-            reason = f"joint {names[fastest]} moves at {speeds[fastest]:.3f} {unit}, limit {most[fastest]:g}"
+            unit = self._robot.tree.unit(fastest)
+            reason = f"joint {names[fastest]} moves at {speeds[fastest]:.3f} {unit}/s, limit {most[fastest]:g}"
             return PauseReport(False, reason, 0.0)
         if self._still_since is None:
             self._still_since = time

@@ -50,7 +50,8 @@ class StanceNoise:
     """Standard deviations of the errors of a stance, and the limit for unloaded feet (robot.toml, table [stance]).
 
     Attributes:
-        encoder_sigma: bias of one joint angle [rad], constant over a pause.
+        encoder_sigma: bias of one joint angle [rad], constant over a pause; of a prismatic joint, this and
+            `encoder_noise` are multiplied by 0.2 m (`KinematicTree.joint_scales`).
         encoder_noise: white noise of one joint reading [rad], including quantisation (step / sqrt(12)). If robot.toml
             does not give it, it is the smaller of `ENCODER_NOISE` and `encoder_sigma`.
         contact_sigma: position of the sole centre relative to the ground, per axis [m].
@@ -238,7 +239,7 @@ def stance_pose(
 def sole_covariances(state: RobotState, legs: Sequence[str], noise: StanceNoise) -> Float:
     """Covariance of each sole centre in `base_link`, (n, 3, 3) [m^2], from encoder bias and contact noise."""
     contact = noise.contact_sigma**2 * np.eye(3)
-    jacobians = [state.jacobian(state.tree.leg(leg).sole)[:3] for leg in legs]
+    jacobians = [state.noise_jacobian(state.tree.leg(leg).sole)[:3] for leg in legs]
     return np.reshape([noise.encoder_sigma**2 * j @ j.T + contact for j in jacobians], (-1, 3, 3))
 
 

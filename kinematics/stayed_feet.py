@@ -107,7 +107,7 @@ def sole_readings(pose: StancePose, legs: Sequence[str], noise: StanceNoise) -> 
         x, y, z = rotation @ state.transform_to_base(config.sole)[:3, 0]
         horizontal = np.hypot(x, y)
         readings[row] = *centres[row], np.arctan2(-z, horizontal)
-        jacobian = state.jacobian(config.sole)
+        jacobian = state.noise_jacobian(config.sole)
         pitch_axis = np.array([-y, x, 0.0]) / horizontal
         by_joints = np.vstack([rotation @ jacobian[:3], pitch_axis @ rotation @ jacobian[3:]])
         covariances[row] = noise.encoder_sigma**2 * by_joints @ by_joints.T

@@ -111,7 +111,8 @@ class StandingFeet:
         rows, by_joints = [], []
         for leg, sole in zip(feet, state.soles_in_base(feet), strict=True):
             jacobian = state.jacobian(state.tree.leg(leg).sole)[:3]
-            whiten = np.linalg.inv(np.linalg.cholesky(jacobian @ jacobian.T + LEAST_LEVER * np.eye(3)))
+            by_noise = jacobian * state.tree.joint_scales
+            whiten = np.linalg.inv(np.linalg.cholesky(by_noise @ by_noise.T + LEAST_LEVER * np.eye(3)))
             rows.append(whiten @ np.hstack([-np.eye(3), skew(sole - camera)]))
             by_joints.append(whiten @ jacobian)
             self._whiten.append(whiten)

@@ -25,6 +25,8 @@ from kinematics.urdf_checks import root_link
 
 # Tolerance of joint limits [rad or m]: a position exactly at a limit is not beyond it.
 LIMIT_TOLERANCE = 1e-9
+# Way of a foot per radian of a leg's joint [m], by which what is given in radians applies to prismatic joints.
+LEVER_M = 0.2
 # Number of joints named in one warning; further ones are only counted.
 NAMED = 3
 
@@ -40,6 +42,8 @@ class KinematicTree:
         links: link name -> the link with its inertia and shapes.
         lower_limits, upper_limits: (n,) [rad], for prismatic joints [m], in the order of `joint_names`.
         is_prismatic: (n,) mask of the prismatic joints.
+        joint_scales: (n,) what noise, limits and speeds given in radians are in the unit of each joint: 1, of prismatic
+            joints `LEVER_M` [m/rad].
         pinocchio_model: Pinocchio's model; do not modify it.
         velocity_indices: (n,) columns of Pinocchio's Jacobians, in the order of `joint_names`.
         nominal: (n,) joint positions of a standing posture, in the order of `joint_names`; defines the side to which
@@ -68,6 +72,7 @@ class KinematicTree:
         self.joint_names = (*leg_joints, *(name for name in moving if name not in leg_joints))
         self._columns = {name: column for column, name in enumerate(self.joint_names)}
         self.is_prismatic = read_only(np.array([moving[name].kind == "prismatic" for name in self.joint_names], bool))
+        self.joint_scales = read_only(np.where(self.is_prismatic, LEVER_M, 1.0))
         self.lower_limits = read_only(np.array([moving[name].lower for name in self.joint_names], np.float64))
         self.upper_limits = read_only(np.array([moving[name].upper for name in self.joint_names], np.float64))
         centre = (self.lower_limits + self.upper_limits) / 2.0
@@ -107,6 +112,10 @@ class KinematicTree:
             UnknownName: the robot has no such leg; the message lists the known ones.
         """
         return named("leg", leg, self.legs)
+
+    def unit(self, index: int) -> str:
+        """Unit of a joint's position."""
+        return "m" if self.is_prismatic[index] else "rad"
 
     def joint_index(self, joint: str) -> int:
         """Index of a joint in `joint_names`.
@@ -257,6 +266,10 @@ class RobotState:
         )
         return read_only(jacobian[:, self.tree.velocity_indices])
 
+    def noise_jacobian(self, frame: str) -> Float:
+        """`jacobian` per radian of noise: columns of prismatic joints are multiplied by `tree.joint_scales`."""
+        return read_only(self.jacobian(frame) * self.tree.joint_scales)
+
     @property
     def centre_of_mass_in_base(self) -> Float:
         """Centre of mass of the whole robot in `base_link`, (3,) [m]."""
@@ -356,7 +369,7 @@ def beyond_limits(tree: KinematicTree, positions: Float) -> dict[str, float]:
     for index in np.flatnonzero((positions < lower - LIMIT_TOLERANCE) | (positions > upper + LIMIT_TOLERANCE)):
         name, value = tree.joint_names[index], positions[index]
         beyond[name] = float(max(lower[index] - value, value - upper[index]))
-        unit = "m" if any(joint.name == name and joint.kind == "prismatic" for joint in tree.urdf.joints) else "rad"
+        unit = tree.unit(index)
         complaints.append(
             f"joint {name} is at {value:.4f} {unit}, {beyond[name]:.4f} {unit} beyond its limits "
             f"{lower[index]:g} ... {upper[index]:g}"

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from guara_perception.simulation.sway import Sway, stream_of
-from kinematics import ArgumentError, BodyTrack, RobotModel, Stance, StanceError, body_track
+from kinematics import ArgumentError, BodyTrack, RobotModel, Stance, StanceError, body_track, load_robot
+from testbed.altered_robot import telescopic_guara
 
 GROUND = np.array([(x, y, -0.36) for x in (0.5, 0.95) for y in (-0.27, 0.27)])
 SWAY = Sway(turn=np.radians(0.5), shift=0.005, frequency=1.0)
@@ -161,3 +164,16 @@ def test_an_instant_that_is_not_known_has_no_place(robot: RobotModel) -> None:
     grown = np.linalg.eigvalsh(doubtful.covariance - sharp.covariance)
     assert grown.max() > 1e-8 and grown.min() > -1e-12
     assert track.at(1.0, 0.02) is None and track.at(1.0, np.nan) is None
+
+
+def test_noise_of_prismatic_joints_is_metres(tmp_path: Path) -> None:
+    """Of knees that slide, 0.2 m times the noise of a joint that turns is expected; five times as much is no noise."""
+    robot = load_robot(telescopic_guara(tmp_path))
+    begin, times = Stance(robot.posture("scan"), robot.legs), np.arange(-0.2, 0.2, 0.005)
+    for factor, is_placed in ((1.0, True), (5.0 * body_track.MOST_NOISE, False)):
+        noise = factor * robot.noise.encoder_noise * robot.tree.joint_scales * robot.tree.is_prismatic
+        joints = [begin.joint_positions[name] for name in robot.joint_names]
+        joints = joints + noise * np.random.default_rng(0).standard_normal((len(times), len(joints)))
+        track = BodyTrack(robot, begin)
+        track.add(times, joints, np.ones((len(times), len(robot.legs)), dtype=bool))
+        assert (track.at(0.0) is not None) == is_placed

@@ -6,11 +6,13 @@ import copy
 import math
 import warnings
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from kinematics import JointCheck, RobotModel, Stance
+from kinematics import JointCheck, RobotModel, Stance, load_robot
+from testbed.altered_robot import telescopic_guara
 from testbed.misread_joints import ERROR, alarms, is_named, load, misread, walk
 from tests.thorough import IS_THOROUGH, further
 
@@ -126,3 +128,23 @@ def test_few_feet_tell_nothing_of_others(guara: RobotModel, feet: tuple[str, ...
     check.update(stance)
     report = check.update(misread(stance, "rh_hfe_joint", ERROR))
     assert report.faults == () and math.isnan(report.residual) == (len(feet) < 3)
+
+
+def test_prismatic_joints_are_judged_in_metres(tmp_path: Path) -> None:
+    """A knee that slides: a jump of 15 mm is told, one of 4 mm is noise; sigmas are metres; 30 mm beyond its limits."""
+    robot = load_robot(telescopic_guara(tmp_path))
+    knee, still = "lf_kfe_joint", robot.posture("scan")
+
+    def jumped(error: float) -> list[str]:
+        check = JointCheck(robot)
+        for joints in (still, {**still, knee: still[knee] + error}):
+            report = check.update(Stance(joints, robot.legs, (0.0, 0.0, -1.0)))
+        return [str(fault) for fault in report.faults]
+
+    assert jumped(0.004) == []
+    (told,) = jumped(0.015)
+    assert told.startswith(f"joint {knee} jumped by +0.015 m (sigma 0.002) between two pauses")
+    assert jumped(0.09) == [f"joint {knee} is 0.030 m beyond its limits: check its encoder"]
+    pose = robot.stance_pose(Stance(still, robot.legs))
+    # Of four feet on legs that slide by 0.7 mm, in contact to 1 mm.
+    assert 0.0003 < math.sqrt(pose.covariance[2, 2]) < 0.001

@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 FIT_STEPS = 8
 # Tolerated distance between a sole and the ground [m]; covers joint biases and uneven ground under the sole.
 HANGING_M = 0.020
-# Tolerance for joint readings beyond the limits [rad]; covers encoder noise.
+# Tolerance for joint readings beyond the limits [rad], of prismatic joints times `joint_scales`; covers encoder noise.
 LIMIT_ERROR_RAD = 0.01
 # Tolerated difference between the reported gravity and the tilt of the body on its feet [rad].
 TILT_ERROR_RAD = 0.06
@@ -52,9 +52,9 @@ class ExternalGait:
             tell: called with a line of text for each pause with a contradiction.
         """
         self._robot, self._node, self._tell = robot, node, tell
-        names = robot.robot.tree.joint_names
-        bias = WalkNoise().joint * np.random.default_rng(0).standard_normal(len(names))
-        self._bias = dict(zip(names, bias.tolist(), strict=True))
+        tree = robot.robot.tree
+        bias = WalkNoise().joint * tree.joint_scales * np.random.default_rng(0).standard_normal(len(tree.joint_names))
+        self._bias = dict(zip(tree.joint_names, bias.tolist(), strict=True))
         self._odometry = LegOdometry(robot.robot)
         # Pose of `odom` in the world: set at the start of the walk and after a jump.
         self._odom_to_world: Float = np.eye(4)
@@ -98,9 +98,14 @@ class ExternalGait:
             self._odometry.reset()
             pose = self._odometry.update(stance)
             misfits.append(f"the gait jumped: {error}. The robot is set down where it stood")
-        for name, angle in pose.pose.state.beyond_limits.items():
-            if angle > LIMIT_ERROR_RAD:
-                misfits.append(f"joint {name} is {angle:.3f} rad beyond its limits: the robot cannot take this posture")
+        tree = self._robot.robot.tree
+        for name, beyond in pose.pose.state.beyond_limits.items():
+            index = tree.joint_index(name)
+            if beyond > LIMIT_ERROR_RAD * tree.joint_scales[index]:
+                misfits.append(
+                    f"joint {name} is {beyond:.3f} {tree.unit(index)} beyond its limits: the robot cannot take this "
+                    "posture"
+                )
         joints = {name: angle + self._bias[name] for name, angle in stance.joint_positions.items()}
         soles = self._robot.robot.state(joints).soles_in_base(stance.support_feet)
         transform, heights = stand_on_ground(

@@ -19,7 +19,8 @@ from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.simulation.walk import WalkNoise, WalkPause, simulate_walk
 from guara_perception.simulation.world import parse_world
-from kinematics import RobotModel
+from kinematics import RobotModel, Stance, load_robot
+from testbed.altered_robot import telescopic_guara
 from tests.forked import ForkedProcess
 from tests.guara_perception.app.node.developed_gait import jumped
 from transport import MessageError, PausePhase, StancePause
@@ -51,11 +52,11 @@ def world(tmp_path: Path) -> Path:
 class Follower:
     """An `ExternalGait` before a node that only listens, and what it told."""
 
-    def __init__(self, world: str = WORLD) -> None:
+    def __init__(self, world: str = WORLD, robot: str | Path = "guara") -> None:
         self.heard: list[StancePause | MessageError] = []
         self.told: list[str] = []
         self.poses: list[np.ndarray] = []
-        self.robot = SimulatedRobot(world=parse_world(world, "world"), size=(64, 64))
+        self.robot = SimulatedRobot(robot, world=parse_world(world, "world"), size=(64, 64))
         self.status = NodeStatus()
         node = SimpleNamespace(status=self.status, on_pause=self.heard.append, on_refused=self.heard.append)
         place = self.robot.place
@@ -63,11 +64,12 @@ class Follower:
         self.gait = ExternalGait(self.robot, node, self.told.append)  # type: ignore[arg-type]
 
     def begin(self, pause: WalkPause, epoch: str = "walk") -> None:
-        stance = stance_to_message(pause.stance)
+        self.stand(pause.stance, pause.step, epoch)
+
+    def stand(self, stance: Stance, step: int = 0, epoch: str = "walk") -> None:
+        message, stamp = stance_to_message(stance), time.time_ns()
         self.gait.on_pause(
-            StancePause(
-                robot="guara", step=pause.step, phase=PausePhase.BEGIN, stamp=time.time_ns(), stance=stance, epoch=epoch
-            )
+            StancePause(robot="guara", step=step, phase=PausePhase.BEGIN, stamp=stamp, stance=message, epoch=epoch)
         )
 
 
@@ -128,6 +130,24 @@ def test_what_does_not_fit_the_world_is_told(robot: RobotModel) -> None:
     follower.begin(dataclasses.replace(jump, step=3))
     assert len(follower.told) == count + 1
     assert not [item for item in follower.status.items() if item.name == "gait"]
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::kinematics.exceptions.JointLimitWarning")
+def test_joints_that_slide_are_metres(tmp_path: Path) -> None:
+    """A knee 5 mm beyond its limit is told; its encoder errs by a millimetre at most, not by 3.5 mm."""
+    folder = telescopic_guara(tmp_path)
+    follower, robot = Follower(robot=folder), load_robot(folder)
+    placed: list[dict[str, float]] = []
+    place = follower.robot.place
+    follower.robot.place = lambda pose, joints: (placed.append(joints), place(pose, joints))[1]  # type: ignore[method-assign]
+    still = robot.posture("scan")
+    follower.stand(Stance(still, robot.legs))
+    assert follower.told == []
+    knees = [name for name in still if "kfe" in name]
+    assert 0.0 < max(abs(placed[0][name] - still[name]) for name in knees) < 0.0025
+    follower.stand(Stance({**still, knees[0]: -0.005}, robot.legs), 1)
+    assert f"joint {knees[0]} is 0.005 m beyond its limits" in follower.told[-1]
 
 
 @pytest.mark.slow
