@@ -366,7 +366,8 @@ def beyond_limits(tree: KinematicTree, positions: Float) -> dict[str, float]:
     beyond: dict[str, float] = {}
     complaints = []
     lower, upper = tree.lower_limits, tree.upper_limits
-    for index in np.flatnonzero((positions < lower - LIMIT_TOLERANCE) | (positions > upper + LIMIT_TOLERANCE)):
+    outside = (positions < lower - LIMIT_TOLERANCE) | (positions > upper + LIMIT_TOLERANCE)
+    for index in np.flatnonzero(outside).tolist():
         name, value = tree.joint_names[index], positions[index]
         beyond[name] = float(max(lower[index] - value, value - upper[index]))
         unit = tree.unit(index)
