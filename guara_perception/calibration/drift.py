@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Float, Index, Mask
+from guara_perception.stripes.kernel.library import address, addresses, kernel
 from kinematics.arrays import FrozenArrays
 
 # Number of equal intervals of y that divide each stripe into parts. The height of a part is the median of its points;
@@ -122,26 +123,14 @@ def find_floor_lines(points: Mapping[int, Float]) -> FloorLines:
 def _parts(points: Mapping[int, Float]) -> tuple[Index, Float, Float, Float]:
     """Indices (s,) of the stripes; mean x, mean y and median z (s, PARTS) of their parts, NaN with too few points."""
     indices = sorted(points)
-    stacked = np.concatenate([np.empty((0, 3)), *(np.asarray(points[index], np.float64) for index in indices)])
-    known = np.flatnonzero(np.isfinite(stacked[:, 2]))
-    x, y, z = stacked[known].T
-    stripe = np.repeat(np.arange(len(indices)), [len(points[index]) for index in indices])[known]
-    low, high = (float(y.min()), float(y.max())) if y.size else (0.0, 1.0)
-    part = np.minimum((y - low) * (PARTS / max(high - low, 1e-9)), PARTS - 1).astype(np.intp) + stripe * PARTS
-    shape = len(indices), PARTS
-    count = np.bincount(part, minlength=len(indices) * PARTS)
-    order = np.lexsort((z, part))
-    median_index = np.minimum(np.cumsum(count) - count + count // 2, max(len(order) - 1, 0))
-    few = count < LEAST_POINTS
-    divisor = np.where(few, 1, count)
-
-    def whole(values: Float) -> Float:
-        return np.where(few, np.nan, values).reshape(shape)
-
-    sums = (np.bincount(part, values, len(indices) * PARTS) / divisor for values in (x, y))
-    medians = z[order][median_index] if len(order) else np.zeros(0)
-    mean_x, mean_y = (whole(values) for values in sums)
-    return np.array(indices, np.intp), mean_x, mean_y, whole(medians) if len(order) else np.full(shape, np.nan)
+    each = [np.asarray(points[index]).T for index in indices]
+    stacked = np.concatenate([np.empty((3, 0)), *each], axis=1, dtype=np.float64)
+    ends = np.cumsum([0, *(values.shape[1] for values in each)], dtype=np.int64)[1:]
+    found, work = np.empty((3, len(indices), PARTS)), np.empty(2 * (stacked.shape[1] + PARTS))
+    given = address(stacked), stacked.shape[1], address(ends), len(indices), PARTS, LEAST_POINTS
+    kernel().parts_of_stripes(*given, *addresses(work, found))
+    x, y, z = found
+    return np.array(indices, np.intp), x, y, z
 
 
 def _largest_agreement(y: Float, z: Float) -> Mask:

@@ -11,6 +11,7 @@ from numpy.polynomial import chebyshev
 from guara_perception.arrays import Float, Index
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder
+from guara_perception.stripes.kernel.library import address, addresses, kernel
 
 # Sine of the angle between ray and laser plane (about 3 degrees) below which the distance is too uncertain.
 MIN_SINE_TO_PLANE = 0.05
@@ -43,6 +44,7 @@ class Triangulator:
     def _place(self, transform_camera_to_footprint: Float) -> None:
         self._rotation = transform_camera_to_footprint[:3, :3]
         self._translation = transform_camera_to_footprint[:3, 3]
+        self._pose = np.ascontiguousarray(transform_camera_to_footprint[:3], np.float64)
         self.view_point = np.array(self._translation)
 
     def at(self, transform_camera_to_footprint: Float) -> Triangulator:
@@ -60,23 +62,21 @@ class Triangulator:
             columns: (..., n) image column of each of these rows; None = all columns of the image, in order.
         """
         rays = self._rays.at(position_px, columns)
-        return self._at_depth(self._directions(rays), plane_depth(rays, plane_in_camera)[0])
+        return self._at_depth(self._directions(rays), plane_depth(rays, plane_in_camera))
 
     def measure(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
     ) -> tuple[Float, Float]:
         """Points as from `points`, and standard deviations (..., n) of their heights [m], propagated to first order."""
-        rays = self._rays.at(position_px)
-        depth, along_normal = plane_depth(rays, plane_in_camera)
-        directions = self._directions(rays)
         # d(depth R r)_z / dv = depth / fy * (R_zy - (R r)_z n_y / (n . r)); the lens changes 1 / fy by a few per cent.
-        slope = plane_in_camera[..., 1, None] / along_normal
-        slope *= directions[2]
-        np.subtract(self._rotation[2, 1], slope, out=slope)
-        slope *= depth
-        slope *= self._per_row
-        slope *= np.asarray(sigma_px, dtype=np.float64)
-        return self._at_depth(directions, depth), np.abs(slope)
+        rows, sigma, planes = (np.ascontiguousarray(v, np.float64) for v in (position_px, sigma_px, plane_in_camera))
+        points, deviation = np.empty((3, *rows.shape)), np.empty(rows.shape)
+        size = rows.size // rows.shape[-1], rows.shape[-1]
+        rays, terms = self._rays.polynomials(rows)
+        given = *addresses(rows, sigma), *size, address(rays), terms, self._rays.centre_row, address(planes)
+        pose = address(self._pose), self._per_row, MIN_SINE_TO_PLANE
+        kernel().locate(*given, *pose, *addresses(points, deviation))
+        return points, deviation
 
     def _directions(self, rays: Float) -> Float:
         """Rays (3, ..., n) rotated into base_footprint.
@@ -97,7 +97,7 @@ class Triangulator:
         return directions
 
 
-def plane_depth(rays: Float, plane_in_camera: Float) -> tuple[Float, Float]:
+def plane_depth(rays: Float, plane_in_camera: Float) -> Float:
     """Depths at which rays intersect laser planes: -d / (n . r) for ray r and plane (n, d).
 
     Args:
@@ -106,7 +106,7 @@ def plane_depth(rays: Float, plane_in_camera: Float) -> tuple[Float, Float]:
 
     Returns:
         Depth (n,) or (s, n) along the camera's z [m], NaN where the ray meets the plane at a grazing angle or behind
-        the camera; and the denominator n . r, of the same shape.
+        the camera.
     """
     x, y = rays
     nx, ny, nz, d = plane_in_camera.T[..., None]
@@ -119,7 +119,7 @@ def plane_depth(rays: Float, plane_in_camera: Float) -> tuple[Float, Float]:
         unusable = is_grazing | (depth <= 0)
     if unusable.any():
         depth[unusable] = np.nan
-    return depth, along_normal
+    return np.asarray(depth)
 
 
 Locator = Triangulator | PaperRangefinder
@@ -138,12 +138,16 @@ def locator(
 
 
 class ColumnRays:
-    """Fast polynomial approximation of `CameraModel.rays` in every column, accurate to TOLERANCE_PX."""
+    """Fast polynomial approximation of `CameraModel.rays` in every column, accurate to TOLERANCE_PX.
+
+    Attributes:
+        centre_row: row to which rows are scaled: 0 and twice this row become -1 and 1.
+    """
 
     def __init__(self, camera: CameraModel) -> None:
         """Fit the polynomials; if none fits the lens, `at` uses the camera model."""
         self._camera = camera
-        self._centre_row = (camera.size[1] - 1) / 2
+        self.centre_row = (camera.size[1] - 1) / 2
         self._coefficients = next((c for n in COUNTS if (c := _fitted(camera, n)) is not None), None)
 
     def at(self, rows: npt.ArrayLike, columns: Index | None = None) -> Float:
@@ -156,7 +160,7 @@ class ColumnRays:
         rows = np.asarray(rows, dtype=np.float64)
         if self._coefficients is None:
             return self._exact(rows, np.arange(rows.shape[-1]) if columns is None else columns)
-        scaled = rows / self._centre_row - 1
+        scaled = rows / self.centre_row - 1
         coefficients = self._coefficients if columns is None else self._coefficients.take(columns, axis=2)
         coefficients = np.expand_dims(coefficients, tuple(range(2, 4 + scaled.ndim - coefficients.ndim)))
         # Horner's scheme.
@@ -166,6 +170,15 @@ class ColumnRays:
             rays *= scaled
         rays += coefficients[-1]
         return np.asarray(rays)
+
+    def polynomials(self, rows: Float) -> tuple[Float, int]:
+        """Coefficients (terms, 2, w) of the rays, and their number, as the kernel takes them.
+
+        If no polynomials fit the lens, the exact rays (2, ..., w) at rows (..., w) of all columns, and 0.
+        """
+        if self._coefficients is None:
+            return self._exact(rows, np.arange(rows.shape[-1])), 0
+        return self._coefficients, len(self._coefficients)
 
     def _exact(self, rows: Float, columns: Index) -> Float:
         known = np.isfinite(rows)

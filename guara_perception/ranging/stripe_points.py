@@ -15,7 +15,7 @@ from guara_perception.stripes.band import StripeProfile, StripeStatus
 from guara_perception.stripes.kernel.library import address, addresses, kernel
 from kinematics.arrays import read_only
 
-MIXED_EDGE, OUT_OF_BAND = np.uint8(StripeStatus.MIXED_EDGE), np.uint8(StripeStatus.OUT_OF_BAND)
+MIXED_EDGE, OUT_OF_BAND = int(StripeStatus.MIXED_EDGE), int(StripeStatus.OUT_OF_BAND)
 
 
 def _stored(values: npt.ArrayLike, kind: npt.DTypeLike) -> Array:
@@ -101,22 +101,18 @@ def stripe_points(
     points, sigma = locator.measure(planes_in_camera, position, sigma)
     if on_robot is not None:
         _drop(points, on_robot)
-    height = points[2]
-    mixed = run_ends(height, _rows(profiles, "peak"))
-    with np.errstate(invalid="ignore"):
-        outside = (height < height_limits[0]) | (height > height_limits[1])
-    unusable = mixed | outside
     variance = sigma * sigma
     if added_variance is not None:
         variance += added_variance(points)
-    variance[unusable | np.isnan(height)] = np.nan
+    points, (_, count, width) = np.ascontiguousarray(points), points.shape
+    kept, single = np.empty(points.shape, np.float32), np.empty((count, width), np.float32)
     status = np.array([profile.status for profile in profiles])
-    status[mixed], status[outside] = MIXED_EDGE, OUT_OF_BAND
+    strength, work = _rows(profiles, "peak"), np.empty(4 * width + 4)
+    mixed, outside = np.empty((2, count, width), np.bool_)
+    given = *addresses(points, variance, strength), count, width, *height_limits, MIXED_EDGE, OUT_OF_BAND
+    kernel().settle_points(*given, *addresses(work, kept, single, status, mixed, outside))
     out_of_range = _by_stripe(points, np.flatnonzero(outside & ~mixed))
     doubtful = _doubtful(profiles, locator, planes_in_camera, height_limits, on_robot, points, mixed)
-    kept = points.astype(np.float32)
-    np.copyto(kept, np.nan, where=unusable)
-    single = variance.astype(np.float32)
     for array in (kept, single, status):
         # There are no other references to these arrays, so StripePoints need not copy their parts.
         array.setflags(write=False)

@@ -7,6 +7,7 @@ neighbouring stripes are averaged, which acts like a longer exposure. Ground wit
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,7 +17,7 @@ import numpy as np
 from guara_perception.arrays import Float, Float32, Image, Index
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.optical_flow import follow
-from guara_perception.stripes.band import pictures_of
+from guara_perception.stripes.band import full_scale, pictures_of
 from guara_perception.stripes.kernel.library import Picture, address, addresses, kernel
 from kinematics.transforms import inverse, transform_points
 
@@ -52,7 +53,7 @@ STEPS, MOST_CONDITION = 4, 1e9
 
 def gain_of(picture: Image) -> float:
     """Gain that makes a dim image bright enough for tracking; 1 for other images."""
-    level = max(float(picture[::16, ::16].mean()) * 255.0 / np.iinfo(picture.dtype).max, 1.0)
+    level = max(float(picture[::16, ::16].mean()) * 255.0 / full_scale(picture), 1.0)
     return 1.0 if level > DIM_LEVEL else min(BRIGHT_LEVEL / level, MOST_GAIN)
 
 
@@ -158,9 +159,22 @@ class _Seen:
         """True if the sigmas can be trusted; the errors of noisier estimates are larger than their sigmas."""
         return bool(self.sigma.max() <= MOST_RISE_M)
 
+    @property
+    def is_still(self) -> bool:
+        """True if the images show that heights change by less than MOST_RISE_M."""
+        most = LEAST_SIGMAS * math.sqrt(2.0)
+        ends = zip(self.rise.tolist(), self.sigma.tolist(), strict=True)
+        return all(abs(rise) + most * sigma <= MOST_RISE_M for rise, sigma in ends)
+
     def is_beyond(self, common: Float) -> bool:
         """Test if the rise differs significantly from 0; `common` is the shared sigma [m]."""
         return is_beyond(self.rise, self.sigma, common)
+
+
+def _seen_of(found: Float) -> _Seen:
+    """Camera motion (2 n + 1,) as the kernel gives it: n rises, their sigmas and the shift."""
+    ends = len(found) // 2
+    return _Seen(found[:ends], found[ends:-1], float(found[-1]))
 
 
 def is_beyond(rises: Float, sigmas: Float, common: Float | float) -> bool:
@@ -251,32 +265,23 @@ class BackgroundWitness:
     def _look(self, picture: Image, rows: tuple[float, float], scale: float) -> _Seen | None:
         """Motion since the reference image; corners within `rows` of the reduced image are not used."""
         assert self._reference is not None
-        given, channel, factor, gain = _reduction(picture, self._gain)
+        given, *how = _reduction(picture, self._gain)
+        if (given.rows // how[1], given.columns // how[1]) != self._reference.shape:
+            return None
+        found, work = np.empty(2 * len(self._rise) + 1), np.empty(6 * FEW_CORNERS)
+        of_scan = addresses(self._reference, self._points, self._turn, self._flow)
+        limits = *self._limits, address(self._rise), len(self._rise)
+        given_corners = len(self._points), FEW_CORNERS, *rows
+        # Only the surroundings of a few corners are read, which is enough to see that the camera stands still.
+        result = kernel().look_at_corners(given, *how, *of_scan, *given_corners, *limits, *addresses(work, found))
+        if result < 0:
+            return None
+        if result and (seen := _seen_of(found)).is_still:
+            return seen
         used = np.flatnonzero((self._points[:, 1] < rows[0]) | (self._points[:, 1] >= rows[1]))
-        if (given.rows // factor, given.columns // factor) != self._reference.shape or used.size < LEAST_CORNERS:
-            return None
-        found = self._still(given, used, (channel, factor, gain))
-        if found is None:
-            there = follow(self._reference, grey(picture, self._gain), self._points[used], WINDOW_PX, LEVELS)
-            flow = self._camera.rays(there / scale)[:, :2] - self._rays[used]
-            found = self._motion(flow, (there - self._points[used]).astype(np.float32), used)
-        return found
-
-    def _still(self, picture: Picture, usable: Index, how: tuple[int, int, float]) -> _Seen | None:
-        """Estimate from a few corners; None if they do not show that the camera stands still.
-
-        Only the surroundings of these corners in the image are read.
-        """
-        assert self._reference is not None
-        count = min(usable.size, FEW_CORNERS)
-        used = usable[np.arange(count) * usable.size // count]
-        moved, flow = np.empty((count, 2), np.float32), np.empty((count, 2))
-        of_scan = addresses(self._reference, self._points, self._turn)
-        kernel().follow_corners(picture, *how, *of_scan, address(used), count, *addresses(moved, flow))
-        found = self._motion(flow, moved, used)
-        if found is None or (np.abs(found.rise) + LEAST_SIGMAS * np.sqrt(2.0) * found.sigma > MOST_RISE_M).any():
-            return None
-        return found
+        there = follow(self._reference, grey(picture, self._gain), self._points[used], WINDOW_PX, LEVELS)
+        flow = self._camera.rays(there / scale)[:, :2] - self._rays[used]
+        return self._motion(flow, (there - self._points[used]).astype(np.float32), used)
 
     def _begin(self, off: Image) -> None:
         self._gain = gain_of(off)
@@ -317,11 +322,13 @@ class BackgroundWitness:
         """
         count, ends = len(used), len(self._rise)
         found, work = np.empty(2 * ends + 1), np.empty(2 * count)
-        limits = LEAST_CORNERS, LEAST_SHARE, STEPS, LEAST_NOISE_PX * self._pixel, MOST_CONDITION
-        given = addresses(self._flow, flow, moved, used)
-        if not kernel().fit_motion(*given, count, *limits, address(self._rise), ends, *addresses(work, found)):
-            return None
-        return _Seen(found[:ends], found[ends:-1], float(found[-1]))
+        given = *addresses(self._flow, flow, moved, used), count, *self._limits, address(self._rise), ends
+        return _seen_of(found) if kernel().fit_motion(*given, *addresses(work, found)) else None
+
+    @property
+    def _limits(self) -> tuple[int, float, int, float, float]:
+        """Limits of `fit_motion` in the kernel."""
+        return LEAST_CORNERS, LEAST_SHARE, STEPS, LEAST_NOISE_PX * self._pixel, MOST_CONDITION
 
     @property
     def is_blind(self) -> bool:

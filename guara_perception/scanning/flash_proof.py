@@ -11,10 +11,11 @@ import numpy as np
 
 from guara_perception.arrays import Float32, Image, Mask
 from guara_perception.scanning.background import aligned
-from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus, pictures_of
+from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus, full_scale, pictures_of
 from guara_perception.stripes.kernel.library import address, kernel, memory
 from guara_perception.stripes.peaks import upper_median
 
+DROPOUT = np.uint8(StripeStatus.DROPOUT)
 SECOND_LINE = "two lines in one picture"
 # Brightness of a second line relative to the stripe, above which it shifts the measured row.
 LEAST_SHARE = 0.45
@@ -236,7 +237,7 @@ class FlashProof:
 
 
 def _share_of_light(profile: StripeProfile) -> float:
-    return float((profile.status != StripeStatus.DROPOUT).mean())
+    return float(np.count_nonzero(profile.status != DROPOUT) / profile.status.size)
 
 
 def lit_pixels(dark: Image, reference: Image, *, within: int = 0) -> Mask:
@@ -249,7 +250,7 @@ def lit_pixels(dark: Image, reference: Image, *, within: int = 0) -> Mask:
         reference: another frame without the laser, of the same size and type.
         within: distance up to which light in the reference explains light in the frame [pixels of the mask].
     """
-    scale = 255.0 / float(np.iinfo(dark.dtype).max)
+    scale = 255.0 / full_scale(dark)
     reduced = [_reduced(picture) for picture in (dark, reference)]
     samples = [float(picture[::8, ::8].mean()) for picture in reduced]
     # The overall brightness of the scene may have changed.

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Array, Float, Float32, Image, Index, Mask
-from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus, is_clipped
+from guara_perception.arrays import Float, Image, Index
+from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus, full_scale, pictures_of
+from guara_perception.stripes.kernel.library import Picture, address, addresses, kernel, memory
 
 # Approximate number of sampled frames, spread over the scan, and spacing of the sampled rows and of the pixels in them
 # [px]. Few rows are sampled, because reading a picture from memory takes most of the time.
@@ -17,14 +17,8 @@ SAMPLED_FRAMES = 12
 ROWS_APART, PIXELS_APART = 32, 8
 # Number of evenly spaced columns of a frame in which the brightest row and a clipped core are searched for.
 GLANCED = 12
-# Light counts if it exceeds the background of its column by this [grey levels of 255] and by this many median absolute
-# deviations.
-LEAST_LEVEL = 12.0
-LEAST_SIGMAS = 8.0
 # Spacing of the rows in which light and a core are searched for, as a fraction of the image height: 2 px of 512.
 GLANCED_ROWS_OF_HEIGHT = 1 / 256
-# The background of a column is estimated from every eighth of these rows.
-USUAL_ROWS_APART = 8
 # Largest share of the pixels that may be clipped in a laser-off image; above it there is too much light.
 MOST_CLIPPED = 0.15
 # Largest relative change of the brightness between laser off and laser on, or from frame to frame.
@@ -184,51 +178,33 @@ STEADY = 'lock exposure and white balance, keep lamps steady, or take laser-off 
 
 
 def _sample(pair: FramePair, profile: StripeProfile, columns: Index) -> FrameSample:
-    on, off = pair.on, pair.off
-    scale = 255.0 / float(np.iinfo(on.dtype).max)
-    thin = on[::ROWS_APART, ::PIXELS_APART].copy()
-    dark = thin if off is None else off[::ROWS_APART, ::PIXELS_APART].copy()
-    level, without = (scale * _level(picture) for picture in (thin, dark))
+    on, off = pictures_of(pair.on, pair.off)
+    scale = 255.0 / full_scale(pair.on)
+    level, clipped = _levels(on)
+    dark, clipped = (level, clipped) if off is None else _levels(off)
     found = profile.status != StripeStatus.DROPOUT
-    apart = max(round(GLANCED_ROWS_OF_HEIGHT * on.shape[0]), 1)
-    glanced, glanced_off = on[::apart, columns], None if off is None else off[::apart, columns]
+    seen = np.count_nonzero(found) / found.size
+    apart, brightest = max(round(GLANCED_ROWS_OF_HEIGHT * on.rows), 1), np.empty(columns.size)
+    work = memory(kernel().look_down_size(on.rows, columns.size))
+    core = kernel().look_down(on, off, apart, address(columns), columns.size, *addresses(work, brightest))
     return FrameSample(
-        clipped=float(_any_channel(is_clipped(dark)).mean()),
-        level=level,
-        change=_share(level, without),
-        core=apart * _core(glanced, glanced_off),
-        seen=float(found.mean()),
-        peak=scale * float(np.median(profile.peak[found])) if found.any() else 0.0,
-        contrast=0.0 if off is not None else scale * _contrast(thin),
-        rows=apart * _brightest_rows(glanced, glanced_off),
+        clipped=clipped,
+        level=scale * level,
+        change=_share(scale * level, scale * dark),
+        core=apart * core,
+        seen=seen,
+        peak=scale * float(np.median(profile.peak[found])) if seen else 0.0,
+        contrast=0.0 if off is not None else scale * _contrast(pair.on[::ROWS_APART, ::PIXELS_APART]),
+        rows=apart * brightest,
     )
 
 
-def _brightest_rows(on: Image, off: Image | None) -> Float:
-    """Brightest row (n,) of some columns; NaN where no row stands out.
-
-    Args:
-        on: (rows, n) or (rows, n, 3) samples of the laser-on image.
-        off: the same of the laser-off image, or None.
-    """
-    seen = on.astype(np.float32)
-    if off is not None and off.shape == on.shape:
-        seen -= off
-    seen = _over_channels(np.maximum, seen)
-    if on.dtype == np.uint16:
-        seen /= 257.0
-    some = seen[::USUAL_ROWS_APART]
-    usual = _middle(some)
-    noise = _middle(np.abs(some - usual))
-    row = seen.argmax(axis=0)
-    height = seen[row, np.arange(len(row))] - usual
-    return np.where(height > np.maximum(LEAST_LEVEL, LEAST_SIGMAS * noise), row, np.nan)
-
-
-def _middle(values: Float32) -> Float32:
-    """Median (n,) of each column of values (m, n) without NaN; much faster than `np.median`."""
-    ordered, half = np.sort(values, axis=0), len(values) // 2
-    return np.asarray(0.5 * (ordered[half] + ordered[(len(values) - 1) // 2]), np.float32)
+def _levels(picture: Picture) -> tuple[float, float]:
+    """Mean of some pixels except the brightest ones [grey levels], and the share of these pixels that are clipped."""
+    found, work = np.empty(2), memory(kernel().levels_size(picture))
+    kernel().levels_of(picture, ROWS_APART, PIXELS_APART, STRIPE_SHARE, *addresses(work, found))
+    level, clipped = found.tolist()
+    return level, clipped
 
 
 def _median(samples: Sequence[FrameSample], name: str) -> float:
@@ -242,12 +218,6 @@ def _change(samples: Sequence[FrameSample]) -> float:
     return max(_median(samples, "change"), from_frame_to_frame)
 
 
-def _level(picture: Image) -> float:
-    """Mean of all pixels except the brightest ones."""
-    count = max(round((1 - STRIPE_SHARE) * picture.size), 1)
-    return float(np.partition(picture, count - 1, axis=None)[:count].mean())
-
-
 def _contrast(picture: Image) -> float:
     """Difference between the brightest and the darkest tenth of the pixels, after averaging their channels."""
     low, high = np.percentile(picture.reshape(*picture.shape[:2], -1).mean(axis=2), TENTHS)
@@ -257,24 +227,3 @@ def _contrast(picture: Image) -> float:
 def _share(level: float, usual: float) -> float:
     """Relative difference between two levels; see DARKEST_LEVEL."""
     return abs(level - usual) / max(usual, DARKEST_LEVEL)
-
-
-def _core(on: Image, off: Image | None) -> float:
-    """Number of rows that the laser clips, median over the columns that have any; arguments as of `_brightest_rows`."""
-    clipped = _any_channel(is_clipped(on))
-    if off is not None and off.shape == on.shape:
-        clipped &= ~_any_channel(is_clipped(off))
-    rows = clipped.sum(axis=0)
-    return float(np.median(rows[rows > 0])) if rows.any() else 0.0
-
-
-def _any_channel(values: Mask) -> Mask:
-    """Mask (rows, columns) of pixels that are true in any channel."""
-    return _over_channels(np.logical_or, values)
-
-
-def _over_channels(combine: np.ufunc, values: Array) -> Array:
-    """Combine the channels (rows, columns[, channels]) one after the other, which is faster than along their axis."""
-    if values.ndim == 2:
-        return values
-    return np.asarray(functools.reduce(combine, np.moveaxis(values, 2, 0)))

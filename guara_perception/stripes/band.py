@@ -15,6 +15,8 @@ from kinematics.arrays import FrozenArrays
 
 # Spacing of the rows, and minimum number of columns, that are sampled to detect blank and white frames.
 CHECKED_ROWS, CHECKED_COLUMNS = 8, 40
+# Types of a picture's samples.
+KINDS = np.dtype(np.uint8), np.dtype(np.uint16)
 # Fraction of full scale from which a pixel counts as clipped. JPEG and demosaicing make clipped pixels slightly darker.
 CLIPPED = 0.98
 # Minimum contrast between even and odd columns that proves a colour filter. The contrast is about 0.1 % in grey images;
@@ -85,14 +87,24 @@ def has_colour(frame: Image) -> bool:
 
 def is_clipped(values: Image) -> Mask:
     """Mask of the clipped grey levels."""
-    return np.asarray(values >= int(np.ceil(CLIPPED * np.iinfo(values.dtype).max)))
+    return np.asarray(values >= clipped_from(values))
+
+
+def clipped_from(picture: Image) -> int:
+    """Grey level from which a pixel of an image counts as clipped."""
+    return math.ceil(CLIPPED * full_scale(picture))
+
+
+def full_scale(picture: Image) -> int:
+    """Highest level of a uint8 or uint16 image; a tenth of the time of `np.iinfo`."""
+    return 255 if picture.itemsize == 1 else 65535
 
 
 def picture_fault(on: Image) -> str:
     """Reason why an object is not a valid camera image; empty for a valid image."""
     if not isinstance(on, np.ndarray):
         return f"of type {type(on).__name__}; it must be a numpy array"
-    if on.dtype not in (np.uint8, np.uint16) or on.ndim not in (2, 3) or (on.ndim == 3 and on.shape[2] not in (1, 3)):
+    if on.dtype not in KINDS or on.ndim not in (2, 3) or (on.ndim == 3 and on.shape[2] not in (1, 3)):
         return f"{on.dtype} of shape {on.shape}; it must be uint8 or uint16 of shape (h, w) or (h, w, 3)"
     return ""
 
@@ -112,10 +124,10 @@ def unusable_frame(band: Image, off: Image | None, shape: tuple[int, ...]) -> st
             "they must have the same type and shape"
         )
     sampled = np.ascontiguousarray(band[::CHECKED_ROWS, :: max(band.shape[1] // CHECKED_COLUMNS, 1)])
-    low, high = float(sampled.min()), float(sampled.max())
-    if low == high and float(band.min()) == float(band.max()):
-        return f"the frame is blank: every pixel is {low:.0f}"
-    if np.count_nonzero(is_clipped(sampled)) > 0.5 * sampled.size:
+    low, high = int(sampled.min()), int(sampled.max())
+    if low == high and band.min() == band.max():
+        return f"the frame is blank: every pixel is {low}"
+    if high >= clipped_from(band) and np.count_nonzero(is_clipped(sampled)) > 0.5 * sampled.size:
         return "more than half of the frame is white: exposure too long or too much light"
     return ""
 

@@ -13,6 +13,7 @@ from guara_perception.stripes.band import (
     Band,
     StripeProfile,
     bad_frame,
+    full_scale,
     has_colour,
     pictures_of,
     profile_of,
@@ -53,9 +54,9 @@ def _extract(band: Band) -> StripeProfile:
         return extract_in_any_light(band)
     first, second = pictures_of(band.on, band.off)
     rows, n, channels = first.shape
-    work, full_scale = memory(kernel().clean_size(rows, n, channels)), float(np.iinfo(band.on.dtype).max)
+    work, most = memory(kernel().clean_size(rows, n, channels)), float(full_scale(band.on))
     profile, status = np.empty((3, n), np.float32), np.empty(n, np.uint8)
-    given = (first, second, band.first_row, MAX_AMBIENT_CHANGE * full_scale)
+    given = (first, second, band.first_row, MAX_AMBIENT_CHANGE * most)
     doubts = kernel().extract_clean(*given, *addresses(work, profile, status))
     if doubts == 0:
         return profile_of(profile, status)
@@ -66,7 +67,7 @@ def _extract(band: Band) -> StripeProfile:
         reason = "the stripe is darker than its surroundings: laser-on and laser-off frames are swapped"
         return bad_frame(n, reason)
     if doubts == CHANGED:
-        change = f"{found.told[2]:+.0f} of {full_scale:.0f}"
+        change = f"{found.told[2]:+.0f} of {most:.0f}"
         remark = f"brightness beside the stripe changed by {change} between laser off and on"
         return replace(extract_in_any_light(band, is_changed=True), remark=remark)
     return extract_in_any_light(band, found.top.copy(), found.masks[0].copy())
@@ -86,7 +87,7 @@ def extract_in_any_light(
     first, second = pictures_of(band.on, band.off)
     rows, n, channels = first.shape
     factor = 1
-    if second is not None and has_colour(band.on) and band.on.dtype == np.uint8 and rows >= SHRUNK_ROWS:
+    if second is not None and has_colour(band.on) and band.on.itemsize == 1 and rows >= SHRUNK_ROWS:
         factor = next((factor for least, factor in SHRUNK_FROM if n >= least), 1)
     profile, status, told = np.empty((3, n), np.float32), np.empty(n, np.uint8), np.empty(3)
     weak = (None, None) if weak_row is None or is_weak is None else addresses(weak_row, is_weak)

@@ -21,31 +21,33 @@ void cells_of_samples(const double *points, int64_t n, double per_cell, const do
 }
 
 // Sum the samples of each of several swaths, which come in runs (2, number) of swath and length. first: cell from which
-// on each swath has `span` cells. sums: (5, swaths * span), and receives, side by side for the cells that samples fall
-// into: sum of heights, number, sum of variances, lowest and highest. cells: receives them. ends: (swaths,) receives where
+// on `span` cells hold all samples. work: (5, span). sums: (5, n), and receives, side by side for the cells that samples fall
+// into: sum of heights, number, sum of variances, lowest and highest. cells: (n,) receives them. ends: (swaths,) receives where
 // those of each swath end.
-void sum_cells(const int32_t *cell, const double *height, const double *variance, const int64_t *runs, int64_t number,
-    int64_t swaths, int64_t first, int64_t span, double *sums, int32_t *cells, int64_t *ends) {
-    const int64_t size = swaths * span;
-    double *total = sums, *count = total + size, *doubt = count + size, *low = doubt + size, *high = low + size;
-    memset(sums, 0, 3 * (size_t)size * sizeof *sums);
-    for (int64_t i = 0; i < size; i++) low[i] = INFINITY, high[i] = -INFINITY;
-    for (int is_sum = 0; is_sum < 2; is_sum++)
-        for (int64_t run = 0, i = 0; run < number; run++) {
-            const int64_t shift = runs[run] * span - first;
-            for (const int64_t end = i + runs[number + run]; i < end; i++) {
-                const int64_t at = cell[i] + shift;
-                const double own = height[i];
-                if (!is_sum) low[at] = own < low[at] ? own : low[at], high[at] = own > high[at] ? own : high[at];
-                else if (own > high[at] - TOP_LAYER_M) total[at] += own, count[at]++, doubt[at] += variance[i];
-            }
-        }
+void sum_cells(const int32_t *cell, const double *height, const double *variance, int64_t n, const int64_t *runs, int64_t number,
+    int64_t swaths, int64_t first, int64_t span, double *work, double *sums, int32_t *cells, int64_t *ends) {
+    double *total = work, *count = total + span, *doubt = count + span, *low = doubt + span, *high = low + span;
     int64_t used = 0;
-    for (int64_t swath = 0; swath < swaths; ends[swath++] = used)
-        for (int64_t i = swath * span; i < (swath + 1) * span; i++) {
+    for (int64_t swath = 0; swath < swaths; ends[swath++] = used) {
+        // Of the cells, a swath fills few.
+        int64_t begin = span, end = 0;
+        for (int64_t run = 0, i = 0; run < number; i += runs[number + run++])
+            for (int64_t k = i; runs[run] == swath && k < i + runs[number + run]; k++)
+                begin = MIN(begin, cell[k] - first), end = MAX(end, cell[k] - first + 1);
+        for (int64_t i = begin; i < end; i++) total[i] = count[i] = doubt[i] = 0, low[i] = INFINITY, high[i] = -INFINITY;
+        for (int is_sum = 0; is_sum < 2; is_sum++)
+            for (int64_t run = 0, i = 0; run < number; i += runs[number + run++])
+                for (int64_t k = i; runs[run] == swath && k < i + runs[number + run]; k++) {
+                    const int64_t at = cell[k] - first;
+                    const double own = height[k];
+                    if (!is_sum) low[at] = own < low[at] ? own : low[at], high[at] = own > high[at] ? own : high[at];
+                    else if (own > high[at] - TOP_LAYER_M) total[at] += own, count[at]++, doubt[at] += variance[k];
+                }
+        for (int64_t i = begin; i < end; i++) {
             if (!(high[i] >= low[i])) continue;
-            cells[used] = (int32_t)(i - swath * span + first);
-            total[used] = total[i], count[used] = count[i], doubt[used] = doubt[i], low[used] = low[i], high[used] = high[i];
+            cells[used] = (int32_t)(i + first);
+            for (int64_t k = 0; k < 5; k++) sums[k * n + used] = work[k * span + i];
             used++;
         }
+    }
 }

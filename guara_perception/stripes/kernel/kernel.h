@@ -66,6 +66,7 @@ int64_t measure(const int64_t *top, const float *height, const uint8_t *is_peak,
     int64_t first_row, double sigma, double noise, float *work, float *position, float *deviation, uint8_t *status,
     float *doubtful);
 const void *samples_of(const Picture *p, int64_t row, int64_t channel, void *line);
+void run_ends(const double *height, const double *strength, int64_t n, double *work, uint8_t *is_end);
 void clipped_columns(const Picture *on, const int64_t *top, double sigma, int64_t channel, int64_t is_fused,
     uint8_t *is_clipped, uint8_t *is_lost);
 float upper_median(float *v, int64_t n);

@@ -28,7 +28,7 @@ class Picture(ctypes.Structure):
     def __init__(self, array: Array) -> None:
         """Describe an array (rows, columns[, channels]) of uint8 or uint16 with any strides."""
         shape, steps = (*array.shape, 1)[:3], (*array.strides, 0)[:3]
-        super().__init__(array.ctypes.data, *shape, *steps, array.itemsize)
+        super().__init__(_start(array), *shape, *steps, array.itemsize)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -40,23 +40,31 @@ P, D, F, PICTURE = ctypes.c_void_p, ctypes.c_double, ctypes.c_float, ctypes.POIN
 # Types of the arguments and the result of each function. The global interpreter lock is released during each call.
 FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "any_light_size": ([N] * 5, N),
+    "behind_surface": ([P, N, N, P, N, P, D, D, P, D, P], None),
     "cells_of_samples": ([P, N, D, P, N, N, P, P], None),
     "clean_size": ([N] * 3, N),
     "extract_clean": ([PICTURE, PICTURE, N, D, P, P, P], N),
     "extract_any_light": ([PICTURE, PICTURE] + [N] * 3 + [P] * 6, N),
-    "follow_corners": ([PICTURE, N, N, D, P, P, P, P, N, P, P], None),
     "height_variance": ([P, P, N] + [P] * 6 + [D, P], None),
     "judge": ([PICTURE, PICTURE, P, P], None),
     "judge_size": ([N] * 3, N),
     "fit_motion": ([P, P, P, P, N, N, D, N, D, D, P, N, P, P], N),
+    "levels_of": ([PICTURE, N, N, D, P, P], None),
+    "levels_size": ([PICTURE], N),
+    "locate": ([P, P, N, N, P, N, D, P, P, D, D, P, P], None),
+    "look_at_corners": ([PICTURE, N, N, D] + [P] * 4 + [N, N, D, D, N, D, N, D, D, P, N, P, P], N),
+    "look_down": ([PICTURE, PICTURE, N, P, N, P, P], D),
+    "look_down_size": ([N, N], N),
     "nearest_planes": ([P, N, P, N, P, P], None),
+    "parts_of_stripes": ([P, N, P, N, N, N, P, P], None),
     "pair_relief": ([P, P, N, P, P], None),
     "run_ends": ([P, P, N, P, P], None),
     "second_line": ([PICTURE, PICTURE, P, D, P], D),
     "second_line_size": ([N], N),
     "select_value": ([P, N, N], F),
+    "settle_points": ([P] * 3 + [N, N, D, D, N, N] + [P] * 6, None),
     "shrink": ([PICTURE, N, N, D, P, P, P], None),
-    "sum_cells": ([P, P, P, P, N, N, N, N, P, P, P], None),
+    "sum_cells": ([P, P, P, N, P, N, N, N, N, P, P, P, P], None),
 }
 
 
@@ -128,6 +136,15 @@ def address(array: Array) -> int:
     """
     if not array.flags.c_contiguous:
         raise ValueError(f"an array given to the kernel has strides {array.strides}; it must be C-contiguous")
+    return _start(array)
+
+
+def _start(array: Array) -> int:
+    """Address of the first element of an array."""
+    flags = array.flags
+    if flags.writeable and flags.c_contiguous and array.size:
+        # Several times as fast as `array.ctypes.data`, which matters for the many small calls of a scan.
+        return ctypes.addressof(ctypes.c_char.from_buffer(array))  # type: ignore[arg-type]
     return array.ctypes.data
 
 

@@ -64,6 +64,17 @@ static void small_square(const Picture *p, int64_t channel, int64_t factor, doub
     }
 }
 
+// The square's pixels are asked for while another one is compared.
+enum { LINE_BYTES = 64 };
+static void ask_for_square(const Picture *p, int64_t factor, int64_t x, int64_t y) {
+    const int64_t bytes = SIDE * factor * p->column_step;
+    for (int64_t r = (y - REACH) * factor; r < (y + REACH + 1) * factor; r++) {
+        const char *from = p->data + r * p->row_step + (x - REACH) * factor * p->column_step;
+        for (int64_t k = 0; k < bytes; k += LINE_BYTES) __builtin_prefetch(from + k);
+        __builtin_prefetch(from + bytes - 1);
+    }
+}
+
 static float sum_of(const float *lanes) {
     float sum = 0;
     for (int k = 0; k < WINDOW; k++) sum += lanes[k];
@@ -109,6 +120,12 @@ static int follow_corner(const uint8_t *own, int64_t columns, const float *squar
     return 0;
 }
 
+// Test that the square about a corner lies within the small picture; its nearest pixel.
+static int is_inside(const double *corner, int64_t rows, int64_t columns, int64_t *x, int64_t *y) {
+    *x = llrint(corner[0]), *y = llrint(corner[1]);
+    return *x >= REACH && *y >= REACH && *x < columns - REACH && *y < rows - REACH;
+}
+
 // How far some corners of a small reference (rows, columns) have moved (n, 2) in a picture, if that is little, and the change
 // (n, 2) of their rays; NaN where a corner is lost. Only what surrounds the corners is read. used: (n,) numbers of corners.
 // turn: (corners, 2, 2) change of the rays by each pixel.
@@ -116,13 +133,17 @@ void follow_corners(const Picture *p, int64_t channel, int64_t factor, double ga
     const double *corners, const double *turn, const int64_t *used, int64_t n, float *moved, double *flow) {
     const int64_t rows = p->rows / factor, columns = p->columns / factor;
     float square[SQUARE] = {0};
+    int64_t x = 0, y = 0;
+    int is_next = n > 0 && is_inside(corners + 2 * used[0], rows, columns, &x, &y);
     for (int64_t i = 0; i < n; i++) {
-        const double *corner = corners + 2 * used[i], *by = turn + 4 * used[i];
-        const int64_t x = llrint(corner[0]), y = llrint(corner[1]);
-        int found = x >= REACH && y >= REACH && x < columns - REACH && y < rows - REACH;
+        const double *by = turn + 4 * used[i];
+        const int64_t own_x = x, own_y = y;
+        int found = is_next;
+        is_next = i + 1 < n && is_inside(corners + 2 * used[i + 1], rows, columns, &x, &y);
         if (found) {
-            small_square(p, channel, factor, gain, x, y, square);
-            found = follow_corner(reference + y * columns + x, columns, square, moved + 2 * i);
+            small_square(p, channel, factor, gain, own_x, own_y, square);
+            if (is_next) ask_for_square(p, factor, x, y);
+            found = follow_corner(reference + own_y * columns + own_x, columns, square, moved + 2 * i);
         }
         if (!found) moved[2 * i] = moved[2 * i + 1] = NAN;
         const double along = (double)moved[2 * i], down = (double)moved[2 * i + 1];
@@ -211,4 +232,25 @@ int64_t fit_motion(const double *rows, const double *wanted, const float *moved,
     }
     found[2 * points] = median(left, count);
     return 1;
+}
+
+// Motion as of `fit_motion` by at most `most` of the corners outside the rows `first` to `end` of the small pictures, spread over
+// them all. memory: 6 most numbers of 8 bytes. Returns -1 where fewer than `least` corners lie there.
+int64_t look_at_corners(const Picture *p, int64_t channel, int64_t factor, double gain, const uint8_t *reference,
+    const double *corners, const double *turn, const double *rows, int64_t n, int64_t most, double first, double end, int64_t least,
+    double least_share, int64_t steps, double least_noise, double most_condition, const double *by_motion, int64_t points,
+    double *memory, double *found) {
+    int64_t *used = (int64_t *)memory, usable = 0, number = 0, taken = 0;
+    double *flow = memory + most, *work = flow + 2 * most;
+    float *moved = (float *)(work + 2 * most);
+    for (int64_t i = 0; i < n; i++) usable += corners[2 * i + 1] < first || corners[2 * i + 1] >= end;
+    if (usable < least) return -1;
+    const int64_t count = MIN(usable, most);
+    for (int64_t i = 0; i < n; i++) {
+        if (!(corners[2 * i + 1] < first || corners[2 * i + 1] >= end)) continue;
+        if (taken < count && number++ == taken * usable / count) used[taken++] = i;
+    }
+    follow_corners(p, channel, factor, gain, reference, corners, turn, used, count, moved, flow);
+    return fit_motion(rows, flow, moved, used, count, least, least_share, steps, least_noise, most_condition, by_motion, points,
+        work, found);
 }

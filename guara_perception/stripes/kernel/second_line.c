@@ -30,13 +30,20 @@ static int64_t reach_of(int64_t rows) { return MAX((int64_t)rint(REACH_OF_HEIGHT
 // Bytes of `memory` of `second_line`: light and bins, sums and counts.
 int64_t second_line_size(int64_t rows) {
     const int64_t lines = 2 * reach_of(rows) + 1;
-    return 4 * lines * MOST_COLUMNS + 2 * 8 * (int64_t)((double)(lines + 2) / BIN_PX);
+    return 4 * lines * (MOST_COLUMNS + 2) + 2 * 8 * (int64_t)((double)(lines + 2) / BIN_PX);
 }
 
-static float brightest(const Picture *p, int64_t row, int64_t column) {
-    int32_t most = level(p, row, column, 0);
-    for (int64_t k = 1; k < p->channels; k++) most = MAX(most, level(p, row, column, k));
-    return (float)most;
+// Light (lines,) of a column from a row on: the brightest channel, less that without the laser.
+static inline __attribute__((always_inline)) void light_below(const Picture *on, const Picture *off, int64_t row, int64_t column,
+    int64_t lines, int64_t channels, int64_t size, float *out) {
+    Picture first = *on, second = *off;
+    first.size = second.size = size; // Known to the compiler.
+    for (int64_t r = 0; r < lines; r++) {
+        int32_t most = level(&first, row + r, column, 0), dark = level(&second, row + r, column, 0);
+        for (int64_t k = 1; k < channels; k++)
+            most = MAX(most, level(&first, row + r, column, k)), dark = MAX(dark, level(&second, row + r, column, k));
+        out[r] = (float)(most - dark);
+    }
 }
 
 // Distance between the outermost crossings of a level [bins]; infinite where one lies beyond the ends.
@@ -55,25 +62,26 @@ static double width_at(const double *section, int64_t n, double height) {
 double second_line(const Picture *on, const Picture *off, const float *position, double at_most, char *memory) {
     const int64_t reach = reach_of(on->rows), lines = 2 * reach + 1;
     int64_t known = 0, n = 0, number = 0, column[MOST_COLUMNS], top[MOST_COLUMNS];
-    float *light = (float *)memory, differences[MOST_COLUMNS], sizes[MOST_COLUMNS];
+    float *light = (float *)memory, *own = light + lines * MOST_COLUMNS, differences[MOST_COLUMNS], sizes[MOST_COLUMNS];
     for (int64_t c = 0; c < on->columns; c++) known += isfinite(position[c]) != 0;
     if (known < LEAST_COLUMNS) return 0;
     const int64_t apart = MAX(known / COLUMNS, 1);
     int64_t inside = 0, clipped = 0;
     for (int64_t c = 0; c < on->columns; c++) {
-        if (!isfinite(position[c]) || number++ % apart) continue;
+        if (!isfinite(position[c])) continue;
+        const int is_one = number == 0;
+        number = number + 1 < apart ? number + 1 : 0;
+        if (!is_one) continue;
         const int64_t row = (int64_t)rintf(position[c]);
         if (row < reach || row >= on->rows - reach) continue;
         inside++;
-        float highest = -INFINITY;
-        for (int64_t r = 0; r < lines; r++) {
-            const float own = brightest(on, row - reach + r, c) - brightest(off, row - reach + r, c);
-            light[r * MOST_COLUMNS + n] = own;
-            // The highest pixel, which may be one beside the rounded row.
-            if (r + 1 >= reach && r <= reach + 1) highest = MAX(highest, own);
-        }
+        if (on->size == 1 && on->channels == 3) light_below(on, off, row - reach, c, lines, 3, 1, own);
+        else light_below(on, off, row - reach, c, lines, on->channels, on->size, own);
+        // The highest pixel, which may be one beside the rounded row.
+        const float highest = MAX(MAX(own[reach - 1], own[reach]), own[reach + 1]);
         if (!((double)highest * 255 / full_scale(on) > LEAST_TOP)) continue;
-        for (int64_t r = 0; r < lines; r++) light[r * MOST_COLUMNS + n] /= highest;
+        for (int64_t r = 0; r < lines; r++) own[r] /= highest;
+        for (int64_t r = 0; r < lines; r++) light[r * MOST_COLUMNS + n] = own[r];
         for (int64_t k = 0; k < on->channels; k++) clipped += level(on, row, c, k) >= clipped_from(on);
         column[n] = c, top[n++] = row;
     }
@@ -102,14 +110,26 @@ double second_line(const Picture *on, const Picture *off, const float *position,
         nearest_end = MAX(nearest_end, nearest);
     }
     const int64_t half = (int64_t)(nearest_end / BIN_PX) - 1, bins = 2 * half + 1;
-    double *section = (double *)(light + lines * MOST_COLUMNS), *count = section + bins, most = 1e-6;
+    double *section = (double *)(own + 2 * lines), *count = section + bins, most = 1e-6;
     memset(section, 0, 2 * (size_t)bins * sizeof *section);
-    for (int64_t r = 0; r < lines; r++)
-        for (int64_t i = 0; i < n; i++) {
-            const double far = (double)(r - reach) - ((double)position[column[i]] - (double)top[i]);
-            const int64_t bin = (int64_t)floor(far / BIN_PX + (double)half + 0.5);
-            if (bin >= 0 && bin < bins) section[bin] += (double)light[r * MOST_COLUMNS + i], count[bin]++;
+    // The bin of each column's first row. Columns whose bins are the same follow each other: their sums stay in a register.
+    int64_t sorted[MOST_COLUMNS], first_bin[MOST_COLUMNS], m = 0, lowest = INT64_MAX, last = INT64_MIN;
+    for (int64_t i = 0; i < n; i++) {
+        const double far = (double)-reach - ((double)position[column[i]] - (double)top[i]);
+        first_bin[i] = (int64_t)floor(far / BIN_PX + (double)half + 0.5);
+        lowest = MIN(lowest, first_bin[i]), last = MAX(last, first_bin[i]);
+    }
+    for (int64_t from = last; from >= lowest; from--) {
+        m = 0;
+        for (int64_t i = 0; i < n; i++) sorted[m] = i, m += first_bin[i] == from;
+        for (int64_t r = 0; r < lines; r++) {
+            const int64_t bin = from + (int64_t)((double)r / BIN_PX);
+            if (bin < 0 || bin >= bins) continue;
+            double sum = section[bin];
+            for (int64_t i = 0; i < m; i++) sum += (double)light[r * MOST_COLUMNS + sorted[i]];
+            section[bin] = sum, count[bin] += (double)m;
         }
+    }
     int64_t highest = 0;
     for (int64_t b = 0; b < bins; b++) section[b] /= MAX(count[b], 1), most = MAX(most, section[b]);
     for (int64_t b = bins - 1; b >= 0; b--) section[b] /= most, highest = section[b] >= section[highest] ? b : highest;

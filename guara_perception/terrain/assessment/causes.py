@@ -7,7 +7,8 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Flags, Float, Float32, Index, Mask
+from guara_perception.arrays import Flags, Float, Index, Mask
+from guara_perception.stripes.kernel.library import address, kernel
 from guara_perception.terrain.assessment.raster import ROUNDING
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
@@ -16,8 +17,6 @@ from guara_perception.terrain.layers.hazard import Hazard
 HIDING_MARGIN_M = 0.001
 # Number of cells that are compared with all laser planes at once.
 CELLS_TOGETHER = 256
-# Number of lines from ground to sensor that are traced at once.
-LINES_TOGETHER = 256
 # Value of a cell that is not computed yet.
 NOT_ASKED = -2
 # Lowest assumed height of the ground that light may reach after it has crossed other rows of the grid [m].
@@ -173,53 +172,15 @@ def behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geome
     top = float(np.fmax.reduce(elevation, axis=None, initial=np.nan))
     if np.isnan(top) or not len(targets):
         return np.zeros(len(targets), dtype=bool)
-    # The part of a line above the highest surface cannot be blocked, so only the rest is tested.
-    start = np.clip(1 - (top - targets[:, 2]) / np.maximum(sensor_origin[2] - targets[:, 2], 1e-6), 0.0, 1.0)
-    length = np.hypot(sensor_origin[0] - targets[:, 0], sensor_origin[1] - targets[:, 1])
-    # Steps of half a cell, starting at the target; steps beyond the end of a line are moved to this end.
-    spacing = geometry.resolution / 2 / np.maximum(length, geometry.resolution)
     # Positions outside the grid are clipped to a border of unknown cells, one cell wide.
     around = np.pad(elevation.astype(np.float32), 1, constant_values=np.nan)
-    hidden = []
-    # In blocks, because all lines at once would take megabytes.
-    for first in range(0, len(targets), LINES_TOGETHER):
-        block = slice(first, first + LINES_TOGETHER)
-        samples = int(np.ceil((1 - start[block]) / spacing[block]).max()) + 1
-        centres = np.arange(samples, dtype=np.float32)[:, None] + np.float32(0.5)
-        share = np.maximum(1 - centres * spacing[block].astype(np.float32), start[block].astype(np.float32))
-        hidden.append(_is_blocked(around, targets[block], share, sensor_origin, geometry))
-    return np.concatenate(hidden)
-
-
-def _is_blocked(around: Float32, targets: Float, share: Float32, sensor_origin: Float, geometry: GridGeometry) -> Mask:
-    """Mask of the targets (n, 3) whose line to a sensor passes below the surface.
-
-    Single precision is accurate to 1e-5 of a cell.
-
-    Args:
-        around: surface with an unknown border of one cell.
-        targets: (n, 3) points in base_footprint.
-        share: (m, n) positions tested on each line: 0 at the sensor, 1 at the target.
-        sensor_origin: (3,) position of the sensor.
-        geometry: geometry of the surface without its border.
-    """
-
-    def along(begin: float, ends: Float) -> Float32:
-        line = share * (ends - begin).astype(np.float32)
-        line += np.float32(begin)
-        return line
-
-    flat_index = np.zeros(share.shape, dtype=np.intp)
-    for axis, stride in ((1, around.shape[1]), (0, 1)):
-        offset = 1 + ROUNDING - geometry.origin[axis] / geometry.resolution
-        cells = along(
-            sensor_origin[axis] / geometry.resolution + offset, targets[:, axis] / geometry.resolution + offset
-        )
-        np.clip(cells, 0, geometry.shape[1 - axis] + 1, out=cells)
-        flat_index += cells.astype(np.intp) * stride
-    line = along(sensor_origin[2] + HIDING_MARGIN_M, targets[:, 2] + HIDING_MARGIN_M)
-    with np.errstate(invalid="ignore"):
-        return np.asarray((around.ravel().take(flat_index) > line).any(axis=0))
+    offset = np.array([1 + ROUNDING - origin / geometry.resolution for origin in geometry.origin])
+    targets, sensor = (np.ascontiguousarray(values, np.float64) for values in (targets, sensor_origin))
+    hidden = np.empty(len(targets), np.bool_)
+    given = address(around), *around.shape, address(targets), len(targets), address(sensor), top, geometry.resolution
+    # The part of a line above the highest surface cannot be blocked, so only the rest is tested.
+    kernel().behind_surface(*given, address(offset), HIDING_MARGIN_M, address(hidden))
+    return hidden
 
 
 def _lowest_ground(elevation: Float, cells: Index, geometry: GridGeometry) -> Float:

@@ -125,17 +125,22 @@ def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry
     if not samples.runs:
         return [NO_SAMPLES] * count
     # Imported here, because guara-client contains this module but not the kernel.
-    from guara_perception.stripes.kernel.library import addresses, kernel
+    from guara_perception.stripes.kernel.library import address, addresses, kernel
 
     points, variance = (np.ascontiguousarray(values, np.float64) for values in (samples.points, samples.variance))
     cell, columns = _cells(points, geometry)
-    # Each swath has an entry for every cell in the columns that any swath touches, one swath after the other.
+    # Cells of the columns that any swath touches. No more cells of a swath are filled than it has samples.
     first, end = (int(column) * (geometry.shape[0] + 2) for column in (columns[0], columns[1] + 1))
-    span = end - first
-    sums, cells, bounds = np.empty((5, count * span)), np.empty(count * span, np.int32), np.empty(count, np.int64)
+    span, most = end - first, min(cell.size, count * (end - first))
+    work, sums, cells, bounds = (
+        np.empty((5, span)),
+        np.empty((5, most)),
+        np.empty(most, np.int32),
+        np.empty(count, np.int64),
+    )
     runs = np.ascontiguousarray(np.array(samples.runs, np.int64).T)
-    given = *addresses(cell, points[2], variance, runs), runs.shape[1], count, first, span
-    kernel().sum_cells(*given, *addresses(sums, cells, bounds))
+    given = *addresses(cell, points[2], variance), most, address(runs), runs.shape[1], count, first, span
+    kernel().sum_cells(*given, *addresses(work, sums, cells, bounds))
     used = int(bounds[-1])
     total, cells = sums[0, :used].copy(), cells[:used].copy()
     singles = [layer[:used].astype(np.float32) for layer in sums[1:]]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift, DriftWatch, check_drift
+from guara_perception.calibration.drift import DRIFTING, HOLDS, PARTS, UNKNOWN, Drift, DriftWatch, _parts, check_drift
 from guara_perception.scanning.process import run_scan
 from kinematics import RobotModel
 
@@ -23,6 +23,24 @@ def floor(height: float = 0.0, slope: float = 0.0, noise: float = 5e-5) -> dict[
         y = np.linspace(-0.26, 0.26, 300)
         stripes[index] = np.column_stack((x, y, height + slope * (x - 0.7) + random.normal(0, noise, 300)))
     return stripes
+
+
+def test_parts_are_means_and_medians_of_the_points_in_them() -> None:
+    """Of stripes of unlike lengths, with unknown points, and of none."""
+    random = np.random.default_rng(4)
+    points = {index: random.normal(size=(size, 3)) for index, size in ((3, 400), (5, 0), (9, 57))}
+    points[3][::7, 2] = np.nan
+    known = {index: each[np.isfinite(each[:, 2])] for index, each in points.items()}
+    every = np.concatenate(list(known.values()))[:, 1]
+    part_of = (every.max() - every.min()) / PARTS
+    index, *found = _parts(points)
+    assert index.tolist() == [3, 5, 9] and np.isnan(found[2][1]).all() and np.isfinite(found[2]).any()
+    for row, each in enumerate(known.values()):
+        part = np.minimum((each[:, 1] - every.min()) / part_of, PARTS - 1).astype(int)
+        for number in range(PARTS):
+            own = each[part == number]
+            expected = [*own[:, :2].mean(axis=0), np.sort(own[:, 2])[len(own) // 2]] if len(own) > 3 else 3 * [np.nan]
+            np.testing.assert_allclose([values[row, number] for values in found], expected, rtol=1e-12)
 
 
 def test_good_floor_holds() -> None:

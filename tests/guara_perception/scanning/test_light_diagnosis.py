@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from functools import partial
 
+import numpy as np
 import pytest
 
 from guara_perception.scanning.light_diagnosis import FrameSamples
@@ -12,6 +13,7 @@ from guara_perception.simulation import Light, real_light
 from guara_perception.stripes.band import FramePair
 from guara_perception.stripes.extract import extract_stripe
 from testbed.scenes import simulated as simulated_scene
+from tests.guara_perception.scanning import plain_samples
 from tests.thorough import further
 
 # What is said of light does not depend on the uncertainty of the calibration.
@@ -112,3 +114,27 @@ def test_pictures_that_were_not_used_are_reported_by_stripe() -> None:
         assert margins["stripe_level"] > 12.0
         assert [int(index) for index in unused] == sorted(int(index) for index in unused)
         assert all("laser-off picture" in why or "brightness" in why for why in unused.values())
+
+
+@pytest.mark.parametrize("has_off", [True, False])
+@pytest.mark.parametrize("channels", [(), (1,), (3,)])
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_a_sample_is_that_of_plain_array_operations(kind: type, channels: tuple[int, ...], has_off: bool) -> None:
+    """A clipped line in noise, in columns far apart and close together, in pictures with any strides."""
+    random = np.random.default_rng(3)
+    on, off = random.integers(20, 60, (2, 275, 203, *channels)).astype(kind) * (np.iinfo(kind).max // 255)
+    on[100:107, 30:170] = np.iinfo(kind).max
+    off[103, 60:90] = np.iinfo(kind).max
+    pair = FramePair(0, on[::-1, ::2], off[::-1, ::2] if has_off else None)
+    samples = FrameSamples([0], (102, 275))
+    samples.add(pair, extract_stripe(pair.on, pair.off))
+    (sample,) = samples._samples.values()
+    core, rows = plain_samples.look_down(pair.on, pair.off, 1, samples.columns)
+    assert np.isfinite(rows).any() and np.isnan(rows).any() and core > 0
+    assert sample.core == core
+    np.testing.assert_array_equal(sample.rows, rows)
+    scale = 255 / np.iinfo(kind).max
+    level, clipped = plain_samples.levels_of(pair.on)
+    dark, clipped = (level, clipped) if pair.off is None else plain_samples.levels_of(pair.off)
+    assert (sample.level, sample.clipped) == (scale * level, clipped)
+    assert sample.change == pytest.approx(scale * abs(level - dark) / max(scale * dark, 32.0), rel=1e-12)

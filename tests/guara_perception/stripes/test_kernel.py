@@ -27,6 +27,7 @@ from tests.guara_perception.stripes.plain_any_light import find_path
 from tests.guara_perception.stripes.plain_laser_colour import SIGMAS_PX, ridge_of_width
 
 HOSTILE = """
+import dataclasses
 import sys
 from pathlib import Path
 import cv2
@@ -34,9 +35,17 @@ import numpy as np
 from guara_perception.stripes.kernel import library
 library.FOLDER = Path(sys.argv[1])
 import guara_perception as gp
+from guara_perception.calibration.calibration import CameraModel
+from guara_perception.calibration.drift import find_floor_lines
+from guara_perception.ranging.locate import Triangulator
+from guara_perception.ranging.stripe_points import stripe_points
 from guara_perception.scanning.background import grey
 from guara_perception.scanning.flash_proof import second_line
-from guara_perception.stripes.band import pictures_of
+from guara_perception.scanning.light_diagnosis import FrameSamples
+from guara_perception.stripes.band import PROFILE_ARRAYS, pictures_of
+from guara_perception.terrain.assessment.causes import behind_surface
+from guara_perception.terrain.assessment.raster import rasterise
+from guara_perception.terrain.layers.geometry import GridGeometry
 
 cv2.setNumThreads(1)
 random = np.random.default_rng(0)
@@ -55,13 +64,28 @@ for number in range(60):
     reference = random.integers(0, 256, (given.rows // factor, given.columns // factor), np.uint8)
     corners, moved = random.uniform(-2.0, 72.0 / factor, (40, 2)), np.empty((40, 2), np.float32)
     corners[0] = np.nan
-    turn, flow, used = random.normal(size=(40, 2, 2)), np.empty((40, 2)), random.permutation(40)
-    memory = library.addresses(reference, corners, turn, used)
-    library.kernel().follow_corners(given, 0, factor, 255.0 / most, *memory, 40, *library.addresses(moved, flow))
-    rows, by_motion, out = random.normal(size=(40, 2, 6)), random.normal(size=(4, 6)), np.empty(9 + 80)
-    memory = library.addresses(rows, flow, moved, used)
-    places = library.address(by_motion), 4, library.address(out[9:]), library.address(out)
-    library.kernel().fit_motion(*memory, 40, number % 3, 0.1, 4, 1e-9, 1e9, *places)
+    turn, rows, by_motion = (random.normal(size=(*size, 6)) for size in ((40,), (40, 2), (4,)))
+    memory = library.addresses(reference, corners, turn, rows)
+    limits, found, work = (number % 3, 0.1, 4, 1e-9, 1e9), np.empty(9), np.empty(6 * 40)
+    places = library.address(by_motion), 4, *library.addresses(work, found)
+    how = 0, factor, 255.0 / most
+    library.kernel().look_at_corners(given, *how, *memory, 40, number % 31, *random.uniform(0, 70, 2), *limits, *places)
+    flow, used = random.normal(size=(40, 2)), random.permutation(40)
+    memory, places = library.addresses(rows, flow, moved, used), (library.address(by_motion), 4)
+    library.kernel().fit_motion(*memory, 40, *limits, *places, *library.addresses(work, found))
+    pad = max(16 - len(profile.status), 0)
+    padded = {name: np.pad(getattr(profile, name), (0, pad)) for name in PROFILE_ARRAYS}
+    profiles = [dataclasses.replace(profile, **padded) for _ in range(number % 3 + 1)]
+    camera = CameraModel((max(len(profile.status), 16), 70), np.diag((60.0, 60.0, 1.0)), np.zeros(5))
+    planes = random.normal(size=(len(profiles), 4))
+    stripe_points(profiles, Triangulator(camera, np.eye(4)), planes, (-1.0, 1.0), lambda points: points[:, 0] > 0.1)
+    surface, targets = random.normal(0, 0.1, (9, 7)).astype(np.float32), random.normal(size=(30, 3))
+    surface[::4] = targets[0] = np.nan
+    geometry = GridGeometry((-0.2, -0.3), 0.05, (9, 7))
+    behind_surface(surface, targets, random.normal(size=3) + (0, 0, number % 4), geometry)
+    rasterise(np.vstack((targets, targets * 1e9)), np.ones(60), geometry)
+    find_floor_lines({each: random.normal(size=(number, 3)) * random.choice([1, np.nan]) for each in range(number % 3)})
+    FrameSamples([0], pair[0].shape[1::-1]).add(gp.FramePair(0, *pair), profile)
     if number // 2 % 2 == 0:
         second_line(gp.FramePair(0, *pair), profile)
 # Pairs so wide that paths are looked for in fewer columns: noise, white pixels, and lines with a ghost.

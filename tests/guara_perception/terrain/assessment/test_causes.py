@@ -153,6 +153,34 @@ def test_a_line_of_sight_does_not_depend_on_the_others(seed: int, number: int) -
         np.testing.assert_array_equal(together, alone)
 
 
+def plain_behind_surface(elevation: np.ndarray, target: np.ndarray, sensor: np.ndarray, grid: GridGeometry) -> bool:
+    """Slow reference: steps of half a cell from the target to the sensor, or to the height of the highest cell."""
+    share, step = 1.0, grid.resolution / 2 / max(float(np.hypot(*(sensor - target)[:2])), grid.resolution)
+    share -= step / 2
+    while share > 0 and (height := sensor[2] + share * (target[2] - sensor[2])) <= np.nanmax(elevation):
+        x, y = sensor[:2] + share * (target - sensor)[:2]
+        ix, iy = (int(np.floor((v - o) / grid.resolution)) for v, o in zip((x, y), grid.origin, strict=True))
+        inside = 0 <= ix < elevation.shape[1] and 0 <= iy < elevation.shape[0]
+        if inside and elevation[iy, ix] > height + 0.001:
+            return True
+        share -= step
+    return False
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_lines_of_sight_are_those_of_a_plain_walk_along_them(seed: int) -> None:
+    """Of cells among boxes and unknown cells, and beyond the grid; but for lines that graze a cell."""
+    random = np.random.default_rng(seed)
+    elevation = np.where(random.random(GRID.shape) < 0.1, random.uniform(0, 0.2), 0.0)
+    elevation[random.random(GRID.shape) < 0.1] = np.nan
+    targets = np.column_stack((random.uniform(0.45, 0.85, 200), random.uniform(-0.08, 0.08, 200), np.zeros(200)))
+    for sensor in SENSOR_ORIGINS:
+        found = behind_surface(elevation, targets, sensor, GRID)
+        plain = [plain_behind_surface(elevation, target, sensor, GRID) for target in targets]
+        assert 20 < found.sum() < 180
+        assert np.count_nonzero(found != plain) <= 2
+
+
 LASER_ORIGIN = np.array([0.6, 0.0, 0.47])
 STRIPES_AT = np.linspace(0.4955, 0.7955, 31)
 """x of the stripes on flat ground [m]."""

@@ -1,0 +1,75 @@
+// The light of a frame, from few of its pixels.
+#include "kernel.h"
+
+// Of every how many of the rows that are looked at a column's background is made, and least light of the stripe, in grey
+// levels of 255 and in median absolute deviations.
+enum { USUAL_ROWS_APART = 8 };
+// Pixels of these rows and pixels ahead are asked for: they lie far apart in memory.
+enum { AHEAD = 4, AHEAD_PIXELS = 24 };
+#define LEAST_LEVEL 12.0f
+#define LEAST_SIGMAS 8.0f
+
+static int is_clipped(const Picture *p, int64_t row, int64_t column) {
+    for (int64_t k = 0; k < p->channels; k++) if (level(p, row, column, k) >= clipped_from(p)) return 1;
+    return 0;
+}
+
+// Bytes of `memory` of `levels_of` and of `look_down`.
+int64_t levels_size(const Picture *p) { return 8 * (p->size == 1 ? 256 : 65536); }
+int64_t look_down_size(int64_t rows, int64_t n) { return 4 * (rows * n + rows / USUAL_ROWS_APART + 1 + 2 * n); }
+
+// Of every pixels_apart-th pixel of every rows_apart-th row: mean level without the brightest ones, which are this share of the
+// samples, and the share of the pixels that are clipped in any channel.
+void levels_of(const Picture *p, int64_t rows_apart, int64_t pixels_apart, double share, int64_t *memory, double *found) {
+    int64_t pixels = 0, clipped = 0, left = 0, number = 0;
+    double sum = 0;
+    memset(memory, 0, (size_t)levels_size(p));
+    for (int64_t r = 0; r < p->rows; r += rows_apart)
+        for (int64_t c = 0; c < p->columns; c += pixels_apart, pixels++) {
+            const int64_t soon = c + AHEAD_PIXELS * pixels_apart, row = soon < p->columns ? r : MIN(r + rows_apart, p->rows - 1);
+            __builtin_prefetch(p->data + row * p->row_step + soon % p->columns * p->column_step);
+            for (int64_t k = 0; k < p->channels; k++) memory[level(p, r, c, k)]++;
+            clipped += is_clipped(p, r, c);
+        }
+    number = left = MAX((int64_t)rint((1 - share) * (double)(pixels * p->channels)), 1);
+    for (int64_t value = 0; left > 0; value++) {
+        const int64_t own = MIN(memory[value], left);
+        sum += (double)(own * value), left -= own;
+    }
+    found[0] = sum / (double)number, found[1] = (double)clipped / (double)pixels;
+}
+
+// Brightest of every apart-th row (n,) in some columns (n,) after the subtraction of a picture without the laser, counted in
+// these rows; NaN where none stands out. off: or NULL. Returns how many of these rows the laser clips, as the median over the
+// columns that have any.
+double look_down(const Picture *on, const Picture *off, int64_t apart, const int64_t *columns, int64_t n, float *memory,
+    double *brightest) {
+    const int64_t rows = (on->rows + apart - 1) / apart;
+    float *light = memory, *cores = light + rows * n, *some = cores + 2 * n;
+    int64_t count = 0;
+    for (int64_t i = 0; i < n; i++) cores[i] = 0;
+    for (int64_t r = 0; r < rows; r++)
+        for (int64_t i = 0; i < n; i++) {
+            const int64_t row = r * apart, c = columns[i], soon = MIN(row + AHEAD * apart, on->rows - 1);
+            __builtin_prefetch(on->data + soon * on->row_step + c * on->column_step);
+            if (off) __builtin_prefetch(off->data + soon * off->row_step + c * off->column_step);
+            int32_t most = INT32_MIN;
+            for (int64_t k = 0; k < on->channels; k++)
+                most = MAX(most, level(on, row, c, k) - (off ? level(off, row, c, k) : 0));
+            light[i * rows + r] = on->size == 1 ? (float)most : (float)most / 257.0f;
+            cores[i] += (float)(is_clipped(on, row, c) && !(off && is_clipped(off, row, c)));
+        }
+    for (int64_t i = 0; i < n; i++) {
+        const float *own = light + i * rows;
+        int64_t m = 0, top = 0;
+        for (int64_t r = 0; r < rows; r++) {
+            if (own[r] > own[top]) top = r;
+            if (r % USUAL_ROWS_APART == 0) some[m++] = own[r];
+        }
+        const float usual = (float)median(some, m), height = own[top] - usual;
+        for (int64_t k = 0; k < m; k++) some[k] = fabsf(some[k] - usual);
+        brightest[i] = height > MAX(LEAST_LEVEL, LEAST_SIGMAS * (float)median(some, m)) ? (double)top : NAN;
+        if (cores[i] > 0) cores[n + count++] = cores[i];
+    }
+    return count ? median(cores + n, count) : 0;
+}
