@@ -24,6 +24,8 @@ DEEPEST_M = -0.2
 # Largest distance, in addition to half a cell, at which the outermost stripe counts as meeting the last known cell of a
 # row [m]. It allows for the slope of the ground within the cell, and for samples cut off at the end of a stripe.
 END_MARGIN_M = 0.0005
+# Heights above the ground nearby at which a cell may be instead [m]; in a step, the view grows by less than two cells.
+ELSEWHERE_M = np.arange(-20, 11) * 0.01
 
 
 class LookPlan:
@@ -65,11 +67,19 @@ class LookPlan:
         return self._pairs[cells].astype(np.intp)
 
     def in_view(self, cells: Index) -> Mask:
-        """Mask (n,) of the cells whose centres are in the camera's view."""
+        """Mask (n,) of the cells whose centres are in the camera's view if their ground is at z = 0."""
         new = cells[self._in_view[cells] == NOT_ASKED]
         if new.size:
-            self._in_view[new] = self._look(new)
+            self._in_view[new] = self.sees(np.column_stack((*self._centres(new), np.zeros(new.size))))
         return self._in_view[cells] > 0
+
+    def is_lit(self, points: Float, pair_usable: Mask) -> Mask:
+        """Mask (n,) of the points (n, 3) in base_footprint between the outermost usable stripes."""
+        usable = np.flatnonzero(pair_usable)
+        if not usable.size:
+            return np.zeros(len(points), dtype=bool)
+        before, after = self.planes_in_footprint[[usable[0], usable[-1] + 1]]
+        return np.asarray((points @ before[:3] > -before[3]) != (points @ after[:3] > -after[3]))
 
     def unmet(self, elevation: Float, pair_usable: Mask, laser_origin: Float) -> Mask:
         """Mask (ny, nx) of the cells beyond the first or last usable stripe in each row.
@@ -114,9 +124,9 @@ class LookPlan:
         still = np.logical_and.accumulate(side[1:] == side[0], axis=0)
         return np.where(still.all(axis=0), -1, still.sum(axis=0))
 
-    def _look(self, cells: Index) -> Mask:
-        x, y = self._centres(cells)
-        pixels = self._project(np.column_stack((x, y, np.zeros(cells.size))))
+    def sees(self, points: Float) -> Mask:
+        """Mask (n,) of the points (n, 3) in base_footprint that are in the camera's view."""
+        pixels = self._project(points)
         with np.errstate(invalid="ignore"):
             inside = (pixels[:, 0] <= self._size[0] - 1) & (pixels[:, 1] <= self._size[1] - 1)
             return np.asarray((pixels >= 0).all(axis=1) & inside)
@@ -155,9 +165,10 @@ def unknown_causes(
     # Without a pair, the index -1 selects the appended entry, which is False.
     looked_at = np.append(pair_usable, False)[plan.pairs(cells)] & plan.in_view(cells)
     looked_at &= ~plan.unmet(elevation, pair_usable, sensor_origins[-1]).ravel()[cells]
-    flags.ravel()[cells[~looked_at]] = np.uint16(Hazard.UNSCANNED)
-    cells = cells[looked_at]
     targets = _lowest_ground(elevation, cells, plan.geometry)
+    looked_at[looked_at] = _could_be_met(plan, sensor_origins, elevation, pair_usable, targets[looked_at])
+    flags.ravel()[cells[~looked_at]] = np.uint16(Hazard.UNSCANNED)
+    cells, targets = cells[looked_at], targets[looked_at]
     why = np.full(cells.size, Hazard.DROPOUT, dtype=np.uint16)
     for sensor_origin in sensor_origins:
         why[behind_surface(elevation, targets, sensor_origin, plan.geometry)] = Hazard.OCCLUDED
@@ -165,6 +176,31 @@ def unknown_causes(
         why[in_own_shadow(targets)] = Hazard.SELF
     flags.ravel()[cells] = why
     return flags
+
+
+def _could_be_met(
+    plan: LookPlan, sensor_origins: tuple[Float, ...], elevation: Float, pair_usable: Mask, targets: Float
+) -> Mask:
+    """Mask of the targets (n, 3) that are in the camera's view, or would be met by light in it at another height.
+
+    The camera sees less of ground that rises towards it than the plan for flat ground expects. What lies beside its
+    view was not looked at, unless the ground there may have fallen or risen to where a stripe meets it in view. Light
+    and sight reach lower ground only where they pass no measured ground at the height of the target.
+    """
+    met = plan.sees(targets)
+    for offset in ELSEWHERE_M:
+        unmet = np.flatnonzero(~met)
+        moved = targets[unmet] + (0.0, 0.0, offset)
+        reached = plan.sees(moved) & plan.is_lit(moved, pair_usable)
+        unmet, moved = unmet[reached], moved[reached]
+        level, is_hidden = targets[unmet, 2] - 2 * HIDING_MARGIN_M, np.zeros(unmet.size, dtype=bool)
+        for origin in sensor_origins if offset < 0 else ():
+            passed = origin + ((origin[2] - level) / (origin[2] - moved[:, 2]))[:, None] * (moved - origin)
+            iy, ix = plan.geometry.indices(passed[:, 0], passed[:, 1])
+            inside = np.flatnonzero(plan.geometry.contains(iy, ix))
+            is_hidden[inside] |= elevation[iy[inside], ix[inside]] > level[inside] + HIDING_MARGIN_M
+        met[unmet] = ~is_hidden
+    return met
 
 
 def behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geometry: GridGeometry) -> Mask:

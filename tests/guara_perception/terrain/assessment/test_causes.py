@@ -30,6 +30,12 @@ class Plan:
     def in_view(self, cells: np.ndarray) -> np.ndarray:
         return np.full(cells.size, self.seen)
 
+    def sees(self, points: np.ndarray) -> np.ndarray:
+        return np.full(len(points), self.seen)
+
+    def is_lit(self, points: np.ndarray, _usable: np.ndarray) -> np.ndarray:
+        return np.full(len(points), self.pair >= 0)
+
     def unmet(self, elevation: np.ndarray, _usable: np.ndarray, _laser_origin: np.ndarray) -> np.ndarray:
         return np.zeros(elevation.shape, bool)
 
@@ -250,11 +256,8 @@ def test_light_from_the_side_reaches_dark_ground_before_a_box() -> None:
     assert not (plan.unmet(elevation, np.ones(30, bool), LASER_ORIGIN) & lit).any()
 
 
-@pytest.mark.slow
-@given(st.integers(0, 100_000))
-@settings(max_examples=examples(60), deadline=None, derandomize=True)
-def test_only_ground_without_light_counts_as_not_met(seed: int) -> None:
-    """Boxes, pits and dark mats, most of them at the near edge: no cell that any light fell on is called unmet."""
+def random_ground(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes, pits and dark mats, most of them at the near edge: heights (ny, nx), and mask of what is dark."""
     random = np.random.default_rng(seed)
     gx, gy = np.meshgrid(*GRID.centres())
     height, dark = np.full(GRID.shape, random.choice([0.0, 0.05, 0.1])), np.zeros(GRID.shape, bool)
@@ -265,8 +268,52 @@ def test_only_ground_without_light_counts_as_not_met(seed: int) -> None:
             height[there] = random.uniform(-0.08, 0.12)
         else:
             dark |= there
+    return height, dark
+
+
+@pytest.mark.slow
+@given(st.integers(0, 100_000))
+@settings(max_examples=examples(60), deadline=None, derandomize=True)
+def test_only_ground_without_light_counts_as_not_met(seed: int) -> None:
+    """No cell of any ground that any light fell on is called unmet."""
+    height, dark = random_ground(seed)
     elevation, lit, plan = swept(height, dark)
     usable = np.ones(30, bool)
     unmet = plan.unmet(elevation, usable, LASER_ORIGIN)
     assert not (unmet & lit).any()
     assert not (unmet & np.isfinite(elevation)).any()
+
+
+CAMERA = np.array([0.65, 0.0, 0.5])
+
+
+def narrow(points: np.ndarray) -> np.ndarray:
+    """Pixels of a camera that sees |y| < 0.05 of the floor, and 0.04 at a height of 0.1."""
+    return np.asarray(320 + 3200 * (points[:, :2] - CAMERA[:2]) / (CAMERA[2] - points[:, 2:]) * (0.1, 1.0))
+
+
+@pytest.mark.parametrize(("known", "cause"), [(0.04, Hazard.UNSCANNED), (0.02, Hazard.DROPOUT)], ids=["ground", "box"])
+def test_raised_ground_is_seen_over_a_smaller_area(known: float, cause: Hazard) -> None:
+    """On a wide step, the camera misses the border of the floor it saw; beside a narrow box it sees the floor."""
+    planes = np.column_stack((np.ones(31), np.zeros((31, 2)), -STRIPES_AT))
+    plan, (x, y) = LookPlan(GRID, planes, narrow, (641, 641)), GRID.centres()
+    elevation = np.where(np.abs(y)[:, None] < known, 0.1, np.full(GRID.shape, np.nan))
+    found = unknown_causes(plan, (CAMERA, CAMERA), elevation, np.ones(30, bool), np.zeros(GRID.shape, np.uint16))
+    assert (found[np.abs(y) > 0.041][:, x < 0.79] == cause).all()
+
+
+@pytest.mark.slow
+@given(st.integers(0, 100_000))
+@settings(max_examples=examples(60), deadline=None, derandomize=True)
+def test_only_ground_out_of_view_is_unscanned(seed: int) -> None:
+    """No cell of any ground that light fell on in view of a narrow camera is called unscanned."""
+    height, dark = random_ground(seed)
+    elevation, lit, wide = swept(height, dark)
+    plan, cells = LookPlan(GRID, wide.planes_in_footprint, narrow, (641, 641)), np.arange(GRID.size)
+    points = np.stack((*np.meshgrid(*GRID.centres()), height), axis=-1).reshape(-1, 3)
+    in_view = plan.sees(points)
+    looked_at = lit.ravel() & in_view & ~behind_surface(height, points, CAMERA, GRID) & (plan.pairs(cells) >= 0)
+    elevation[~in_view.reshape(GRID.shape)] = np.nan
+    origins, nothing = (CAMERA, LASER_ORIGIN), np.zeros(GRID.shape, np.uint16)
+    found = unknown_causes(plan, origins, elevation, np.ones(30, bool), nothing).ravel()
+    assert not (found[looked_at & plan.in_view(cells)] == Hazard.UNSCANNED).any()
