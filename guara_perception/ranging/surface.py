@@ -34,22 +34,6 @@ SAMPLES_PER_CELL = 3
 OPEN_END_M = 0.0005
 
 
-def pair_relief(points: Array, variance: Array) -> Float:
-    """Variance (w,) of the ground halfway between two stripes about the straight line between them [m^2].
-
-    The ground is assumed to be as rough across the stripes as along them.
-
-    Args:
-        points: (3, 2, w) points of both stripes, NaN where there is none.
-        variance: (2, w) variances of their heights [m^2], whose contribution is subtracted.
-    """
-    points, variance = (np.ascontiguousarray(values, np.float32) for values in (points, variance))
-    n = variance.shape[1]
-    relief, work = np.empty(n), np.empty(3 * (n + 1))
-    kernel().pair_relief(*addresses(points, variance), n, *addresses(work, relief))
-    return relief
-
-
 def surface_of(
     stripes: Mapping[int, StripePoints],
     keys: Sequence[Key],
@@ -72,7 +56,7 @@ def surface_of(
     """
     seen = links_of(stripes, keys, pattern, join_height, y_range, parted)
     variance = np.array([stripes[index].variance for index in seen.indices])
-    found = [confirmed_points(seen, variance), *joined_surface(seen, variance, resolution)]
+    found = confirmed_points(seen, variance), joined_surface(seen, variance, resolution)
     return SurfaceSamples(
         np.concatenate([each.points for each in found], axis=1, dtype=np.float64),
         np.concatenate([each.variance for each in found], dtype=np.float64),
@@ -226,35 +210,31 @@ def confirmed_points(seen: Links, variance: Array) -> SurfaceSamples:
     return SurfaceSamples(seen.points.reshape(3, -1).take(indices, axis=1), variance.take(indices), runs)
 
 
-def joined_surface(seen: Links, variance: Array, resolution: float) -> list[SurfaceSamples]:
+def joined_surface(seen: Links, variance: Array, resolution: float) -> SurfaceSamples:
     """Sample the lines between each stripe and the next in the columns in which the two are linked.
 
     A line is shortened by OPEN_END_M at an end at which the surface ends; the heights of the samples cut off are NaN.
+    Variances are interpolated linearly, not by squared weights, because a line is no more certain than the points at
+    its ends; the relief of the ground between the stripes is added.
 
     Args:
         seen: points and links of s stripes.
         variance: (s, w) variance of the heights [m^2].
         resolution: edge of the cells to be filled [m].
-
-    Returns:
-        Samples of all pairs, one entry for each number of samples per line.
     """
-    joined = []
-    width = variance.shape[1]
-    hidden = np.zeros((len(seen.pairs), width))
-    for k in (k for k, swath in enumerate(seen.pairs) if swath >= 0):
-        hidden[k] = pair_relief(seen.points[:, k : k + 2], variance[k : k + 2])
-    for lines, indices, runs in _lines(seen, resolution):
-        share = shares(lines.number)
-        samples = share * lines.difference[:, None]
-        samples += lines.first[:, None]
-        samples[2].reshape(-1)[lines.cut()] = np.nan
-        # Interpolated linearly, not by squared weights: a line is no more certain than the points at its ends.
-        along = (1 - share) * variance.take(indices).astype(np.float64)
-        along += share * variance.take(indices + width).astype(np.float64)
-        along += 4 * share * (1 - share) * hidden.take(indices)
-        joined.append(SurfaceSamples(samples.reshape(3, -1), along.reshape(-1), runs * lines.number))
-    return joined
+    before, between, after = seen.links
+    lines, points = between & seen.wanted, np.ascontiguousarray(seen.points, np.float32)
+    variance = np.ascontiguousarray(variance, np.float32)
+    # Counted over all linked columns, so that sample counts do not depend on the requested ones.
+    numbers = sample_count(points[:, 1:] - points[:, :-1], between, resolution)
+    runs = [(swath, n * int(m)) for swath, n, m in zip(seen.pairs, numbers, lines.sum(axis=1), strict=True) if m]
+    wanted = np.where(lines.any(axis=1), numbers, 0).astype(np.int64)
+    size, (_, count, width) = sum(length for _, length in runs), points.shape
+    samples, along, work = np.empty((3, size)), np.empty(size), np.empty(15 * (width + 1))
+    opens, closes = ~before, ~after
+    given = *addresses(points, variance), count, width, *addresses(lines, opens, closes, wanted), OPEN_END_M
+    kernel().sample_lines(*given, size, *addresses(work, samples, along))
+    return SurfaceSamples(samples, along, runs)
 
 
 def _lines(seen: Links, resolution: float) -> Iterator[tuple[Lines, Index, list[tuple[int, int]]]]:

@@ -112,10 +112,9 @@ void run_ends(const double *height, const double *strength, int64_t n, double *w
 
 // Variance (n,) of the ground halfway between two stripes about the straight line between them [m^2]. The ground is taken
 // to be as rough across the stripes as along them: there, its heights are compared with the mean of those half the distance
-// of the stripes to either side. points: (3, 2, n) of both, NaN where there is none. variance: (2, n) of the heights
+// of the stripes to either side. x, y, z: (2, n) points of both, NaN where there is none. variance: (2, n) of the heights
 // [m^2], whose share is subtracted. work: 3 (n + 1) numbers of 8 bytes.
-void pair_relief(const float *points, const float *variance, int64_t n, double *work, double *relief) {
-    const float *x = points, *y = x + 2 * n, *z = y + 2 * n;
+void pair_relief(const float *x, const float *y, const float *z, const float *variance, int64_t n, double *work, double *relief) {
     double *square = work, *number = square + n + 1;
     float *some = (float *)(number + n + 1);
     int64_t both = 0, neighbours = 0;
@@ -150,5 +149,46 @@ void pair_relief(const float *points, const float *variance, int64_t n, double *
     for (int64_t c = 0; c < n; c++) {
         const int64_t first = MAX(c - half, 0), end = MIN(c + half + 1, n);
         relief[c] = MAX((square[end] - square[first]) / MAX(number[end] - number[first], 1), 0);
+    }
+}
+
+// Samples of the lines between each of several stripes and the next. points: (3, stripes, n), NaN where there is none. variance:
+// (stripes, n) of the heights. is_line, is_open, is_closed: (stripes - 1, n), columns in which the two are joined, and in which the
+// surface ends at the first or at the second. number: (stripes - 1,) of samples on each line, 0 where none are wanted. open_end:
+// length by which a line is cut there [m]; the heights of samples in it are NaN. work: 15 (n + 1) numbers of 8 bytes. samples:
+// (3, all), deviation: (all,): of a pair the first samples of all lines, then the second ones.
+void sample_lines(const float *points, const float *variance, int64_t stripes, int64_t n, const uint8_t *is_line,
+    const uint8_t *is_open, const uint8_t *is_closed, const int64_t *number, double open_end, int64_t all, double *work,
+    double *samples, double *deviation) {
+    double *relief = work, *hidden = relief + n + 1, *first = hidden + n + 1, *change = first + 3 * n, *before = change + 3 * n;
+    double *after = before + n, *start = after + n, *end = start + n, *rest = end + n;
+    int64_t at = 0;
+    for (int64_t k = 0; k + 1 < stripes; k++) {
+        if (!number[k]) continue;
+        const float *own[3] = {points + k * n, points + (stripes + k) * n, points + (2 * stripes + k) * n};
+        int64_t lines = 0;
+        pair_relief(own[0], own[1], own[2], variance + k * n, n, rest, relief);
+        for (int64_t c = 0; c < n; c++) {
+            if (!is_line[k * n + c]) continue;
+            for (int64_t i = 0; i < 3; i++)
+                first[i * n + lines] = (double)own[i][c], change[i * n + lines] = (double)(own[i][n + c] - own[i][c]);
+            hidden[lines] = relief[c], before[lines] = (double)variance[k * n + c], after[lines] = (double)variance[(k + 1) * n + c];
+            start[lines] = 0, end[lines] = 1;
+            if (is_open[k * n + c] | is_closed[k * n + c]) {
+                const double length = MIN(open_end / MAX(hypot(change[lines], change[n + lines]), 1e-9), 0.5);
+                start[lines] = is_open[k * n + c] ? length : 0, end[lines] = is_closed[k * n + c] ? 1 - length : 1;
+            }
+            lines++;
+        }
+        for (int64_t s = 0; s < number[k]; s++, at += lines) {
+            const double share = ((double)s + 0.5) / (double)number[k], bend = 4 * share * (1 - share);
+            for (int64_t i = 0; i < 2; i++)
+                for (int64_t l = 0; l < lines; l++) samples[i * all + at + l] = share * change[i * n + l] + first[i * n + l];
+            for (int64_t l = 0; l < lines; l++) {
+                const double height = share * change[2 * n + l] + first[2 * n + l];
+                samples[2 * all + at + l] = (share < start[l]) | (share > end[l]) ? (double)NAN : height;
+                deviation[at + l] = (1 - share) * before[l] + share * after[l] + bend * hidden[l];
+            }
+        }
     }
 }

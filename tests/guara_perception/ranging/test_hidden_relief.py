@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guara_perception.ranging.surface import pair_relief
 from tests.guara_perception.ranging import plain_run_ends as plain
+from tests.guara_perception.stripes.kernel_parts import pair_relief
 
 COLUMN_M, APART_M, WIDTH = 0.0009, 0.0162, 640
 NOISE_M = 1e-4

@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
-from guara_perception.ranging.surface import OPEN_END_M, Links, joined_surface, linked_columns, surface_keys, surface_of
+from guara_perception.ranging.surface import (
+    OPEN_END_M,
+    Links,
+    _lines,
+    joined_surface,
+    linked_columns,
+    shares,
+    surface_keys,
+    surface_of,
+)
+from guara_perception.ranging.surface import links_of as surface_links
 from guara_perception.scanning.scan_surface import SurfaceRaster, line_samples
 from guara_perception.terrain.assessment.raster import SurfaceSamples
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
+from tests.guara_perception.ranging.plain_run_ends import pair_relief
 from tests.thorough import examples
 
 COLUMNS = 40
@@ -57,7 +70,7 @@ def joined(
     yes = np.ones((1, COLUMNS), bool)
     points, variance = np.stack((first.points.T, second.points.T), axis=1), np.stack((first.variance, second.variance))
     seen = Links([0, 1], points, ~variance.astype(bool), [-1, -1], (yes, yes, yes & goes_on), yes, [0])
-    (samples,) = joined_surface(seen, variance, resolution)
+    samples = joined_surface(seen, variance, resolution)
     kept = np.isfinite(samples.points[2])
     return samples.points.T[kept], samples.variance[kept]
 
@@ -118,6 +131,36 @@ def test_between_two_stripes_nothing_is_surer_than_they_are() -> None:
     is_centre = np.abs(points[:, 0] - 0.004) < 1e-4
     assert np.median(variance[is_centre]) == pytest.approx(4 * np.mean(rough**2), rel=0.05)
     assert variance.min() >= 1e-8
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_samples_between_stripes_are_those_of_plain_array_operations(seed: int) -> None:
+    """Of rough stripes with gaps and walls, unevenly far apart, with pairs that nobody asks for."""
+    random = np.random.default_rng(seed)
+    stripes = {}
+    for k in range(6):
+        heights = random.choice([0.0, 0.0, 0.0, 0.02, np.nan], COLUMNS // 5 + 1).repeat(5)[:COLUMNS]
+        stripes[k] = stripe(0.008 * k + 0.002 * (k == 3), heights + random.normal(0, 2e-4, COLUMNS))
+    keys = [key for key in surface_keys(stripes, range(8)) if key != (1, 2)]
+    seen = surface_links(stripes, keys, range(8), JOIN, (-math.inf, 0.03))
+    variance = np.array([stripes[index].variance for index in seen.indices])
+    samples = joined_surface(seen, variance, 0.002)
+    expected = []
+    for lines, begins, _ in _lines(seen, 0.002):
+        first, column = np.divmod(begins, COLUMNS)
+        reliefs = np.array([pair_relief(seen.points[:, k : k + 2], variance[k : k + 2]) for k in range(5)])
+        relief = reliefs[first, column]
+        for share in shares(lines.number)[:, 0]:
+            x, y, z = lines.first + share * lines.difference
+            length = np.minimum(OPEN_END_M / np.maximum(np.hypot(*lines.difference[:2]), 1e-9), 0.5)
+            z[(share < np.where(lines.opens, length, 0)) | (share > 1 - np.where(lines.closes, length, 0))] = np.nan
+            own, other = variance[first, column], variance[first + 1, column]
+            expected.append((x, y, z, (1 - share) * own + share * other + 4 * share * (1 - share) * relief))
+    found, plain = np.vstack((samples.points, samples.variance)), np.concatenate(expected, axis=1)
+    assert found.shape == plain.shape and 0 < np.isnan(found[2]).sum() < found.shape[1] / 2
+    in_order = (values[:, np.lexsort(np.nan_to_num(values[[2, 1, 0]]))] for values in (found, plain))
+    np.testing.assert_allclose(next(in_order), next(in_order), rtol=1e-6, atol=1e-12)
+    assert {swath for swath, _ in samples.runs} <= {keys.index((k, k + 1)) for k in (0, 2, 3, 4)}
 
 
 def surfaces(stripes: dict[int, StripePoints]) -> dict[tuple[int, int], set[tuple[float, ...]]]:

@@ -16,6 +16,7 @@ PARTS: dict[str, tuple[list[Any], Any]] = {
     "centres": ([P, N, P, P], None),
     "clipped_columns": ([PICTURE, P, D, N, N, P, P], None),
     "follow_candidates": ([P, P, N, N, P, P, P], None),
+    "pair_relief": ([P, P, P, P, N, P, P], None),
     "responses": ([P, N, N, N, P, P, N, P], None),
     "smooth_line": ([P, P, N, P, P], None),
     "stripe_sigma": ([P, N, N, N, P, P, P, N, D, P], D),
@@ -82,3 +83,13 @@ def strongest_ridge(light: np.ndarray, row: int, column: int, noises: np.ndarray
     function = kernel().ridge_at
     function.argtypes, function.restype = [P, N, N, N, N, P, P, P], F
     return float(function(address(light), *light.shape, row, column, *addresses(of_all, taps), ctypes.byref(sigma)))
+
+
+def pair_relief(points: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Variance (w,) of the ground halfway between two stripes, of points (3, 2, w) and variances (2, w) [m^2]."""
+    x, y, z = (np.ascontiguousarray(axis, np.float32) for axis in points)
+    variance = np.ascontiguousarray(variance, np.float32)
+    n = variance.shape[1]
+    relief, work = np.empty(n), np.empty(3 * (n + 1))
+    part("pair_relief")(*addresses(x, y, z, variance), n, *addresses(work, relief))
+    return relief

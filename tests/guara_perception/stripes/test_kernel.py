@@ -39,6 +39,7 @@ from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.drift import find_floor_lines
 from guara_perception.ranging.locate import Triangulator
 from guara_perception.ranging.stripe_points import stripe_points
+from guara_perception.ranging.surface import surface_keys, surface_of
 from guara_perception.scanning.background import grey
 from guara_perception.scanning.flash_proof import second_line
 from guara_perception.scanning.light_diagnosis import FrameSamples
@@ -79,6 +80,8 @@ for number in range(60):
     camera = CameraModel((max(len(profile.status), 16), 70), np.diag((60.0, 60.0, 1.0)), np.zeros(5))
     planes = random.normal(size=(len(profiles), 4))
     stripe_points(profiles, Triangulator(camera, np.eye(4)), planes, (-1.0, 1.0), lambda points: points[:, 0] > 0.1)
+    stripes = stripe_points(profiles, Triangulator(camera, np.eye(4)), planes, (-9.0, 9.0))
+    surface_of(dict(enumerate(stripes)), surface_keys(range(len(stripes)), range(3)), range(3), 9.0, 0.1)
     surface, targets = random.normal(0, 0.1, (9, 7)).astype(np.float32), random.normal(size=(30, 3))
     surface[::4] = targets[0] = np.nan
     geometry = GridGeometry((-0.2, -0.3), 0.05, (9, 7))
