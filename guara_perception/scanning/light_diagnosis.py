@@ -183,7 +183,7 @@ def _sample(pair: FramePair, profile: StripeProfile, columns: Index) -> FrameSam
     level, clipped = _levels(on)
     dark, clipped = (level, clipped) if off is None else _levels(off)
     found = profile.status != StripeStatus.DROPOUT
-    seen = np.count_nonzero(found) / found.size
+    seen, peaks = np.count_nonzero(found) / found.size, profile.peak[found]
     apart, brightest = max(round(GLANCED_ROWS_OF_HEIGHT * on.rows), 1), np.empty(columns.size)
     work = memory(kernel().look_down_size(on.rows, columns.size))
     core = kernel().look_down(on, off, apart, address(columns), columns.size, *addresses(work, brightest))
@@ -193,7 +193,7 @@ def _sample(pair: FramePair, profile: StripeProfile, columns: Index) -> FrameSam
         change=_share(scale * level, scale * dark),
         core=apart * core,
         seen=seen,
-        peak=scale * float(np.median(profile.peak[found])) if seen else 0.0,
+        peak=scale * float(np.float32(kernel().median(address(peaks), peaks.size))) if seen else 0.0,
         contrast=0.0 if off is not None else scale * _contrast(pair.on[::ROWS_APART, ::PIXELS_APART]),
         rows=apart * brightest,
     )

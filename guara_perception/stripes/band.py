@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -241,6 +242,7 @@ def bad_frame(n: int, reason: str) -> StripeProfile:
     return StripeProfile(nothing(n), nothing(n), status, nothing(n), nothing(n), reason)
 
 
+@functools.lru_cache(maxsize=4)
 def nothing(n: int) -> Float32:
     """Read-only array of n NaNs that takes the memory of one, because a scan keeps the profiles of all its stripes."""
     one = np.full((), np.nan, dtype=np.float32)

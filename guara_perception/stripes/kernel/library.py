@@ -55,6 +55,7 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "look_at_corners": ([PICTURE, N, N, D] + [P] * 4 + [N, N, D, D, N, D, N, D, D, P, N, P, P], N),
     "look_down": ([PICTURE, PICTURE, N, P, N, P, P], D),
     "look_down_size": ([N, N], N),
+    "median": ([P, N], D),
     "nearest_planes": ([P, N, P, N, P, P], None),
     "parts_of_stripes": ([P, N, P, N, N, N, P, P], None),
     "run_ends": ([P, P, N, P, P], None),

@@ -64,17 +64,6 @@ static void small_square(const Picture *p, int64_t channel, int64_t factor, doub
     }
 }
 
-// The square's pixels are asked for while another one is compared.
-enum { LINE_BYTES = 64 };
-static void ask_for_square(const Picture *p, int64_t factor, int64_t x, int64_t y) {
-    const int64_t bytes = SIDE * factor * p->column_step;
-    for (int64_t r = (y - REACH) * factor; r < (y + REACH + 1) * factor; r++) {
-        const char *from = p->data + r * p->row_step + (x - REACH) * factor * p->column_step;
-        for (int64_t k = 0; k < bytes; k += LINE_BYTES) __builtin_prefetch(from + k);
-        __builtin_prefetch(from + bytes - 1);
-    }
-}
-
 static float sum_of(const float *lanes) {
     float sum = 0;
     for (int k = 0; k < WINDOW; k++) sum += lanes[k];
@@ -120,12 +109,6 @@ static int follow_corner(const uint8_t *own, int64_t columns, const float *squar
     return 0;
 }
 
-// Test that the square about a corner lies within the small picture; its nearest pixel.
-static int is_inside(const double *corner, int64_t rows, int64_t columns, int64_t *x, int64_t *y) {
-    *x = llrint(corner[0]), *y = llrint(corner[1]);
-    return *x >= REACH && *y >= REACH && *x < columns - REACH && *y < rows - REACH;
-}
-
 // How far some corners of a small reference (rows, columns) have moved (n, 2) in a picture, if that is little, and the change
 // (n, 2) of their rays; NaN where a corner is lost. Only what surrounds the corners is read. used: (n,) numbers of corners.
 // turn: (corners, 2, 2) change of the rays by each pixel.
@@ -133,17 +116,13 @@ void follow_corners(const Picture *p, int64_t channel, int64_t factor, double ga
     const double *corners, const double *turn, const int64_t *used, int64_t n, float *moved, double *flow) {
     const int64_t rows = p->rows / factor, columns = p->columns / factor;
     float square[SQUARE] = {0};
-    int64_t x = 0, y = 0;
-    int is_next = n > 0 && is_inside(corners + 2 * used[0], rows, columns, &x, &y);
     for (int64_t i = 0; i < n; i++) {
-        const double *by = turn + 4 * used[i];
-        const int64_t own_x = x, own_y = y;
-        int found = is_next;
-        is_next = i + 1 < n && is_inside(corners + 2 * used[i + 1], rows, columns, &x, &y);
+        const double *corner = corners + 2 * used[i], *by = turn + 4 * used[i];
+        const int64_t x = llrint(corner[0]), y = llrint(corner[1]);
+        int found = x >= REACH && y >= REACH && x < columns - REACH && y < rows - REACH;
         if (found) {
-            small_square(p, channel, factor, gain, own_x, own_y, square);
-            if (is_next) ask_for_square(p, factor, x, y);
-            found = follow_corner(reference + own_y * columns + own_x, columns, square, moved + 2 * i);
+            small_square(p, channel, factor, gain, x, y, square);
+            found = follow_corner(reference + y * columns + x, columns, square, moved + 2 * i);
         }
         if (!found) moved[2 * i] = moved[2 * i + 1] = NAN;
         const double along = (double)moved[2 * i], down = (double)moved[2 * i + 1];
