@@ -174,7 +174,8 @@ def test_a_cell_that_drifted_far_keeps_further_from_a_hazard(limits: Traversabil
             int(edge_cells(flags, kernel, RESOLUTION, limits, np.full((*flags.shape, 2), cells)).sum())
             for cells in range(LARGEST_DRIFT_CELLS + 1)
         ]
-        assert sizes[0] == sizes[1] == sizes[2] == sizes[3] == sizes[4] < sizes[5] < sizes[6]
+        assert sizes[0] == sizes[1] == sizes[2] == sizes[3] == sizes[4]
+        assert (np.diff(sizes[4:]) > 0).all()
 
 
 @pytest.mark.slow
