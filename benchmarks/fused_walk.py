@@ -16,8 +16,8 @@ from testbed.true_ground import TrueGround
 
 # The first step that is judged: at earlier ones the map holds little but the ground that the gait declared.
 FIRST_JUDGED_STEP = 4
-# From the near edge of the scanned area to the hind feet, and a place there on either side.
-PAUSES_BETWEEN = 21
+# From the near edge of the scanned area to the hind feet, to the fore feet, and a place there on either side.
+PAUSES_BETWEEN, PAUSES_TO_FORE = 21, 6
 SEEN_AT = np.array([[0.5, -0.18, 0.0, 1.0], [0.5, 0.18, 0.0, 1.0]])
 
 
@@ -37,13 +37,14 @@ def fused_pauses(
         yield pause, terrain_map.update(pause.scan, pose, known_ground=pause.known_ground, picture=picture)
 
 
-def drift_aside(pauses: Sequence[WalkedPause], poses: Sequence[Float]) -> Float:
-    """Drift (n, 2) of a map's poses along x and y while ground seen at the near edge comes to the hind feet [mm]."""
+def drift_aside(pauses: Sequence[WalkedPause], poses: Sequence[Float], between: int = PAUSES_BETWEEN) -> Float:
+    """Drift (n, 3) of a map while ground seen at the near edge comes to the hind feet: x, y [mm] and yaw [mrad]."""
     aside = []
-    for before, now in zip(range(len(pauses) - PAUSES_BETWEEN), range(PAUSES_BETWEEN, len(pauses)), strict=True):
+    for before, now in zip(range(len(pauses) - between), range(between, len(pauses)), strict=True):
         found = np.linalg.inv(poses[now]) @ poses[before]
         truly = np.linalg.inv(pauses[now].to_world) @ pauses[before].to_world
-        aside += [((found - truly) @ point)[:2] for point in SEEN_AT]
+        turned = found @ np.linalg.inv(truly)
+        aside += [[*((found - truly) @ point)[:2], np.arctan2(turned[1, 0], turned[0, 0])] for point in SEEN_AT]
     return 1e3 * np.array(aside)
 
 

@@ -37,7 +37,7 @@ def figures(robot: RobotModel, pauses: list[MovingPause], *, registered: bool) -
         unsafe += wrongly_free(fused, pause)
         if pause.scan.step % BOUNDS_EVERY == 0:
             exceeded += broken_bounds(fused.ceiling, fused, pause)
-    x, y = np.sqrt(np.mean(drift_aside(pauses, poses) ** 2, axis=0))
+    x, y, _ = np.sqrt(np.mean(drift_aside(pauses, poses) ** 2, axis=0))
     claimed = 1e3 * float(np.sqrt(np.mean(np.square(sigmas))))
     counts = {"unsafe": unsafe, "exceeded": exceeded, "refused": refused, "conflicts": conflicts}
     return {"x": float(x), "y": float(y), "claimed": claimed, **counts}

@@ -137,7 +137,7 @@ def walk_figures(robot: RobotModel, pauses: list[WalkedPause], *, registered: bo
             errors.append(error[known])
             sigmas.append(np.sqrt(fused.variance[iy, ix].astype(np.float64)))
         follow_hidden(hidden, pause.scan, fused, poses[-1])
-    sideways = drift_aside(pauses, poses)
+    sideways = drift_aside(pauses, poses)[:, :2]
     heights, claimed = 1e3 * np.concatenate(errors), 1e3 * np.concatenate(sigmas)
     seen = [shares for _, shares in hidden if len(shares) > max(HIDDEN_AFTER)]
     x_rms, y_rms = np.sqrt(np.mean(sideways**2, axis=0)).tolist()

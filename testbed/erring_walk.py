@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -12,6 +12,7 @@ import guara_perception as gp
 from guara_perception.arrays import Float, Float32
 from guara_perception.calibration.calibration import StripePlane
 from guara_perception.calibration.height_sigma import HeightUncertainty
+from guara_perception.ground_picture import grey_picture
 from guara_perception.settings import Settings
 from guara_perception.simulation import SimulatedRangefinder, World, specimen
 from guara_perception.simulation.features import Box, Ramp
@@ -184,11 +185,18 @@ def true_heights(robot: RobotModel, world: World, means: Float32, pause: WalkPau
 
 
 def pictured(
-    robot: RobotModel, seed: int, cycles: float, texture: float | None, slide: float | None, *, physics: bool = False
+    robot: RobotModel,
+    seed: int,
+    cycles: float,
+    texture: float | None,
+    slide: float | None,
+    *,
+    physics: bool = False,
+    floors: Sequence[float] = (),
 ) -> Iterator[WalkedPause]:
     """A walk through simulated frames; texture and slide are drawn where they are None.
 
-    In MuJoCo contacts decide what slides.
+    In MuJoCo contacts decide what slides. `floors` are textures of which there are further laser-off pictures.
     """
     rng = np.random.default_rng(1000 + seed)
     texture = float(np.exp(rng.uniform(*np.log(TEXTURES)))) if texture is None else texture
@@ -200,9 +208,13 @@ def pictured(
     true = specimen(robot, (640, 512), seed)
     calibration = drawn(true, rng)
     bias = dict(zip(robot.tree.joint_names, robot.noise.encoder_sigma * rng.standard_normal(99), strict=False))
-    rangefinder = SimulatedRangefinder(world, true, robot, seed, light=Light(texture=texture))
+    rangefinder, *others = (
+        SimulatedRangefinder(world, true, robot, seed, light=Light(texture=each)) for each in (texture, *floors)
+    )
+    before: Mapping[str, Float] = {}
     for pause in _walk(robot, world, seed, cycles, noise, physics=physics):
-        rangefinder.set_pose(pause.transform_base_to_world, pause.joint_positions)
+        for each in (rangefinder, *others):
+            each.set_pose(pause.transform_base_to_world, pause.joint_positions)
         joints = {name: angle + bias[name] for name, angle in pause.joint_positions.items()}
         stance = Stance(joints, robot.legs, pause.stance.gravity_in_base)
         stance = fresh_reading(stance, rng, robot.noise.encoder_noise)
@@ -212,7 +224,23 @@ def pictured(
             processor.add(index, rangefinder.frame(mirror_angle=true.stripe(index).mirror_angle), off)
         scan = processor.finish("wide")
         to_world = footprint_to_world(pause.transform_base_to_world, scan)
-        yield WalkedPause(stance, scan, to_world, known_ground=pause.known_ground, picture=processor.ground_picture)
+        picture = processor.ground_picture
+        swung = pause.last_footstep.leg if pause.last_footstep else None
+        yield WalkedPause(
+            stance,
+            scan,
+            to_world,
+            known_ground=pause.known_ground,
+            picture=picture,
+            floors=tuple(
+                picture if isinstance(picture, str) else replace(picture, grey=grey_picture(each.frame(laser=0.0)))
+                for each in others
+            ),
+            slips=tuple(
+                float(np.hypot(*(pause.soles_in_world[leg] - sole)[:2])) for leg, sole in before.items() if leg != swung
+            ),
+        )
+        before = pause.soles_in_world
 
 
 def _walk(

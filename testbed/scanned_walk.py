@@ -47,6 +47,8 @@ class WalkedPause:
         known_ground: what the gait declared.
         feet: (n, 3) points in base_footprint under the hind feet's next footholds, at the true height of the ground.
         picture: laser-off picture of the scan, the reason why there is none, or None for a walk without pictures.
+        floors: the same of floors with other textures.
+        slips: by how much each standing foot truly slid since the last pause [m].
     """
 
     stance: Stance
@@ -56,6 +58,8 @@ class WalkedPause:
     known_ground: tuple[gp.KnownGround, ...] = ()
     feet: Float = field(default_factory=lambda: np.empty((0, 3)))
     picture: GroundPicture | str | None = None
+    floors: tuple[GroundPicture | str, ...] = ()
+    slips: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
