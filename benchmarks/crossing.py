@@ -1,4 +1,4 @@
-"""Crossings of a Go2 in MuJoCo: by what it sees, how many it crosses, and how near to an edge it trod.
+"""Crossings of a Go2 or a Guará in MuJoCo: by what it sees, how many it crosses, and how near to an edge it trod.
 
 Courses are fixed by kind and seed. A kind that the blind robot crosses in more than 30 % is told but needs no sight.
 With --json the last line is the list of all walks. Needs the extras `sim` and `robots-test`.
@@ -13,7 +13,7 @@ import cv2
 
 from benchmarks.command import Table, options
 from testbed.crossing.courses import KINDS
-from testbed.crossing.walk import ARMS, Crossing, cross
+from testbed.crossing.walk import ARMS, ROBOTS, Crossing, cross
 
 # Above this share of walks that the blind robot crosses, a kind of ground needs no sight.
 NEEDS_NO_SIGHT = 0.30
@@ -27,6 +27,7 @@ def main() -> None:
         first=(0, "first seed"),
         kinds=([*KINDS], "kinds of ground"),
         arms=([*ARMS], "what is known of the ground"),
+        robot=("go2", "robot that walks", {"choices": ROBOTS}),
         stiff=(False, "the worse robot, moved by position servos"),
         json=(False, "all walks as JSON in the last line"),
     )
@@ -35,7 +36,7 @@ def main() -> None:
     for seed in range(asked.first, asked.first + asked.courses):
         for kind in asked.kinds:
             for arm in asked.arms:
-                done.append(cross(kind, seed, arm, is_stiff=asked.stiff))
+                done.append(cross(kind, seed, arm, robot=asked.robot, is_stiff=asked.stiff))
                 print(_line(done[-1]), flush=True)
     table(done)
     if asked.json:

@@ -1,4 +1,4 @@
-"""Courses for a Go2: ground of a kind, drawn from a seed, that begins before its front feet and ends at a goal."""
+"""Courses: ground of a kind, drawn from a seed, that begins before the front feet and ends at a goal."""
 
 from __future__ import annotations
 
@@ -50,7 +50,26 @@ class Course:
     goal: float
 
 
-def course(kind: str, seed: int) -> Course:
+@dataclass(frozen=True)
+class Sizes:
+    """What a course asks of a robot; as it stands, of a Go2.
+
+    Attributes:
+        spread: factor of all lengths and widths but those of gaps, for larger soles.
+        gaps: of trenches, and from the first to the second between stones [m].
+        rises, tops: lowest and highest step of stairs, and block of rubble [m].
+    """
+
+    spread: float = 1.0
+    gaps: tuple[float, ...] = (0.04, 0.06, 0.08, 0.10)
+    rises: tuple[float, float] = (0.04, 0.06)
+    tops: tuple[float, float] = (0.02, 0.06)
+
+
+GO2_SIZES = Sizes()
+
+
+def course(kind: str, seed: int, sizes: Sizes = GO2_SIZES) -> Course:
     """A course of one of the `KINDS`.
 
     Raises:
@@ -59,7 +78,7 @@ def course(kind: str, seed: int) -> Course:
     if kind not in KINDS:
         raise InvalidInput(f"no course is called {kind!r}; allowed: {', '.join(KINDS)}")
     rng = np.random.default_rng([seed, *kind.encode()])
-    features = tuple(KINDS[kind](seed, rng))
+    features = tuple(KINDS[kind](seed, rng, sizes))
     goal = max([each.bounds[0] for each in features if each.bounds[1] > WORLD_X[1] - RIM_M], default=START_M + FIELD_M)
     x, y = ((low - RIM_M, high + RIM_M) for low, high in (WORLD_X, WORLD_Y))
     return Course(kind, seed, World(x, y, features, seed=seed), goal)
@@ -78,57 +97,59 @@ def _pool() -> Iterator[Feature]:
     yield _slab(WORLD_X[0], START_M)
 
 
-def _trenches(seed: int, rng: np.random.Generator) -> Iterator[Feature]:
-    """Gaps of 40, 60, 80 or 100 mm across the way, from one to the next 0.3 to 0.5 m."""
+def _trenches(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Feature]:
+    """Gaps across the way, for a Go2 of 40, 60, 80 or 100 mm, from one to the next 0.3 to 0.5 m."""
     yield from _pool()
-    gap, x = (0.04, 0.06, 0.08, 0.10)[seed % 4], START_M
-    while x < START_M + FIELD_M - 0.3:
-        end = x + rng.uniform(0.3, 0.5)
+    gap, x = sizes.gaps[seed % len(sizes.gaps)], START_M
+    while x < START_M + FIELD_M - 0.3 * sizes.spread:
+        end = x + sizes.spread * rng.uniform(0.3, 0.5)
         yield _slab(x + gap, end)
         x = end
     yield _slab(x + gap, WORLD_X[1])
 
 
-def _stones(seed: int, rng: np.random.Generator) -> Iterator[Feature]:
+def _stones(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Feature]:
     """Rows of stones 160 to 240 mm long and wide, 40 to 60 mm apart, tops within 10 mm."""
     yield from _pool()
-    end, count, y = START_M + 1.0, 4, -0.72 + rng.uniform(0.0, 0.1)
+    low, high, (least_gap, most_gap) = 0.16 * sizes.spread, 0.24 * sizes.spread, sizes.gaps[:2]
+    end, count, y = START_M + 1.0, round(4 / sizes.spread), -0.72 + rng.uniform(0.0, 0.1)
     yield _slab(end, WORLD_X[1])
-    while y + 0.24 < WORLD_Y[1]:
-        width = rng.uniform(0.16, 0.24)
+    while y + high < WORLD_Y[1]:
+        width = rng.uniform(low, high)
         x = START_M
         for left in range(count, 0, -1):
             # What is left of the field must be left for stones of allowed lengths.
-            gap = rng.uniform(0.04, 0.06)
-            least, most = (end - x - gap - (left - 1) * each - left * 0.05 for each in (0.24, 0.16))
-            length = np.clip(rng.uniform(0.16, 0.24), max(0.16, least), min(0.24, most))
+            gap = rng.uniform(least_gap, most_gap)
+            least, most = (end - x - gap - (left - 1) * each - left * 0.05 for each in (high, low))
+            length = np.clip(rng.uniform(low, high), max(low, least), min(high, most))
             top = rng.uniform(-0.005, 0.005)
             yield Block(x=x + gap + length / 2, y=y + width / 2, size=(length, width), top=top, material="concrete")
             x += gap + length
-        y += width + rng.uniform(0.04, 0.06)
+        y += width + rng.uniform(least_gap, most_gap)
 
 
-def _stairs(seed: int, rng: np.random.Generator) -> Iterator[Feature]:
+def _stairs(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Feature]:
     """Two steps up and two down, 40 to 60 mm high and 230 to 270 mm deep."""
-    rise, x = rng.uniform(0.04, 0.06), START_M
+    rise, x = rng.uniform(*sizes.rises), START_M
     for level in (1, 2, 1):
-        end = x + rng.uniform(0.23, 0.27) + (0.1 if level == 2 else 0.0)
+        end = x + sizes.spread * (rng.uniform(0.23, 0.27) + (0.1 if level == 2 else 0.0))
         yield _slab(x, end, level * rise)
         x = end
 
 
-def _rubble(seed: int, rng: np.random.Generator) -> Iterator[Feature]:
+def _rubble(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Feature]:
     """Blocks 80 to 200 mm long and wide and 20 to 60 mm high, turned at random, on most of a level floor."""
-    for x in np.arange(START_M + 0.08, START_M + FIELD_M - 0.05, 0.17):
-        for y in np.arange(-0.51, 0.52, 0.17):
+    spread = sizes.spread
+    for x in np.arange(START_M + 0.08 * spread, START_M + FIELD_M - 0.05, 0.17 * spread):
+        for y in np.arange(-0.51, 0.52, 0.17 * spread):
             if rng.random() < 0.6:
-                dx, dy = rng.uniform(-0.04, 0.04, 2)
-                size = tuple(rng.uniform(0.08, 0.20, 2).tolist())
-                yaw, top = rng.uniform(0, np.pi), rng.uniform(0.02, 0.06)
+                dx, dy = spread * rng.uniform(-0.04, 0.04, 2)
+                size = tuple((spread * rng.uniform(0.08, 0.20, 2)).tolist())
+                yaw, top = rng.uniform(0, np.pi), rng.uniform(*sizes.tops)
                 yield Block(x=x + dx, y=y + dy, size=size, yaw=yaw, top=top)
 
 
-def _mixed(seed: int, rng: np.random.Generator) -> Iterator[Feature]:
+def _mixed(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Feature]:
     """Boxes 30 to 60 mm high, pits 90 mm deep and dark mats on level ground, a thing in each lane every 0.25 m."""
     xs = START_M + 0.10 + 0.25 * np.arange(4)
     for before, x in pairwise([START_M, *xs]):
@@ -144,11 +165,11 @@ def _mixed(seed: int, rng: np.random.Generator) -> Iterator[Feature]:
                 yield Feature(**place, size=size, material="dark")
 
 
-KINDS: dict[str, Callable[[int, np.random.Generator], Iterator[Feature]]] = {
+KINDS: dict[str, Callable[[int, np.random.Generator, Sizes], Iterator[Feature]]] = {
     "trenches": _trenches,
     "stones": _stones,
     "stairs": _stairs,
     "rubble": _rubble,
     "mixed": _mixed,
-    "flat": lambda seed, rng: iter(()),
+    "flat": lambda seed, rng, sizes: iter(()),
 }

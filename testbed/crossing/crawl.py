@@ -28,9 +28,8 @@ COST = np.array([0.032, 0.032, 0.010])
 FRICTION_USED, LEAST_LOAD_N = 0.5, 5.0
 # Edges of the friction cone of a foot.
 EDGES = np.array([[1.0, -1, 0, 0], [0, 0, 1, -1], [1, 1, 1, 1]]) * np.array([[FRICTION_USED], [FRICTION_USED], [1.0]])
-SWING_PULL, SWING_BRAKE = 1200.0, 60.0
 FROZEN_PULL, FROZEN_BRAKE = 200.0, 8.0
-CLEARANCE_M, NEAR_M, DEEPER_M = 0.05, 0.015, 0.04
+NEAR_M, DEEPER_M = 0.015, 0.04
 SWING_M_S, LOWER_M_S, BODY_M_S = 0.30, 0.10, 0.12
 SHIFT_S, UNLOAD_S, LOAD_S, SETTLE_S, FROZEN_S = 0.7, 0.15, 0.25, 0.20, 0.20
 TOUCH_N, BUMP_N = 6.0, 15.0
@@ -115,7 +114,7 @@ class Crawl:
         self._shift(com, rotation)
         self._ramp(leg, 1.0, 0.0, UNLOAD_S)
         start, target = self.robot.feet[leg], way[-1]
-        height = max(top, start[2], target[2]) + CLEARANCE_M
+        height = max(top, start[2], target[2]) + self.robot.clearance
         try:
             self._lower(leg, self._carry(leg, way[1:], height), target)
         except NoGround:
@@ -137,20 +136,15 @@ class Crawl:
         wrench = np.concatenate((robot.mass * (force + (0, 0, GRAVITY)), moment))
         torques = self._torques(wrench, [i for i in range(4) if swing is None or i != swing[0]])
         if swing is not None:
-            leg, place, velocity, acceleration = swing
-            jacobian, dofs = robot.jacobian(leg), robot.dofs[3 * leg : 3 * leg + 3]
-            slow = velocity - jacobian @ robot.data.qvel
-            wanted = acceleration + SWING_PULL * (place - robot.feet[leg]) + SWING_BRAKE * slow
-            inertia = robot.mass_matrix()[np.ix_(dofs, dofs)]
-            torques[3 * leg : 3 * leg + 3] += inertia @ np.linalg.solve(jacobian[:, dofs], wanted)
+            torques += robot.moving(*swing)
         robot.advance(torques, HELD_STEPS)
         if actual[2, 2] < FALLEN_UP or robot.base[2] - robot.feet[:, 2].mean() < FALLEN_M:
             raise Fell("the body tipped over or lies on the ground")
 
     def _torques(self, wrench: Float, standing: Iterable[int]) -> Float:
-        """Torques (12,) by which standing feet give the body a wrench."""
+        """Torques by which standing feet give the body a wrench."""
         robot, legs = self.robot, list(standing)
-        torques = np.array(robot.data.qfrc_bias[robot.dofs])
+        torques = robot.data.qfrc_bias[robot.dofs] + robot.levelling(legs)
         for leg, force in zip(legs, shared(robot.feet[legs] - robot.com, wrench, self._shares[legs]), strict=True):
             torques -= robot.jacobian(leg)[:, robot.dofs].T @ force
         return torques
@@ -186,7 +180,7 @@ class Crawl:
                 bumped = self._move(leg, above, over, stops=True)
                 if bumped is None:
                     break
-                above, over = bumped + (0, 0, CLEARANCE_M), over + (0, 0, CLEARANCE_M)
+                above, over = bumped + (0, 0, self.robot.clearance), over + (0, 0, self.robot.clearance)
                 self._move(leg, bumped, above)
             above = over
         return above

@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from guara_perception.arrays import Float, Mask
 from guara_perception.simulation.footing import CELL_M, Footing, around, widened
+from kinematics import RobotModel
 from testbed.crossing import ground
 from testbed.crossing.courses import Course
 from testbed.crossing.ground import SOLE_M
@@ -52,13 +53,13 @@ class AllKnowing:
 
     standing_s = 0.0
 
-    def __init__(self, course: Course) -> None:
+    def __init__(self, course: Course, product: RobotModel) -> None:
         """Take the ground."""
         self._world = course.world
 
     def look(self, robot: Robot) -> Sight:
         """See `Eye`."""
-        return Sight(ground.of_heights(robot.base, self._world.height), robot.feet)
+        return Sight(ground.of_heights(robot.base, self._world.height, sole=robot.sole), robot.feet)
 
 
 class Blind:
@@ -66,7 +67,7 @@ class Blind:
 
     standing_s = 0.0
 
-    def __init__(self, course: Course) -> None:
+    def __init__(self, course: Course, product: RobotModel) -> None:
         """Take no notice of the ground."""
 
     def look(self, robot: Robot) -> Sight:
@@ -79,7 +80,7 @@ class DepthCamera:
 
     standing_s = 0.0
 
-    def __init__(self, course: Course) -> None:
+    def __init__(self, course: Course, product: RobotModel) -> None:
         """Blur the true ground as the camera does; the ground before the field is known."""
         self._random = np.random.default_rng([course.seed, 23])
         world, ratio = course.world, round(DEPTH_CELL_M / CELL_M)

@@ -14,13 +14,17 @@ from guara_perception.simulation.footing import CELL_M, Footing, around, widened
 SOLE_M, RELIEF_M, DEEPEST_M = 0.020, 0.010, -0.05
 
 
-def of_heights(body: Float, heights: Callable[[Float, Float], Float], deepest: float = DEEPEST_M) -> Footing:
-    """Ground whose heights are known, or taken to be known, everywhere."""
+def of_heights(
+    body: Float, heights: Callable[[Float, Float], Float], deepest: float = DEEPEST_M, sole: Float | None = None
+) -> Footing:
+    """Ground whose heights are known, or taken to be known, everywhere; for balls of feet, or flat soles (2,) [m]."""
     x, y = around(body)
     z = heights(*np.meshgrid(x, y, indexing="ij"))
     n = round(SOLE_M / CELL_M)
-    disc = np.hypot(*np.mgrid[-n : n + 1, -n : n + 1]) <= n + 0.5
-    relief = ndimage.maximum_filter(z, footprint=disc) - ndimage.minimum_filter(z, footprint=disc)
+    under = np.hypot(*np.mgrid[-n : n + 1, -n : n + 1]) <= n + 0.5
+    if sole is not None:
+        under = np.ones(2 * np.ceil(sole / CELL_M / 2).astype(int) + 1, dtype=bool)
+    relief = ndimage.maximum_filter(z, footprint=under) - ndimage.minimum_filter(z, footprint=under)
     safe = (relief <= RELIEF_M) & (z > deepest)
     return Footing(x, y, z, safe, SOLE_M + room(safe), widened(z), widened(z))
 

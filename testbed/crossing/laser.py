@@ -5,19 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 import guara_perception as gp
+from guara_perception.settings import Settings
 from guara_perception.simulation import SimulatedRangefinder, specimen
 from guara_perception.simulation.footing import Footing
-from kinematics import LegOdometry, Stance
-from testbed.crossing.courses import START_M, Course
+from kinematics import LegOdometry, RobotModel, Stance
+from testbed.crossing.courses import Course
 from testbed.crossing.eyes import Sight
-from testbed.crossing.robot import FOOT_RADIUS_M, Robot, go2
+from testbed.crossing.robot import Robot
 
 PICTURE = (640, 512)
 MODE, EVERY = "coarse", 2
-# Bias of a joint, noise of a reading, noise of gravity [rad]; those of the robot's own robot.toml.
+# Bias of a joint, noise of the mean of eight readings, noise of gravity, as in robot.toml of both robots [rad].
 BIAS, NOISE, GRAVITY_NOISE = 0.0035, 0.00035, 0.00175
-# Ground that the gait vouches for at the start, from the body; it ends well before the field [m].
-DECLARED_X, DECLARED_Y = (-0.49, START_M - 0.15), 0.35
+# Ground that the gait vouches for at the start: that of the map, up to so far into the area that is scanned [m].
+DECLARED_M = 0.11
 # A coarse sweep, camera at 120 frames a second (`benchmarks sweeps`) [s].
 SWEEP_S = 0.59
 
@@ -27,12 +28,11 @@ class Laser:
 
     standing_s = SWEEP_S
 
-    def __init__(self, course: Course) -> None:
-        """Begin a walk on a course."""
-        self._course, self._pause = course, 0
+    def __init__(self, course: Course, product: RobotModel) -> None:
+        """Begin a walk of a robot on a course."""
+        self._pause = 0
         self._random = np.random.default_rng([course.seed, 17])
-        self._bias = BIAS * self._random.standard_normal(12)
-        product = go2()
+        self._bias = BIAS * self._random.standard_normal(len(product.joint_names))
         self._calibration = specimen(product, PICTURE, course.seed)
         self._rangefinder = SimulatedRangefinder(course.world, self._calibration, product, course.seed)
         self._odometry, self._map = LegOdometry(product), gp.TerrainMap(product)
@@ -49,19 +49,14 @@ class Laser:
         processor.add_all(pairs)
         scan, pose = processor.finish("wide"), self._odometry.update(stance)
         fused = self._map.update(
-            scan, pose, known_ground=() if self._pause else (declared(),), picture=processor.ground_picture
+            scan, pose, known_ground=() if self._pause else (declared(robot.product),), picture=processor.ground_picture
         )
         self._pause += 1
         to_footprint = np.array(scan.metadata["transform_base_to_footprint"])
         footprint_to_odom = np.array(fused.metadata["transform_footprint_to_odom"])
         base_to_odom = footprint_to_odom @ to_footprint
-        joints = np.array([stance.joint_positions[name] for name in robot.joint_names])
-        balls = robot.legs.balls(joints) @ base_to_odom[:3, :3].T + base_to_odom[:3, 3]
-        feet = balls - (0, 0, FOOT_RADIUS_M)
-        errors = [
-            -robot.jacobian(leg)[:, robot.dofs[3 * leg : 3 * leg + 3]] @ self._bias[3 * leg : 3 * leg + 3]
-            for leg in range(4)
-        ]
+        feet = robot.feet_by(np.array([stance.joint_positions[name] for name in robot.joint_names]), base_to_odom)
+        errors = [-robot.jacobian(leg)[:, robot.dofs] @ self._bias for leg in range(4)]
         to_world = base_to_world @ np.linalg.inv(base_to_odom)
         return Sight(
             Footing.of_map(fused, base_to_odom[:3, 3], feet, footprint_to_odom), feet, to_world, np.array(errors)
@@ -69,13 +64,14 @@ class Laser:
 
     def _stance(self, robot: Robot) -> Stance:
         """What the robot reads of itself."""
-        read = robot.joint_positions + self._bias + NOISE * self._random.standard_normal(12)
+        read = robot.joint_positions + self._bias + NOISE * self._random.standard_normal(self._bias.size)
         down = -robot.rotation[2] + GRAVITY_NOISE * self._random.standard_normal(3)
         positions = dict(zip(robot.joint_names, read.tolist(), strict=True))
         return Stance(positions, robot.product.legs, tuple((down / np.linalg.norm(down)).tolist()))
 
 
-def declared() -> gp.KnownGround:
+def declared(robot: RobotModel) -> gp.KnownGround:
     """The level ground on which the walk begins."""
-    (x0, x1), y = DECLARED_X, DECLARED_Y
-    return gp.KnownGround(np.array([(x0, -y), (x1, -y), (x1, y), (x0, y)]), height=0.0, sigma=0.001)
+    settings = Settings.of(robot)
+    (x0, _), (y0, y1), x1 = settings.map_x, settings.map_y, settings.footprint_x[0] + DECLARED_M
+    return gp.KnownGround(np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]), height=0.0, sigma=0.001)

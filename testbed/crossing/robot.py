@@ -1,8 +1,12 @@
-"""The Go2 in MuJoCo, driven by torques: its model, true state and the inverse kinematics of its legs."""
+"""The Go2 in MuJoCo, driven by torques: its model, true state and the inverse kinematics of its legs.
+
+Another robot derives from `Robot`.
+"""
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,7 +18,8 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import optional_library
 from guara_perception.simulation.features import Pit
 from kinematics import RobotModel, load_robot
-from testbed.crossing.courses import Block, Course
+from kinematics.transforms import transform_points
+from testbed.crossing.courses import GO2_SIZES, Block, Course
 from testbed.physics.mujoco_robot import FRICTION, mujoco_robot
 from testbed.stock_robots import stock_urdf
 
@@ -25,9 +30,11 @@ SIDE = np.array([1.0, -1.0, 1.0, -1.0])
 FOOT_RADIUS_M = 0.023
 # Stock values of hip, thigh and calf, which the URDF lacks [Nm].
 TORQUE_LIMIT = np.array([23.7, 23.7, 45.43] * 4)
-# Inertia of the rotors; viscous and dry friction of the gears.
-ARMATURE, DAMPING, DRY_FRICTION = 0.01, 0.1, 0.2
+# Inertia of the rotors and viscous friction of the gears.
+ARMATURE, DAMPING = 0.01, 0.1
 ROBOT_BIT, GROUND_BIT = 1, 2
+# Pull of a foot in the air to its place: acceleration per metre, per metre a second.
+SWING_PULL, SWING_BRAKE = 1200.0, 60.0
 
 
 @lru_cache(maxsize=1)
@@ -43,35 +50,63 @@ def go2() -> RobotModel:
 
 
 class Robot:
-    """A Go2 on a course; time goes on in `advance` alone. All that it tells is true."""
+    """A Go2 on a course; time goes on in `advance` alone. All that it tells is true.
 
-    def __init__(self, course: Course, base: Float) -> None:
-        """Build it, level, its feet on the ground below the hips.
+    Attributes:
+        sole: length and width of a flat sole; None = balls [m].
+        heights: of the body over its feet, best first [m].
+        clearance: of a foot in the air [m].
+        dry_friction: of a gear [Nm].
+        start: where the body begins, along x [m].
+        sizes: of its courses.
+    """
 
-        Args:
-            course: the ground.
-            base: position (3,) of the body [m].
-        """
+    heights, torque_limit = (0.295, 0.27, 0.245), TORQUE_LIMIT
+    clearance, dry_friction, start = 0.05, 0.2, 0.0
+    sizes = GO2_SIZES
+    sole: Float | None = None
+
+    def __init__(self, course: Course) -> None:
+        """Build it at its start, level, its feet on the ground below the hips."""
         self._mujoco = optional_library("mujoco", "sim", "a crossing")
-        self.product = go2()
+        self.product = self._product()
         self.model = self._build(course)
         self.data: Any = self._mujoco.MjData(self.model)
         model = self.model
-        self.body = model.body("base").id
+        self.body = model.body(self.product.config.base_frame).id
         self.mass = float(model.body_subtreemass[self.body])
-        self._feet = [model.body(f"{prefix}_foot").id for prefix in PREFIXES]
-        names = [f"{prefix}_{part}_joint" for prefix in PREFIXES for part in ("hip", "thigh", "calf")]
+        self._feet = [model.body(name).id for name in self._foot_names()]
+        names = [name for leg in LEGS for name in self.product.tree.leg(leg).joints]
         self.joint_names = names
         self._positions = np.array([model.joint(name).qposadr[0] for name in names])
         self.dofs = np.array([model.joint(name).dofadr[0] for name in names])
-        self.legs = Legs.of(model)
-        self.data.qpos[:3] = base
-        feet = np.column_stack((self.legs.hips[:, 0], self.legs.lanes, np.full(4, FOOT_RADIUS_M)))
-        self.data.qpos[self._positions] = self.legs.joints(feet - (0, 0, base[2]))[0].ravel()
+        self.data.qpos[[0, 2]] = self.start, self.heights[0]
+        self._prepare()
+        below = np.column_stack((self.lanes(), np.zeros(4)))
+        self.data.qpos[self._positions] = self.joints_at(below, np.array([0, 0, self.heights[0]]), np.eye(3))
         self._jacobian, self._turn_jacobian = np.zeros((3, model.nv)), np.zeros((3, model.nv))
         self._mujoco.mj_forward(model, self.data)
         self._mujoco.mj_subtreeVel(model, self.data)
         self.com_in_base = self.rotation.T @ (self.com - self.base)
+
+    def _product(self) -> RobotModel:
+        return go2()
+
+    def _foot_names(self) -> list[str]:
+        """Bodies that touch the ground."""
+        return [f"{prefix}_foot" for prefix in PREFIXES]
+
+    def _prepare(self) -> None:
+        """Read from MuJoCo's model what the inverse kinematics need."""
+        self.legs = Legs.of(self.model)
+
+    def lanes(self) -> Float:
+        """Feet below the hips (4, 2), in base [m]."""
+        return np.column_stack((self.legs.hips[:, 0], self.legs.lanes))
+
+    def joints_at(self, feet: Float, base: Float, rotation: Float) -> Float:
+        """Joint positions with the feet (4, 3) there under a pose of the body; NaN out of reach [rad]."""
+        return self.legs.joints((feet + (0, 0, FOOT_RADIUS_M) - base) @ rotation)[0].ravel()
 
     @property
     def rotation(self) -> Float:
@@ -93,14 +128,18 @@ class Robot:
         """Lowest points of the feet (4, 3) [m]."""
         return np.asarray(self.data.xpos[self._feet] - (0, 0, FOOT_RADIUS_M))
 
+    def feet_by(self, joints: Float, base: Float) -> Float:
+        """Lowest points of the feet (4, 3) by joint positions [rad] and a pose of the body (4, 4) [m]."""
+        return transform_points(base, self.legs.balls(joints)) - (0, 0, FOOT_RADIUS_M)
+
     @property
     def joint_positions(self) -> Float:
-        """(12,) [rad], in the order of `joint_names`."""
+        """(joints,) [rad], in the order of `joint_names`."""
         return np.array(self.data.qpos[self._positions])
 
     @property
     def joint_speeds(self) -> Float:
-        """(12,) [rad/s]."""
+        """(joints,) [rad/s]."""
         return np.array(self.data.qvel[self.dofs])
 
     @property
@@ -108,10 +147,24 @@ class Robot:
         """Of the body, in the world (3,) [rad/s]."""
         return self.rotation @ np.array(self.data.qvel[3:6])
 
+    def moving(self, leg: int, place: Float, velocity: Float, acceleration: Float) -> Float:
+        """Torques of all joints that move a foot in the air, to a place at a speed [Nm]."""
+        joints, torques = slice(3 * leg, 3 * leg + 3), np.zeros(len(self.dofs))
+        jacobian, dofs = self.jacobian(leg), self.dofs[joints]
+        slow = velocity - jacobian @ self.data.qvel
+        wanted = acceleration + SWING_PULL * (place - self.feet[leg]) + SWING_BRAKE * slow
+        inertia = self.mass_matrix()[np.ix_(dofs, dofs)]
+        torques[joints] = inertia @ np.linalg.solve(jacobian[:, dofs], wanted)
+        return torques
+
+    def levelling(self, legs: Iterable[int]) -> Float:
+        """Torques of all joints that keep the soles of standing legs level [Nm]; none of round feet."""
+        return np.zeros(len(self.dofs))
+
     def jacobian(self, leg: int) -> Float:
-        """Velocity of the lowest point of a foot by all velocities, (3, nv)."""
-        point = self.data.xpos[self._feet[leg]] - (0, 0, FOOT_RADIUS_M)
-        self._mujoco.mj_jac(self.model, self.data, self._jacobian, self._turn_jacobian, point, self._feet[leg])
+        """Velocity of a foot by all velocities, (3, nv)."""
+        at, body = self.feet[leg], self._feet[leg]
+        self._mujoco.mj_jac(self.model, self.data, self._jacobian, self._turn_jacobian, at, body)
         return self._jacobian.copy()
 
     def mass_matrix(self) -> Float:
@@ -131,8 +184,8 @@ class Robot:
         return load
 
     def advance(self, torques: Float, steps: int = 1) -> None:
-        """Let time go on under these joint torques (12,) [Nm]."""
-        self.data.ctrl[:] = np.clip(torques, -TORQUE_LIMIT, TORQUE_LIMIT)
+        """Let time go on under these torques of the joints [Nm]."""
+        self.data.ctrl[:] = np.clip(torques, -self.torque_limit, self.torque_limit)
         self._mujoco.mj_step(self.model, self.data, steps)
         self._mujoco.mj_subtreeVel(self.model, self.data)
 
@@ -141,20 +194,24 @@ class Robot:
         spec = mujoco_robot(self.product)
         for servo in list(spec.actuators):
             spec.delete(servo)
-        for prefix in PREFIXES:
-            foot = spec.body(f"{prefix}_foot")
-            for geom in list(foot.geoms):
-                spec.delete(geom)
-            foot.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[FOOT_RADIUS_M, 0, 0], mass=0, friction=FRICTION)
-            for part in ("hip", "thigh", "calf"):
-                name = f"{prefix}_{part}_joint"
-                joint = spec.joint(name)
-                joint.armature, joint.damping, joint.frictionloss = ARMATURE, np.r_[DAMPING, 0, 0], DRY_FRICTION
-                spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_motor()
+        self._make_feet(spec)
+        for name in (name for leg in LEGS for name in self.product.tree.leg(leg).joints):
+            joint = spec.joint(name)
+            joint.armature, joint.damping, joint.frictionloss = ARMATURE, np.r_[DAMPING, 0, 0], self.dry_friction
+            spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_motor()
         for geom in spec.geoms:  # It touches the ground, never itself.
             geom.contype, geom.conaffinity = ROBOT_BIT, GROUND_BIT
         _add_ground(spec, course, mujoco)
         return spec.compile()
+
+    def _make_feet(self, spec: Any) -> None:
+        """Balls in place of the cylinders of the stock URDF."""
+        for name in self._foot_names():
+            foot = spec.body(name)
+            for geom in list(foot.geoms):
+                spec.delete(geom)
+            ball = self._mujoco.mjtGeom.mjGEOM_SPHERE
+            foot.add_geom(type=ball, size=[FOOT_RADIUS_M, 0, 0], mass=0, friction=FRICTION)
 
 
 class Legs:

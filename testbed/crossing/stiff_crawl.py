@@ -6,7 +6,7 @@ import numpy as np
 
 from guara_perception.arrays import Float
 from testbed.crossing.crawl import FALLEN_M, FALLEN_UP, FROZEN_S, HELD_STEPS, TICK_S, Crawl, Fell, Swing
-from testbed.crossing.robot import FOOT_RADIUS_M, Robot
+from testbed.crossing.robot import Robot
 from testbed.physics.mujoco_robot import SERVO_DAMPING, SERVO_STIFFNESS
 
 
@@ -30,9 +30,8 @@ class StiffCrawl(Crawl):
         if swing is not None:
             self._standing[swing[0]] = swing[1]
         base = com - rotation @ robot.com_in_base
-        angles = robot.legs.joints((self._standing + (0, 0, FOOT_RADIUS_M) - base) @ rotation)[0].ravel()
         # A leg that cannot reach stays as it is.
-        error = np.nan_to_num(angles - robot.joint_positions)
+        error = np.nan_to_num(robot.joints_at(self._standing, base, rotation) - robot.joint_positions)
         robot.advance(SERVO_STIFFNESS * error, HELD_STEPS)
         if robot.rotation[2, 2] < FALLEN_UP or robot.base[2] - robot.feet[:, 2].mean() < FALLEN_M:
             raise Fell("the body tipped over or lies on the ground")

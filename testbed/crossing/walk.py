@@ -12,17 +12,17 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.simulation.strides import Stride, StridePlanner
 from guara_perception.simulation.world import World
+from kinematics import RobotModel
 from kinematics.transforms import transform_points
 from testbed.crossing.courses import Course, course
-from testbed.crossing.crawl import CLEARANCE_M, Crawl, Fell, NoGround
+from testbed.crossing.crawl import Crawl, Fell, NoGround
 from testbed.crossing.eyes import AllKnowing, Blind, DepthCamera, Eye, Sight
+from testbed.crossing.guara import Guara
 from testbed.crossing.laser import Laser
 from testbed.crossing.robot import LEGS, Robot
 from testbed.crossing.stiff_crawl import StiffCrawl
 
 MOST_STEPS = 140
-# Of the body over its feet, best first [m].
-BODY_HEIGHTS_M = (0.295, 0.27, 0.245)
 # So many steps without so much way: stopped.
 STUCK_STEPS, STUCK_M = 12, 0.03
 # Beyond the goal, and tries for a foot that finds nothing, each so far from the ones before.
@@ -83,6 +83,7 @@ def cross(
     arm: str,
     report: Callable[[Crossing, Robot, Sight], None] | None = None,
     *,
+    robot: str = "go2",
     is_stiff: bool = False,
 ) -> Crossing:
     """Walk over a course.
@@ -91,33 +92,34 @@ def cross(
         kind, seed: the course.
         arm: one of the `ARMS`.
         report: called after each swing with what has come so far, the robot, and what it knew before.
+        robot: one of the `ROBOTS`.
         is_stiff: whether position servos move the robot, not forces.
 
     Raises:
         MissingExtra: MuJoCo is not installed.
         StockRobotsMissing: the Go2 is not installed.
     """
-    began, way = time.process_time(), course(kind, seed)
-    robot = Robot(way, np.array([0.0, 0.0, BODY_HEIGHTS_M[0]]))
-    crawl, eye = (StiffCrawl if is_stiff else Crawl)(robot), ARMS[arm](way)
-    planner = StridePlanner(robot.product, BODY_HEIGHTS_M, CLEARANCE_M)
-    done = Crossing(kind, seed, "go2 stiff" if is_stiff else "go2", arm)
-    start, xs = robot.base[0], [-np.inf] * STUCK_STEPS
+    began, way = time.process_time(), course(kind, seed, ROBOTS[robot].sizes)
+    walker = ROBOTS[robot](way)
+    crawl, eye = (StiffCrawl if is_stiff else Crawl)(walker), ARMS[arm](way, walker.product)
+    planner = StridePlanner(walker.product, walker.heights, walker.clearance)
+    done = Crossing(kind, seed, f"{robot} stiff" if is_stiff else robot, arm)
+    start, xs = walker.base[0], [-np.inf] * STUCK_STEPS
     try:
         while done.steps < MOST_STEPS:
-            if robot.feet[:, 0].min() > way.goal + BEYOND_M:
+            if walker.feet[:, 0].min() > way.goal + BEYOND_M:
                 done.result = "crossed"
                 break
-            xs.append(robot.feet[:, 0].mean())
+            xs.append(walker.feet[:, 0].mean())
             if xs[-1] - xs[-1 - STUCK_STEPS] < STUCK_M:
                 done.why = "no progress"
                 break
             crawl.freeze()
             done.standing_s += eye.standing_s
-            sight = eye.look(robot)
-            _step(done, robot, crawl, planner, sight, way.world)
+            sight = eye.look(walker)
+            _step(done, walker, crawl, planner, sight, way.world)
             if report:
-                report(done, robot, sight)
+                report(done, walker, sight)
         else:
             done.why = "steps ran out"
     except NoGround as error:
@@ -125,7 +127,7 @@ def cross(
     except Fell as error:
         done.result, done.why = "fell", str(error)
         done.fell_by_ground = any(edge < AT_EDGE_M or support < SUPPORT for *_, edge, support in done.trace)
-    done.way_m, done.cpu_s = float(robot.base[0] - start), time.process_time() - began
+    done.way_m, done.cpu_s = float(walker.base[0] - start), time.process_time() - began
     return done
 
 
@@ -186,15 +188,14 @@ def edge_distance(world: World, place: Float) -> tuple[float, bool]:
 
 
 def support(world: World, foot: Float, sole: tuple[float, float]) -> float:
-    """Share of a round sole that the ground bears [0 ... 1]."""
-    radius = max(sole) / 2
-    dx, dy = np.meshgrid(*(np.linspace(-radius, radius, 13),) * 2)
-    inside = np.hypot(dx, dy) <= radius
-    heights = world.height(foot[0] + dx[inside], foot[1] + dy[inside])
+    """Share of a sole, length and width [m], that the ground bears [0 ... 1]."""
+    dx, dy = np.meshgrid(*(np.linspace(-size / 2, size / 2, 13) for size in sole))
+    heights = world.height(foot[0] + dx, foot[1] + dy)
     return float((np.abs(heights - foot[2]) < EDGE_RELIEF_M).mean())
 
 
-ARMS: dict[str, Callable[[Course], Eye]] = {
+ROBOTS: dict[str, type[Robot]] = {"go2": Robot, "guara": Guara}
+ARMS: dict[str, Callable[[Course, RobotModel], Eye]] = {
     "blind": Blind,
     "depth": DepthCamera,
     "laser": Laser,

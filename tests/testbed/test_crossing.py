@@ -14,6 +14,7 @@ from kinematics import LegOdometry, Stance
 from testbed.crossing.courses import KINDS, START_M, course
 from testbed.crossing.crawl import FRICTION_USED, shared
 from testbed.crossing.eyes import Sight
+from testbed.crossing.guara import Guara
 from testbed.crossing.robot import LEGS, Robot, go2
 from testbed.crossing.walk import Crossing, cross, edge_distance, support
 from testbed.stock_robots import StockRobotsMissing, stock_urdf
@@ -41,6 +42,16 @@ def test_courses_are_fixed_by_their_seed(kind: str) -> None:
         np.r_[np.linspace(-0.8, START_M - 0.01, 50), np.linspace(made.goal + 0.01, 3.0, 50)], [-0.2, 0.2]
     )
     np.testing.assert_array_equal(made.world.height(x, y), 0.0)
+
+
+def test_courses_of_a_guara_ask_for_less_height_and_more_ground() -> None:
+    """Stairs of 30 to 40 mm, stones half as large again."""
+    for seed in range(5):
+        steps = {each.top for each in course("stairs", seed, Guara.sizes).world.features}
+        assert 0.03 <= min(steps) <= 0.04
+        stones = [each.size for each in course("stones", seed, Guara.sizes).world.features if each.size[0] < 0.5]
+        # What gaps leave of the field is shared, so that some are a little shorter.
+        assert np.min(stones) > 0.225 and np.max(stones) <= 0.36
 
 
 def test_an_unknown_course_is_refused() -> None:
@@ -111,6 +122,22 @@ def test_with_the_laser_no_foot_is_sent_over_a_gap(kind: str, seed: int) -> None
     done = cross(kind, seed, "laser")
     assert (done.result, done.targets_over_gap, done.soles_badly_supported) == ("crossed", 0, 0), done
     assert done.worst_edge_m > 0.02
+
+
+@pytest.mark.skipif(find_spec("mujoco") is None, reason="MuJoCo is not installed (sim)")
+@pytest.mark.sim
+@pytest.mark.heavy
+def test_a_guara_crosses_on_flat_soles() -> None:
+    """Over trenches of 40 mm it sets down each sole within 5 mm of its target."""
+    off = []
+
+    def add(done: Crossing, robot: Robot, sight: Sight) -> None:
+        leg, *target = done.trace[-1][:3]
+        off.append(np.hypot(*(robot.feet[LEGS.index(leg)][:2] - target)))
+
+    done = cross("trenches", 3, "all_knowing", add, robot="guara")
+    assert (done.result, done.targets_over_gap, done.soles_badly_supported) == ("crossed", 0, 0), done
+    assert max(off) < 0.005
 
 
 @needs_go2

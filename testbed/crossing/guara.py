@@ -1,0 +1,109 @@
+"""The Guará in MuJoCo, driven by torques: flat soles, ankles that keep their length level, hinges their width."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from guara_perception.arrays import Float
+from kinematics import RobotModel, load_robot
+from kinematics.transforms import transform_points
+from testbed.crossing.courses import Sizes
+from testbed.crossing.robot import LEGS, SWING_BRAKE, SWING_PULL, Robot
+from testbed.physics.mujoco_robot import FRICTION
+
+# Soles give way sideways, each on a hinge along its middle: no joint of a leg rolls them, and one that leant by its leg
+# would stand on an edge, its middle up to 9 mm over the ground, which no stance of the product knows.
+SOLE_THICKNESS_M, SOLE_KG, SOLE_ARMATURE, SOLE_DAMPING, SOLE_STIFFNESS = 0.020, 0.02, 0.001, 0.05, 0.5
+LEVEL_PULL, LEVEL_BRAKE = 40.0, 2.0
+# The speed of joints in the air is that over this time.
+AHEAD_S = 0.001
+
+
+class Guara(Robot):
+    """A Guará on a course."""
+
+    heights, torque_limit = (0.36, 0.33, 0.30), np.full(16, 40.0)
+    sole = np.array([0.080, 0.060])
+    # It looks steeply down: the bounds over a gap are low only if it was first seen at the far end of the scanned area,
+    # and a leg in the air folds by 0.11 m. Friction is assumed: 0.2 Nm as in a Go2's gears, in legs that are nearly
+    # straight, would hold up a quarter of the body's weight.
+    clearance, dry_friction, start = 0.03, 0.05, -0.25
+    # A sole and its margins take half as much ground again. Legs and balance reach across 180 mm, of which margins of
+    # 60 mm a side and rims take 140; down, 40 mm in the scan posture (robot.toml).
+    sizes = Sizes(1.5, gaps=(0.025, 0.030, 0.035, 0.040), rises=(0.03, 0.04), tops=(0.02, 0.04))
+
+    def _product(self) -> RobotModel:
+        return load_robot("guara")
+
+    def _foot_names(self) -> list[str]:
+        return [f"{leg}_flat" for leg in LEGS]
+
+    def _prepare(self) -> None:
+        self._soles = [self.model.body(self.product.tree.leg(leg).sole).id for leg in LEGS]
+
+    def lanes(self) -> Float:
+        """See `Robot`."""
+        return self.product.state(self.product.posture(self.product.config.scan_posture)).soles_in_base()[:, :2]
+
+    def joints_at(self, feet: Float, base: Float, rotation: Float) -> Float:
+        """See `Robot`."""
+        return np.concatenate([self._reached(leg, foot, base, rotation) for leg, foot in enumerate(feet)])
+
+    def _reached(self, leg: int, soles: Float, base: Float, rotation: Float) -> Float:
+        body = np.eye(4)
+        body[:3, :3], body[:3, 3] = rotation, base
+        return self.product.reach_from(LEGS[leg], soles, body).joint_positions
+
+    def _make_feet(self, spec: Any) -> None:
+        """The soles of the URDF, each on a hinge along its middle."""
+        mujoco = self._mujoco
+        half = [*self.sole / 2, SOLE_THICKNESS_M / 2]
+        for leg in LEGS:
+            foot = spec.body(f"{leg}_foot_link")
+            for geom in list(foot.geoms):
+                spec.delete(geom)
+            sole = foot.add_body(name=f"{leg}_flat", pos=spec.body(self.product.tree.leg(leg).sole).pos)
+            hinge = sole.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[1, 0, 0])
+            hinge.armature, hinge.damping, hinge.stiffness = (
+                SOLE_ARMATURE,
+                np.r_[SOLE_DAMPING, 0, 0],
+                np.r_[SOLE_STIFFNESS, 0, 0],
+            )
+            sole.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_BOX, size=half, pos=[0, 0, half[2]], mass=SOLE_KG, friction=FRICTION
+            )
+
+    @property
+    def feet(self) -> Float:
+        """Centres of the soles (4, 3) [m]."""
+        return np.array(self.data.xpos[self._soles])
+
+    def feet_by(self, joints: Float, base: Float) -> Float:
+        """See `Robot`."""
+        positions = dict(zip(self.joint_names, joints.tolist(), strict=True))
+        return transform_points(base, self.product.state(positions).soles_in_base())
+
+    def moving(self, leg: int, place: Float, velocity: Float, acceleration: Float) -> Float:
+        """See `Robot`; by joint positions, for forces lose a foot where its knee is nearly straight."""
+        joints, torques = slice(4 * leg, 4 * leg + 4), np.zeros(len(self.dofs))
+        places = np.array([place, place + velocity * AHEAD_S])
+        wanted, soon = self._reached(leg, places, self.base, self.rotation)
+        slow = (soon - wanted) / AHEAD_S - self.joint_speeds[joints]
+        # A leg that cannot reach stays as it is.
+        pulled = np.nan_to_num(SWING_PULL * (wanted - self.joint_positions[joints])) + np.nan_to_num(SWING_BRAKE * slow)
+        dofs = self.dofs[joints]
+        torques[joints] = self.mass_matrix()[np.ix_(dofs, dofs)] @ pulled
+        return torques
+
+    def levelling(self, legs: Iterable[int]) -> Float:
+        """See `Robot`."""
+        torques = np.zeros(len(self.dofs))
+        for leg in legs:
+            # Pitch of the sole in the world; positive where its toe is down.
+            pitch = np.arcsin(np.clip(-self.data.xmat[self._soles[leg]].reshape(3, 3)[2, 0], -1.0, 1.0))
+            ankle = 4 * leg + 3
+            torques[ankle] = -LEVEL_PULL * pitch - LEVEL_BRAKE * self.data.qvel[self.dofs[ankle]]
+        return torques
