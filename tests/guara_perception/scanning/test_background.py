@@ -12,7 +12,7 @@ import pytest
 import guara_perception as gp
 from drivers import StripeVerdict
 from drivers.sweep.proof import StripeProof
-from guara_perception.app.demo.sway import swaying_scan as demo_scan
+from guara_perception.app.demo.sway import Stream, swaying_scans
 from guara_perception.app.node.simulated import DEMO_WORLD
 from guara_perception.scanning.background import CAMERA_MOVED, BackgroundWitness, aligned, grey, motion_text
 from guara_perception.scanning.flash_proof import FlashProof
@@ -161,7 +161,7 @@ def test_in_dim_light_a_swaying_scan_has_no_wrong_free_cell(robot: RobotModel) -
     known = {}
     for degrees, shift, seed in ((0.0, 0.0, 3), (0.5, 0.005, 3), (1.0, 0.010, 0)):
         sway = Sway(math.radians(degrees), shift, 1.0)
-        made = demo_scan(robot, world, specimen(robot, SIZE, seed), sway, 0.0, seed, light=light)
+        (made,) = swaying_scans(robot, world, specimen(robot, SIZE, seed), sway, [Stream()], seed, light=light)
         health = made.terrain.record.health
         assert made.wrong == 0 and health is not None and (CAMERA_MOVED in health.reasons[0]) == (degrees > 0), health
         known[degrees] = int(np.isfinite(made.errors).sum())
