@@ -189,7 +189,8 @@ def _could_be_met(
     """
     met = plan.sees(targets)
     for offset in ELSEWHERE_M:
-        unmet = np.flatnonzero(~met)
+        if not (unmet := np.flatnonzero(~met)).size:
+            break
         moved = targets[unmet] + (0.0, 0.0, offset)
         reached = plan.sees(moved) & plan.is_lit(moved, pair_usable)
         unmet, moved = unmet[reached], moved[reached]
