@@ -23,7 +23,7 @@ from kinematics.transforms import transform_points
 
 STRIDE_M = 0.16
 # Window of a foothold around the ideal one, along the way and aside, and how far back it may lie [m].
-SHORTER_M, LONGER_M, ASIDE_M, BACK_M = 0.16, 0.13, 0.06, 0.10
+SHORTER_M, LONGER_M, ASIDE_M, BACK_M = 0.16, 0.20, 0.06, 0.10
 # A smaller step on the spot would count as a foot that stayed; width of strips that each give one candidate [m].
 PROGRESS, LEAST_WAY_M, STRIP_M = 3.0, 0.04, 0.02
 # Of the body over its feet, as shares of its height in the scan posture, and of the centre of mass inside the triangle
