@@ -39,7 +39,9 @@ def reported(bench: Bench, expected_text: str) -> bool:
 def is_withdrawn(terrain: gp.TerrainGrid) -> bool:
     """All unknown, nothing free in any of its forms, and it says so."""
     unknown = (terrain.hazard & UNKNOWN_MASK) != 0
-    free = (terrain.traversability > 0) | (terrain.to_occupancy(allow_stale=True) < 100) | np.isfinite(terrain.elevation)
+    free = (
+        (terrain.traversability > 0) | (terrain.to_occupancy(allow_stale=True) < 100) | np.isfinite(terrain.elevation)
+    )
     return bool(unknown.all() and not free.any() and terrain.metadata["health"]["level"] == "failed")
 
 
