@@ -83,8 +83,14 @@ def surface_lines(
     is_open = np.zeros(indices.size, dtype=bool)
     width = seen.points.shape[2]
     yield Lines(points.astype(np.float64), np.zeros(points.shape), is_open, is_open, 1), _neighbours(indices, width)
-    for lines, begins, _ in _lines(seen, resolution):
-        yield lines, _neighbours(begins, width)
+    difference, (before, between, after) = seen.points[:, 1:] - seen.points[:, :-1], seen.links
+    # Counted over all linked columns, so that sample counts do not depend on the requested ones.
+    numbers = np.array(sample_count(difference, between, resolution), np.int64)
+    lines = between & seen.wanted
+    for number in np.unique(numbers[lines.any(axis=1)]).tolist():
+        indices = np.flatnonzero(lines & (numbers == number)[:, None])
+        ends = (each.reshape(3, -1).take(indices, axis=1).astype(np.float64) for each in (seen.points, difference))
+        yield Lines(*ends, ~before.take(indices), ~after.take(indices), number), _neighbours(indices, width)
 
 
 def surface_keys(stripes: Collection[int], pattern: range) -> list[Key]:
@@ -235,22 +241,6 @@ def joined_surface(seen: Links, variance: Array, resolution: float) -> SurfaceSa
     given = *addresses(points, variance), count, width, *addresses(lines, opens, closes, wanted), OPEN_END_M
     kernel().sample_lines(*given, size, *addresses(work, samples, along))
     return SurfaceSamples(samples, along, runs)
-
-
-def _lines(seen: Links, resolution: float) -> Iterator[tuple[Lines, Index, list[tuple[int, int]]]]:
-    """Yield the lines of `joined_surface`, the flat indices (c,) of their first points, and the runs of swaths."""
-    points, (before, between, after) = seen.points, seen.links
-    difference = points[:, 1:] - points[:, :-1]
-    # Counted over all linked columns, so that sample counts do not depend on the requested ones.
-    numbers = sample_count(difference, between, resolution)
-    lines = between & seen.wanted
-    lengths = lines.sum(axis=1).tolist()
-    runs = [(n, (swath, length)) for n, swath, length in zip(numbers, seen.pairs, lengths, strict=True) if length]
-    for number in sorted({n for n, _ in runs}):
-        indices = np.flatnonzero(lines & (np.array(numbers) == number)[:, None])
-        first, vectors = (each.reshape(3, -1).take(indices, axis=1).astype(np.float64) for each in (points, difference))
-        found = Lines(first, vectors, ~before.take(indices), ~after.take(indices), number)
-        yield found, indices, [run for n, run in runs if n == number]
 
 
 def _neighbours(indices: Index, width: int) -> Index:
