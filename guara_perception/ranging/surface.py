@@ -89,8 +89,11 @@ def surface_lines(
     lines = between & seen.wanted
     for number in np.unique(numbers[lines.any(axis=1)]).tolist():
         indices = np.flatnonzero(lines & (numbers == number)[:, None])
-        ends = (each.reshape(3, -1).take(indices, axis=1).astype(np.float64) for each in (seen.points, difference))
-        yield Lines(*ends, ~before.take(indices), ~after.take(indices), number), _neighbours(indices, width)
+        first, vectors = (
+            each.reshape(3, -1).take(indices, axis=1).astype(np.float64) for each in (seen.points, difference)
+        )
+        found = Lines(first, vectors, ~before.take(indices), ~after.take(indices), number)
+        yield found, _neighbours(indices, width)
 
 
 def surface_keys(stripes: Collection[int], pattern: range) -> list[Key]:
