@@ -59,7 +59,8 @@ def client_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("client")
     build(hatch_build.CLIENT, folder, "sdist")
     with tarfile.open(next(folder.glob("*.tar.gz"))) as archive:
-        archive.extractall(folder, filter="data")
+        # Python 3.11 has filters from 3.11.4 on only; Debian 12 has 3.11.2.
+        archive.extractall(folder, **({"filter": "data"} if hasattr(tarfile, "data_filter") else {}))
     return build_wheel(next(path for path in folder.iterdir() if path.is_dir()), folder)
 
 

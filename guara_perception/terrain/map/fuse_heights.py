@@ -155,6 +155,17 @@ def fuse_heights(cells: OdomCells, new: Heights, now: MapPause, *, is_scan: bool
     return np.asarray(~rejected)
 
 
+def dispute_heights(cells: OdomCells, low: tuple[float, float], high: tuple[float, float]) -> None:
+    """Put the known cells of a rectangle in conflict, because their ground moved; the next agreement ends that.
+
+    `low` and `high` are corners (x, y) in odom [m].
+    """
+    memory, slot = cells.memory, cells.slots(*cells.cells_between(low, high))
+    slot = slot[np.isfinite(memory["height"][slot]) & ~memory["conflict"][slot]]
+    memory["conflict"][slot] = True
+    memory["other"][slot], memory["other_variance"][slot] = memory["height"][slot], memory["variance"][slot]
+
+
 def forget_heights(cells: OdomCells, slot: Index, cause: Flags) -> None:
     """Forget the heights of cells that were observed without a usable height, and store the cause."""
     memory = cells.memory

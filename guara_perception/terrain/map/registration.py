@@ -22,18 +22,24 @@ Across its stripes, a laser scan shows an edge at the first stripe behind the tr
 of the stripes, which grows with the distance, and has the same sign for all edges that face the robot. Registration to
 such edges would drift, so for a scan of stripes only slopes along the stripes are used.
 
+Parts of the ground may have moved since they were seen. The area of the scan is divided into squares, and the heights
+of each square alone give its displacement relative to the fitted motion. Squares displaced by more than a gate are
+omitted, and the fit is repeated; the gate narrows from half of the largest displacement to MOST_DISPLACED_SIGMAS, so
+that the fit converges to the motion of the majority. Without a clear majority, nothing is corrected.
+
 The motion between two scans is estimated in the same way, with a prior so wide that the heights alone determine x, y
 and yaw.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Float32, Mask
+from guara_perception.arrays import Float, Float32, Index, Mask
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.odom_cells import OdomCells
 from kinematics.arrays import FrozenArrays
@@ -69,6 +75,15 @@ PLANAR = [0, 1, 5]
 MOST_CONTRADICTING = 0.3
 MOST_SIGMAS = 4.0
 LEAST_SHRUNK = 0.01
+# Edge of the squares whose displacements are compared [m].
+SQUARE_M = 0.1
+# Sigmas of errors of the heights that a whole square has in common: height and displacement [m], and tilt [rad].
+SEAMS_SIGMA_M, SEAMS_SIGMA_RAD = 0.0015, 0.02
+# A displacement is compared in directions in which its sigma is below SURE_SIGMA_M. On walks over still ground, the
+# largest of a scan deviates by less than 1.9 sigmas, on periodic ribs once by 2.8.
+SURE_SIGMA_M, MOST_DISPLACED_SIGMAS = 0.005, 3.0
+# Smallest fraction of the information about displacements in squares that were not displaced.
+LEAST_MAJORITY = 0.65
 # Kernels of smoothing (binomial) and slope (central differences).
 BINOMIAL = np.array([0.25, 0.5, 0.25])
 SLOPE = np.array([-0.5, 0.0, 0.5])
@@ -87,12 +102,14 @@ class Registration:
         cells: number of compared cells.
         refused: reason why the registration was refused, None if it was not. If it was refused, the motion is zero and
             the covariance is the prior.
+        displaced: (n, 2) x, y in odom of the centres of squares, SQUARE_M wide, whose ground moved [m].
     """
 
     motion: Float
     covariance: Float
     cells: int
     refused: str | None
+    displaced: Float = field(default_factory=partial(np.empty, (0, 2)))
 
 
 def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom: Float, prior: Float) -> Registration:
@@ -107,16 +124,56 @@ def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom
     base = transform_footprint_to_odom[:3, 3]
     seen = _Scan.of(terrain, transform_footprint_to_odom)
     ground = _Ground.around(cells, seen.about[:, :2] + base[:2])
-    motion, covariance, weights = _fit(ground, seen, base, prior, CELLS_THAT_COUNT_AS_ONE)
-    if weights.size < LEAST_CELLS:
-        return _refused(prior, weights, f"only {weights.size} of the {LEAST_CELLS} cells needed lie on known ground")
-    contradicting = float((weights < 1).mean())
-    if contradicting > MOST_CONTRADICTING:
-        return _refused(prior, weights, f"{100 * contradicting:.0f} % of {weights.size} cells differ from the map")
-    sigmas = _surprise(motion, prior, covariance)
-    if sigmas > MOST_SIGMAS:
-        return _refused(prior, weights, f"map and odometry contradict each other by {sigmas:.1f} combined sigma")
-    return Registration(motion, covariance, weights.size, None)
+    corners, squares = np.unique(np.floor(seen.about[:, :2] / SQUARE_M), axis=0, return_inverse=True)
+    centres, squares = (corners + 0.5) * SQUARE_M, squares.reshape(-1)
+    held, gate = np.ones(len(seen.about), dtype=bool), np.inf
+    for _ in range(2 * ROUNDS):
+        motion, covariance, weights = _fit(ground, seen, base, prior, CELLS_THAT_COUNT_AS_ONE, held)
+        if weights.size < LEAST_CELLS:
+            reason = f"only {weights.size} of the {LEAST_CELLS} cells needed lie on known ground"
+            return Registration(np.zeros(6), prior, weights.size, reason)
+        sigmas, information = _displacements(ground, seen, base, motion, squares)
+        gate = max(MOST_DISPLACED_SIGMAS, 0.5 * min(gate, float(sigmas.max())))
+        before, held = held, (sigmas <= gate)[squares]
+        if gate == MOST_DISPLACED_SIGMAS and np.array_equal(held, before):
+            break
+    displaced = base[:2] + centres[sigmas > gate]
+    majority = float(information[sigmas <= gate].sum() / max(information.sum(), 1e-30))
+    contradicting, deviation = float((weights < 1).mean()), _surprise(motion, prior, covariance)
+    if len(displaced) and majority < LEAST_MAJORITY:
+        reason = f"parts of the ground moved, and only {100 * majority:.0f} % of what shows the motion agrees"
+    elif contradicting > MOST_CONTRADICTING:
+        reason = f"{100 * contradicting:.0f} % of {weights.size} cells differ from the map"
+    elif deviation > MOST_SIGMAS:
+        reason = f"map and odometry contradict each other by {deviation:.1f} combined sigma"
+    else:
+        return Registration(motion, covariance, weights.size, None, displaced)
+    return Registration(np.zeros(6), prior, weights.size, reason, displaced)
+
+
+def _displacements(ground: _Ground, seen: _Scan, base: Float, motion: Float, squares: Index) -> tuple[Float, Float]:
+    """Displacements of the squares relative to a motion, in sigmas, and the information about each [1/m^2]; (k,)."""
+    lines = _linearised(ground, seen, base, motion, CELLS_OF_TWO_SCANS)
+    count = int(squares.max()) + 1
+    sigmas, information = np.zeros(count), np.zeros(count)
+    order = np.argsort(squares[lines.used], kind="stable")
+    ends = np.searchsorted(squares[lines.used][order], np.arange(count + 1))
+    free = np.diag([1 / OPEN_SIGMA**2] * 2 + [1 / SEAMS_SIGMA_M**2] + [1 / SEAMS_SIGMA_RAD**2] * 2)
+    for square in range(count):
+        rows = order[ends[square] : ends[square + 1]]
+        if rows.size < LEAST_CELLS:
+            continue
+        jacobian = lines.jacobian[rows, :5]
+        # Tilt is about the centre of the square.
+        jacobian[:, 3:] -= jacobian[:, 3:].mean(axis=0)
+        weighted = jacobian.T * lines.trust[rows]
+        covariance = np.linalg.inv(weighted @ jacobian + free)
+        shift = covariance @ (weighted @ lines.difference[rows])
+        shares, directions = np.linalg.eigh(covariance[:2, :2] + SEAMS_SIGMA_M**2 * np.eye(2))
+        sure = shares < SURE_SIGMA_M**2
+        sigmas[square] = np.sqrt(((directions.T @ shift[:2]) ** 2 / shares)[sure].max(initial=0.0))
+        information[square] = (1 / shares)[sure].sum()
+    return sigmas, information
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,22 +223,24 @@ def motion_between(
     return motion[PLANAR], covariance[np.ix_(PLANAR, PLANAR)]
 
 
-def _fit(ground: _Ground, seen: _Scan, base: Float, prior: Float, count_as_one: float) -> tuple[Float, Float, Float]:
-    """Motion (6,), its covariance (6, 6), and Huber's weights of the compared cells."""
+def _fit(
+    ground: _Ground, seen: _Scan, base: Float, prior: Float, count_as_one: float, held: Mask | None = None
+) -> tuple[Float, Float, Float]:
+    """Motion (6,), its covariance (6, 6), and Huber's weights of the compared cells, from the points (n,) `held`."""
     information = np.asarray(np.linalg.inv(prior), dtype=np.float64)
     motion = np.zeros(6)
+    seen = seen if held is None or held.all() else seen.part(held)
     for _ in range(ROUNDS):
-        step, hessian, weights = _step(ground, seen, base, motion, information, count_as_one)
+        lines = _linearised(ground, seen, base, motion, count_as_one)
+        weighted, weights = lines.jacobian.T * lines.trust, lines.weights
+        hessian = weighted @ lines.jacobian + information
         if weights.size < LEAST_CELLS:
             break
+        step = np.linalg.solve(hessian, weighted @ lines.difference - information @ motion)
         motion = motion + step
         if np.abs(step).max() < SMALLEST_STEP:
             break
     return motion, np.asarray(np.linalg.inv(hessian)), weights
-
-
-def _refused(prior: Float, weights: Float, reason: str) -> Registration:
-    return Registration(np.zeros(6), prior, weights.size, reason)
 
 
 def _surprise(motion: Float, prior: Float, covariance: Float) -> float:
@@ -232,6 +291,10 @@ class _Scan:
     slopes: Float
     variance: Float
     projection: Float
+
+    def part(self, held: Mask) -> _Scan:
+        """Points of a mask (n,)."""
+        return _Scan(self.about[held], self.slopes[held], self.variance[held], self.projection)
 
     @staticmethod
     def of(terrain: TerrainGrid, transform: Float) -> _Scan:
@@ -285,10 +348,26 @@ class _Ground:
         return np.asarray(np.where(inside, (1 - b) * low + b * high, np.nan))
 
 
-def _step(
-    ground: _Ground, seen: _Scan, base: Float, motion: Float, information: Float, count_as_one: float
-) -> tuple[Float, Float, Float]:
-    """Compute one Gauss-Newton step: change (6,), Hessian (6, 6), and Huber's weights of the compared cells."""
+@dataclass(frozen=True, slots=True)
+class _Lines:
+    """Heights of n compared cells, linearised about a motion.
+
+    Attributes:
+        used: indices of the points of the scan.
+        jacobian: (n, 6) derivative of the prediction of `difference` by the motion.
+        difference: (n,) height of the map minus that of the scan [m].
+        weights: (n,) Huber's weights.
+        trust: (n,) weight of the square of each difference [1/m^2].
+    """
+
+    used: Index
+    jacobian: Float
+    difference: Float
+    weights: Float
+    trust: Float
+
+
+def _linearised(ground: _Ground, seen: _Scan, base: Float, motion: Float, count_as_one: float) -> _Lines:
     cosine, sine = np.cos(motion[5]), np.sin(motion[5])
     px, py, pz = seen.about.T
     x, y = base[0] + cosine * px - sine * py + motion[0], base[1] + sine * px + cosine * py + motion[1]
@@ -313,7 +392,5 @@ def _step(
     trust = weights / sigma**2 / count_as_one
     one = np.ones(px.size)
     turned_x, turned_y = -(sine * px + cosine * py), cosine * px - sine * py
-    jacobian = np.column_stack((by_x, by_y, -one, -py, px, by_x * turned_x + by_y * turned_y))
-    hessian = (jacobian * trust[:, None]).T @ jacobian + information
-    gradient = (jacobian * trust[:, None]).T @ difference + information @ motion
-    return -np.linalg.solve(hessian, gradient), hessian, weights
+    jacobian = -np.column_stack((by_x, by_y, -one, -py, px, by_x * turned_x + by_y * turned_y))
+    return _Lines(np.flatnonzero(used), jacobian, difference, weights, trust)

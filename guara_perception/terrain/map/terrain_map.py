@@ -19,13 +19,13 @@ from guara_perception.terrain.layers.geometry import GridGeometry, cell_edge
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, cells_by_flag
 from guara_perception.terrain.layers.record import POSE, Health, MapRecord
 from guara_perception.terrain.map.checked_input import check_scan, checked_pose, tilt_between_looks, tilt_since
-from guara_perception.terrain.map.fuse_heights import MapPause, OdometryDrift
+from guara_perception.terrain.map.fuse_heights import MapPause, OdometryDrift, dispute_heights
 from guara_perception.terrain.map.fuse_scan import fuse_scan
 from guara_perception.terrain.map.known_ground import KnownGround, fuse_known_ground
 from guara_perception.terrain.map.lines_of_sight import LinesOfSight, ceiling_of
 from guara_perception.terrain.map.map_file import MapState, read_map, write_map
 from guara_perception.terrain.map.odom_cells import OdomCells
-from guara_perception.terrain.map.registration import SeenGround
+from guara_perception.terrain.map.registration import SQUARE_M, SeenGround
 from guara_perception.terrain.map.seen_texture import GroundView, VisualMotion, seen_after, view_of, visual_motion
 from guara_perception.terrain.map.snapshot import snapshot_layers
 from guara_perception.terrain.map.soft_ground import remembered, slid_feet, sunk_feet
@@ -196,6 +196,9 @@ class TerrainMap:
         sideways = state.sideways.after(pause, growth, position, walk.own, walk.slip)
         now = MapPause(pause, clock, drift, sideways, transform)
         rejected = fuse_scan(self._cells, terrain, now, tilt)
+        for x, y in walk.displaced.tolist():
+            half = 0.5 * SQUARE_M
+            dispute_heights(self._cells, (x - half, y - half), (x + half, y + half))
         texture = None
         if view is not None and not walk.unseen:
             before = None if walk.is_denied else state.texture

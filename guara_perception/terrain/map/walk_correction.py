@@ -91,6 +91,7 @@ class WalkCorrection:
         corners: as in `VisualMotion`, for the last pause; None at the first pause and for a walk without images.
         visual_refused: reason why texture did not correct the last pause; None if it did, at the first pause, and for a
             walk without images.
+        displaced: as in `Registration`, for the last pause.
     """
 
     transform: Float = field(default_factory=partial(np.eye, 4))
@@ -116,6 +117,7 @@ class WalkCorrection:
     learned: Float = field(default_factory=partial(np.zeros, 2))
     corners: int | None = None
     visual_refused: str | None = None
+    displaced: Float = field(default_factory=partial(np.empty, (0, 2)))
 
     def check_kind(self, scans: int, *, is_registered: bool, step: int) -> None:
         """Refuse a pause with covariance_since_last after pauses without it, or vice versa.
@@ -238,7 +240,7 @@ class WalkCorrection:
             suspicion = earlier.suspicion(odometry, noise, slip_share)
             if suspicion > SUSPICIOUS_SIGMAS and _shown_sigma(prior, found.covariance) > FEW_THINGS_SIGMA_M:
                 reason = f"few things show the motion, and they contradict odometry by {suspicion:.1f} sigma"
-                found = Registration(np.zeros(6), prior, found.cells, found.refused or reason)
+                found = Registration(np.zeros(6), prior, found.cells, found.refused or reason, found.displaced)
         motion = found.motion[SIDEWAYS] + (0.0 if visual is None else visual.motion)
         posterior = found.covariance[np.ix_(SIDEWAYS, SIDEWAYS)]
         kept, own, slip = kept_growth(growth, predicted, posterior), np.zeros((3, 3)), self.slip
@@ -300,6 +302,7 @@ class WalkCorrection:
             is_denied=visual is not None and bool(visual.denied.any()),
             corners=None if visual is None else visual.corners,
             visual_refused=visual_refused,
+            displaced=found.displaced,
         )
 
 

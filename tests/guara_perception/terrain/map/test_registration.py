@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -127,6 +128,43 @@ def test_an_overlap_that_contradicts_is_refused(robot: RobotModel, make_scan: Ma
 
 
 @pytest.mark.slow
+def part_moved(
+    robot: RobotModel, make_scan: MakeScan, shares: tuple[float, ...], moved_by: tuple[float, ...]
+) -> tuple[gp.TerrainGrid, np.ndarray]:
+    """The robot stands 3 mm beside where odometry says; strips of the ground moved along y since the scan before."""
+    terrain_map = gp.TerrainMap(robot)
+    still = PoseInOdom(np.eye(4), np.zeros((6, 6)), covariance_since_last=SINCE_LAST)
+    terrain_map.update(seen_from(make_scan, (0, 0), 0), still)
+    x, y = np.meshgrid(*make_scan(0.0).geometry.centres())
+    strip = np.searchsorted(np.quantile(y, np.cumsum(shares)), y)
+    heights = bumps(x, y - 0.003 + np.array([0.0, *moved_by])[strip])
+    seen = make_scan(heights + np.random.default_rng(3).normal(0, 2e-4, x.shape), step=1)
+    fused = terrain_map.update(seen, PoseInOdom(np.eye(4), SINCE_LAST, covariance_since_last=SINCE_LAST))
+    flags = np.asarray(fused.hazard_at(x, y)) & np.uint16(gp.Hazard.CONFLICT)
+    return fused, np.array([np.mean(flags[strip == k] != 0) for k in range(1 + len(moved_by))])
+
+
+def test_the_majority_of_the_ground_holds_the_map_and_the_rest_is_a_conflict(
+    robot: RobotModel, make_scan: MakeScan
+) -> None:
+    """A third of the view moved by 15 mm: the correction is that of the rest, and cells of the third are CONFLICT."""
+    whole, of_none = part_moved(robot, make_scan, (0.7,), (0.0,))
+    fused, of_strips = part_moved(robot, make_scan, (0.7,), (0.015,))
+    assert fused.metadata["registration_refused"] is None
+    np.testing.assert_allclose(correction(fused)[:2], correction(whole)[:2], atol=5e-4)
+    assert of_none.max() == 0
+    assert of_strips[0] < 0.1 < 0.9 < of_strips[1]
+
+
+def test_without_a_majority_nothing_is_corrected(robot: RobotModel, make_scan: MakeScan) -> None:
+    """Three thirds moved in three ways."""
+    fused, of_strips = part_moved(robot, make_scan, (0.34, 0.33), (0.015, -0.015))
+    assert re.search("parts of the ground moved, and only .* % of what shows", fused.metadata["registration_refused"])
+    assert np.all(correction(fused) == 0)
+    assert fused.metadata["sideways_correction_sigma"][1] >= 0.002
+    assert np.median(of_strips) > 0.8
+
+
 def test_a_saved_map_goes_on_with_its_correction(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
     """The state of the filter is part of the file."""
     terrain_map = gp.TerrainMap(robot)
