@@ -12,7 +12,7 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.simulation.strides import Stride, StridePlanner
 from guara_perception.simulation.world import World
-from kinematics import RobotModel
+from kinematics import OdometryLost, RobotModel
 from kinematics.transforms import transform_points
 from testbed.crossing.courses import Course, course
 from testbed.crossing.crawl import Crawl, Fell, NoGround
@@ -122,7 +122,7 @@ def cross(
                 report(done, walker, sight)
         else:
             done.why = "steps ran out"
-    except NoGround as error:
+    except (NoGround, OdometryLost) as error:
         done.why = str(error)
     except Fell as error:
         done.result, done.why = "fell", str(error)
