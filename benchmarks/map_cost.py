@@ -18,6 +18,7 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import options
+from benchmarks.usable_ground import CLEARANCE_M, up_over_down
 from benchmarks.yardstick import REFERENCE_STRIPE_S, Yardstick
 from guara_perception.ground_picture import GroundPicture
 from guara_perception.scanning.pictures import with_pictures
@@ -30,6 +31,8 @@ from testbed.truth import truth_calibration
 Result = TypeVar("Result")
 REGION_RADIUS_M = 0.15
 REGIONS_ASKED = 40
+# Ends of a swing of the left fore foot.
+SWING_X_M, SWING_Y_M = (0.29, 0.43), 0.18
 
 
 def main() -> None:
@@ -123,8 +126,21 @@ def questions(terrain: gp.TerrainGrid, robot: RobotModel) -> dict[str, float]:
     at = rng.uniform(0.45, 1.0, 1000), rng.uniform(-0.3, 0.3, 1000)
     result["check_foothold, 1000 positions"] = timed(lambda: terrain.check_foothold(*at))[1]
     result["the same with reach of a leg"] = timed(lambda: terrain.check_foothold(*at, leg="lf", robot=robot))[1]
-    result["best_foothold, radius 0.08 m"] = timed(lambda: terrain.best_foothold(0.7, 0.1, 0.08))[1]
-    return result | {"obstacles": timed(terrain.obstacles)[1]}
+    start, end = (np.array([x, SWING_Y_M, float(terrain.height_at(x, SWING_Y_M))]) for x in SWING_X_M)
+    way = up_over_down(start, end)
+    scanned = np.stack(np.meshgrid(np.linspace(-0.4, 0.8, 17), np.linspace(-0.3, 0.3, 11)), axis=-1).reshape(-1, 2)
+    asked: dict[str, Callable[[], object]] = {
+        "best_foothold, radius 0.08 m": lambda: terrain.best_foothold(0.7, 0.1, 0.08),
+        "best_foothold of a leg": lambda: terrain.best_foothold(end[0], end[1], 0.08, leg="lf", robot=robot),
+        "leg_clearance": lambda: terrain.leg_clearance(end[0], end[1], "lf", robot),
+        "check_path, up, over and down": lambda: terrain.check_path(way, CLEARANCE_M),
+        "swing": lambda: terrain.swing(start, end, CLEARANCE_M),
+        "swing of a leg": lambda: terrain.swing(start, end, CLEARANCE_M, leg="lf", robot=robot),
+        "stairs": terrain.stairs,
+        f"height_scan, {len(scanned)} points": lambda: terrain.height_scan(scanned),
+        "obstacles": terrain.obstacles,
+    }
+    return result | {name: timed(question)[1] for name, question in asked.items()}
 
 
 def timed(run: Callable[[], Result]) -> tuple[Result, float]:

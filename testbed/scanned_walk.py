@@ -163,18 +163,25 @@ def scanned(robot: RobotModel, course: Course, seed: int, mode: str, cycles: int
             processor = processor.extended()
             processor.add_all([gp.FramePair(*each) for each in rangefinder.frames(between)])
             terrain = refined(terrain, processor.finish("wide"))
-        seen = _seen(pause, rangefinder, settings, [pattern[0], pattern[-1]])
+        to_world = footprint_to_world(pause.transform_base_to_world, terrain)
+        seen = visible_cells(pause, to_world, rangefinder, settings, [pattern[0], pattern[-1]])
         yield ScannedPause(pause, terrain, processor.ground_picture, rangefinder.world, seen)
 
 
-def _seen(pause: WalkPause, rangefinder: SimulatedRangefinder, settings: Settings, outermost: list[int]) -> Index:
-    """Cells of a world that an ideal scan would see between its outermost stripes."""
+def visible_cells(
+    pause: WalkPause,
+    transform_footprint_to_world: Float,
+    rangefinder: SimulatedRangefinder,
+    settings: Settings,
+    outermost: list[int],
+) -> Index:
+    """Cells of a world that an ideal scan would see between its outermost stripes, in the ranges of its footprint."""
     view = rangefinder.view
     lit = (view.laser_gain > 0) & ~view.is_body & (view.reflectance > DARK_REFLECTANCE)
     points = view.points[lit] + view.origin
     planes = rangefinder.laser_planes.planes_in_base[outermost]
     beyond = transform_points(inverse(pause.transform_base_to_world), points) @ planes[:, :3].T + planes[:, 3]
-    x, y, z = transform_points(inverse(pause.transform_footprint_to_world), points).T
+    x, y, z = transform_points(inverse(transform_footprint_to_world), points).T
     within = (beyond[:, 0] > 0) & (beyond[:, 1] < 0)
     for axis, (low, high) in (
         (x, settings.footprint_x),

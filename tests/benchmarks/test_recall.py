@@ -5,9 +5,13 @@ import pytest
 
 from benchmarks.recall import DANGEROUS_RELIEF_M, Soles, walk_counts
 from guara_perception.settings import Settings
+from guara_perception.simulation import SimulatedRangefinder, World, specimen
+from guara_perception.simulation.features import Pit
+from guara_perception.simulation.walk import simulate_walk
 from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import load_robot
 from testbed.kinds_of_ground import KINDS, MOVING, course
+from testbed.scanned_walk import visible_cells
 from testbed.true_ground import CELL_M, TrueGround
 
 SOLE = np.ones((13, 17), np.uint8)
@@ -48,6 +52,23 @@ def test_every_kind_of_ground_is_level_under_the_first_stance() -> None:
         assert heights.any() or np.ptp(materials), kind
         ahead.add((heights.tobytes(), materials.tobytes()))
     assert len(ahead) == len(KINDS) + 1
+
+
+@pytest.mark.slow
+def test_what_is_visible_is_in_the_ranges_of_the_scans_own_footprint() -> None:
+    """The floor of a pit below the lowest height is in range of a scan whose footprint lies 20 mm lower than truly."""
+    robot = load_robot("guara")
+    world = World((-1.0, 2.0), (-0.8, 0.8), (Pit(x=0.75, y=0.0, size=(0.3, 0.4), depth=0.09),), undulation=0.0)
+    pause = next(iter(simulate_walk(world, robot, lambda pause: pause.nominal, cycles=1, seed=0)))
+    rangefinder = SimulatedRangefinder(world, specimen(robot, (640, 512), 0), robot, 0)
+    rangefinder.set_pose(pause.transform_base_to_world, pause.joint_positions)
+    lower = pause.transform_footprint_to_world.copy()
+    lower[2, 3] -= 0.02
+    in_pit = []
+    for to_world in (pause.transform_footprint_to_world, lower):
+        y, x = visible_cells(pause, to_world, rangefinder, Settings.of(robot), [0, 69]).T * 0.005 - [[0.8], [1.0]]
+        in_pit.append(int(((np.abs(x - 0.75) < 0.1) & (np.abs(y) < 0.15)).sum()))
+    assert in_pit[0] == 0 and in_pit[1] > 1000
 
 
 @pytest.mark.heavy

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.terrain.layers.hazard import Hazard
 from kinematics import PoseInOdom, RobotModel
-from tests.guara_perception.terrain.map.poses import POINT, ZERO, MakeScan, at, drift, only
+from tests.guara_perception.terrain.map.poses import AROUND, POINT, ZERO, MakeScan, at, drift, only
 from tests.thorough import examples
 
 
@@ -90,6 +90,26 @@ def test_a_snapshot_joins_the_flags_of_cells_touched(robot: RobotModel, make_sca
     inside = np.s_[40:100, 240:290]
     assert np.isnan(whole.elevation[inside]).sum() == 1
     assert np.isnan(shifted.elevation[inside]).sum() == 4
+
+
+@pytest.mark.slow
+@settings(max_examples=examples(8), deadline=None, derandomize=True)
+@given(x=st.floats(0, 0.005), y=st.floats(0, 0.005), yaw=st.floats(-0.1, 0.1), turn=st.floats(-0.1, 0.1))
+def test_no_point_without_return_is_known_later(
+    robot: RobotModel, make_scan: MakeScan, scan_grid: Any, x: float, y: float, yaw: float, turn: float
+) -> None:
+    """Wherever the cells of scan, map and view lie, a point where a return was missing lies in an unknown cell."""
+    gap = only(Hazard.DROPOUT, scan_grid, (0.70, 0.72, -0.30, 0.30)) | only(Hazard.DROPOUT, scan_grid, AROUND)
+    terrain_map = gp.TerrainMap(robot)
+    terrain_map.update(make_scan(0.0, flags=gap), PoseInOdom(at(x, y, yaw), ZERO))
+    nothing = np.full(scan_grid.shape, np.uint16(Hazard.UNSCANNED))
+    later = at(0.07, -y, turn)
+    fused = terrain_map.update(make_scan(0.0, flags=nothing, step=1), PoseInOdom(later, ZERO))
+    px, py = (a.ravel() for a in np.meshgrid(np.linspace(0.6801, 0.7199, 60), np.linspace(-0.1999, 0.1999, 600)))
+    empty = gap[scan_grid.indices(px, py)] != 0
+    points = np.stack((px, py, np.zeros(px.size), np.ones(px.size)))[:, empty]
+    px, py, *_ = np.linalg.solve(later, at(x, y, yaw) @ points)
+    assert np.isnan(fused.height_at(px, py)).all()
 
 
 @pytest.mark.slow
