@@ -148,16 +148,18 @@ class _Seen:
         sigma: (4,) standard deviations of `rise` due to the noise of the images, without that of the reference image,
             which all estimates share [m].
         shift: median motion of the corners of the image [px of the reduced image].
+        largest_sigma: the largest of `sigma`, kept because it is asked for often [m].
     """
 
     rise: Float
     sigma: Float
     shift: float
+    largest_sigma: float
 
     @property
     def is_sure(self) -> bool:
         """True if the sigmas can be trusted; the errors of noisier estimates are larger than their sigmas."""
-        return bool(self.sigma.max() <= MOST_RISE_M)
+        return self.largest_sigma <= MOST_RISE_M
 
     @property
     def is_still(self) -> bool:
@@ -174,7 +176,8 @@ class _Seen:
 def _seen_of(found: Float) -> _Seen:
     """Camera motion (2 n + 1,) as the kernel gives it: n rises, their sigmas and the shift."""
     ends = len(found) // 2
-    return _Seen(found[:ends], found[ends:-1], float(found[-1]))
+    sigma = found[ends:-1]
+    return _Seen(found[:ends], sigma, float(found[-1]), float(sigma.max()))
 
 
 def is_beyond(rises: Float, sigmas: Float, common: Float | float) -> bool:
@@ -194,7 +197,7 @@ def _estimates(looks: Mapping[int, Sequence[_Seen]], common: Float) -> dict[int,
     groups, found = list(looks.values()), {}
     for number, (index, own) in enumerate(looks.items()):
         seen = _pooled(own)
-        if seen is None or (LEAST_SIGMAS * seen.sigma.max() > MOST_RISE_M and not seen.is_beyond(common)):
+        if seen is None or (LEAST_SIGMAS * seen.largest_sigma > MOST_RISE_M and not seen.is_beyond(common)):
             around = groups[max(number - NEIGHBOURS, 0) : number + NEIGHBOURS + 1]
             seen = _pooled([look for group in around for look in group])
         if seen is not None:
@@ -210,7 +213,7 @@ def _pooled(looks: Sequence[_Seen]) -> _Seen | None:
     mean = (weights * rises).sum(axis=0) / weights.sum(axis=0)
     scatter = (weights * (rises - mean) ** 2).sum() / max(weights.size - len(mean), 1)
     sigma = np.sqrt(max(float(scatter), 1.0) / weights.sum(axis=0))
-    return _Seen(mean, sigma, float(np.median([look.shift for look in looks])))
+    return _Seen(mean, sigma, float(np.median([look.shift for look in looks])), float(sigma.max()))
 
 
 class BackgroundWitness:
@@ -233,6 +236,8 @@ class BackgroundWitness:
         # Change (n, 2, 2) of the ray of each corner per pixel along x and along y.
         self._turn: Float = np.zeros((0, 2, 2))
         self._seen: dict[int, list[_Seen]] = {}
+        # Result of `_standing`, until the next look.
+        self._stood: tuple[Float, dict[int, _Seen]] | None = None
         self._pixel = self._gain = 0.0
         # Rise of the corners per unit of small motion (translation, rotation) along the axes of the camera.
         turn, arm = transform_camera_to_footprint[:3, :3], ends - transform_camera_to_footprint[:3, 3]
@@ -249,7 +254,7 @@ class BackgroundWitness:
         """
         if self._reference is None and off is not None:
             self._begin(off)
-        self._seen[index] = []
+        self._seen[index], self._stood = [], None
         if self._reference is None or len(self._points) < LEAST_CORNERS:
             return
         scale = self._reference.shape[0] / picture.shape[0]
@@ -336,9 +341,16 @@ class BackgroundWitness:
 
         There is no texture, too little light, or no laser-off image, without which motion is not looked for.
         """
-        found = _estimates(self._told(), self._reference_sigma())
-        sigmas = [found[index].sigma.max() if index in found else np.inf for index in self._seen]
+        found = self._standing()[1]
+        sigmas = [found[index].largest_sigma if index in found else np.inf for index in self._seen]
         return not sigmas or LEAST_SIGMAS * float(np.median(sigmas)) > WRONG_M
+
+    def _standing(self) -> tuple[Float, dict[int, _Seen]]:
+        """`_reference_sigma`, and estimates by stripe for a camera that stood still."""
+        if self._stood is None:
+            common = self._reference_sigma()
+            self._stood = common, _estimates(self._told(), common)
+        return self._stood
 
     def _told(self) -> dict[int, list[_Seen]]:
         """Estimates that are sure; none if at most half of all are, since they are then accidental, as in the dark."""
@@ -356,15 +368,14 @@ class BackgroundWitness:
             places: poses (4, 4) of the camera in base_footprint from the joints, by stripe index; None = the camera
                 stood still.
         """
-        looks = self._told()
+        common, found = self._standing()
         if places is not None:
             looks = {
                 index: [replace(look, rise=look.rise - self._claimed(places[index])) for look in seen]
-                for index, seen in looks.items()
+                for index, seen in self._told().items()
                 if index in places
             }
-        common = self._reference_sigma()
-        found = _estimates(looks, common)
+            found = _estimates(looks, common)
         if not found:
             return {}
         middle = np.median([each.rise for each in found.values()], axis=0)

@@ -30,7 +30,7 @@ from guara_perception.scanning.flash_proof import (
     without_spoilt,
 )
 from guara_perception.scanning.light_diagnosis import FrameSamples
-from guara_perception.scanning.scan_report import scan_drift, scan_record
+from guara_perception.scanning.scan_report import FloorCheck, scan_drift, scan_record
 from guara_perception.scanning.scan_surface import ScanSurface, SharedVariance, sway_variance
 from guara_perception.scanning.stripe_finder import METHODS, StripeFinder, check_method
 from guara_perception.scanning.stripe_places import NO_PLACE, StripePlaces, parted_pairs
@@ -41,6 +41,7 @@ from guara_perception.terrain.layers.geometry import GridGeometry, cell_edge
 from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import BodyTrack, GravityEstimate, Stance, StanceError, Stillness, describe_robot
 from kinematics.self_filter import SelfFilter
+from kinematics.stance_pose import support_soles
 
 
 class ScanProcessor:
@@ -115,6 +116,7 @@ class ScanProcessor:
         self.pose = robot.stance_pose(self._stance, odometry=gravity)
         self._stamp, self._step = int(stamp), int(step)
         self._robot_description = describe_robot(robot)
+        self._soles, self._floor = support_soles(self.pose, robot.noise), FloorCheck(self.pose)
         self._cell = cell_edge(resolution, settings.resolution)
         to_footprint = self.pose.transform_base_to_footprint
         self._geometry = scan_geometry(calibration, to_footprint, settings, mode)
@@ -476,7 +478,7 @@ class ScanProcessor:
         return other
 
     def work_ahead(self) -> None:
-        """Merge the stripes added so far, so that `finish` only has to merge the columns of later stripes.
+        """Judge the stripes added so far, so that `finish` only has to compute what later stripes change.
 
         This changes only the run time of `finish`, and takes about as long as `finish`. Call it while waiting for the
         last few stripes. It has no effect with a track, because stripes are then placed later.
@@ -484,6 +486,7 @@ class ScanProcessor:
         if self._places is None:
             proved = self._what_is_proved()
             proved.surface.layers("footprint", may_sway=proved.may_sway)
+            self._floor.verdict(proved.surface.stripes)
 
     def finish(self, area: str = "footprint", *, record: ScanRecord | None = None) -> TerrainGrid:
         """Compute the terrain from the stripes added so far.
@@ -515,6 +518,8 @@ class ScanProcessor:
                 layers=layers,
                 seconds={**self._seconds, "finish": time.perf_counter() - start},
                 samples=self._samples,
+                soles=self._soles,
+                floor=self._floor,
                 mirrored_points=self._mirrored_points,
                 proof=proved.proof,
                 motion=proved.motion,

@@ -8,7 +8,7 @@ from itertools import islice
 
 import numpy as np
 
-from guara_perception.arrays import Array, Mask
+from guara_perception.arrays import Array, Float, Mask
 from guara_perception.calibration.drift import DRIFTING, HOLDS, Drift, check_drift
 from guara_perception.ranging.scan_geometry import ScanGeometry
 from guara_perception.ranging.stripe_points import StripePoints
@@ -21,7 +21,6 @@ from guara_perception.stripes.band import StripeProfile, StripeStatus
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
 from guara_perception.terrain.layers.record import Health, ScanRecord
 from kinematics import RobotModel, Stance, StancePose
-from kinematics.stance_pose import support_soles
 
 # Coverage below which the health states a cause and a remedy.
 LOW_COVERAGE = 0.5
@@ -67,6 +66,8 @@ def scan_record(
     layers: Mapping[str, Array],
     seconds: Mapping[str, float],
     samples: FrameSamples,
+    soles: Mapping[str, Float],
+    floor: FloorCheck,
     mirrored_points: Callable[[], Mapping[int, StripePoints]],
     proof: Proof,
     motion: str,
@@ -110,7 +111,7 @@ def scan_record(
         wrong = motion or samples.excess() or wrong_pattern(profiles, settings.pattern(mode).step)
         reasons.append(advice(coverage, counts, wrong or wrong_frames(samples, geometry), samples.lack()))
     else:
-        reasons += filter(None, (motion, mirrored_frames(points, mirrored_points, pose), samples.texture()))
+        reasons += filter(None, (motion, floor.mirrored_frames(points, mirrored_points), samples.texture()))
     if pose.attitude_source == "support_plane":
         reasons.append(
             "levelled by the plane of the feet, as neither an IMU nor leg odometry gives gravity: level to "
@@ -130,7 +131,7 @@ def scan_record(
         attitude_source=pose.attitude_source,
         attitude_sigma=pose.attitude_sigma,
         support_feet_used=tuple(pose.support_feet_used),
-        support_soles=support_soles(pose, robot.noise),
+        support_soles=soles,
         transform_base_to_footprint=np.asarray(pose.transform_base_to_footprint),
         transform_camera_to_base=calibration.transform_camera_to_base,
         laser_origin=geometry.sensor_origins[1],
@@ -173,14 +174,27 @@ def scan_drift(
     return drift
 
 
-def mirrored_frames(
-    points: Mapping[int, StripePoints], mirrored_points: Callable[[], Mapping[int, StripePoints]], pose: StancePose
-) -> str:
-    """MIRRORED if a scan of a flat floor fits the calibration only with mirrored frames; otherwise empty."""
-    some = dict(islice(points.items(), 0, None, max(len(points) // SUSPECTED, 1)))
-    if _check_drift(some, pose).verdict != DRIFTING:
-        return ""
-    return MIRRORED if MIRRORED in scan_drift(points, mirrored_points, pose).reasons else ""
+class FloorCheck:
+    """Look for mirrored frames by the floor that a scan measured; the last verdict on it is kept."""
+
+    def __init__(self, pose: StancePose) -> None:
+        """Start a scan with the body at a pose over the ground."""
+        self._pose, self._some, self._verdict = pose, list[StripePoints](), ""
+
+    def verdict(self, points: Mapping[int, StripePoints]) -> str:
+        """Verdict of the drift check on some of the stripes with these points."""
+        some = dict(islice(points.items(), 0, None, max(len(points) // SUSPECTED, 1)))
+        if list(map(id, some.values())) != list(map(id, self._some)):
+            self._some, self._verdict = list(some.values()), _check_drift(some, self._pose).verdict
+        return self._verdict
+
+    def mirrored_frames(
+        self, points: Mapping[int, StripePoints], mirrored_points: Callable[[], Mapping[int, StripePoints]]
+    ) -> str:
+        """MIRRORED if a scan of a flat floor fits the calibration only with mirrored frames; otherwise empty."""
+        if self.verdict(points) != DRIFTING:
+            return ""
+        return MIRRORED if MIRRORED in scan_drift(points, mirrored_points, self._pose).reasons else ""
 
 
 def _check_drift(stripes: Mapping[int, StripePoints], pose: StancePose) -> Drift:

@@ -17,8 +17,8 @@ from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 from guara_perception.ranging.surface import Key, sample_count, shares, surface_of
 from guara_perception.settings import Settings
 from guara_perception.stripes.kernel.library import address, addresses, kernel
-from guara_perception.terrain.assessment.assess import assess_layers
-from guara_perception.terrain.assessment.causes import LookPlan, unknown_causes
+from guara_perception.terrain.assessment.assess import DiscTests, assess_layers
+from guara_perception.terrain.assessment.causes import ByHeight, LookPlan, unknown_causes
 from guara_perception.terrain.assessment.raster import (
     CellSamples,
     Raster,
@@ -136,8 +136,6 @@ class ScanSurface:
         self._pattern = pattern
         # The functions below hold no reference to this surface: a cycle would delay the release of its memory.
         self._shared, self._attitude_sigma = shared, attitude_sigma
-        # Heights of the last call of `_shared_of` and the variance that it returned, by grid.
-        self._shared_before: dict[GridGeometry, tuple[Float, Float]] = {}
         self._limits, self._origins = settings.limits, (origins := geometry.sensor_origins)
         planes, size = geometry.planes_in_footprint, geometry.calibration.camera.size
 
@@ -146,7 +144,8 @@ class ScanSurface:
 
         def area(grid: GridGeometry, rows: slice) -> _Area:
             plan = LookPlan(grid, planes, geometry.pixels, size)
-            return _Area(rows, plan, None if sway_variance is None else sway_variance(grid))
+            sway = None if sway_variance is None else sway_variance(grid)
+            return _Area(rows, plan, ByHeight(grid.size), ByHeight(grid.size), DiscTests(), sway)
 
         self._hidden = hidden
         rows = area_rows(settings, cell)
@@ -155,7 +154,7 @@ class ScanSurface:
         self._area = functools.cache(lambda name: area(*rows[name]))
         self._pooling = max(int(np.ceil(cell / FINEST_CELL_M - 1e-9)), 1)
         fine = self.grids["wide"].refined(self._pooling)
-        self._raster = SurfaceRaster(fine, pattern, settings.join_height, parted)
+        self._raster = SurfaceRaster(fine, pattern, settings.join_height, parted, hidden)
 
     @property
     def stripes(self) -> dict[int, StripePoints]:
@@ -188,32 +187,30 @@ class ScanSurface:
         raster = pool(self._raster.raster(), self._pooling).window((own.rows, slice(None)))
         if may_sway and own.sway_variance is not None:
             raster = replace(raster, variance=raster.variance + own.sway_variance)
-        marks = pool_flags(self._raster.marks(self._hidden), self._pooling)[own.rows]
+        marks = pool_flags(self._raster.marks(), self._pooling)[own.rows]
         usable = np.isin(self._order, list(self.stripes))
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
-        causes = unknown_causes(own.plan, self._origins, raster.elevation, pair_usable, marks, self._hidden)
+
+        def in_own_shadow(cells: Index, points: Float) -> Mask:
+            return own.shadowed.of(cells, points, self._hidden) > 0
+
+        causes = unknown_causes(own.plan, self._origins, raster.elevation, pair_usable, marks, in_own_shadow)
         return assess_layers(
             raster,
             causes,
             self.grids[area].resolution,
             self._limits,
-            shared=self._shared_of(raster, self.grids[area]),
+            shared=self._shared_of(raster.elevation, own),
             attitude_sigma=self._attitude_sigma,
+            discs=own.discs,
         )
 
-    def _shared_of(self, raster: Raster, grid: GridGeometry) -> Float:
-        """Variance (ny, nx) that neighbouring cells share [m^2], NaN in unknown cells.
-
-        Computed for the cells whose height has changed since the last call.
-        """
-        nothing = np.full(grid.shape, np.nan), np.full(grid.shape, np.nan)
-        before, shared = self._shared_before.get(grid, nothing)
-        iy, ix = np.nonzero(~((raster.elevation == before) | np.isnan(raster.elevation)))
-        x, y = grid.centres()
-        shared = np.where(np.isnan(raster.elevation), np.nan, shared)
-        shared[iy, ix] = self._shared.at(np.stack((x[ix], y[iy], raster.elevation[iy, ix])))
-        self._shared_before[grid] = raster.elevation, shared
-        return shared
+    def _shared_of(self, elevation: Float, area: _Area) -> Float:
+        """Variance (ny, nx) that neighbouring cells share [m^2], NaN in unknown cells."""
+        shared, cells = np.full(elevation.size, np.nan), np.flatnonzero(np.isfinite(elevation))
+        points = area.plan.points(cells, elevation.ravel()[cells])
+        shared[cells] = area.shared.of(cells, points, lambda points: self._shared.at(points.T))
+        return shared.reshape(elevation.shape)
 
     def lost_cells(self, layers: Mapping[str, Array], is_lost: Mask, area: str) -> tuple[Run, ...]:
         """Unknown cells that lost stripes might have measured; see the function `lost_cells`.
@@ -239,11 +236,17 @@ class _Area:
     Attributes:
         rows: rows of the widest area's raster that belong to this area.
         plan: stripe pair and visibility of each of its cells.
+        shadowed: 1 where the robot hides the ground from its own camera or laser.
+        shared: variance that neighbouring heights share [m^2].
+        discs: tests of the discs around its cells.
         sway_variance: (ny, nx) variance due to the body's sway [m^2], or None.
     """
 
     rows: slice
     plan: LookPlan
+    shadowed: ByHeight
+    shared: ByHeight
+    discs: DiscTests
     sway_variance: Float | None
 
 
@@ -360,7 +363,12 @@ class SurfaceRaster:
     """
 
     def __init__(
-        self, geometry: GridGeometry, pattern: range, join_height: float, parted: Collection[Key] = ()
+        self,
+        geometry: GridGeometry,
+        pattern: range,
+        join_height: float,
+        parted: Collection[Key] = (),
+        hidden: Callable[[Float], Mask] | None = None,
     ) -> None:
         """Start without stripes.
 
@@ -369,7 +377,11 @@ class SurfaceRaster:
             pattern: indices of the stripes of the scan's mode.
             join_height: limit of the height difference between neighbouring points of one surface [m].
             parted: pairs of neighbouring stripes between which there is no surface.
+            hidden: returns the mask of the points (n, 3) that the robot hides from its own camera or laser. A stripe
+                ends there because of the robot, so an unusable return says nothing about the ground. None = no such
+                points.
         """
+        self._hidden = hidden
         self._parted = frozenset(parted)
         self._geometry = geometry
         self._pattern = pattern
@@ -381,7 +393,9 @@ class SurfaceRaster:
         self._to_make: set[Key] = set()
         self._to_merge = np.zeros(geometry.shape[1], dtype=bool)
         self._raster = merge((), geometry)
-        self._out_of_range, self._too_high = (np.zeros(geometry.shape, dtype=bool) for _ in range(2))
+        self._out_of_range, self._too_high, self._ambiguous = (np.zeros(geometry.shape, dtype=bool) for _ in range(3))
+        # Stripes whose unusable returns are marked in `_ambiguous`.
+        self._marked: set[int] = set()
 
     @property
     def stripes(self) -> dict[int, StripePoints]:
@@ -413,20 +427,15 @@ class SurfaceRaster:
         self._to_merge.fill(False)
         return without_cells(self._raster, self._too_high)
 
-    def marks(self, hidden: Callable[[Float], Mask] | None = None) -> Flags:
-        """Flags of the cells with unusable returns.
-
-        Args:
-            hidden: returns the mask of the points (n, 3) that the robot hides from its own camera or laser. A stripe
-                ends there because of the robot, so an unusable return says nothing about the ground. None = no such
-                points.
-        """
-        flags = self._out_of_range * np.uint16(Hazard.OUT_OF_RANGE)
-        doubtful = np.concatenate([np.empty((0, 3)), *(each.doubtful.points for each in self._stripes.values())])
-        if hidden is not None and len(doubtful):
-            doubtful = doubtful[~hidden(doubtful)]
-        flags.ravel()[cells_of(doubtful, self._geometry)[0]] |= np.uint16(Hazard.AMBIGUOUS)
-        return flags
+    def marks(self) -> Flags:
+        """Flags of the cells with unusable returns; only those of stripes added since the last call are looked at."""
+        new = [stripe for index, stripe in self._stripes.items() if index not in self._marked]
+        doubtful = np.concatenate([np.empty((0, 3)), *(stripe.doubtful.points for stripe in new)])
+        if self._hidden is not None and len(doubtful):
+            doubtful = doubtful[~self._hidden(doubtful)]
+        self._ambiguous.ravel()[cells_of(doubtful, self._geometry)[0]] = True
+        self._marked.update(self._stripes)
+        return self._out_of_range * np.uint16(Hazard.OUT_OF_RANGE) | self._ambiguous * np.uint16(Hazard.AMBIGUOUS)
 
     def _touched(self, index: int) -> list[Key]:
         """Keys of the stripes and pairs whose surface depends on a stripe."""

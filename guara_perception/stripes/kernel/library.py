@@ -40,8 +40,9 @@ P, D, F, PICTURE = ctypes.c_void_p, ctypes.c_double, ctypes.c_float, ctypes.POIN
 # Types of the arguments and the result of each function. The global interpreter lock is released during each call.
 FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "any_light_size": ([N] * 5, N),
-    "behind_surface": ([P, N, N, P, N, P, D, D, P, D, P], None),
+    "behind_surface": ([P, N, N, P, N, P, N, D, D, P, D, P], None),
     "cells_of_samples": ([P, N, D, P, N, N, P, P], None),
+    "clearance": ([P, N, N, N, D, P, P], None),
     "clean_size": ([N] * 3, N),
     "extract_clean": ([PICTURE, PICTURE, N, D, P, P, P], N),
     "extract_any_light": ([PICTURE, PICTURE] + [N] * 3 + [P] * 6, N),
@@ -66,6 +67,7 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "settle_points": ([P] * 3 + [N, N, D, D, N, N] + [P] * 6, None),
     "shrink": ([PICTURE, N, N, D, P, P, P], None),
     "sum_cells": ([P, P, P, N, P, N, N, N, N, P, P, P, P], None),
+    "test_discs": ([P, N, N, N, N, P, N, D, D, P, P, P, P], None),
 }
 
 

@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from guara_perception.arrays import Array, Flags, Float, Float32, Index, Mask
 from guara_perception.settings import TraversabilityLimits
-from guara_perception.terrain.assessment.disc import clearance, edge_cells, fit_disc
+from guara_perception.stripes.kernel.library import address, addresses, kernel
+from guara_perception.terrain.assessment.disc import clearance, edge_cells
 from guara_perception.terrain.assessment.raster import Raster
-from guara_perception.terrain.layers.geometry import (
-    EXTRA_RING_CELLS,
-    LARGEST_DRIFT_CELLS,
-    Kernel,
-    disc_kernel,
-    half_cells,
-)
+from guara_perception.terrain.layers.geometry import KNOWN_SHARE, disc_kernel, half_cells
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
-# Minimum score of a safe cell, because 0 is reserved for hazards and unknown cells.
-LEAST_SAFE_SCORE = 0.01
-# Number of cells in a block of rows, chosen to fit the processor's cache. All tests are local, so the blocks do not
-# change the result.
-BLOCK_CELLS = 60_000
-# Minimum height of a block in multiples of its margin; rows of the margin are assessed twice.
-LEAST_MARGINS = 6
+# Layers that are those of a raster, in its order, and layers that the kernel computes.
+FROM_RASTER = "elevation", "variance_local", "elevation_min", "elevation_max"
+JUDGED = "slope", "step_height", "roughness", "traversability"
+# Limits as the kernel takes them.
+TESTED = "slope", "step", "drop", "roughness", "sigma", "confidence"
 
 
 def assess_layers(
@@ -37,6 +29,7 @@ def assess_layers(
     shared: Float | float = 0.0,
     attitude_sigma: float = 0.0,
     beyond: int = 0,
+    discs: DiscTests | None = None,
 ) -> dict[str, Array]:
     """Compute all layers of a grid from its heights.
 
@@ -53,6 +46,8 @@ def assess_layers(
         shared: (ny, nx) variance shared by neighbouring cells [m^2]. It is part of `variance`; no test uses it.
         attitude_sigma: standard deviation of the frame's tilt relative to gravity, per axis [rad].
         beyond: width of a margin on each side that the tests read but the returned layers do not contain [cells].
+        discs: tests of an earlier call with the same resolution, limits and attitude, which are kept where no change
+            can reach them; it receives those of this call.
 
     Returns:
         All layers by name, read-only, in the types of `LAYERS`, with age and looks of a single scan.
@@ -64,15 +59,19 @@ def assess_layers(
     # Known cells have no cause, and unknown cells without a cause get UNSCANNED.
     flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
     flags[~known & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
+    discs = DiscTests() if discs is None else discs
+    judged, flags = discs.of(raster, flags, resolution, limits, attitude_sigma)
     # Cells outside the range of known cells are unknown, which is equivalent to being off the grid.
     window = _extent(known, axis=0), _extent(known, axis=1)
-    drift = None if drift is None else np.ascontiguousarray(drift[window])
-    own_flags = np.ascontiguousarray(flags[window])
-    judged = _assess_in_blocks(raster.window(window), own_flags, resolution, limits, drift, attitude_sigma)
-    layers: dict[str, Array] = {}
-    for name, values in judged.items():
-        layers[name] = flags if name == "hazard" else np.full(known.shape, _unknown(name), np.float32)
-        layers[name][window] = values
+    disc, drift = disc_kernel(limits.disc_radius / resolution), None if drift is None else drift[window]
+    edge = np.zeros(known.shape, dtype=bool)
+    edge[window] = edge_cells(flags[window], disc, resolution, limits, drift)
+    edge &= known
+    flags[edge] |= np.uint16(Hazard.EDGE)
+    layers: dict[str, Array] = {"hazard": flags} | dict(zip(JUDGED, judged, strict=True))
+    layers["traversability"][edge] = 0.0
+    for name, layer in zip(FROM_RASTER, raster.layers, strict=True):
+        layers[name] = np.where(known, layer, np.nan).astype(np.float32)
     layers["variance"] = (layers["variance_local"] + shared).astype(np.float32)
     if beyond:
         inner = np.s_[beyond:-beyond, beyond:-beyond]
@@ -83,7 +82,7 @@ def assess_layers(
         layers["traversability"][off_grid] = 0.0
     known = np.isfinite(layers["elevation"])
     layers |= {
-        "clearance": clearance(layers["hazard"], resolution).astype(np.float32),
+        "clearance": clearance(layers["hazard"], resolution),
         "age": np.where(known, 0, 255).astype(np.uint8),
         "looks": known.astype(np.uint8),
         "ceiling": np.full(known.shape, np.nan, np.float32),
@@ -94,9 +93,67 @@ def assess_layers(
     return layers
 
 
-def _unknown(layer: str) -> float:
-    """Value of unknown cells."""
-    return 0.0 if layer == "traversability" else np.nan
+class DiscTests:
+    """Tests of the disc around each cell; the result of a cell depends only on its disc, to the last bit.
+
+    Slope and roughness are those of a plane through the known cells of the disc. They are defined as in the filters of
+    grid_map, but with least squares instead of principal components; on planes, both give the same result. They are NaN
+    if too little of the disc, or nothing on one side of its centre, is known. The step height is the largest rise or
+    fall to any known cell of the disc, from lowest and highest samples, so that a step within one cell counts.
+    """
+
+    def __init__(self) -> None:
+        """Start without results."""
+        self._before: tuple[Raster, Flags, Float32, Flags] | None = None
+
+    def of(
+        self, raster: Raster, flags: Flags, resolution: float, limits: TraversabilityLimits, attitude_sigma: float
+    ) -> tuple[Float32, Flags]:
+        """Layers JUDGED, in this order, and flags without EDGE; only columns that changes reach are computed.
+
+        Args:
+            raster, resolution, limits, attitude_sigma: as in `assess_layers`.
+            flags: (ny, nx) initial flags, with a cause in exactly the unknown cells.
+        """
+        ny, nx = flags.shape
+        disc = disc_kernel(limits.disc_radius / resolution)
+        side = disc.shape[0]
+        raster = Raster(*(np.ascontiguousarray(layer, np.float64) for layer in raster.layers))
+        first, end = 0, nx
+        if self._before is None:
+            judged, hazard = np.empty((4, ny, nx), np.float32), flags.copy()
+        else:
+            changed = np.flatnonzero(_differ(raster, flags, *self._before[:2]))
+            first = max(int(changed[0]) - side // 2, 0) if changed.size else nx
+            end = min(int(changed[-1]) + 1 + side // 2, nx) if changed.size else nx
+            judged, hazard = self._before[2].copy(), self._before[3].copy()
+            hazard[:, first:end] = flags[:, first:end]
+        tests = (
+            limits.slope,
+            limits.step,
+            limits.drop,
+            limits.roughness,
+            limits.sigma,
+            limits.confidence,
+            attitude_sigma,
+        )
+        limit, where, work = (
+            np.array(tests, np.float64),
+            np.array(addresses(*raster.layers)),
+            np.empty((side, 5, nx + side)),
+        )
+        given = address(where), ny, nx, first, end, address(disc), side, resolution, KNOWN_SHARE * float(disc.sum())
+        kernel().test_discs(*given, *addresses(limit, work, judged, hazard))
+        self._before = raster, flags, judged, hazard
+        return judged.copy(), hazard.copy()
+
+
+def _differ(raster: Raster, flags: Flags, other: Raster, other_flags: Flags) -> Mask:
+    """Mask (nx,) of the columns in which two rasters or their flags differ."""
+    differ = (flags != other_flags).any(axis=0)
+    for one, two in zip(raster.layers, other.layers, strict=True):
+        differ |= ~((one == two) | (np.isnan(one) & np.isnan(two))).all(axis=0)
+    return differ
 
 
 def _sole_off_grid(shape: tuple[int, ...], resolution: float, limits: TraversabilityLimits) -> Mask:
@@ -111,116 +168,3 @@ def _extent(known: Mask, axis: int) -> slice:
     """Range of the rows (axis 0) or columns (axis 1) with known cells; the first row or column if there are none."""
     occupied = np.flatnonzero(known.any(axis=1 - axis))
     return slice(int(occupied[0]), int(occupied[-1]) + 1) if occupied.size else slice(0, 1)
-
-
-def _assess_in_blocks(
-    raster: Raster,
-    flags: Flags,
-    resolution: float,
-    limits: TraversabilityLimits,
-    drift: Index | None,
-    attitude_sigma: float,
-) -> dict[str, Array]:
-    """Layers that depend on heights (not clearance, total variance, age, looks, ceiling), in blocks of rows."""
-    kernel = disc_kernel(limits.disc_radius / resolution)
-    ny, nx = flags.shape
-    margin = half_cells(limits.sole_width, resolution) + 2 * (kernel.shape[0] // 2)
-    margin += max(EXTRA_RING_CELLS, LARGEST_DRIFT_CELLS)
-    rows = max(BLOCK_CELLS // nx, LEAST_MARGINS * margin)
-    blocks = []
-    for start in range(0, ny, rows):
-        first, end = max(start - margin, 0), min(start + rows + margin, ny)
-        drifted = None if drift is None else drift[first:end]
-        part = raster.window(np.s_[first:end, :])
-        block = _assess_discs(part, flags[first:end], kernel, resolution, limits, attitude_sigma)
-        hazard = block["hazard"]
-        edge = edge_cells(hazard, kernel, resolution, limits, drifted) & ((hazard & UNKNOWN_MASK) == 0)
-        hazard[edge] |= np.uint16(Hazard.EDGE)
-        block["traversability"][edge] = 0.0
-        blocks.append({name: layer[start - first : start - first + rows] for name, layer in block.items()})
-    return blocks[0] if len(blocks) == 1 else {name: np.concatenate([b[name] for b in blocks]) for name in blocks[0]}
-
-
-def _assess_discs(
-    raster: Raster,
-    flags: Flags,
-    kernel: Kernel,
-    resolution: float,
-    limits: TraversabilityLimits,
-    attitude_sigma: float,
-) -> dict[str, Array]:
-    """Layers of `_assess_in_blocks` without EDGE, computed from a disc around each cell.
-
-    Args:
-        raster, resolution, limits, attitude_sigma: as in `assess_layers`.
-        flags: initial flags, with a cause in exactly the unknown cells.
-        kernel: the disc. Cells closer to the border than its radius get other values than in a larger grid.
-    """
-    known = (flags & UNKNOWN_MASK) == 0
-    # Only known cells are computed, often a quarter of a map. Results are stored in single precision at once, which
-    # saves most of the memory.
-    index = np.flatnonzero(known)
-
-    def layer(name: str, values: Float) -> Float32:
-        whole = np.full(flags.shape, _unknown(name), dtype=np.float32)
-        whole.reshape(-1)[index] = values
-        return whole
-
-    fit = fit_disc(raster.elevation, raster.variance, kernel, resolution)
-    slope_layer, roughness_layer = layer("slope", fit.slope), layer("roughness", fit.roughness)
-    k = limits.confidence
-    slope = fit.slope + k * np.hypot(fit.slope_sigma, attitude_sigma)
-    roughness = fit.roughness + k * fit.roughness_sigma
-    del fit
-    rise, fall = rises(raster.low, raster.high, known, kernel)
-    step_layer = layer("step_height", np.maximum(rise, fall))
-    sigma = np.sqrt(raster.variance.take(index))
-    step_sigma = k * np.sqrt(2.0) * sigma
-    # From here on, rise and fall include their uncertainty.
-    rise += step_sigma
-    fall += step_sigma
-
-    found = flags.take(index)
-    with np.errstate(invalid="ignore"):
-        tests = {
-            Hazard.STEEP: slope > limits.slope,
-            Hazard.STEP: rise > limits.step,
-            Hazard.DROP: fall > limits.drop,
-            Hazard.ROUGH: roughness > limits.roughness,
-            Hazard.UNCERTAIN: sigma > limits.sigma,
-        }
-        for flag, failed in tests.items():
-            found |= failed * np.uint16(flag)
-        score = _score(slope, limits.slope) * _score(rise, limits.step)
-        score *= _score(fall, limits.drop) * _score(roughness, limits.roughness)
-    del slope, roughness, rise, fall, sigma, step_sigma
-    hazard = flags.copy()
-    hazard.reshape(-1)[index] = found
-    return {
-        "elevation": layer("elevation", raster.elevation.take(index)),
-        "variance_local": layer("variance_local", raster.variance.take(index)),
-        "elevation_min": layer("elevation_min", raster.low.take(index)),
-        "elevation_max": layer("elevation_max", raster.high.take(index)),
-        "slope": slope_layer,
-        "step_height": step_layer,
-        "roughness": roughness_layer,
-        "traversability": layer("traversability", np.where(found == 0, np.maximum(score, LEAST_SAFE_SCORE), 0.0)),
-        "hazard": hazard,
-    }
-
-
-def rises(low: Float, high: Float, known: Mask, kernel: Kernel) -> tuple[Float, Float]:
-    """Largest rise and largest fall (n,) from each known cell to any known cell of its window [m].
-
-    They are computed from lowest and highest samples, so that a step within one cell counts.
-    """
-    far = 1e3
-    highest = cv2.dilate(np.where(known, high, -far), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=(-far,))
-    lowest = cv2.erode(np.where(known, low, far), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=(far,))
-    index = np.flatnonzero(known)
-    return highest.take(index) - low.take(index), high.take(index) - lowest.take(index)
-
-
-def _score(value: Float, limit: float) -> Float:
-    """Score that decreases from 1 at zero to 0 at the limit; 0 for NaN."""
-    return np.minimum(np.fmax(1.0 - value / limit, 0.0), 1.0)

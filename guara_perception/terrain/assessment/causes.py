@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
-from guara_perception.arrays import Flags, Float, Index, Mask
+from guara_perception.arrays import Array, Flags, Float, Index, Mask
 from guara_perception.stripes.kernel.library import address, kernel
 from guara_perception.terrain.assessment.raster import ROUNDING
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -26,6 +27,21 @@ DEEPEST_M = -0.2
 END_MARGIN_M = 0.0005
 # Heights above the ground nearby at which a cell may be instead [m]; in a step, the view grows by less than two cells.
 ELSEWHERE_M = np.arange(-20, 11) * 0.01
+
+
+class ByHeight:
+    """Values of cells that depend on the height of each, computed again only where this height has changed."""
+
+    def __init__(self, cells: int) -> None:
+        """Start without values for this number of cells."""
+        self._heights, self._values = np.full((2, cells), np.nan)
+
+    def of(self, cells: Index, points: Float, compute: Callable[[Float], Array]) -> Float:
+        """Values (n,) of cells with their points (n, 3); `compute` returns those of some points."""
+        new = np.flatnonzero(self._heights[cells] != points[:, 2])
+        if new.size:
+            self._heights[cells[new]], self._values[cells[new]] = points[new, 2], compute(points[new])
+        return self._values[cells]
 
 
 class LookPlan:
@@ -56,6 +72,7 @@ class LookPlan:
         self.planes_in_footprint = planes_in_footprint
         self._pairs = np.full(geometry.size, NOT_ASKED, dtype=np.int32)
         self._in_view = np.full(geometry.size, NOT_ASKED, dtype=np.int8)
+        self._seen = ByHeight(geometry.size)
 
     def pairs(self, cells: Index) -> Index:
         """Positions (n,) in the pattern of the first stripe of the pair that encloses each cell; -1 without a pair."""
@@ -70,7 +87,7 @@ class LookPlan:
         """Mask (n,) of the cells whose centres are in the camera's view if their ground is at z = 0."""
         new = cells[self._in_view[cells] == NOT_ASKED]
         if new.size:
-            self._in_view[new] = self.sees(np.column_stack((*self._centres(new), np.zeros(new.size))))
+            self._in_view[new] = self.sees(self.points(new, 0.0))
         return self._in_view[cells] > 0
 
     def is_lit(self, points: Float, pair_usable: Mask) -> Mask:
@@ -131,6 +148,17 @@ class LookPlan:
             inside = (pixels[:, 0] <= self._size[0] - 1) & (pixels[:, 1] <= self._size[1] - 1)
             return np.asarray((pixels >= 0).all(axis=1) & inside)
 
+    def sees_cells(self, cells: Index, points: Float) -> Mask:
+        """Mask (n,) of the cells whose points (n, 3) are in the camera's view."""
+        return self._seen.of(cells, points, self.sees) > 0
+
+    def points(self, cells: Index, heights: Float | float) -> Float:
+        """Points (n, 3) at the centres of cells, at heights (n,) or one height [m]."""
+        points = np.empty((len(cells), 3))
+        points[:, 0], points[:, 1] = self._centres(cells)
+        points[:, 2] = heights
+        return points
+
     def _centres(self, cells: Index) -> tuple[Float, Float]:
         x, y = self.geometry.centres()
         iy, ix = np.divmod(cells, x.size)
@@ -143,7 +171,7 @@ def unknown_causes(
     elevation: Float,
     pair_usable: Mask,
     marks: Flags,
-    in_own_shadow: Callable[[Float], Mask] | None = None,
+    in_own_shadow: Callable[[Index, Float], Mask] | None = None,
 ) -> Flags:
     """Compute the causes of unknown cells.
 
@@ -153,8 +181,8 @@ def unknown_causes(
         elevation: (ny, nx) heights [m], NaN where unknown.
         pair_usable: (s - 1,) mask of the pairs of neighbouring stripes that both have usable frames.
         marks: (ny, nx) flags of unusable returns.
-        in_own_shadow: function that returns the mask of the points (n, 3) that the robot hides from its own camera or
-            laser; None if it hides none.
+        in_own_shadow: function that returns the mask of the cells (n,) whose points (n, 3) the robot hides from its own
+            camera or laser; None if it hides none.
 
     Returns:
         (ny, nx) uint16: one or more unknown flags where the elevation is NaN, 0 elsewhere.
@@ -166,28 +194,34 @@ def unknown_causes(
     looked_at = np.append(pair_usable, False)[plan.pairs(cells)] & plan.in_view(cells)
     looked_at &= ~plan.unmet(elevation, pair_usable, sensor_origins[-1]).ravel()[cells]
     targets = _lowest_ground(elevation, cells, plan.geometry)
-    looked_at[looked_at] = _could_be_met(plan, sensor_origins, elevation, pair_usable, targets[looked_at])
+    looked_at[looked_at] = _could_be_met(
+        plan, sensor_origins, elevation, pair_usable, cells[looked_at], targets[looked_at]
+    )
     flags.ravel()[cells[~looked_at]] = np.uint16(Hazard.UNSCANNED)
     cells, targets = cells[looked_at], targets[looked_at]
     why = np.full(cells.size, Hazard.DROPOUT, dtype=np.uint16)
-    for sensor_origin in sensor_origins:
-        why[behind_surface(elevation, targets, sensor_origin, plan.geometry)] = Hazard.OCCLUDED
+    why[behind_surface(elevation, targets, np.array(sensor_origins), plan.geometry)] = Hazard.OCCLUDED
     if in_own_shadow is not None and cells.size:
-        why[in_own_shadow(targets)] = Hazard.SELF
+        why[in_own_shadow(cells, targets)] = Hazard.SELF
     flags.ravel()[cells] = why
     return flags
 
 
 def _could_be_met(
-    plan: LookPlan, sensor_origins: tuple[Float, ...], elevation: Float, pair_usable: Mask, targets: Float
+    plan: LookPlan,
+    sensor_origins: tuple[Float, ...],
+    elevation: Float,
+    pair_usable: Mask,
+    cells: Index,
+    targets: Float,
 ) -> Mask:
-    """Mask of the targets (n, 3) that are in the camera's view, or would be met by light in it at another height.
+    """Mask of the cells (n,) whose targets (n, 3) are in the camera's view, or would be met by light in it elsewhere.
 
     The camera sees less of ground that rises towards it than the plan for flat ground expects. What lies beside its
     view was not looked at, unless the ground there may have fallen or risen to where a stripe meets it in view. Light
     and sight reach lower ground only where they pass no measured ground at the height of the target.
     """
-    met = plan.sees(targets)
+    met = plan.sees_cells(cells, targets)
     for offset in ELSEWHERE_M:
         if not (unmet := np.flatnonzero(~met)).size:
             break
@@ -204,19 +238,20 @@ def _could_be_met(
     return met
 
 
-def behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geometry: GridGeometry) -> Mask:
-    """Mask of the targets (n, 3) that are hidden from a sensor by the measured surface."""
+def behind_surface(elevation: Float, targets: Float, sensor_origins: npt.ArrayLike, geometry: GridGeometry) -> Mask:
+    """Mask of the targets (n, 3) that the measured surface hides from a sensor at (3,), or from any of (k, 3)."""
     top = float(np.fmax.reduce(elevation, axis=None, initial=np.nan))
     if np.isnan(top) or not len(targets):
         return np.zeros(len(targets), dtype=bool)
     # Positions outside the grid are clipped to a border of unknown cells, one cell wide.
-    around = np.pad(elevation.astype(np.float32), 1, constant_values=np.nan)
+    around = np.full((elevation.shape[0] + 2, elevation.shape[1] + 2), np.nan, np.float32)
+    around[1:-1, 1:-1] = elevation
     offset = np.array([1 + ROUNDING - origin / geometry.resolution for origin in geometry.origin])
-    targets, sensor = (np.ascontiguousarray(values, np.float64) for values in (targets, sensor_origin))
+    targets, sensors = (np.ascontiguousarray(values, np.float64) for values in (targets, sensor_origins))
     hidden = np.empty(len(targets), np.bool_)
-    given = address(around), *around.shape, address(targets), len(targets), address(sensor), top, geometry.resolution
+    given = address(around), *around.shape, address(targets), len(targets), address(sensors), sensors.size // 3
     # The part of a line above the highest surface cannot be blocked, so only the rest is tested.
-    kernel().behind_surface(*given, address(offset), HIDING_MARGIN_M, address(hidden))
+    kernel().behind_surface(*given, top, geometry.resolution, address(offset), HIDING_MARGIN_M, address(hidden))
     return hidden
 
 

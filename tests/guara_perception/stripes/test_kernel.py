@@ -44,9 +44,11 @@ from guara_perception.scanning.background import grey
 from guara_perception.scanning.flash_proof import second_line
 from guara_perception.scanning.light_diagnosis import FrameSamples
 from guara_perception.stripes.band import PROFILE_ARRAYS, pictures_of
+from guara_perception.terrain.assessment.assess import DiscTests, assess_layers
 from guara_perception.terrain.assessment.causes import behind_surface
-from guara_perception.terrain.assessment.raster import rasterise
+from guara_perception.terrain.assessment.raster import Raster, rasterise
 from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.scan.assess_terrain import default_limits
 
 cv2.setNumThreads(1)
 random = np.random.default_rng(0)
@@ -86,6 +88,14 @@ for number in range(60):
     surface[::4] = targets[0] = np.nan
     geometry = GridGeometry((-0.2, -0.3), 0.05, (9, 7))
     behind_surface(surface, targets, random.normal(size=3) + (0, 0, number % 4), geometry)
+    own = np.random.default_rng(number)
+    behind_surface(surface, targets, own.normal(size=(number % 3, 3)), geometry)
+    heights = np.where(own.random(shape[:2]) < 0.2 * (number % 6), np.nan, own.normal(0, 0.01, shape[:2]))
+    ground, none = Raster(heights, abs(heights), heights, heights), np.zeros(shape[:2], np.uint16)
+    limits, discs = dataclasses.replace(default_limits(), disc_radius=own.uniform(0.004, 0.12)), DiscTests()
+    for _ in range(2):
+        assess_layers(ground, none, 0.005, limits, discs=discs)
+        ground = ground.with_columns(slice(3, 5), ground.window(np.s_[:, 4:6]))
     rasterise(np.vstack((targets, targets * 1e9)), np.ones(60), geometry)
     find_floor_lines({each: random.normal(size=(number, 3)) * random.choice([1, np.nan]) for each in range(number % 3)})
     FrameSamples([0], pair[0].shape[1::-1]).add(gp.FramePair(0, *pair), profile)

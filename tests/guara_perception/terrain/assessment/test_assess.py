@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.settings import TraversabilityLimits
-from guara_perception.terrain.assessment.assess import assess_layers
-from guara_perception.terrain.assessment.disc import fit_disc
+from guara_perception.terrain.assessment.assess import DiscTests, assess_layers
 from guara_perception.terrain.assessment.raster import Raster
-from guara_perception.terrain.layers.geometry import disc_kernel
+from guara_perception.terrain.layers.geometry import KNOWN_SHARE, disc_kernel
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.scan.assess_terrain import default_limits
 from tests.thorough import examples
@@ -86,27 +85,97 @@ def test_roughness_is_the_standard_deviation_about_the_plane() -> None:
     rng = np.random.default_rng(1)
     ground = plane(0.3, -0.2) + rng.normal(0, 0.002, (40, 50))
     kernel = disc_kernel(3.0).astype(bool)
-    fit = fit_disc(ground, np.zeros_like(ground), disc_kernel(3.0), RESOLUTION)
-    roughness, slope = (values.reshape(ground.shape) for values in (fit.roughness, fit.slope))
+    terrain = gp.assess_terrain(ground, RESOLUTION, limits=dataclasses.replace(default_limits(), disc_radius=0.015))
+    roughness, slope = terrain.roughness, terrain.slope
     for iy, ix in ((10, 10), (20, 31), (33, 44)):
         window = ground[iy - 3 : iy + 4, ix - 3 : ix + 4]
         dy, dx = (np.mgrid[-3:4, -3:4] * RESOLUTION)[:, kernel]
         design = np.column_stack((dx, dy, np.ones(dx.size)))
         solution, *_ = np.linalg.lstsq(design, window[kernel], rcond=None)
         residual = (window[kernel] - design @ solution) / np.sqrt(1 + solution[0] ** 2 + solution[1] ** 2)
-        assert roughness[iy, ix] == pytest.approx(np.sqrt((residual**2).sum() / (dx.size - 1)), rel=1e-9)
-        assert slope[iy, ix] == pytest.approx(np.arctan(np.hypot(solution[0], solution[1])), rel=1e-9)
+        assert roughness[iy, ix] == pytest.approx(np.sqrt((residual**2).sum() / (dx.size - 1)), rel=1e-6)
+        assert slope[iy, ix] == pytest.approx(np.arctan(np.hypot(solution[0], solution[1])), rel=1e-6)
 
 
 def test_sigma_of_the_slope_is_what_noise_makes_of_it() -> None:
-    """Monte Carlo: flat ground with noise; the sigma of the fitted gradient is the one predicted."""
+    """Monte Carlo: a ramp at the limit of slope and noise; as many are STEEP as a normal distribution has."""
     rng = np.random.default_rng(2)
-    sigma = 0.001
-    ground = plane(0.5, 0.0, (300, 300)) + rng.normal(0, sigma, (300, 300))
-    fit = fit_disc(ground, np.full(ground.shape, sigma**2), disc_kernel(3.0), RESOLUTION)
-    slope, predicted = (values.reshape(ground.shape)[5:-5, 5:-5] for values in (fit.slope, fit.slope_sigma))
-    # Along the ramp's own direction the slope varies by the sigma of one gradient component.
-    assert np.std(slope) == pytest.approx(float(np.mean(predicted)), rel=0.05)
+    sigma, none = 0.001, np.zeros((300, 300), np.uint16)
+    ground = plane(0.5, 0.0, none.shape) + rng.normal(0, sigma, none.shape)
+    raster = Raster(ground, np.full(ground.shape, sigma**2), ground, ground)
+    for sigmas, share in ((0.5, 0.6915), (1.0, 0.8413), (1.5, 0.9332)):
+        limits = dataclasses.replace(default_limits(), slope=float(np.arctan(0.5)), confidence=sigmas)
+        hazard = assess_layers(raster, none, RESOLUTION, limits)["hazard"][5:-5, 5:-5]
+        assert ((hazard & np.uint16(Hazard.STEEP)) != 0).mean() == pytest.approx(share, abs=0.01)
+
+
+@pytest.mark.slow
+@settings(max_examples=examples(12), deadline=None, derandomize=True)
+@given(st.integers(0, 10_000), st.sampled_from([1.0, 2.9, 3.0, 5.5]))
+def test_layers_are_those_of_a_plain_fit_to_each_disc(seed: int, radius: float) -> None:
+    """Rough ground with holes: plane, step and flags of every cell by hand; columns alone give the same bits."""
+    rng = np.random.default_rng(seed)
+    shape, limits = (14, 80), dataclasses.replace(default_limits(), disc_radius=radius * RESOLUTION)
+    height = plane(rng.normal(0, 0.3), 0.1, shape) + rng.normal(0, rng.choice([1e-4, 2e-3]), shape)
+    height[rng.random(shape) < rng.choice([0.0, 0.1, 0.5])] = np.nan
+    variance, spread = rng.uniform(0, 1e-6, shape), rng.uniform(0, 0.004, (2, *shape))
+    raster = Raster(height, variance, height - spread[0], height + spread[1])
+    none = np.zeros(shape, np.uint16)
+    layers = assess_layers(raster, none, RESOLUTION, limits, attitude_sigma=0.01)
+    disc, half = disc_kernel(radius), disc_kernel(radius).shape[0] // 2
+    for iy, ix in zip(*np.nonzero(np.isfinite(height)), strict=True):
+        y, x = (each[disc > 0] for each in np.mgrid[-half : half + 1, -half : half + 1])
+        inside = (iy + y >= 0) & (iy + y < shape[0]) & (ix + x >= 0) & (ix + x < shape[1])
+        y, x = y[inside], x[inside]
+        known = np.isfinite(height[iy + y, ix + x])
+        y, x = y[known], x[known]
+        cells = iy + y, ix + x
+        rise, fall = raster.high[cells].max() - raster.low[iy, ix], raster.high[iy, ix] - raster.low[cells].min()
+        assert layers["step_height"][iy, ix] == pytest.approx(max(rise, fall), rel=1e-6)
+        unsure = limits.confidence * np.sqrt(2 * variance[iy, ix])
+        expected = Hazard.STEP * (rise + unsure > limits.step) | Hazard.DROP * (fall + unsure > limits.drop)
+        expected |= Hazard.UNCERTAIN * (np.sqrt(variance[iy, ix]) > limits.sigma)
+        design = np.column_stack((x, y, np.ones(x.size))) * (RESOLUTION, RESOLUTION, 1.0)
+        fits = x.size >= KNOWN_SHARE * disc.sum() and all((side < 0).any() and (side > 0).any() for side in (x, y))
+        assert np.isfinite(layers["slope"][iy, ix]) == (fits and np.linalg.matrix_rank(design) == 3)
+        if np.isfinite(layers["slope"][iy, ix]):
+            (a, b, c), *_ = np.linalg.lstsq(design, height[cells], rcond=None)
+            steepness, freedom = a * a + b * b, max(x.size - 1, 1)
+            residual = ((height[cells] - design @ (a, b, c)) ** 2).sum() / (1 + steepness)
+            slope, roughness = np.arctan(np.sqrt(steepness)), np.sqrt(residual / freedom)
+            assert layers["slope"][iy, ix] == pytest.approx(slope, abs=1e-6)
+            assert layers["roughness"][iy, ix] == pytest.approx(roughness, abs=1e-6)
+            mean = variance[cells].mean()
+            of_gradient = mean * np.trace(np.linalg.inv(design.T @ design)[:2, :2]) / 2
+            slope += limits.confidence * np.hypot(np.sqrt(of_gradient) / (1 + steepness), 0.01)
+            expected |= Hazard.STEEP * (slope > limits.slope)
+            expected |= Hazard.ROUGH * (roughness + limits.confidence * np.sqrt(mean / 2 / freedom) > limits.roughness)
+        assert layers["hazard"][iy, ix] & ~Hazard.EDGE == expected
+    part = assess_layers(
+        Raster(*(layer[:, 5:75] for layer in raster.layers)), none[:, 5:75], RESOLUTION, limits, attitude_sigma=0.01
+    )
+    for name in ("slope", "step_height", "roughness"):
+        assert part[name][:, half:-half].tobytes() == layers[name][:, 5 + half : 75 - half].tobytes()
+
+
+@pytest.mark.parametrize("changed", [slice(0, 0), slice(0, 2), slice(17, 21), slice(38, 40), slice(0, 40)])
+def test_tests_that_are_kept_change_no_bit(changed: slice) -> None:
+    """Where some columns have changed since the last call, the layers equal those of a first call."""
+    rng = np.random.default_rng(5)
+    none, discs = np.zeros((60, 40), np.uint16), DiscTests()
+    before = plane(0.2, 0.1, none.shape) + rng.normal(0, 1e-3, none.shape)
+    after = before.copy()
+    after[:, changed] += rng.normal(0, 0.01, after[:, changed].shape)
+    after[20:23, changed] = np.nan
+
+    def layers(ground: np.ndarray, kept: DiscTests | None) -> dict[str, np.ndarray]:
+        raster = Raster(ground, np.where(np.isnan(ground), np.nan, 1e-7), ground, ground)
+        return assess_layers(raster, none, RESOLUTION, default_limits(), discs=kept)
+
+    layers(before, discs)
+    kept = layers(after, discs)
+    for name, layer in layers(after, None).items():
+        assert layer.tobytes() == kept[name].tobytes(), name
 
 
 def test_a_step_is_measured_to_the_height_of_the_box() -> None:

@@ -33,6 +33,9 @@ class Plan:
     def sees(self, points: np.ndarray) -> np.ndarray:
         return np.full(len(points), self.seen)
 
+    def sees_cells(self, _cells: np.ndarray, points: np.ndarray) -> np.ndarray:
+        return self.sees(points)
+
     def is_lit(self, points: np.ndarray, _usable: np.ndarray) -> np.ndarray:
         return np.full(len(points), self.pair >= 0)
 
@@ -108,7 +111,7 @@ def test_laser_shadow_counts_too() -> None:
 
 def test_own_leg_in_the_way_is_self() -> None:
     """What the robot hides from itself is no property of the ground."""
-    found = causes(flat((5, 5), (15, 50)), own=lambda points: points[:, 0] < 0.6)
+    found = causes(flat((5, 5), (15, 50)), own=lambda _cells, points: points[:, 0] < 0.6)
     assert (found[5, 5], found[15, 50]) == (Hazard.SELF, Hazard.DROPOUT)
 
 

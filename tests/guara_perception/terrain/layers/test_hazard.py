@@ -136,17 +136,6 @@ def test_losing_cells_far_away_changes_no_bit(radius: float) -> None:
         np.testing.assert_array_equal(before.layer(name)[30:, :30], after.layer(name)[30:, :30])
 
 
-def test_blocks_of_a_large_grid_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A grid judged in many blocks of rows equals the same grid judged at once."""
-    elevation = heights(5, (120, 40), 1e-3, 0.05)
-    elevation[50:53, 10:12] = np.nan
-    whole = gp.assess_terrain(elevation, RESOLUTION, limits=LIMITS)
-    monkeypatch.setattr("guara_perception.terrain.assessment.assess.BLOCK_CELLS", 1)
-    in_blocks = gp.assess_terrain(elevation, RESOLUTION, limits=LIMITS)
-    for name, layer in whole.layers.items():
-        np.testing.assert_array_equal(layer, in_blocks.layer(name), err_msg=name)
-
-
 def test_unknown_ground_is_not_safe_however_large_the_cells_are() -> None:
     """With cells larger than sole and disc a slope is still tested, and the neighbour of an unknown cell is EDGE."""
     elevation = np.tile(np.arange(9) * 0.05, (9, 1))
