@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from operator import itemgetter
 
 import numpy as np
+import numpy.typing as npt
 
 from guara_perception.arrays import Array, Flags, Float, Index, Mask
 from guara_perception.calibration.height_sigma import HeightUncertainty
@@ -18,7 +19,7 @@ from guara_perception.ranging.surface import Key, sample_count, shares, surface_
 from guara_perception.settings import Settings
 from guara_perception.stripes.kernel.library import address, addresses, kernel
 from guara_perception.terrain.assessment.assess import DiscTests, assess_layers
-from guara_perception.terrain.assessment.causes import ByHeight, LookPlan, unknown_causes
+from guara_perception.terrain.assessment.causes import LookPlan, unknown_causes
 from guara_perception.terrain.assessment.raster import (
     CellSamples,
     Raster,
@@ -145,7 +146,7 @@ class ScanSurface:
         def area(grid: GridGeometry, rows: slice) -> _Area:
             plan = LookPlan(grid, planes, geometry.pixels, size)
             sway = None if sway_variance is None else sway_variance(grid)
-            return _Area(rows, plan, ByHeight(grid.size), ByHeight(grid.size), DiscTests(), sway)
+            return _Area(rows, plan, ByHeight(grid.size, np.bool_), ByHeight(grid.size, np.float64), DiscTests(), sway)
 
         self._hidden = hidden
         rows = area_rows(settings, cell)
@@ -192,7 +193,7 @@ class ScanSurface:
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
 
         def in_own_shadow(cells: Index, points: Float) -> Mask:
-            return own.shadowed.of(cells, points, self._hidden) > 0
+            return own.shadowed.of(cells, points[:, 2], lambda new: self._hidden(points[new]))
 
         causes = unknown_causes(own.plan, self._origins, raster.elevation, pair_usable, marks, in_own_shadow)
         return assess_layers(
@@ -208,8 +209,12 @@ class ScanSurface:
     def _shared_of(self, elevation: Float, area: _Area) -> Float:
         """Variance (ny, nx) that neighbouring cells share [m^2], NaN in unknown cells."""
         shared, cells = np.full(elevation.size, np.nan), np.flatnonzero(np.isfinite(elevation))
-        points = area.plan.points(cells, elevation.ravel()[cells])
-        shared[cells] = area.shared.of(cells, points, lambda points: self._shared.at(points.T))
+        heights = elevation.ravel()[cells]
+
+        def variance(new: Index) -> Float:
+            return self._shared.at(area.plan.points(cells[new], heights[new]).T)
+
+        shared[cells] = area.shared.of(cells, heights, variance)
         return shared.reshape(elevation.shape)
 
     def lost_cells(self, layers: Mapping[str, Array], is_lost: Mask, area: str) -> tuple[Run, ...]:
@@ -229,6 +234,21 @@ class ScanSurface:
         return lost_cells(elevation, hazard, in_view, plan.planes_in_footprint, is_lost, grid)
 
 
+class ByHeight:
+    """Values of cells that depend on the height of each, computed again only where this height has changed."""
+
+    def __init__(self, cells: int, kind: npt.DTypeLike) -> None:
+        """Start without values of a type for this number of cells."""
+        self._heights, self._values = np.full(cells, np.nan), np.zeros(cells, kind)
+
+    def of(self, cells: Index, heights: Float, compute: Callable[[Index], Array]) -> Array:
+        """Values (n,) of cells at heights (n,) [m]; `compute` returns those of the cells at some positions."""
+        new = np.flatnonzero(self._heights[cells] != heights)
+        if new.size:
+            self._heights[cells[new]], self._values[cells[new]] = heights[new], compute(new)
+        return self._values[cells]
+
+
 @dataclass(frozen=True, slots=True)
 class _Area:
     """One area of a scan.
@@ -236,7 +256,7 @@ class _Area:
     Attributes:
         rows: rows of the widest area's raster that belong to this area.
         plan: stripe pair and visibility of each of its cells.
-        shadowed: 1 where the robot hides the ground from its own camera or laser.
+        shadowed: True where the robot hides the ground from its own camera or laser.
         shared: variance that neighbouring heights share [m^2].
         discs: tests of the discs around its cells.
         sway_variance: (ny, nx) variance due to the body's sway [m^2], or None.

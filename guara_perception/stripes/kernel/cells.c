@@ -51,3 +51,30 @@ void sum_cells(const int32_t *cell, const double *height, const double *variance
         }
     }
 }
+
+// Merge sums of cells (n,) as of `sum_cells` into the heights of a grid (rows, columns). They are numbered from the ring around
+// the grid on: column * (rows + 2) + row. sums: total of heights, number, total of variances, lowest and highest. work: (3, cells),
+// ends: (2, cells). raster: (4, rows, columns) receives mean height and variance of the top layer, lowest and highest, NaN where
+// there is nothing.
+void merge_cells(const int64_t *cell, const double *total, const float *number, const float *doubt, const float *low,
+    const float *high, int64_t n, int64_t rows, int64_t columns, double *work, float *ends, double *raster) {
+    const int64_t cells = (rows + 2) * (columns + 2), size = rows * columns;
+    double *sum = work, *count = sum + cells, *variance = count + cells;
+    float *lowest = ends, *highest = lowest + cells;
+    for (int64_t i = 0; i < cells; i++) sum[i] = count[i] = variance[i] = 0, lowest[i] = INFINITY, highest[i] = -INFINITY;
+    for (int64_t i = 0; i < n; i++) {
+        float *least = lowest + cell[i], *most = highest + cell[i];
+        *least = low[i] < *least ? low[i] : *least, *most = high[i] > *most ? high[i] : *most;
+    }
+    for (int64_t i = 0; i < n; i++)
+        if (high[i] > highest[cell[i]] - (float)TOP_LAYER_M)
+            sum[cell[i]] += total[i], count[cell[i]] += (double)number[i], variance[cell[i]] += (double)doubt[i];
+    for (int64_t r = 0; r < rows; r++)
+        for (int64_t c = 0; c < columns; c++) {
+            const int64_t at = (c + 1) * (rows + 2) + r + 1;
+            const double nan = count[at] > 0 ? 0 : NAN, safe = count[at] > 0 ? count[at] : 1;
+            double *out = raster + r * columns + c;
+            out[0] = sum[at] / safe + nan, out[size] = variance[at] / safe + nan;
+            out[2 * size] = (double)lowest[at] + nan, out[3 * size] = (double)highest[at] + nan;
+        }
+}

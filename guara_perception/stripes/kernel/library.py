@@ -57,6 +57,7 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "look_down": ([PICTURE, PICTURE, N, P, N, P, P], D),
     "look_down_size": ([N, N], N),
     "median": ([P, N], D),
+    "merge_cells": ([P] * 6 + [N] * 3 + [P] * 3, None),
     "nearest_planes": ([P, N, P, N, P, P], None),
     "parts_of_stripes": ([P, N, P, N, N, N, P, P], None),
     "run_ends": ([P, P, N, P, P], None),

@@ -67,9 +67,10 @@ def assess_layers(
     edge = np.zeros(known.shape, dtype=bool)
     edge[window] = edge_cells(flags[window], disc, resolution, limits, drift)
     edge &= known
-    flags[edge] |= np.uint16(Hazard.EDGE)
-    layers: dict[str, Array] = {"hazard": flags} | dict(zip(JUDGED, judged, strict=True))
-    layers["traversability"][edge] = 0.0
+    # What `discs` keeps is not changed.
+    layers: dict[str, Array] = dict(zip(JUDGED, judged, strict=True))
+    layers["hazard"] = flags = np.where(edge, flags | np.uint16(Hazard.EDGE), flags)
+    layers["traversability"] = np.where(edge, np.float32(0), layers["traversability"])
     for name, layer in zip(FROM_RASTER, raster.layers, strict=True):
         layers[name] = np.where(known, layer, np.nan).astype(np.float32)
     layers["variance"] = (layers["variance_local"] + shared).astype(np.float32)
@@ -144,8 +145,10 @@ class DiscTests:
         )
         given = address(where), ny, nx, first, end, address(disc), side, resolution, KNOWN_SHARE * float(disc.sum())
         kernel().test_discs(*given, *addresses(limit, work, judged, hazard))
+        for result in (judged, hazard):
+            result.setflags(write=False)
         self._before = raster, flags, judged, hazard
-        return judged.copy(), hazard.copy()
+        return judged, hazard
 
 
 def _differ(raster: Raster, flags: Flags, other: Raster, other_flags: Flags) -> Mask:

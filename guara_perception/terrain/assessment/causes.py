@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Array, Flags, Float, Index, Mask
+from guara_perception.arrays import Flags, Float, Index, Mask
 from guara_perception.stripes.kernel.library import address, kernel
 from guara_perception.terrain.assessment.raster import ROUNDING
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -27,21 +27,6 @@ DEEPEST_M = -0.2
 END_MARGIN_M = 0.0005
 # Heights above the ground nearby at which a cell may be instead [m]; in a step, the view grows by less than two cells.
 ELSEWHERE_M = np.arange(-20, 11) * 0.01
-
-
-class ByHeight:
-    """Values of cells that depend on the height of each, computed again only where this height has changed."""
-
-    def __init__(self, cells: int) -> None:
-        """Start without values for this number of cells."""
-        self._heights, self._values = np.full((2, cells), np.nan)
-
-    def of(self, cells: Index, points: Float, compute: Callable[[Float], Array]) -> Float:
-        """Values (n,) of cells with their points (n, 3); `compute` returns those of some points."""
-        new = np.flatnonzero(self._heights[cells] != points[:, 2])
-        if new.size:
-            self._heights[cells[new]], self._values[cells[new]] = points[new, 2], compute(points[new])
-        return self._values[cells]
 
 
 class LookPlan:
@@ -72,7 +57,6 @@ class LookPlan:
         self.planes_in_footprint = planes_in_footprint
         self._pairs = np.full(geometry.size, NOT_ASKED, dtype=np.int32)
         self._in_view = np.full(geometry.size, NOT_ASKED, dtype=np.int8)
-        self._seen = ByHeight(geometry.size)
 
     def pairs(self, cells: Index) -> Index:
         """Positions (n,) in the pattern of the first stripe of the pair that encloses each cell; -1 without a pair."""
@@ -148,10 +132,6 @@ class LookPlan:
             inside = (pixels[:, 0] <= self._size[0] - 1) & (pixels[:, 1] <= self._size[1] - 1)
             return np.asarray((pixels >= 0).all(axis=1) & inside)
 
-    def sees_cells(self, cells: Index, points: Float) -> Mask:
-        """Mask (n,) of the cells whose points (n, 3) are in the camera's view."""
-        return self._seen.of(cells, points, self.sees) > 0
-
     def points(self, cells: Index, heights: Float | float) -> Float:
         """Points (n, 3) at the centres of cells, at heights (n,) or one height [m]."""
         points = np.empty((len(cells), 3))
@@ -194,9 +174,7 @@ def unknown_causes(
     looked_at = np.append(pair_usable, False)[plan.pairs(cells)] & plan.in_view(cells)
     looked_at &= ~plan.unmet(elevation, pair_usable, sensor_origins[-1]).ravel()[cells]
     targets = _lowest_ground(elevation, cells, plan.geometry)
-    looked_at[looked_at] = _could_be_met(
-        plan, sensor_origins, elevation, pair_usable, cells[looked_at], targets[looked_at]
-    )
+    looked_at[looked_at] = _could_be_met(plan, sensor_origins, elevation, pair_usable, targets[looked_at])
     flags.ravel()[cells[~looked_at]] = np.uint16(Hazard.UNSCANNED)
     cells, targets = cells[looked_at], targets[looked_at]
     why = np.full(cells.size, Hazard.DROPOUT, dtype=np.uint16)
@@ -212,16 +190,15 @@ def _could_be_met(
     sensor_origins: tuple[Float, ...],
     elevation: Float,
     pair_usable: Mask,
-    cells: Index,
     targets: Float,
 ) -> Mask:
-    """Mask of the cells (n,) whose targets (n, 3) are in the camera's view, or would be met by light in it elsewhere.
+    """Mask of the targets (n, 3) that are in the camera's view, or would be met by light in it at another height.
 
     The camera sees less of ground that rises towards it than the plan for flat ground expects. What lies beside its
     view was not looked at, unless the ground there may have fallen or risen to where a stripe meets it in view. Light
     and sight reach lower ground only where they pass no measured ground at the height of the target.
     """
-    met = plan.sees_cells(cells, targets)
+    met = plan.sees(targets)
     for offset in ELSEWHERE_M:
         if not (unmet := np.flatnonzero(~met)).size:
             break

@@ -174,10 +174,6 @@ def cells_of(points: Float, geometry: GridGeometry) -> tuple[Index, Mask]:
     return (iy[inside] - 1).astype(np.int64) * nx + (ix[inside] - 1), inside
 
 
-def _sum(cell: Index, weights: Array, size: int) -> Float:
-    return np.asarray(np.bincount(cell, weights=weights, minlength=size), dtype=np.float64)
-
-
 def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice | None = None) -> Raster:
     """Merge the swaths of all stripes and pairs into the heights of a grid.
 
@@ -193,39 +189,20 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice 
     swaths = [swath for swath in swaths if swath.cell.size]
     if not swaths:
         return Raster(*[np.broadcast_to(np.nan, (geometry.shape[0], number))] * 4)
-    # Attributes are concatenated one at a time, which saves most of the memory of a merge. np.intp, because `ufunc.at`
-    # is many times slower with any other index type.
-    cell = _joined(swaths, "cell", np.intp)
-    cell -= first * rows
+    # Imported here, because guara-client contains this module but not the kernel.
+    from guara_perception.stripes.kernel.library import addresses, kernel
+
+    cell, *sums = (_joined(swaths, name) for name in CellSamples.__slots__)
+    cell = cell.astype(np.int64) - first * rows
     size = (number + 2) * rows
-    highest = np.full(size, -np.inf, dtype=np.float32)
-    lowest = np.full(size, np.inf, dtype=np.float32)
-    np.minimum.at(lowest, cell, _joined(swaths, "low"))
-    high = _joined(swaths, "high")
-    np.maximum.at(highest, cell, high)
-    is_top = high > highest.take(cell) - np.float32(TOP_LAYER_M)
-    del high
-    counts = _sum(cell, _joined(swaths, "count") * is_top, size)
-    known = counts > 0
-    nan = np.where(known, 0.0, np.nan)
-    safe = np.where(known, counts, 1)
-    del counts
-
-    def of_grid(layer: Float) -> Float:
-        layer += nan
-        return np.ascontiguousarray(layer.reshape(number + 2, rows)[1:-1, 1:-1].T, dtype=np.float64)
-
-    return Raster(
-        elevation=of_grid(_sum(cell, _joined(swaths, "total") * is_top, size) / safe),
-        variance=of_grid(_sum(cell, _joined(swaths, "variance_total") * is_top, size) / safe),
-        low=of_grid(lowest.astype(np.float64)),
-        high=of_grid(highest.astype(np.float64)),
-    )
+    work, ends, raster = np.empty((3, size)), np.empty((2, size), np.float32), np.empty((4, rows - 2, number))
+    kernel().merge_cells(*addresses(cell, *sums), cell.size, rows - 2, number, *addresses(work, ends, raster))
+    return Raster(*raster)
 
 
-def _joined(swaths: Sequence[CellSamples], name: str, kind: npt.DTypeLike | None = None) -> Array:
+def _joined(swaths: Sequence[CellSamples], name: str) -> Array:
     """Concatenation of one attribute of all swaths."""
-    return np.concatenate([getattr(swath, name) for swath in swaths], dtype=kind)
+    return np.concatenate([getattr(swath, name) for swath in swaths])
 
 
 def without_cells(raster: Raster, cells: Mask) -> Raster:

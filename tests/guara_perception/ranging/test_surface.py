@@ -13,9 +13,9 @@ from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 from guara_perception.ranging.surface import (
     OPEN_END_M,
     Links,
-    _lines,
     joined_surface,
     linked_columns,
+    sample_count,
     shares,
     surface_keys,
     surface_of,
@@ -145,16 +145,18 @@ def test_samples_between_stripes_are_those_of_plain_array_operations(seed: int) 
     seen = surface_links(stripes, keys, range(8), JOIN, (-math.inf, 0.03))
     variance = np.array([stripes[index].variance for index in seen.indices])
     samples = joined_surface(seen, variance, 0.002)
-    expected = []
-    for lines, begins, _ in _lines(seen, 0.002):
-        first, column = np.divmod(begins, COLUMNS)
-        reliefs = np.array([pair_relief(seen.points[:, k : k + 2], variance[k : k + 2]) for k in range(5)])
-        relief = reliefs[first, column]
-        for share in shares(lines.number)[:, 0]:
-            x, y, z = lines.first + share * lines.difference
-            length = np.minimum(OPEN_END_M / np.maximum(np.hypot(*lines.difference[:2]), 1e-9), 0.5)
-            z[(share < np.where(lines.opens, length, 0)) | (share > 1 - np.where(lines.closes, length, 0))] = np.nan
-            own, other = variance[first, column], variance[first + 1, column]
+    expected, (before, between, after) = [], seen.links
+    differences = seen.points[:, 1:] - seen.points[:, :-1]
+    for k, number in enumerate(sample_count(differences, between, 0.002)):
+        column = np.flatnonzero(between[k] & seen.wanted[k])
+        relief = pair_relief(seen.points[:, k : k + 2], variance[k : k + 2])[column]
+        begin, difference = (each[:, k, column].astype(np.float64) for each in (seen.points, differences))
+        for share in shares(number)[:, 0]:
+            x, y, z = begin + share * difference
+            length = np.minimum(OPEN_END_M / np.maximum(np.hypot(*difference[:2]), 1e-9), 0.5)
+            opens, closes = (np.where(link[k, column], 0, length) for link in (before, after))
+            z[(share < opens) | (share > 1 - closes)] = np.nan
+            own, other = variance[k : k + 2, column]
             expected.append((x, y, z, (1 - share) * own + share * other + 4 * share * (1 - share) * relief))
     found, plain = np.vstack((samples.points, samples.variance)), np.concatenate(expected, axis=1)
     assert found.shape == plain.shape and 0 < np.isnan(found[2]).sum() < found.shape[1] / 2

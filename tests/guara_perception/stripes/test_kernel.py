@@ -46,7 +46,7 @@ from guara_perception.scanning.light_diagnosis import FrameSamples
 from guara_perception.stripes.band import PROFILE_ARRAYS, pictures_of
 from guara_perception.terrain.assessment.assess import DiscTests, assess_layers
 from guara_perception.terrain.assessment.causes import behind_surface
-from guara_perception.terrain.assessment.raster import Raster, rasterise
+from guara_perception.terrain.assessment.raster import Raster, merge, rasterise
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.scan.assess_terrain import default_limits
 
@@ -96,7 +96,8 @@ for number in range(60):
     for _ in range(2):
         assess_layers(ground, none, 0.005, limits, discs=discs)
         ground = ground.with_columns(slice(3, 5), ground.window(np.s_[:, 4:6]))
-    rasterise(np.vstack((targets, targets * 1e9)), np.ones(60), geometry)
+    swath = rasterise(np.vstack((targets, targets * 1e9)), np.ones(60), geometry)
+    merge([swath, swath], geometry, (None, slice(2, 5))[number % 2])
     find_floor_lines({each: random.normal(size=(number, 3)) * random.choice([1, np.nan]) for each in range(number % 3)})
     FrameSamples([0], pair[0].shape[1::-1]).add(gp.FramePair(0, *pair), profile)
     if number // 2 % 2 == 0:

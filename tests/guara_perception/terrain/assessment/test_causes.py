@@ -33,9 +33,6 @@ class Plan:
     def sees(self, points: np.ndarray) -> np.ndarray:
         return np.full(len(points), self.seen)
 
-    def sees_cells(self, _cells: np.ndarray, points: np.ndarray) -> np.ndarray:
-        return self.sees(points)
-
     def is_lit(self, points: np.ndarray, _usable: np.ndarray) -> np.ndarray:
         return np.full(len(points), self.pair >= 0)
 
