@@ -504,6 +504,11 @@ class ScanProcessor:
         start = time.perf_counter()
         proved = self._what_is_proved()
         layers = proved.surface.layers(area, may_sway=proved.may_sway)
+        # A refused scan is not evidence of lost returns: its stripes must not erase known cells of the map.
+        unusable = {} if proved.proof.refused else proved.profiles
+        lost = {index for index, profile in unusable.items() if profile.is_frame_bad}
+        is_lost = np.array([index in lost for index in self._geometry.stripes])
+        lost_cells = proved.surface.lost_cells(layers, is_lost, area)
         if record is None:
             record = scan_record(
                 geometry=self._geometry,
@@ -524,18 +529,17 @@ class ScanProcessor:
                 proof=proved.proof,
                 motion=proved.motion,
                 may_sway=proved.may_sway,
+                lost_cells=lost_cells,
             )
-        # A refused scan is not evidence of lost returns: its stripes must not erase known cells of the map.
-        unusable = {} if proved.proof.refused else proved.profiles
-        lost = {index for index, profile in unusable.items() if profile.is_frame_bad}
-        is_lost = np.array([index in lost for index in self._geometry.stripes])
+        else:
+            record = dataclasses.replace(record, lost_cells=lost_cells)
         return TerrainGrid(
             layers=layers,
             geometry=self._surface.grids[area],
             stamp=self._stamp,
             step=self._step,
             extent="footprint",
-            record=dataclasses.replace(record, lost_cells=proved.surface.lost_cells(layers, is_lost, area)),
+            record=record,
         )
 
     def _check_new(self, index: int, others: Sequence[int] = ()) -> None:

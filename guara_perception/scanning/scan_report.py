@@ -19,7 +19,7 @@ from guara_perception.scanning.light_diagnosis import STEADY, FrameSamples
 from guara_perception.settings import Settings
 from guara_perception.stripes.band import StripeProfile, StripeStatus
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
-from guara_perception.terrain.layers.record import Health, ScanRecord
+from guara_perception.terrain.layers.record import Health, Run, ScanRecord
 from kinematics import RobotModel, Stance, StancePose
 
 # Coverage below which the health states a cause and a remedy.
@@ -72,6 +72,7 @@ def scan_record(
     proof: Proof,
     motion: str,
     may_sway: bool,
+    lost_cells: tuple[Run, ...],
 ) -> ScanRecord:
     """Record of a scan; docs/files.md describes its fields."""
     calibration, planned, settings = geometry.calibration, geometry.stripes, Settings.of(robot)
@@ -146,6 +147,7 @@ def scan_record(
         off_pictures_unused={str(index): reason for index, reason in unused.items()},
         points={status.name: int(counts[status]) for status in StripeStatus},
         points_used=used,
+        lost_cells=lost_cells,
         coverage=coverage,
         coverage_regions=regional_coverage(~unknown, expected),
         known=float((~unknown).mean()),

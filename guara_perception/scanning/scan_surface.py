@@ -189,7 +189,8 @@ class ScanSurface:
         if may_sway and own.sway_variance is not None:
             raster = replace(raster, variance=raster.variance + own.sway_variance)
         marks = pool_flags(self._raster.marks(), self._pooling)[own.rows]
-        usable = np.isin(self._order, list(self.stripes))
+        stripes = self._raster.stripes
+        usable = np.array([index in stripes for index in self._order.tolist()])
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
 
         def in_own_shadow(cells: Index, points: Float) -> Mask:

@@ -139,14 +139,12 @@ static void nearest(const double *across, int64_t n, double *work, double *found
 void clearance(const uint16_t *hazard, int64_t rows, int64_t columns, int64_t flags, double resolution, double *work, float *out) {
     double *found = work + 3 * (columns + 1), *across = found + columns + 1;
     for (int is_bad = 0; is_bad < 2; is_bad++) { // Distances to bad cells are those of good ones, and the reverse.
-        for (int64_t c = 0; c < columns; c++) {
-            double far = FAR;
-            for (int64_t r = 0; r < rows; r++) across[r * columns + c] = far = IS_GOOD(r, c) == is_bad ? 0 : far + 1;
-            for (int64_t r = rows - 1; r >= 0; r--) {
-                double *at = across + r * columns + c;
-                *at = far = MIN(*at, far + 1);
-            }
-        }
+        for (int64_t r = 0; r < rows; r++)
+            for (int64_t c = 0; c < columns; c++)
+                across[r * columns + c] = IS_GOOD(r, c) == is_bad ? 0 : r ? across[(r - 1) * columns + c] + 1 : FAR;
+        for (int64_t r = rows - 2; r >= 0; r--)
+            for (int64_t c = 0; c < columns; c++)
+                across[r * columns + c] = MIN(across[r * columns + c], across[(r + 1) * columns + c] + 1);
         for (int64_t r = 0; r < rows; r++) {
             double *own = across + r * columns;
             for (int64_t c = 0; c < columns; c++) own[c] = own[c] < FAR ? own[c] * own[c] : FAR;

@@ -69,6 +69,7 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "shrink": ([PICTURE, N, N, D, P, P, P], None),
     "sum_cells": ([P, P, P, N, P, N, N, N, N, P, P, P, P], None),
     "test_discs": ([P, N, N, N, N, P, N, D, D, P, P, P, P], None),
+    "unmet_cells": ([P, N, N, P, P, P, D, D, D, P, P, P], None),
 }
 
 

@@ -33,3 +33,38 @@ void behind_surface(const float *surface, int64_t rows, int64_t columns, const d
         }
     }
 }
+
+// Cells of a grid (rows, columns) before the first or beyond the last known one of their row, where an outermost stripe meets it.
+// elevation: NaN where unknown. planes: (2, 4) of these stripes. x, y: centres of columns and rows. tolerance: distance of a stripe
+// that meets a cell [m]. deepest: ground that light may reach after it has crossed other rows [m]. laser: (3,). work: 2 rows + 1.
+void unmet_cells(const double *elevation, int64_t rows, int64_t columns, const double *planes, const double *x, const double *y,
+    double resolution, double tolerance, double deepest, const double *laser, int64_t *work, uint8_t *is_unmet) {
+    int64_t *end = work, *others = work + rows; // Rows before each one whose end is not met.
+    memset(is_unmet, 0, (size_t)(rows * columns));
+    for (int sign = 1; sign >= -1; sign -= 2) {
+        double top = deepest;
+        others[0] = 0;
+        for (int64_t r = 0; r < rows; r++) {
+            const double *own = elevation + r * columns;
+            int is_met = 0;
+            end[r] = sign > 0 ? 0 : columns - 1;
+            while (end[r] >= 0 && end[r] < columns && !isfinite(own[end[r]])) end[r] += sign;
+            if (end[r] >= 0 && end[r] < columns) {
+                const double height = own[end[r]];
+                double crossing = INFINITY;
+                for (const double *p = planes; p < planes + 8; p += 4)
+                    crossing = MIN(crossing, sign * -(p[1] * y[r] + p[2] * height + p[3]) / p[0]);
+                is_met = sign * (x[end[r]] - sign * crossing) <= tolerance;
+                top = is_met ? MAX(top, height) : top;
+            }
+            others[r + 1] = others[r] + !is_met;
+        }
+        const double share = MIN(MAX((laser[2] - top) / (laser[2] - deepest), 0), 1);
+        for (int64_t r = 0; r < rows; r++) {
+            const double passed = (laser[1] + (y[r] - laser[1]) * share - y[0]) / resolution;
+            const int64_t other = (int64_t)MIN(MAX(rint(passed), 0), (double)(rows - 1));
+            if (others[MAX(r, other) + 1] != others[MIN(r, other)]) continue;
+            for (int64_t c = end[r] - sign; c >= 0 && c < columns; c -= sign) is_unmet[r * columns + c] = 1;
+        }
+    }
+}

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Flags, Float, Index, Mask
-from guara_perception.stripes.kernel.library import address, kernel
+from guara_perception.stripes.kernel.library import address, addresses, kernel
 from guara_perception.terrain.assessment.raster import ROUNDING
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
@@ -94,28 +94,17 @@ class LookPlan:
             pair_usable: (s - 1,) mask of the pairs of neighbouring stripes that both have usable frames.
             laser_origin: position (3,) of the laser.
         """
-        usable, known = np.flatnonzero(pair_usable), np.isfinite(elevation)
-        if not (usable.size and known.any()):
+        usable = np.flatnonzero(pair_usable)
+        if not usable.size:
             return np.zeros(self.geometry.shape, dtype=bool)
-        x, y = self.geometry.centres()
-        a, b, c, d = self.planes_in_footprint[[usable[0], usable[-1] + 1], :, None].swapaxes(0, 1)
-        rows, columns = np.arange(y.size), np.arange(x.size)
-        ends = known.argmax(axis=1), x.size - 1 - known[:, ::-1].argmax(axis=1)
+        ends = self.planes_in_footprint[[usable[0], usable[-1] + 1]]
+        arrays = [np.ascontiguousarray(values, np.float64) for values in (ends, *self.geometry.centres())]
+        elevation, laser = (np.ascontiguousarray(values, np.float64) for values in (elevation, laser_origin))
         tolerance = self.geometry.resolution / 2 + END_MARGIN_M
-        unmet = []
-        for end, sign in zip(ends, (1, -1), strict=True):
-            height = elevation[rows, end]
-            # Position at which the outermost stripe on this side crosses the row, at the height of the row's end.
-            crossing = sign * (sign * -(b * y + c * height + d) / a).min(axis=0)
-            ends_there = known.any(axis=1) & (sign * (x[end] - crossing) <= tolerance)
-            top = float(height[ends_there].max(initial=DEEPEST_M))
-            share = np.clip((laser_origin[2] - top) / (laser_origin[2] - DEEPEST_M), 0.0, 1.0)
-            passed = (laser_origin[1] + (y - laser_origin[1]) * share - y[0]) / self.geometry.resolution
-            other = np.clip(np.rint(passed).astype(np.intp), 0, y.size - 1)
-            others = np.append(0, np.cumsum(~ends_there))
-            is_closed = others[np.maximum(rows, other) + 1] == others[np.minimum(rows, other)]
-            unmet.append(is_closed[:, None] & (sign * columns < sign * end[:, None]))
-        return np.asarray(unmet[0] | unmet[1])
+        work, unmet = np.empty(2 * len(elevation) + 1, np.int64), np.empty(elevation.shape, np.bool_)
+        given = address(elevation), *elevation.shape, *addresses(*arrays), self.geometry.resolution, tolerance
+        kernel().unmet_cells(*given, DEEPEST_M, *addresses(laser, work, unmet))
+        return unmet
 
     def _find_pairs(self, cells: Index) -> Index:
         x, y = self._centres(cells)

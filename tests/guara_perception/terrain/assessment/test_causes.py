@@ -223,6 +223,52 @@ def swept(height: np.ndarray, dark: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     return elevation, lit, LookPlan(GRID, planes, lambda points: points[:, :2] + 1, (640, 512))
 
 
+def plain_unmet(elevation: np.ndarray, planes: np.ndarray, grid: GridGeometry, laser: np.ndarray) -> np.ndarray:
+    """Cells that the first and the last of the stripes leave beyond the ends of what is known, row by row."""
+    (x, y), (ny, nx) = grid.centres(), grid.shape
+    unmet = np.zeros(grid.shape, bool)
+    for side in (1, -1):
+        ends, tops = {}, [-0.2]
+        for iy in range(ny):
+            known = np.flatnonzero(np.isfinite(elevation[iy]))[::side]
+            for ix in known[:1].tolist():
+                height = elevation[iy, ix]
+                crossings = [-(b * y[iy] + c * height + d) / a for a, b, c, d in planes]
+                if side * (x[ix] - (min(crossings) if side > 0 else max(crossings))) <= grid.resolution / 2 + 0.0005:
+                    ends[iy] = ix
+                    tops.append(height)
+        share = min(max((laser[2] - max(tops)) / (laser[2] + 0.2), 0), 1)
+        for iy, ix in ends.items():
+            passed = (laser[1] + (y[iy] - laser[1]) * share - y[0]) / grid.resolution
+            other = min(max(round(passed), 0), ny - 1)
+            if all(between in ends for between in range(min(iy, other), max(iy, other) + 1)):
+                unmet[iy, slice(ix) if side > 0 else slice(ix + 1, nx)] = True
+    return unmet
+
+
+@pytest.mark.slow
+def test_unmet_cells_are_those_of_a_plain_look_at_each_row() -> None:
+    """Random ground with gaps, under stripes that begin and end near the ends of what is known."""
+    rng, count = np.random.default_rng(0), 0
+    for _ in range(examples(400)):
+        grid = GridGeometry((0.5, -0.1), 0.005, (int(rng.integers(1, 40)), int(rng.integers(7, 40))))
+        elevation = rng.normal(0, rng.choice([0.0, 1e-3]), grid.shape)
+        elevation[:, : rng.integers(1, 4)] = elevation[:, grid.shape[1] - rng.integers(1, 4) :] = np.nan
+        elevation[rng.random(grid.shape) < rng.choice([0.0, 0.02])] = np.nan
+        begin, end = 0.5 + rng.uniform(0.0, 0.04), 0.5 + 0.005 * grid.shape[1] - rng.uniform(0.0, 0.04)
+        normals = (1, 0, 0) + rng.normal(0, 1e-3, (9, 3))
+        plan = LookPlan(grid, np.column_stack((normals, -np.linspace(begin, end, 9))), lambda points: points, (9, 9))
+        laser = np.array([0.45, rng.normal(0, 0.05), 0.5])
+        usable = rng.random(8) < rng.choice([0.0, 0.9, 1.0, 1.0])
+        found = plan.unmet(elevation, usable, laser)
+        some = np.flatnonzero(usable)
+        planes = plan.planes_in_footprint[[some[0], some[-1] + 1]] if some.size else np.empty((0, 4))
+        expected = plain_unmet(elevation, planes, grid, laser) if some.size else np.zeros(grid.shape, bool)
+        np.testing.assert_array_equal(found, expected)
+        count += expected.any()
+    assert count > 30
+
+
 def test_ground_before_the_first_stripe_on_a_step_is_unscanned() -> None:
     """All stripes fall short of the near edge on ground 100 mm higher: nothing looked at the cells before the first."""
     height = np.full(GRID.shape, 0.1)
