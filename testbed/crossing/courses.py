@@ -151,12 +151,12 @@ def _rubble(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Featu
 
 def _mixed(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Feature]:
     """Boxes 30 to 60 mm high, pits 90 mm deep and dark mats on level ground, a thing in each lane every 0.25 m."""
-    spread = sizes.spread
+    spread, (_, least, _, most) = sizes.spread, sizes.gaps
     xs = START_M + spread * np.arange(0.10, FIELD_M / spread, 0.25)
     for before, x in pairwise([START_M, *xs]):
         for side in (-1, 1):
             place = {"x": x + rng.uniform(-0.02, 0.02), "y": side * rng.uniform(0.08, 0.22)}
-            size = spread * float(rng.uniform(0.06, 0.10)), spread * float(rng.uniform(0.12, 0.24))
+            size = float(rng.uniform(least, most)), spread * float(rng.uniform(0.12, 0.24))
             kind = rng.integers(3) if before > START_M else 1
             if kind == 0:
                 yield Block(**place, size=size, top=float(rng.uniform(0.03, 0.06)))
