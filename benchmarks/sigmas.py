@@ -6,8 +6,10 @@ the IMU. Scans and maps are rendered and processed as they are on a robot.
 
 from __future__ import annotations
 
+import pickle
 from collections import defaultdict
 from collections.abc import Iterator
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -18,9 +20,10 @@ from guara_perception.arrays import Float, Index
 from guara_perception.settings import Settings
 from guara_perception.simulation.gait import OutOfReach
 from guara_perception.simulation.walk import WalkPause
+from guara_perception.simulation.world import World
 from kinematics import RobotModel, load_robot
 from kinematics.transforms import inverse, transform_points
-from testbed.erring_walk import grids, leaning_world, sloping_world, true_heights, walked
+from testbed.erring_walk import fused, leaning_world, scans, sloping_world, true_heights, walked
 from testbed.true_ground import CELL_M, TrueGround
 
 # Cells of a grid that are judged, and samples of the bootstrap over walks.
@@ -32,13 +35,15 @@ MEDIAN = 1.4826
 
 
 def sigmas() -> None:
-    """Errors of heights and of height differences by their sigmas, scans and maps [--walks, --first, --mode]."""
+    """Errors of heights and height differences by sigmas, scans and maps [--walks, --first, --mode, --grounds]."""
     asked = options(
         __doc__,
-        walks=(100, "over smooth ground, and as many over rough"),
+        walks=(100, "over each ground"),
+        grounds=(["smooth", "rough"], "grounds"),
         first=(0, "first seed"),
         mode=("coarse", "scan mode"),
         cycles=(1.0, "cycles of each walk"),
+        kept=(Path, "folder that keeps the scans from run to run"),
     )
     robot = load_robot("guara")
     apart = round(Settings.of(robot).limits.disc_radius / Settings.of(robot).resolution)
@@ -46,16 +51,16 @@ def sigmas() -> None:
         f"error / sigma; differences of cells {apart} apart by variance_local; 95 % intervals by bootstrap over walks"
     )
     table = Table("ground:<7 | attitude:<13 | grid:<5 | what:<10 | scale:5.2f | from:5.2f | to:5.2f | within 2:8.3f")
-    for ground in ("smooth", "rough"):
+    for ground in asked.grounds:
         found: dict[tuple[str, str, str], list[Float]] = defaultdict(list)
         for seed in range(asked.first, asked.first + asked.walks):
             world = leaning_world(robot, seed, rough=ground == "rough")
-            walk = walked(robot, world, seed, asked.mode, asked.cycles)
             side, rng = round(Settings.of(robot).resolution / CELL_M), np.random.default_rng(seed)
             means = np.asarray(cv2.blur(TrueGround.of(world).heights, (side, side)), np.float32)
             of_walk: dict[tuple[str, str, str], list[Float]] = defaultdict(list)
-            for has_imu in (True, False):
-                for pause, *both in grids(robot, walk, asked.mode, has_imu=has_imu):
+            file = asked.kept and asked.kept / f"erring-{ground}-{seed}-{asked.mode}-{asked.cycles:g}.pickle"
+            for seen in scanned(robot, world, seed, asked.mode, asked.cycles, file):
+                for pause, *both in fused(robot, seen):
                     for name, grid in zip(("scan", "map"), both, strict=True):
                         source = str(grid.record.attitude_source)
                         for what, ratios in judged(grid, true_heights(robot, world, means, pause, grid), apart, rng):
@@ -64,6 +69,20 @@ def sigmas() -> None:
                 found[key].append(np.concatenate(parts))
         for key, walks in sorted(found.items()):
             table.row(ground, *key, *scale_and_share(walks))
+
+
+def scanned(
+    robot: RobotModel, world: World, seed: int, mode: str, cycles: float, kept: Path | None
+) -> list[list[tuple[WalkPause, gp.TerrainGrid]]]:
+    """Pauses of a walk and their scans, with the IMU and without; read from a file that keeps them."""
+    if kept is not None and kept.is_file():
+        return pickle.loads(kept.read_bytes())
+    walk = walked(robot, world, seed, mode, cycles)
+    both = [list(scans(robot, walk, mode, has_imu=has_imu)) for has_imu in (True, False)]
+    if kept is not None:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        kept.write_bytes(pickle.dumps(both))
+    return both
 
 
 def judged(grid: gp.TerrainGrid, heights: Float, apart: int, rng: np.random.Generator) -> Iterator[tuple[str, Float]]:
@@ -142,8 +161,8 @@ def slopes() -> None:
             continue
         truth, ground = TrueGround.of(world), "slope" if seed % 2 else "boxes"
         for attitude in ("IMU", "no IMU"):
-            for pause, scan, fused in grids(robot, walk, asked.mode, has_imu=attitude == "IMU"):
-                for name, grid in (("scan", scan), ("map", fused)):
+            for pause, *both in fused(robot, scans(robot, walk, asked.mode, has_imu=attitude == "IMU")):
+                for name, grid in zip(("scan", "map"), both, strict=True):
                     free = np.nonzero(grid.hazard == 0)
                     safe, steep = truly(robot, truth, pause, grid, free, limit)
                     for i, number in enumerate((1, len(free[0]), safe, steep)):

@@ -253,7 +253,7 @@ def scan(
         grid.resolution,
         settings.limits,
         shared=shared,
-        attitude_sigma=pose.attitude_sigma,
+        slope_sigma=pose.attitude_sigma,
     )
     layers["age"] = np.where(unknown, 255, 0).astype(np.uint8).reshape(grid.shape)
     layers["looks"] = (~unknown).astype(np.uint8).reshape(grid.shape)

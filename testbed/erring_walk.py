@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -134,18 +134,25 @@ def walked(robot: RobotModel, world: World, seed: int, mode: str, cycles: float)
     return Walk(world, drawn(true, rng), pauses)
 
 
-def grids(
-    robot: RobotModel, walk: Walk, mode: str, *, has_imu: bool
-) -> Iterator[tuple[WalkPause, gp.TerrainGrid, gp.TerrainGrid]]:
-    """Each pause of a walk with its scan and its map."""
-    odometry, rolling = LegOdometry(robot), gp.TerrainMap(robot)
+def scans(robot: RobotModel, walk: Walk, mode: str, *, has_imu: bool) -> Iterator[tuple[WalkPause, gp.TerrainGrid]]:
+    """Each pause of a walk, with the stance that the robot reports, and its scan."""
+    odometry = LegOdometry(robot)
     for pause, frames in walk.pauses:
         stance = pause.stance if has_imu else replace(pause.stance, gravity_in_base=None)
         gravity = odometry.carried_gravity(stance)
         processor = gp.ScanProcessor(walk.calibration, robot, stance, mode, step=pause.step, gravity=gravity)
         processor.add_all(frames)
-        scan = processor.finish("wide")
-        yield pause, scan, rolling.update(scan, odometry.update(stance))
+        odometry.update(stance)
+        yield replace(pause, stance=stance), processor.finish("wide")
+
+
+def fused(
+    robot: RobotModel, seen: Iterable[tuple[WalkPause, gp.TerrainGrid]]
+) -> Iterator[tuple[WalkPause, gp.TerrainGrid, gp.TerrainGrid]]:
+    """Each pause of a walk with its scan and its map."""
+    odometry, rolling = LegOdometry(robot), gp.TerrainMap(robot)
+    for pause, scan in seen:
+        yield pause, scan, rolling.update(scan, odometry.update(pause.stance))
 
 
 def true_frame(robot: RobotModel, world: World, pause: WalkPause, grid: gp.TerrainGrid) -> Float:

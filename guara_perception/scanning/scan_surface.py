@@ -203,7 +203,7 @@ class ScanSurface:
             self.grids[area].resolution,
             self._limits,
             shared=self._shared_of(raster.elevation, own),
-            attitude_sigma=self._attitude_sigma,
+            slope_sigma=self._attitude_sigma,
             discs=own.discs,
         )
 

@@ -10,9 +10,8 @@ enum { UNKNOWN = 0x3F, STEEP = 256, STEP = 512, DROP = 1024, ROUGH = 2048, UNCER
 // Share of the product of the two spreads that their determinant must exceed: known cells of a line fit no plane.
 #define LEAST_DETERMINANT 1e-6
 
-// Limits of slope [rad], rise, fall, roughness and sigma of a height [m], sigmas added to each before it is tested, and the
-// sigma of the vertical [rad].
-typedef struct { double slope, step, drop, roughness, sigma, confidence, attitude; } Limits;
+// Limits of slope [rad], rise, fall, roughness and sigma of a height [m], and sigmas added to each before it is tested.
+typedef struct { double slope, step, drop, roughness, sigma, confidence; } Limits;
 
 // Sums over the known cells of each disc: x and y are counted in cells from its centre, z is the height.
 typedef struct {
@@ -63,7 +62,7 @@ static uint16_t judge_cell(const Sums *s, int64_t c, const double *const *raster
     const double sigma = sqrt(raster[1][at]), unsure = l->confidence * sqrt(2) * sigma;
     double rise = s->highest[c] - raster[2][at], fall = raster[3][at] - s->lowest[c];
     values[0][at] = (float)slope, values[1][at] = (float)MAX(rise, fall), values[2][at] = (float)roughness;
-    slope += l->confidence * hypot(slope_sigma, l->attitude), roughness += l->confidence * roughness_sigma;
+    slope += l->confidence * hypot(slope_sigma, raster[4][at]), roughness += l->confidence * roughness_sigma;
     rise += unsure, fall += unsure;
     values[3][at] = (float)MAX(
         score(slope, l->slope) * score(rise, l->step) * (score(fall, l->drop) * score(roughness, l->roughness)), LEAST_SAFE_SCORE);
@@ -72,7 +71,8 @@ static uint16_t judge_cell(const Sums *s, int64_t c, const double *const *raster
 }
 
 // Test the discs around the known cells in columns first ... end of a grid (rows, columns). raster: heights, variances, lowest
-// and highest samples (4, rows, columns) [m, m^2], heights NaN where unknown. disc: (side, side) cells of the disc. least_known:
+// and highest samples [m, m^2], heights NaN where unknown, and sigmas of slopes that the cells of a disc share [rad], (5, rows,
+// columns). disc: (side, side) cells of the disc. least_known:
 // cells of it that a plane takes. work: (side, PLANES, columns + side). layers: (4, rows, columns) receives slope, step, roughness
 // and score. hazard: has a cause in each unknown cell, and receives the flags of the known ones.
 void test_discs(const double *const *raster, int64_t rows, int64_t columns, int64_t first, int64_t end, const uint8_t *disc,

@@ -27,7 +27,7 @@ def assess_layers(
     drift: Index | None = None,
     *,
     shared: Float | float = 0.0,
-    attitude_sigma: float = 0.0,
+    slope_sigma: Float | float = 0.0,
     beyond: int = 0,
     discs: DiscTests | None = None,
 ) -> dict[str, Array]:
@@ -44,10 +44,11 @@ def assess_layers(
         limits: traversability limits.
         drift: (ny, nx, 2) possible drift of each cell of the fused map along y and x [cells]; None for a single scan.
         shared: (ny, nx) variance shared by neighbouring cells [m^2]. It is part of `variance`; no test uses it.
-        attitude_sigma: standard deviation of the frame's tilt relative to gravity, per axis [rad].
+        slope_sigma: standard deviation of slopes due to errors that the cells of a disc share, such as the frame's tilt
+            relative to gravity: one value, or (ny, nx) [rad].
         beyond: width of a margin on each side that the tests read but the returned layers do not contain [cells].
-        discs: tests of an earlier call with the same resolution, limits and attitude, which are kept where no change
-            can reach them; it receives those of this call.
+        discs: tests of an earlier call with the same resolution, limits and sigma of slopes, which are kept where
+            no change can reach them; it receives those of this call.
 
     Returns:
         All layers by name, read-only, in the types of `LAYERS`, with age and looks of a single scan.
@@ -60,7 +61,7 @@ def assess_layers(
     flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
     flags[~known & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
     discs = DiscTests() if discs is None else discs
-    judged, flags = discs.of(raster, flags, resolution, limits, attitude_sigma)
+    judged, flags = discs.of(raster, flags, resolution, limits, slope_sigma)
     # Cells outside the range of known cells are unknown, which is equivalent to being off the grid.
     window = _extent(known, axis=0), _extent(known, axis=1)
     disc, drift = disc_kernel(limits.disc_radius / resolution), None if drift is None else drift[window]
@@ -108,12 +109,17 @@ class DiscTests:
         self._before: tuple[Raster, Flags, Float32, Flags] | None = None
 
     def of(
-        self, raster: Raster, flags: Flags, resolution: float, limits: TraversabilityLimits, attitude_sigma: float
+        self,
+        raster: Raster,
+        flags: Flags,
+        resolution: float,
+        limits: TraversabilityLimits,
+        slope_sigma: Float | float,
     ) -> tuple[Float32, Flags]:
         """Layers JUDGED, in this order, and flags without EDGE; only columns that changes reach are computed.
 
         Args:
-            raster, resolution, limits, attitude_sigma: as in `assess_layers`.
+            raster, resolution, limits, slope_sigma: as in `assess_layers`.
             flags: (ny, nx) initial flags, with a cause in exactly the unknown cells.
         """
         ny, nx = flags.shape
@@ -129,18 +135,10 @@ class DiscTests:
             end = min(int(changed[-1]) + 1 + side // 2, nx) if changed.size else nx
             judged, hazard = self._before[2].copy(), self._before[3].copy()
             hazard[:, first:end] = flags[:, first:end]
-        tests = (
-            limits.slope,
-            limits.step,
-            limits.drop,
-            limits.roughness,
-            limits.sigma,
-            limits.confidence,
-            attitude_sigma,
-        )
+        tilts = np.ascontiguousarray(np.broadcast_to(np.asarray(slope_sigma, np.float64), flags.shape))
         limit, where, work = (
-            np.array(tests, np.float64),
-            np.array(addresses(*raster.layers)),
+            np.array([getattr(limits, name) for name in TESTED], np.float64),
+            np.array(addresses(*raster.layers, tilts)),
             np.empty((side, 5, nx + side)),
         )
         given = address(where), ny, nx, first, end, address(disc), side, resolution, KNOWN_SHARE * float(disc.sum())

@@ -19,6 +19,13 @@ from guara_perception.terrain.layers.geometry import (
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK
 
 
+def step_slope(disc: Kernel) -> float:
+    """Slope of the plane fitted to a disc across the middle of which its heights differ by 1 [1 / cell]."""
+    half = disc.shape[0] // 2
+    x, columns = np.abs(np.arange(-half, half + 1.0)), disc.sum(axis=0)
+    return float(columns @ x / (2 * columns @ x**2))
+
+
 def edge_cells(
     flags: Flags, disc: Kernel, resolution: float, limits: TraversabilityLimits, drift: Index | None = None
 ) -> Mask:

@@ -150,7 +150,11 @@ def fuse_heights(cells: OdomCells, new: Heights, now: MapPause, *, is_scan: bool
     for name in ("rise", "shift", "turn"):
         memory[name][slot] = getattr(now.drift, name)
     if is_scan:
-        looks = memory["looks"][slot]
+        looks, apart = memory["looks"][slot], memory["apart"][slot]
+        # Without the noise of both, and without what the mean before errs by. The newest look may be the unshared one.
+        found = ((new.height - prior) ** 2 - prior_local - new.local) * looks / (looks + 1.0)
+        apart = np.where(accepted, np.maximum(found, (apart + found) / 2), apart)
+        memory["apart"][slot] = np.where(was_known, apart, 0.0)
         memory["looks"][slot] = np.where(was_known, np.minimum(looks, 254) + 1, 1)
     return np.asarray(~rejected)
 
@@ -171,6 +175,6 @@ def forget_heights(cells: OdomCells, slot: Index, cause: Flags) -> None:
     memory = cells.memory
     for name in ("height", "other"):
         memory[name][slot] = np.nan
-    for name in ("variance", "local", "below", "above", "steepness", "other_variance", "looks", "conflict"):
+    for name in ("variance", "local", "apart", "below", "above", "steepness", "other_variance", "looks", "conflict"):
         memory[name][slot] = 0
     memory["cause"][slot] = cause

@@ -17,6 +17,8 @@ from guara_perception.terrain.map.odom_cells import OdomCells, Squares
 # Standard deviation of the assumed error of calibration and mount, common to all heights of a scan and independent
 # between scans.
 LOOK_SIGMA_M = 0.0005
+# Distance of neighbours for which the variance of a turned grid is told [cells].
+TURNED_CELLS = 3
 SEEN_LAYERS = ("elevation", "variance", "variance_local", "elevation_min", "elevation_max", "slope")
 
 
@@ -100,6 +102,8 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     at_x, at_y = x[is_seen], y[is_seen]
     # The nearest cell is up to half a cell away, and the ground within a cell has relief.
     moved = (steepness * resolution**2 + relief**2) / 12
+    # Neighbours share the slope, and the way to the nearest cell unless the grid is turned.
+    hidden = np.maximum(relief - np.sqrt(steepness) * resolution, 0.0)
     # The variance due to the stance pose is subtracted, because odometry accounts for it. In grids of earlier versions,
     # `variance` does not contain it.
     variance = np.maximum(layers["variance"] - pose_variance(terrain, at_x, at_y), layers["variance_local"])
@@ -110,7 +114,7 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
         slot=slot[is_seen],
         height=in_odom,
         variance=variance,
-        local=layers["variance_local"] + moved,
+        local=layers["variance_local"] + hidden**2 / 12 + resampling_variance(steepness, resolution, transform),
         distance=np.sqrt(at_x * at_x + at_y * at_y),
         below=np.maximum(height - layers["elevation_min"], 0.0),
         above=np.maximum(layers["elevation_max"] - height, 0.0),
@@ -123,6 +127,21 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
         unseen=slot[is_unseen],
         unseen_cause=own[is_unseen],
     )
+
+
+def resampling_variance(steepness: Float, resolution: float, transform: Float) -> Float:
+    """Variance of heights taken from the nearest cell of a turned grid, as far as neighbours do not share it [m^2].
+
+    The nearest centre is up to half a cell away. Without a turn, it is so by the same way for all cells; over
+    TURNED_CELLS, a turn of more than a few degrees makes it any other way.
+
+    Args:
+        steepness: (n,) tan^2 of the slopes.
+        resolution: cell edge [m].
+        transform: (4, 4) from one grid to the other.
+    """
+    turned = min(TURNED_CELLS * abs(float(transform[1, 0])), 0.5)
+    return np.asarray(steepness * resolution**2 * min(turned * (1 - turned) / 2, 1 / 12))
 
 
 def _touched_flags(hazard: Flags, grid: GridGeometry, x: Float, y: Float, transform: Float) -> Flags:

@@ -116,8 +116,9 @@ def read_map(path: str | Path) -> SavedMap:
     path = existing_file(path)
     data = read_arrays(path, ("state", *MEMORY, *SEEN.values(), *TEXTURE.values()), "map", LARGEST_MAP)
     if "variance" in data:
-        # Files of earlier versions only contain the total variance.
+        # Files of earlier versions only contain the total variance, and not by how much looks differed.
         data.setdefault("local", data["variance"])
+        data.setdefault("apart", data["variance"] * np.maximum(data.get("looks", 1), 1))
     missing = [name for name in ("state", *MEMORY) if name not in data]
     if missing:
         raise FileFormatError(f"{path}: not a map file; missing arrays: {', '.join(missing)}")
@@ -197,5 +198,5 @@ def _check_memory(path: Path, data: Mapping[str, Array], count: int) -> None:
     if (np.isfinite(data["height"]) != (data["cause"] == 0)).any():
         raise FileFormatError(f"{path}: heights and causes of unknown cells contradict each other: the file is damaged")
     extents = ("variance", "local", "other_variance", "below", "above", "steepness")
-    if not all((data[name] >= 0).all() for name in extents):
+    if not all((data[name] >= 0).all() for name in extents) or not np.isfinite(data["apart"]).all():
         raise FileFormatError(f"{path}: a variance or an extent of a cell is negative or NaN: the file is damaged")

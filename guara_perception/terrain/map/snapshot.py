@@ -11,6 +11,7 @@ import numpy as np
 from guara_perception.arrays import Array, Codes, Flags, Float, Index
 from guara_perception.settings import Settings
 from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.assessment.disc import step_slope
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import (
@@ -22,7 +23,7 @@ from guara_perception.terrain.layers.geometry import (
 )
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.map.fuse_heights import MapPause, drift_variance
-from guara_perception.terrain.map.fuse_scan import pose_variance
+from guara_perception.terrain.map.fuse_scan import pose_variance, resampling_variance
 from guara_perception.terrain.map.odom_cells import OdomCells, Squares
 from guara_perception.terrain.map.soft_ground import SoftFoothold, soft_cells
 
@@ -93,8 +94,16 @@ def snapshot_layers(
         return layer.reshape(geometry.shape)
 
     looks, kernel = memory["looks"].take(slot), disc_kernel(settings.limits.disc_radius / geometry.resolution)
-    looked = _Looks(shaped(variance - own, np.nan), shaped(drifted_by, np.nan), shaped(pauses, 0), shaped(looks, 0))
-    local = shaped(own, np.nan) + looked.unshared(kernel)
+    looked = _Looks(
+        shaped(variance - own, np.nan),
+        shaped(memory["apart"].take(slot), np.nan),
+        shaped(drifted_by, np.nan),
+        shaped(pauses, 0),
+        shaped(looks, 0),
+    )
+    unshared = looked.unshared(kernel)
+    own += resampling_variance(memory["steepness"].take(slot), geometry.resolution, transform)
+    local = shaped(own, np.nan) + unshared
     # The error of an IMU may be new at every pause or always the same, so the larger of the two variances is used.
     at_feet = pose_variance(terrain, np.zeros(1), np.zeros(1))
     tilted = own + pose_variance(terrain, x, y) - at_feet
@@ -113,7 +122,9 @@ def snapshot_layers(
         settings.limits,
         drift,
         shared=np.maximum(total - local, 0.0),
-        attitude_sigma=terrain.record.checked_attitude_sigma,
+        slope_sigma=np.hypot(
+            terrain.record.checked_attitude_sigma, step_slope(kernel) * np.sqrt(2 * unshared) / geometry.resolution
+        ),
         beyond=beyond,
     )
     cut = np.s_[beyond:-beyond, beyond:-beyond]
@@ -127,31 +138,45 @@ class _Looks:
     """Observations (looks) of cells at several pauses, (ny, nx) each.
 
     Attributes:
-        variance: variance of heights due to errors common to all cells of a look [m^2]; NaN in unknown cells.
+        variance: variance of heights due to errors common to all cells of a look, as claimed [m^2]; NaN in unknown
+            cells.
+        apart: the same of one look, measured by how much looks differed from the heights before them [m^2].
         drift: variance of heights due to drift since the last look [m^2]; NaN in unknown cells.
         pauses: number of pauses since the last look.
         looks: number of looks.
     """
 
     variance: Float
+    apart: Float
     drift: Float
     pauses: Index
     looks: Codes
 
     def unshared(self, kernel: Kernel) -> Float:
-        """Variance of the difference between a height and those in its disc, due to looks that they do not share [m^2].
+        """Half the variance of the difference between a height and those in its disc, due to looks not shared [m^2].
 
-        If a mean of m + n looks contains all looks of a mean of m, their difference has n / (m + n) of the larger
-        variance. If the two heights were last seen at different pauses, each also has a look that the other lacks,
-        which adds twice `variance / looks`, and the difference of their drift is added. Of variance, variance per look
-        and drift difference, the largest in the disc are used. Ground that no scan saw shares nothing with other
-        ground.
+        Means of m and n looks, c of them common, differ by 1 / m + 1 / n - 2 c / (m n) of the variance of one look. All
+        cells of a disc have the looks from the latest first one to the earliest last one in common; the largest
+        difference is used. With a common look the variance of one look is measured, where a cell around was looked at
+        twice: by how much looks differ from the heights before them. Otherwise it is the claimed one, to which the
+        difference of the drift is added. Ground that no scan saw shares nothing with other ground.
         """
-        least, most = self._least, self._most
-        nested = most(self.variance, kernel) * (1 - least(self.looks, kernel) / np.maximum(most(self.looks, kernel), 1))
-        of_look = most(self.variance / np.maximum(self.looks, 1), kernel)
-        aside = most(self.drift, kernel) - least(self.drift, kernel) + 2 * of_look
-        return nested + np.where(least(self.pauses, kernel) < most(self.pauses, kernel), aside, 0.0)
+        n, ones = self._most(self.looks, kernel), np.ones(len(kernel))
+        m = np.minimum(self._least(self.looks, kernel), n)
+        common = np.maximum(self._least(self.pauses + self.looks, kernel) - self._most(self.pauses, kernel), 0)
+        again = (self.looks > 1) & np.isfinite(self.variance)
+        number, total = (
+            cv2.sepFilter2D(np.where(again, each, 0.0), -1, ones, ones, borderType=cv2.BORDER_CONSTANT)
+            for each in (1.0, self.apart)
+        )
+        measured = np.maximum(total / np.maximum(number, 1), 0.0)
+        claimed = self._most(self.variance * self.looks, kernel)
+        drift = self._most(self.drift, kernel) - self._least(self.drift, kernel)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pairs = [1 / i + 1 / j - 2 * np.minimum(common, m) / (i * j) for i, j in ((m, m), (m, n), (n, n))]
+            share = np.maximum.reduce(pairs)
+            found = np.where((number > 0) & (common > 0), measured * share, claimed * share + drift)
+        return np.where(m > 0, found, self._most(self.variance, kernel)) / 2
 
     def _least(self, values: Array, kernel: Kernel) -> Float:
         """Least value of the known cells in the disc around each cell."""

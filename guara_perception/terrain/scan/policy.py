@@ -186,7 +186,7 @@ def refined(coarse: TerrainGrid, standard: TerrainGrid) -> TerrainGrid:
         coarse.resolution,
         standard.record.required_limits,
         shared=either("variance") - raster.variance,
-        attitude_sigma=standard.record.checked_attitude_sigma,
+        slope_sigma=standard.record.checked_attitude_sigma,
     )
     known = float(np.isfinite(layers["elevation"]).mean())
     return dataclasses.replace(standard, layers=layers, record=dataclasses.replace(standard.record, known=known))

@@ -59,7 +59,7 @@ def test_a_slope_is_as_unsure_as_the_vertical() -> None:
     steep = {}
     for sigma in (0.1, 3.0):
         layers = assess_layers(
-            raster, nothing.astype(np.uint16), RESOLUTION, limits, attitude_sigma=float(np.radians(sigma))
+            raster, nothing.astype(np.uint16), RESOLUTION, limits, slope_sigma=float(np.radians(sigma))
         )
         steep[sigma] = ((layers["hazard"] & np.uint16(Hazard.STEEP)) != 0)[5:-5, 5:-5]
     assert not steep[0.1].any() and steep[3.0].all()
@@ -121,7 +121,7 @@ def test_layers_are_those_of_a_plain_fit_to_each_disc(seed: int, radius: float) 
     variance, spread = rng.uniform(0, 1e-6, shape), rng.uniform(0, 0.004, (2, *shape))
     raster = Raster(height, variance, height - spread[0], height + spread[1])
     none = np.zeros(shape, np.uint16)
-    layers = assess_layers(raster, none, RESOLUTION, limits, attitude_sigma=0.01)
+    layers = assess_layers(raster, none, RESOLUTION, limits, slope_sigma=0.01)
     disc, half = disc_kernel(radius), disc_kernel(radius).shape[0] // 2
     for iy, ix in zip(*np.nonzero(np.isfinite(height)), strict=True):
         y, x = (each[disc > 0] for each in np.mgrid[-half : half + 1, -half : half + 1])
@@ -152,7 +152,7 @@ def test_layers_are_those_of_a_plain_fit_to_each_disc(seed: int, radius: float) 
             expected |= Hazard.ROUGH * (roughness + limits.confidence * np.sqrt(mean / 2 / freedom) > limits.roughness)
         assert layers["hazard"][iy, ix] & ~Hazard.EDGE == expected
     part = assess_layers(
-        Raster(*(layer[:, 5:75] for layer in raster.layers)), none[:, 5:75], RESOLUTION, limits, attitude_sigma=0.01
+        Raster(*(layer[:, 5:75] for layer in raster.layers)), none[:, 5:75], RESOLUTION, limits, slope_sigma=0.01
     )
     for name in ("slope", "step_height", "roughness"):
         assert part[name][:, half:-half].tobytes() == layers[name][:, 5 + half : 75 - half].tobytes()

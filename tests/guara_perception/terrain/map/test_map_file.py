@@ -87,6 +87,7 @@ def test_what_is_no_map_is_refused(robot: RobotModel, make_scan: MakeScan, tmp_p
     [
         ("height", lambda a: np.where(np.isnan(a), 0.0, a), "contradict each other"),
         ("variance", lambda a: a - 1.0, "negative or NaN"),
+        ("apart", lambda a: a * np.nan, "negative or NaN"),
         ("looks", lambda a: a.astype(np.int64), "looks is int64 of shape"),
         ("cause", lambda a: a[:-1], "cause is uint16 of shape"),
         ("state", lambda a: np.array(json.dumps({**json.loads(str(a)), "side": 4})), "it must be"),
