@@ -8,6 +8,7 @@ The libraries lie beside their source: in the wheel, or in the checkout for an e
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import os
 import platform
@@ -63,6 +64,11 @@ def is_current() -> bool:
     return all(library.exists() and library.stat().st_mtime >= newest for library in libraries())
 
 
+def sources_digest() -> str:
+    """Digest of the kernel's sources; a library that was compiled from others is refused when it is loaded."""
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(FOLDER.glob("*.[ch]")))).hexdigest()
+
+
 def compile_kernel() -> None:
     """Compile the libraries for the target machine.
 
@@ -82,7 +88,8 @@ def compile_kernel() -> None:
             if not native:
                 command = [sys.executable, "-m", "ziglang", "cc", "-target", f"{machine}-linux-gnu.{GLIBC}"]
                 command += [f"-mcpu={ZIG_NAMES[library.stem]}", "-fno-sanitize=undefined", "-s"]
-            command += [*FLAGS, "-o", str(made), *map(str, sorted(FOLDER.glob("*.c"))), "-lm"]
+            command += [*FLAGS, f'-DSOURCES="{sources_digest()}"', "-o", str(made)]
+            command += [*map(str, sorted(FOLDER.glob("*.c"))), "-lm"]
             # Zig keeps what it compiles once, its own C library too: not in the home of whoever installs.
             environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": folder, "ZIG_LOCAL_CACHE_DIR": folder}
             if subprocess.run(command, env=environment).returncode:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import platform
 import threading
 from functools import cache
@@ -67,6 +68,7 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "select_value": ([P, N, N], F),
     "settle_points": ([P] * 3 + [N, N, D, D, N, N] + [P] * 6, None),
     "shrink": ([PICTURE, N, N, D, P, P, P], None),
+    "sources": ([], ctypes.c_char_p),
     "sum_cells": ([P, P, P, N, P, N, N, N, N, P, P, P, P], None),
     "test_discs": ([P, N, N, N, N, P, N, D, D, P, P, P, P], None),
     "unmet_cells": ([P, N, N, P, P, P, D, D, D, P, P, P], None),
@@ -78,7 +80,7 @@ def kernel() -> ctypes.CDLL:
     """Load the kernel's library.
 
     Raises:
-        DamagedInstallation: the library is missing, or was built for another version or machine.
+        DamagedInstallation: the library is missing, or was built from other sources or for another machine.
     """
     path = FOLDER / f"{processor()}.so"
     try:
@@ -86,6 +88,9 @@ def kernel() -> ctypes.CDLL:
         for name, (arguments, result) in FUNCTIONS.items():
             function = getattr(library, name)
             function.argtypes, function.restype = arguments, result
+        sources = [path.read_bytes() for path in sorted(FOLDER.glob("*.[ch]"))]
+        if sources and library.sources() != hashlib.sha256(b"".join(sources)).hexdigest().encode():
+            raise OSError("it was compiled from other sources")
     except (OSError, AttributeError) as error:
         reason = "it is missing" if not path.exists() else str(error)
         advice = "reinstall guara-perception; in a checkout: make install, or python hatch_build.py"

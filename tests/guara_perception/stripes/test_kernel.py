@@ -162,6 +162,19 @@ def test_a_node_without_its_library_says_so_when_it_starts(
     assert f"kernel {other_folder}" in told and "it is missing" in told
 
 
+def test_a_library_of_other_sources_is_told(other_folder: Path) -> None:
+    """Its functions may take other arguments by the same names."""
+    here = Path(library.__file__).parent
+    for each in (*here.glob("*.[ch]"), here / f"{library.processor()}.so"):
+        shutil.copy(each, other_folder)
+    library.kernel()
+    library.kernel.cache_clear()
+    with (other_folder / "version.c").open("a") as source:
+        source.write("// changed")
+    with pytest.raises(DamagedInstallation, match=r"compiled from other sources\): .*hatch_build"):
+        library.kernel()
+
+
 @pytest.mark.slow
 def test_a_library_of_another_version_is_told(other_folder: Path) -> None:
     """A function that it lacks is named."""
