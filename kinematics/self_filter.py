@@ -64,10 +64,12 @@ class SelfFilter:
             for shape in link.shapes
         )
         centres = np.array([shape.centre for shape in self.shapes]).reshape(-1, 3)
-        reaches = np.array([shape.reach for shape in self.shapes])
+        self._reaches = reaches = np.array([shape.reach for shape in self.shapes])
         self._lowest, self._highest = centres - reaches[:, None], centres + reaches[:, None]
         # |p - c|^2 <= r^2 reads |p|^2 - 2 p . c <= r^2 - |c|^2.
         self._twice_centres = 2.0 * centres.T
+        # Single origins that `_check_outside` has passed: a scan asks for its camera and laser again and again.
+        self._outside = set[bytes]()
         self._powers = reaches**2 - np.einsum("ni,ni->n", centres, centres) + ROUNDING
 
     def contains(self, points_in_base: npt.ArrayLike) -> Mask:
@@ -132,22 +134,27 @@ class SelfFilter:
         lengths = np.sqrt(np.einsum("ni,ni->n", directions, directions))
         # Products that are the same for all shapes.
         by_origins = directions @ origins[0] if len(origins) == 1 else np.einsum("ni,ni->n", directions, origins)
-        squares = np.einsum("ni,ni->n", origins, origins) - ROUNDING
+        squares = np.einsum("ni,ni->n", origins, origins)
         blocked = np.zeros(len(points), dtype=np.bool_)
         if not len(points):
             return blocked
         low, high = _box(np.ascontiguousarray(points.T))
         low, high = np.fmin(low, origins.min(axis=0)), np.fmax(high, origins.max(axis=0))
-        for index in np.flatnonzero(np.all((self._lowest <= high) & (self._highest >= low), axis=1)).tolist():
-            shape = self.shapes[index]
-            along = directions @ shape.centre - by_origins
-            apart = squares - origins @ (2.0 * shape.centre) + (shape.centre @ shape.centre - shape.reach**2)
-            near = np.flatnonzero(_may_meet(along, apart, lengths, shape.reach) & ~blocked)
+        shapes = np.flatnonzero(np.all((self._lowest <= high) & (self._highest >= low), axis=1))
+        twice_centres = self._twice_centres[:, shapes]
+        along = (directions @ twice_centres) / 2 - by_origins[:, None]
+        apart = squares[:, None] - origins @ twice_centres - self._powers[shapes]
+        may_meet = _may_meet(along, apart, lengths[:, None], self._reaches[shapes])
+        for column in np.flatnonzero(may_meet.any(axis=0)).tolist():
+            near = np.flatnonzero(may_meet[:, column] & ~blocked)
             if len(near):
-                blocked[near] = shape.blocks(origins if len(origins) == 1 else origins[near], directions[near])
+                own = origins if len(origins) == 1 else origins[near]
+                blocked[near] = self.shapes[shapes[column]].blocks(own, directions[near])
         return blocked
 
     def _check_outside(self, origins: Float) -> None:
+        if len(origins) == 1 and origins.tobytes() in self._outside:
+            return
         inside = origins[self.contains(origins)]
         for shape in self.shapes if len(inside) else ():
             if np.any(shape.contains(inside)):
@@ -155,13 +162,15 @@ class SelfFilter:
                     f"an origin lies inside the shape of link {shape.link!r} (margin {self.margin:g} m); "
                     "if that link carries the camera or laser, name it in robot.toml, [self_filter] ignore"
                 )
+        if len(origins) == 1:
+            self._outside.add(origins.tobytes())
 
 
-def _may_meet(along: Float, apart: Float, lengths: Float, reach: float) -> Mask:
-    """Conservative mask (n,) of the segments that may come within `reach` of a centre; includes all that do.
+def _may_meet(along: Float, apart: Float, lengths: Float, reach: Float) -> Mask:
+    """Conservative mask (n, k) of the segments that may come within `reach` (k,) of a centre; includes all that do.
 
     With c the vector from a segment's origin to the centre and w the segment, the arguments are w . c,
-    |c|^2 - reach^2 and |w|, each (n,) or (1,).
+    |c|^2 - reach^2 and |w|, each (n, k), or 1 in place of n or k.
     """
     # The squared distance of the centre from the line is |c|^2 - (w . c)^2 / |w|^2; compared here without dividing.
     beside = apart * lengths**2 <= along**2

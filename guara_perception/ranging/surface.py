@@ -56,12 +56,7 @@ def surface_of(
     """
     seen = links_of(stripes, keys, pattern, join_height, y_range, parted)
     variance = np.array([stripes[index].variance for index in seen.indices])
-    found = confirmed_points(seen, variance), joined_surface(seen, variance, resolution)
-    return SurfaceSamples(
-        np.concatenate([each.points for each in found], axis=1, dtype=np.float64),
-        np.concatenate([each.variance for each in found], dtype=np.float64),
-        [run for each in found for run in each.runs],
-    )
+    return joined_surface(confirmed_points(seen, variance), seen, variance, resolution)
 
 
 def surface_lines(
@@ -219,14 +214,15 @@ def confirmed_points(seen: Links, variance: Array) -> SurfaceSamples:
     return SurfaceSamples(seen.points.reshape(3, -1).take(indices, axis=1), variance.take(indices), runs)
 
 
-def joined_surface(seen: Links, variance: Array, resolution: float) -> SurfaceSamples:
-    """Sample the lines between each stripe and the next in the columns in which the two are linked.
+def joined_surface(given: SurfaceSamples, seen: Links, variance: Array, resolution: float) -> SurfaceSamples:
+    """Given samples, then those of the lines between each stripe and the next in the columns in which they are linked.
 
     A line is shortened by OPEN_END_M at an end at which the surface ends; the heights of the samples cut off are NaN.
     Variances are interpolated linearly, not by squared weights, because a line is no more certain than the points at
     its ends; the relief of the ground between the stripes is added.
 
     Args:
+        given: samples before those of the lines.
         seen: points and links of s stripes.
         variance: (s, w) variance of the heights [m^2].
         resolution: edge of the cells to be filled [m].
@@ -238,12 +234,14 @@ def joined_surface(seen: Links, variance: Array, resolution: float) -> SurfaceSa
     numbers = sample_count(points[:, 1:] - points[:, :-1], between, resolution)
     runs = [(swath, n * int(m)) for swath, n, m in zip(seen.pairs, numbers, lines.sum(axis=1), strict=True) if m]
     wanted = np.where(lines.any(axis=1), numbers, 0).astype(np.int64)
-    size, (_, count, width) = sum(length for _, length in runs), points.shape
+    begin, (_, count, width) = given.variance.size, points.shape
+    size = begin + sum(length for _, length in runs)
     samples, along, work = np.empty((3, size)), np.empty(size), np.empty(15 * (width + 1))
+    samples[:, :begin], along[:begin] = given.points, given.variance
     opens, closes = ~before, ~after
-    given = *addresses(points, variance), count, width, *addresses(lines, opens, closes, wanted), OPEN_END_M
-    kernel().sample_lines(*given, size, *addresses(work, samples, along))
-    return SurfaceSamples(samples, along, runs)
+    of_stripes = *addresses(points, variance), count, width, *addresses(lines, opens, closes, wanted), OPEN_END_M
+    kernel().sample_lines(*of_stripes, size, begin, *addresses(work, samples, along))
+    return SurfaceSamples(samples, along, [*given.runs, *runs])
 
 
 def _neighbours(indices: Index, width: int) -> Index:

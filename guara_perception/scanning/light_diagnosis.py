@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -208,7 +209,7 @@ def _levels(picture: Picture) -> tuple[float, float]:
 
 
 def _median(samples: Sequence[FrameSample], name: str) -> float:
-    return float(np.median([getattr(sample, name) for sample in samples]))
+    return statistics.median(getattr(sample, name) for sample in samples)
 
 
 def _change(samples: Sequence[FrameSample]) -> float:

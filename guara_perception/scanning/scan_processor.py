@@ -520,6 +520,7 @@ class ScanProcessor:
                 method=self._method,
                 profiles=proved.profiles,
                 points=proved.surface.stripes,
+                counts=proved.surface.counts,
                 layers=layers,
                 seconds={**self._seconds, "finish": time.perf_counter() - start},
                 samples=self._samples,

@@ -8,7 +8,7 @@ from itertools import islice
 
 import numpy as np
 
-from guara_perception.arrays import Array, Float, Mask
+from guara_perception.arrays import Array, Float, Index, Mask
 from guara_perception.calibration.drift import DRIFTING, HOLDS, Drift, check_drift
 from guara_perception.ranging.scan_geometry import ScanGeometry
 from guara_perception.ranging.stripe_points import StripePoints
@@ -43,12 +43,12 @@ SUSPECTED = 12
 def regional_coverage(seen: Mask, expected: Mask) -> dict[str, float | None]:
     """Coverage of each ninth of the area, by names such as "far left"; None where no ground was expected."""
     result: dict[str, float | None] = {}
-    ny, nx = seen.shape
+    both, (ny, nx) = seen & expected, seen.shape
     for i, along in enumerate(REGIONS_X):
         for j, across in enumerate(REGIONS_Y):
             part = np.s_[j * ny // 3 : (j + 1) * ny // 3, i * nx // 3 : (i + 1) * nx // 3]
-            total = int(expected[part].sum())
-            result[f"{along} {across}"] = float((seen & expected)[part].sum() / total) if total else None
+            total = int(np.count_nonzero(expected[part]))
+            result[f"{along} {across}"] = int(np.count_nonzero(both[part])) / total if total else None
     return result
 
 
@@ -63,6 +63,7 @@ def scan_record(
     method: str,
     profiles: Mapping[int, StripeProfile],
     points: Mapping[int, StripePoints],
+    counts: Index,
     layers: Mapping[str, Array],
     seconds: Mapping[str, float],
     samples: FrameSamples,
@@ -77,15 +78,11 @@ def scan_record(
     """Record of a scan; docs/files.md describes its fields."""
     calibration, planned, settings = geometry.calibration, geometry.stripes, Settings.of(robot)
     bad = {index: profile.reason for index, profile in sorted(profiles.items()) if profile.is_frame_bad}
-    counts = np.zeros(len(StripeStatus), dtype=np.int64)
-    if points:
-        status = np.concatenate([stripe.status for stripe in points.values()])
-        counts[:] = [np.count_nonzero(status == np.uint8(each)) for each in StripeStatus]
     used = int(counts[StripeStatus.OK] + counts[StripeStatus.SATURATED])
     hazard = np.asarray(layers["hazard"], np.uint16)
     unknown = (hazard & UNKNOWN_MASK) != 0
     expected = ~((hazard & np.uint16(Hazard.UNSCANNED | Hazard.OCCLUDED | Hazard.SELF)) != 0)
-    coverage = float((~unknown & expected).sum() / max(int(expected.sum()), 1))
+    coverage = int(np.count_nonzero(~unknown & expected)) / max(int(np.count_nonzero(expected)), 1)
     told = {index: reason for index, reason in bad.items() if index not in proof.unproved and reason != MOVED}
     reasons = [f"stripe {index}: {reason}" for index, reason in told.items()]
     sway = robot.pause_limits.stance_sway

@@ -17,6 +17,7 @@ from guara_perception.ranging.scan_geometry import TOGETHER, ScanGeometry, in_gr
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 from guara_perception.ranging.surface import Key, sample_count, shares, surface_of
 from guara_perception.settings import Settings
+from guara_perception.stripes.band import StripeStatus
 from guara_perception.stripes.kernel.library import address, addresses, kernel
 from guara_perception.terrain.assessment.assess import DiscTests, assess_layers
 from guara_perception.terrain.assessment.causes import LookPlan, unknown_causes
@@ -163,6 +164,11 @@ class ScanSurface:
         return self._raster.stripes
 
     @property
+    def counts(self) -> Index:
+        """Number of columns of the stripes added so far with each `StripeStatus`."""
+        return self._raster.counts
+
+    @property
     def pairs(self) -> Index:
         """Index (ny, nx) of the first stripe of the pair that encloses each footprint cell on flat ground, else -1."""
         footprint = self.grids["footprint"]
@@ -194,7 +200,9 @@ class ScanSurface:
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
 
         def in_own_shadow(cells: Index, points: Float) -> Mask:
-            return own.shadowed.of(cells, points[:, 2], lambda new: self._hidden(points[new]))
+            heights = np.full(own.plan.geometry.size, np.nan)
+            heights[cells] = points[:, 2]
+            return own.shadowed.of(heights, lambda new: self._hidden(own.plan.points(new, heights[new])))[cells]
 
         causes = unknown_causes(own.plan, self._origins, raster.elevation, pair_usable, marks, in_own_shadow)
         return assess_layers(
@@ -209,14 +217,9 @@ class ScanSurface:
 
     def _shared_of(self, elevation: Float, area: _Area) -> Float:
         """Variance (ny, nx) that neighbouring cells share [m^2], NaN in unknown cells."""
-        shared, cells = np.full(elevation.size, np.nan), np.flatnonzero(np.isfinite(elevation))
-        heights = elevation.ravel()[cells]
-
-        def variance(new: Index) -> Float:
-            return self._shared.at(area.plan.points(cells[new], heights[new]).T)
-
-        shared[cells] = area.shared.of(cells, heights, variance)
-        return shared.reshape(elevation.shape)
+        heights = elevation.ravel()
+        shared = area.shared.of(heights, lambda new: self._shared.at(area.plan.points(new, heights[new]).T))
+        return np.where(np.isnan(heights), np.nan, shared).reshape(elevation.shape)
 
     def lost_cells(self, layers: Mapping[str, Array], is_lost: Mask, area: str) -> tuple[Run, ...]:
         """Unknown cells that lost stripes might have measured; see the function `lost_cells`.
@@ -242,12 +245,15 @@ class ByHeight:
         """Start without values of a type for this number of cells."""
         self._heights, self._values = np.full(cells, np.nan), np.zeros(cells, kind)
 
-    def of(self, cells: Index, heights: Float, compute: Callable[[Index], Array]) -> Array:
-        """Values (n,) of cells at heights (n,) [m]; `compute` returns those of the cells at some positions."""
-        new = np.flatnonzero(self._heights[cells] != heights)
+    def of(self, heights: Float, compute: Callable[[Index], Array]) -> Array:
+        """Values (cells,) at heights (cells,) [m]; `compute` returns those of some cells.
+
+        The value of a cell with height NaN is any earlier one.
+        """
+        new = np.flatnonzero((self._heights != heights) & ~np.isnan(heights))
         if new.size:
-            self._heights[cells[new]], self._values[cells[new]] = heights[new], compute(new)
-        return self._values[cells]
+            self._heights[new], self._values[new] = heights[new], compute(new)
+        return self._values
 
 
 @dataclass(frozen=True, slots=True)
@@ -381,6 +387,9 @@ class SurfaceRaster:
 
     A swath is the surface on a stripe or between two neighbouring stripes. It is rasterised as soon as no later stripe
     can change it, and otherwise when `raster` is called.
+
+    Attributes:
+        counts: number of columns of the stripes with each `StripeStatus`.
     """
 
     def __init__(
@@ -407,6 +416,7 @@ class SurfaceRaster:
         self._geometry = geometry
         self._pattern = pattern
         self._stripes: dict[int, StripePoints] = {}
+        self.counts = np.zeros(len(StripeStatus), np.intp)
         self._join_height = join_height
         # Columns and samples by swath.
         self._swaths: dict[Key, tuple[slice, CellSamples]] = {}
@@ -427,6 +437,8 @@ class SurfaceRaster:
         """Add stripes by index. Adding several in one call is faster and gives the same result."""
         for group in in_groups(list(stripes)):
             self._stripes.update((index, stripes[index]) for index in group)
+            status = np.concatenate([stripes[index].status for index in group])
+            self.counts += np.bincount(status, minlength=self.counts.size)
             self._to_make.update(key for index in group for key in self._touched(index) if self._is_there(key))
             self._make([key for key in self._to_make if self._is_settled(key)])
             self._mark_out_of_range(group)

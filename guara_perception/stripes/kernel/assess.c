@@ -110,7 +110,8 @@ void test_discs(const double *const *raster, int64_t rows, int64_t columns, int6
     }
 }
 
-// Squared distances (n,) to the nearest of what lies across at squared distances, some of which are FAR. work: (2, n + 1).
+// Squared distances (n,) to the nearest of what lies across at squared distances, some of which are FAR. Those of places at
+// distance 0 are not needed. work: (2, n + 1).
 #define FAR 1e18
 static void nearest(const double *across, int64_t n, double *work, double *found) {
     double *from = work, *lowest = work + n + 1; // The parabola lowest[k] is the lowest one from from[k] on.
@@ -118,6 +119,8 @@ static void nearest(const double *across, int64_t n, double *work, double *found
     for (int64_t c = 0; c < n; c++) {
         double meet = -INFINITY;
         if (across[c] >= FAR) continue;
+        // Within a row of places at distance 0, none is the nearest to anything else.
+        if (across[c] == 0 && (!c || across[c - 1] == 0) && (c + 1 == n || across[c + 1] == 0)) continue;
         for (; k >= 0; k--) {
             const double other = lowest[k], apart = (double)c - other;
             meet = (across[c] - across[(int64_t)other] + (double)(c * c) - other * other) / (2 * apart);

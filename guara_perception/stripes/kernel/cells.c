@@ -7,17 +7,21 @@
 // Cells (n,) of samples (3, n): column and row counted from 1, those of unknown and outside ones in the ring around the
 // grid; column * (rows + 2) + row. offset: origin of the frame in columns and rows. Gives the first and the last column.
 void cells_of_samples(const double *points, int64_t n, double per_cell, const double *offset, int64_t columns, int64_t rows,
-    int32_t *cell, int64_t *ends) {
-    ends[0] = INT64_MAX, ends[1] = -1;
+    int32_t *restrict cell, int64_t *ends) {
+    int32_t first = INT32_MAX, last = -1;
+    const double from_x = offset[0], from_y = offset[1], most_x = (double)(columns + 1), most_y = (double)(rows + 1);
+    const int32_t per_column = (int32_t)rows + 2;
     for (int64_t i = 0; i < n; i++) {
-        const double x = points[i] * per_cell + offset[0], y = points[n + i] * per_cell + offset[1];
-        const int is_known = !isnan(points[2 * n + i]);
-        // NaN is none of the two, and so in the ring.
-        const int64_t column = x >= (double)(columns + 1) ? columns + 1 : x > 0 ? (int64_t)x : 0;
-        const int64_t row = !is_known ? 0 : y >= (double)(rows + 1) ? rows + 1 : y > 0 ? (int64_t)y : 0;
-        cell[i] = (int32_t)(column * (rows + 2) + row);
-        ends[0] = MIN(ends[0], column), ends[1] = MAX(ends[1], column);
+        double x = points[i] * per_cell + from_x, y = points[n + i] * per_cell + from_y;
+        // NaN is not above 0, and so in the ring.
+        x = x > 0 ? x : 0, y = y > 0 ? y : 0;
+        x = x < most_x ? x : most_x, y = y < most_y ? y : most_y;
+        y = isnan(points[2 * n + i]) ? 0 : y;
+        const int32_t column = (int32_t)x, row = (int32_t)y;
+        cell[i] = column * per_column + row;
+        first = MIN(first, column), last = MAX(last, column);
     }
+    ends[0] = n ? first : INT64_MAX, ends[1] = last;
 }
 
 // Sum the samples of each of several swaths, which come in runs (2, number) of swath and length. first: cell from which
@@ -52,23 +56,27 @@ void sum_cells(const int32_t *cell, const double *height, const double *variance
     }
 }
 
-// Merge sums of cells (n,) as of `sum_cells` into the heights of a grid (rows, columns). They are numbered from the ring around
-// the grid on: column * (rows + 2) + row. sums: total of heights, number, total of variances, lowest and highest. work: (3, cells),
-// ends: (2, cells). raster: (4, rows, columns) receives mean height and variance of the top layer, lowest and highest, NaN where
-// there is nothing.
-void merge_cells(const int64_t *cell, const double *total, const float *number, const float *doubt, const float *low,
-    const float *high, int64_t n, int64_t rows, int64_t columns, double *work, float *ends, double *raster) {
-    const int64_t cells = (rows + 2) * (columns + 2), size = rows * columns;
+// Merge sums of cells (n,) as of `sum_cells` into the heights of columns of a grid, from `first` on (rows, columns). They are
+// numbered from the ring around the grid on: column * (rows + 2) + row; those of other columns are left out. sums: total of
+// heights, number, total of variances, lowest and highest. work: (3, cells), ends: (2, cells) of these columns and of one more on
+// each side. raster: (4, rows, columns) receives mean height and variance of the top layer, lowest and highest, NaN where there is
+// nothing.
+void merge_cells(const int32_t *cell, const double *total, const float *number, const float *doubt, const float *low,
+    const float *high, int64_t n, int64_t first, int64_t rows, int64_t columns, double *work, float *ends, double *raster) {
+    const int64_t cells = (rows + 2) * (columns + 2), size = rows * columns, before = first * (rows + 2);
     double *sum = work, *count = sum + cells, *variance = count + cells;
     float *lowest = ends, *highest = lowest + cells;
     for (int64_t i = 0; i < cells; i++) sum[i] = count[i] = variance[i] = 0, lowest[i] = INFINITY, highest[i] = -INFINITY;
     for (int64_t i = 0; i < n; i++) {
-        float *least = lowest + cell[i], *most = highest + cell[i];
-        *least = low[i] < *least ? low[i] : *least, *most = high[i] > *most ? high[i] : *most;
+        const int64_t at = cell[i] - before;
+        if (at < 0 || at >= cells) continue;
+        lowest[at] = low[i] < lowest[at] ? low[i] : lowest[at], highest[at] = high[i] > highest[at] ? high[i] : highest[at];
     }
-    for (int64_t i = 0; i < n; i++)
-        if (high[i] > highest[cell[i]] - (float)TOP_LAYER_M)
-            sum[cell[i]] += total[i], count[cell[i]] += (double)number[i], variance[cell[i]] += (double)doubt[i];
+    for (int64_t i = 0; i < n; i++) {
+        const int64_t at = cell[i] - before;
+        if (at >= 0 && at < cells && high[i] > highest[at] - (float)TOP_LAYER_M)
+            sum[at] += total[i], count[at] += (double)number[i], variance[at] += (double)doubt[i];
+    }
     for (int64_t r = 0; r < rows; r++)
         for (int64_t c = 0; c < columns; c++) {
             const int64_t at = (c + 1) * (rows + 2) + r + 1;

@@ -156,13 +156,12 @@ void pair_relief(const float *x, const float *y, const float *z, const float *va
 // (stripes, n) of the heights. is_line, is_open, is_closed: (stripes - 1, n), columns in which the two are joined, and in which the
 // surface ends at the first or at the second. number: (stripes - 1,) of samples on each line, 0 where none are wanted. open_end:
 // length by which a line is cut there [m]; the heights of samples in it are NaN. work: 15 (n + 1) numbers of 8 bytes. samples:
-// (3, all), deviation: (all,): of a pair the first samples of all lines, then the second ones.
+// (3, all), deviation: (all,), from `at` on: of a pair the first samples of all lines, then the second ones.
 void sample_lines(const float *points, const float *variance, int64_t stripes, int64_t n, const uint8_t *is_line,
-    const uint8_t *is_open, const uint8_t *is_closed, const int64_t *number, double open_end, int64_t all, double *work,
-    double *samples, double *deviation) {
+    const uint8_t *is_open, const uint8_t *is_closed, const int64_t *number, double open_end, int64_t all, int64_t at, double *work,
+    double *restrict samples, double *restrict deviation) {
     double *relief = work, *hidden = relief + n + 1, *first = hidden + n + 1, *change = first + 3 * n, *before = change + 3 * n;
     double *after = before + n, *start = after + n, *end = start + n, *rest = end + n;
-    int64_t at = 0;
     for (int64_t k = 0; k + 1 < stripes; k++) {
         if (!number[k]) continue;
         const float *own[3] = {points + k * n, points + (stripes + k) * n, points + (2 * stripes + k) * n};

@@ -68,3 +68,20 @@ void unmet_cells(const double *elevation, int64_t rows, int64_t columns, const d
         }
     }
 }
+
+// The lowest known cells (rows, columns) of a surface within `near` rows and columns of each; INFINITY where none is known.
+// elevation: NaN where unknown. work: columns + 2 near.
+void lowest_nearby(const double *elevation, int64_t rows, int64_t columns, int64_t near, double *work, double *lowest) {
+    for (int64_t c = 0; c < columns + 2 * near; c++) work[c] = INFINITY;
+    double *restrict across = work + near;
+    for (int64_t r = 0; r < rows; r++) {
+        double *restrict out = lowest + r * columns;
+        for (int64_t c = 0; c < columns; c++) across[c] = out[c] = INFINITY;
+        for (int64_t other = MAX(r - near, 0); other <= MIN(r + near, rows - 1); other++) {
+            const double *restrict own = elevation + other * columns;
+            for (int64_t c = 0; c < columns; c++) across[c] = own[c] < across[c] ? own[c] : across[c];
+        }
+        for (int64_t beside = -near; beside <= near; beside++)
+            for (int64_t c = 0; c < columns; c++) out[c] = across[c + beside] < out[c] ? across[c + beside] : out[c];
+    }
+}

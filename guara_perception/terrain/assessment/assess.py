@@ -58,8 +58,9 @@ def assess_layers(
     """
     known = np.isfinite(raster.elevation)
     # Known cells have no cause, and unknown cells without a cause get UNSCANNED.
-    flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
-    flags[~known & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
+    unknown = ~known
+    flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16, copy=False)
+    flags[unknown & ((flags & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
     discs = DiscTests() if discs is None else discs
     judged, flags = discs.of(raster, flags, resolution, limits, slope_sigma)
     # Cells outside the range of known cells are unknown, which is equivalent to being off the grid.
@@ -73,7 +74,8 @@ def assess_layers(
     layers["hazard"] = flags = np.where(edge, flags | np.uint16(Hazard.EDGE), flags)
     layers["traversability"] = np.where(edge, np.float32(0), layers["traversability"])
     for name, layer in zip(FROM_RASTER, raster.layers, strict=True):
-        layers[name] = np.where(known, layer, np.nan).astype(np.float32)
+        layers[name] = values = layer.astype(np.float32, order="C")
+        np.putmask(values, unknown, np.nan)
     layers["variance"] = (layers["variance_local"] + shared).astype(np.float32)
     if beyond:
         inner = np.s_[beyond:-beyond, beyond:-beyond]
@@ -85,7 +87,7 @@ def assess_layers(
     known = np.isfinite(layers["elevation"])
     layers |= {
         "clearance": clearance(layers["hazard"], resolution),
-        "age": np.where(known, 0, 255).astype(np.uint8),
+        "age": np.where(known, np.uint8(0), np.uint8(255)),
         "looks": known.astype(np.uint8),
         "ceiling": np.full(known.shape, np.nan, np.float32),
     }
@@ -151,10 +153,11 @@ class DiscTests:
 
 def _differ(raster: Raster, flags: Flags, other: Raster, other_flags: Flags) -> Mask:
     """Mask (nx,) of the columns in which two rasters or their flags differ."""
-    differ = (flags != other_flags).any(axis=0)
+    differ = flags != other_flags
     for one, two in zip(raster.layers, other.layers, strict=True):
-        differ |= ~((one == two) | (np.isnan(one) & np.isnan(two))).all(axis=0)
-    return differ
+        # Compared bit by bit, so that NaN is equal to NaN.
+        differ |= one.view(np.int64) != two.view(np.int64)
+    return np.asarray(differ.any(axis=0))
 
 
 def _sole_off_grid(shape: tuple[int, ...], resolution: float, limits: TraversabilityLimits) -> Mask:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -16,6 +15,8 @@ from guara_perception.terrain.layers.hazard import Hazard
 
 # Height by which a surface must exceed a line of sight to block it [m].
 HIDING_MARGIN_M = 0.001
+# Number of cells on each side of a cell that are nearby: 0.1 m in all on a 5 mm grid.
+NEARBY = 10
 # Number of cells that are compared with all laser planes at once.
 CELLS_TOGETHER = 256
 # Value of a cell that is not computed yet.
@@ -116,10 +117,9 @@ class LookPlan:
 
     def sees(self, points: Float) -> Mask:
         """Mask (n,) of the points (n, 3) in base_footprint that are in the camera's view."""
-        pixels = self._project(points)
+        x, y = self._project(points).T
         with np.errstate(invalid="ignore"):
-            inside = (pixels[:, 0] <= self._size[0] - 1) & (pixels[:, 1] <= self._size[1] - 1)
-            return np.asarray((pixels >= 0).all(axis=1) & inside)
+            return np.asarray((x >= 0) & (y >= 0) & (x <= self._size[0] - 1) & (y <= self._size[1] - 1))
 
     def points(self, cells: Index, heights: Float | float) -> Float:
         """Points (n, 3) at the centres of cells, at heights (n,) or one height [m]."""
@@ -162,7 +162,7 @@ def unknown_causes(
     # Without a pair, the index -1 selects the appended entry, which is False.
     looked_at = np.append(pair_usable, False)[plan.pairs(cells)] & plan.in_view(cells)
     looked_at &= ~plan.unmet(elevation, pair_usable, sensor_origins[-1]).ravel()[cells]
-    targets = _lowest_ground(elevation, cells, plan.geometry)
+    targets = lowest_ground(elevation, cells, plan.geometry)
     looked_at[looked_at] = _could_be_met(plan, sensor_origins, elevation, pair_usable, targets[looked_at])
     flags.ravel()[cells[~looked_at]] = np.uint16(Hazard.UNSCANNED)
     cells, targets = cells[looked_at], targets[looked_at]
@@ -221,11 +221,12 @@ def behind_surface(elevation: Float, targets: Float, sensor_origins: npt.ArrayLi
     return hidden
 
 
-def _lowest_ground(elevation: Float, cells: Index, geometry: GridGeometry) -> Float:
+def lowest_ground(elevation: Float, cells: Index, geometry: GridGeometry) -> Float:
     """Centres (n, 3) of cells, at the lowest height measured nearby, or at height 0 if none was measured nearby."""
     x, y = geometry.centres()
     iy, ix = np.divmod(cells, x.size)
-    far = 1e3
-    # A neighbourhood of 0.1 m on a 5 mm grid.
-    lowest = cv2.erode(np.where(np.isnan(elevation), far, elevation), np.ones((21, 21), np.uint8)).ravel()[cells]
-    return np.stack((x[ix], y[iy], np.where(lowest > far / 2, 0.0, lowest))).T
+    elevation = np.ascontiguousarray(elevation, np.float64)
+    work, lowest = np.empty(elevation.shape[1] + 2 * NEARBY), np.empty(elevation.shape)
+    kernel().lowest_nearby(address(elevation), *elevation.shape, NEARBY, *addresses(work, lowest))
+    heights = lowest.ravel()[cells]
+    return np.stack((x[ix], y[iy], np.where(np.isinf(heights), 0.0, heights))).T

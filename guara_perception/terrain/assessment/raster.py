@@ -44,13 +44,6 @@ class CellSamples:
         first, last = (int(cell) // (geometry.shape[0] + 2) - 1 for cell in (self.cell[0], self.cell[-1]))
         return slice(max(first, 0), max(last + 1, 0))
 
-    def between(self, first: int, end: int) -> CellSamples:
-        """Samples in the cells from `first` up to `end`, exclusive."""
-        if not self.cell.size or (self.cell[0] >= first and self.cell[-1] < end):
-            return self
-        some = slice(*self.cell.searchsorted(np.array([first, end], np.int32)).tolist())
-        return CellSamples(*(getattr(self, name)[some] for name in self.__slots__))
-
 
 NO_SAMPLES = CellSamples(np.empty(0, np.int32), np.empty(0), *(np.empty(0, np.float32) for _ in range(4)))
 
@@ -185,7 +178,6 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice 
     rows = geometry.shape[0] + 2
     first, end, _ = (columns or slice(None)).indices(geometry.shape[1])
     number = end - first
-    swaths = [swath.between((1 + first) * rows, (1 + end) * rows) for swath in swaths]
     swaths = [swath for swath in swaths if swath.cell.size]
     if not swaths:
         return Raster(*[np.broadcast_to(np.nan, (geometry.shape[0], number))] * 4)
@@ -193,10 +185,9 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice 
     from guara_perception.stripes.kernel.library import addresses, kernel
 
     cell, *sums = (_joined(swaths, name) for name in CellSamples.__slots__)
-    cell = cell.astype(np.int64) - first * rows
     size = (number + 2) * rows
     work, ends, raster = np.empty((3, size)), np.empty((2, size), np.float32), np.empty((4, rows - 2, number))
-    kernel().merge_cells(*addresses(cell, *sums), cell.size, rows - 2, number, *addresses(work, ends, raster))
+    kernel().merge_cells(*addresses(cell, *sums), cell.size, first, rows - 2, number, *addresses(work, ends, raster))
     return Raster(*raster)
 
 
@@ -226,6 +217,8 @@ def pool(raster: Raster, factor: int) -> Raster:
 
 def pool_flags(flags: Flags, factor: int) -> Flags:
     """Flags of coarser cells: union of the flags of `factor` x `factor` fine cells."""
+    if factor == 1:
+        return flags
     return np.asarray(np.bitwise_or.reduce(blocks(flags, factor), axis=-1), dtype=np.uint16)
 
 

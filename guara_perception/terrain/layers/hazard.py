@@ -38,6 +38,8 @@ class Hazard(IntFlag):
         return self.name or str(int(self))
 
 
+FLAGS = {int(flag): str(flag.name) for flag in Hazard}
+
 UNKNOWN_MASK = np.uint16(0x003F)
 
 ALL_BUT_EDGE = np.uint16(0xFFFF & ~Hazard.EDGE)
@@ -71,7 +73,8 @@ def cells_by_flag(hazard: Flags) -> dict[str, int]:
     # Counted by combination of flags, because a grid contains few combinations.
     cells = np.bincount(hazard.ravel())
     combinations = np.flatnonzero(cells)
-    return {str(flag.name): int(cells[combinations[(combinations & int(flag)) != 0]].sum()) for flag in Hazard}
+    counts = list(zip(combinations.tolist(), cells[combinations].tolist(), strict=True))
+    return {flag: sum(number for flags, number in counts if flags & bit) for bit, flag in FLAGS.items()}
 
 
 def check_invariant(layers: Mapping[str, Array]) -> None:

@@ -262,12 +262,12 @@ class GridRecord(FrozenArrays):
     def __post_init__(self) -> None:
         """Make arrays and mappings read-only."""
         super().__post_init__()
-        for entry in fields(self):
-            if isinstance(value := getattr(self, entry.name), Mapping):
+        for field_name in self.__dataclass_fields__:  # quicker than `fields`
+            if isinstance(value := getattr(self, field_name), Mapping):
                 items = {
                     name: read_only(item) if isinstance(item, np.ndarray) else item for name, item in value.items()
                 }
-                object.__setattr__(self, entry.name, MappingProxyType(items))
+                object.__setattr__(self, field_name, MappingProxyType(items))
 
     def __reduce__(self) -> tuple[object, ...]:
         """Support pickling by way of the JSON object."""

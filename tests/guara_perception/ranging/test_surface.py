@@ -28,6 +28,7 @@ from guara_perception.terrain.layers.hazard import Hazard
 from tests.guara_perception.ranging.plain_run_ends import pair_relief
 from tests.thorough import examples
 
+NONE = SurfaceSamples(np.empty((3, 0)), np.empty(0), [])
 COLUMNS = 40
 JOIN = 0.008
 GRID = GridGeometry((0.0, 0.0), 0.005, (8, 24))
@@ -70,7 +71,7 @@ def joined(
     yes = np.ones((1, COLUMNS), bool)
     points, variance = np.stack((first.points.T, second.points.T), axis=1), np.stack((first.variance, second.variance))
     seen = Links([0, 1], points, ~variance.astype(bool), [-1, -1], (yes, yes, yes & goes_on), yes, [0])
-    samples = joined_surface(seen, variance, resolution)
+    samples = joined_surface(NONE, seen, variance, resolution)
     kept = np.isfinite(samples.points[2])
     return samples.points.T[kept], samples.variance[kept]
 
@@ -144,7 +145,7 @@ def test_samples_between_stripes_are_those_of_plain_array_operations(seed: int) 
     keys = [key for key in surface_keys(stripes, range(8)) if key != (1, 2)]
     seen = surface_links(stripes, keys, range(8), JOIN, (-math.inf, 0.03))
     variance = np.array([stripes[index].variance for index in seen.indices])
-    samples = joined_surface(seen, variance, 0.002)
+    samples = joined_surface(NONE, seen, variance, 0.002)
     expected, (before, between, after) = [], seen.links
     differences = seen.points[:, 1:] - seen.points[:, :-1]
     for k, number in enumerate(sample_count(differences, between, 0.002)):

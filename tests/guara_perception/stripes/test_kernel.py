@@ -45,7 +45,7 @@ from guara_perception.scanning.flash_proof import second_line
 from guara_perception.scanning.light_diagnosis import FrameSamples
 from guara_perception.stripes.band import PROFILE_ARRAYS, pictures_of
 from guara_perception.terrain.assessment.assess import DiscTests, assess_layers
-from guara_perception.terrain.assessment.causes import LookPlan, behind_surface
+from guara_perception.terrain.assessment.causes import LookPlan, behind_surface, lowest_ground
 from guara_perception.terrain.assessment.raster import Raster, merge, rasterise
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.scan.assess_terrain import default_limits
@@ -90,6 +90,7 @@ for number in range(60):
     behind_surface(surface, targets, random.normal(size=3) + (0, 0, number % 4), geometry)
     own = np.random.default_rng(number)
     behind_surface(surface, targets, own.normal(size=(number % 3, 3)), geometry)
+    lowest_ground(surface, own.permutation(63)[: number % 64], geometry)
     plan = LookPlan(geometry, own.normal(size=(3, 4)), lambda points: points[:, :2], (9, 9))
     plan.unmet(surface, own.random(2) < 0.7, own.normal(size=3))
     heights = np.where(own.random(shape[:2]) < 0.2 * (number % 6), np.nan, own.normal(0, 0.01, shape[:2]))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.terrain.assessment.causes import LookPlan, behind_surface, unknown_causes
+from guara_perception.terrain.assessment.causes import NEARBY, LookPlan, behind_surface, lowest_ground, unknown_causes
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 from tests.thorough import examples
@@ -185,6 +185,18 @@ def test_lines_of_sight_are_those_of_a_plain_walk_along_them(seed: int) -> None:
         plain = [plain_behind_surface(elevation, target, sensor, GRID) for target in targets]
         assert 20 < found.sum() < 180
         assert np.count_nonzero(found != plain) <= 2
+
+
+@pytest.mark.parametrize("known", [0.0, 0.01, 0.6])
+def test_lowest_ground_is_that_of_a_plain_search_of_the_cells_nearby(known: float) -> None:
+    """Among few and many known cells, at the border too; height 0 where none is known."""
+    random = np.random.default_rng(3)
+    elevation = np.where(random.random(GRID.shape) < known, random.normal(0, 0.05, GRID.shape), np.nan)
+    cells = np.flatnonzero(np.isnan(elevation))
+    for target, (iy, ix) in zip(lowest_ground(elevation, cells, GRID), np.argwhere(np.isnan(elevation)), strict=True):
+        part = elevation[max(iy - NEARBY, 0) : iy + NEARBY + 1, max(ix - NEARBY, 0) : ix + NEARBY + 1]
+        assert target[2] == np.nanmin(part, initial=np.inf) if np.isfinite(part).any() else target[2] == 0
+        np.testing.assert_array_equal(target[:2], [axis[i] for axis, i in zip(GRID.centres(), (ix, iy), strict=True)])
 
 
 LASER_ORIGIN = np.array([0.6, 0.0, 0.47])
