@@ -134,7 +134,7 @@ def coarser(terrain: Grid, factor: int) -> Grid:
         raise InvalidInput(
             f"factor is {factor!r}; it must divide the {nx} x {ny} cells: {', '.join(map(str, allowed))}"
         )
-    hazard = pool_flags(terrain.hazard, factor)
+    hazard = np.array(pool_flags(terrain.hazard, factor))
     unknown = (hazard & UNKNOWN_MASK) != 0
     # A safe coarse cell must be surrounded by known cells, like a safe fine cell.
     hazard[with_neighbours(unknown) & ~unknown] |= np.uint16(Hazard.EDGE)
