@@ -81,6 +81,7 @@ def compile_kernel() -> None:
             "the kernel of stripe extraction needs a compiler: install one (Debian: apt install gcc libc6-dev), "
             f"or pip install {ZIG}; without --no-build-isolation pip does that itself"
         )
+    sources = f'-DSOURCES="{sources_digest()}"'
     for library in libraries():
         with tempfile.TemporaryDirectory(dir=FOLDER, prefix=".build-") as folder:
             made = Path(folder, library.name)
@@ -88,7 +89,7 @@ def compile_kernel() -> None:
             if not native:
                 command = [sys.executable, "-m", "ziglang", "cc", "-target", f"{machine}-linux-gnu.{GLIBC}"]
                 command += [f"-mcpu={ZIG_NAMES[library.stem]}", "-fno-sanitize=undefined", "-s"]
-            command += [*FLAGS, f'-DSOURCES="{sources_digest()}"', "-o", str(made)]
+            command += [*FLAGS, sources, "-o", str(made)]
             command += [*map(str, sorted(FOLDER.glob("*.c"))), "-lm"]
             # Zig keeps what it compiles once, its own C library too: not in the home of whoever installs.
             environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": folder, "ZIG_LOCAL_CACHE_DIR": folder}

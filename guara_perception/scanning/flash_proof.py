@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -84,9 +85,7 @@ def doubled_stripes(shares: Mapping[int, float]) -> frozenset[int]:
     Args:
         shares: relative brightness of the second line, by stripe index.
     """
-    ordered = sorted(shares.values())
-    # The median; much faster than that of numpy for so few numbers.
-    usual = (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2 if shares else 0.0
+    usual = statistics.median(shares.values()) if shares else 0.0
     least = min(LEAST_SHARE, max(LEAST_ODD_SHARE, ODD * usual))
     return frozenset(index for index, share in shares.items() if share > least)
 

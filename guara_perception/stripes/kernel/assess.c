@@ -72,9 +72,9 @@ static uint16_t judge_cell(const Sums *s, int64_t c, const double *const *raster
 
 // Test the discs around the known cells in columns first ... end of a grid (rows, columns). raster: heights, variances, lowest
 // and highest samples [m, m^2], heights NaN where unknown, and sigmas of slopes that the cells of a disc share [rad], (5, rows,
-// columns). disc: (side, side) cells of the disc. least_known:
-// cells of it that a plane takes. work: (side, PLANES, columns + side). layers: (4, rows, columns) receives slope, step, roughness
-// and score. hazard: has a cause in each unknown cell, and receives the flags of the known ones.
+// columns). disc: (side, side) cells of the disc. least_known: cells of it that a plane takes. work: (side, PLANES, columns + side).
+// layers: (4, rows, columns) receives slope, step, roughness and score. hazard: has a cause in each unknown cell, and
+// receives the flags of the known ones.
 void test_discs(const double *const *raster, int64_t rows, int64_t columns, int64_t first, int64_t end, const uint8_t *disc,
     int64_t side, double resolution, double least_known, const Limits *limits, double *work, float *layers, uint16_t *hazard) {
     const int64_t half = side / 2, size = rows * columns, width = columns + side;

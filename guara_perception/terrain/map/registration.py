@@ -102,7 +102,7 @@ class Registration:
         cells: number of compared cells.
         refused: reason why the registration was refused, None if it was not. If it was refused, the motion is zero and
             the covariance is the prior.
-        displaced: (n, 2) x, y in odom of the centres of squares, SQUARE_M wide, whose ground moved [m].
+        displaced: (n, 2) smallest x, y in odom of the squares, SQUARE_M wide, whose ground moved [m].
     """
 
     motion: Float
@@ -125,7 +125,7 @@ def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom
     seen = _Scan.of(terrain, transform_footprint_to_odom)
     ground = _Ground.around(cells, seen.about[:, :2] + base[:2])
     corners, squares = np.unique(np.floor(seen.about[:, :2] / SQUARE_M), axis=0, return_inverse=True)
-    centres, squares = (corners + 0.5) * SQUARE_M, squares.reshape(-1)
+    squares = squares.reshape(-1)
     held, gate = np.ones(len(seen.about), dtype=bool), np.inf
     for _ in range(2 * ROUNDS):
         motion, covariance, weights = _fit(ground, seen, base, prior, CELLS_THAT_COUNT_AS_ONE, held)
@@ -137,7 +137,7 @@ def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom
         before, held = held, (sigmas <= gate)[squares]
         if gate == MOST_DISPLACED_SIGMAS and np.array_equal(held, before):
             break
-    displaced = base[:2] + centres[sigmas > gate]
+    displaced = base[:2] + SQUARE_M * corners[sigmas > gate]
     majority = float(information[sigmas <= gate].sum() / max(information.sum(), 1e-30))
     contradicting, deviation = float((weights < 1).mean()), _surprise(motion, prior, covariance)
     if len(displaced) and majority < LEAST_MAJORITY:
@@ -169,10 +169,10 @@ def _displacements(ground: _Ground, seen: _Scan, base: Float, motion: Float, squ
         weighted = jacobian.T * lines.trust[rows]
         covariance = np.linalg.inv(weighted @ jacobian + free)
         shift = covariance @ (weighted @ lines.difference[rows])
-        shares, directions = np.linalg.eigh(covariance[:2, :2] + SEAMS_SIGMA_M**2 * np.eye(2))
-        sure = shares < SURE_SIGMA_M**2
-        sigmas[square] = np.sqrt(((directions.T @ shift[:2]) ** 2 / shares)[sure].max(initial=0.0))
-        information[square] = (1 / shares)[sure].sum()
+        variances, directions = np.linalg.eigh(covariance[:2, :2] + SEAMS_SIGMA_M**2 * np.eye(2))
+        sure = variances < SURE_SIGMA_M**2
+        sigmas[square] = np.sqrt(((directions.T @ shift[:2]) ** 2 / variances)[sure].max(initial=0.0))
+        information[square] = (1 / variances)[sure].sum()
     return sigmas, information
 
 

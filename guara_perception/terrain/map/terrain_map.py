@@ -197,8 +197,7 @@ class TerrainMap:
         now = MapPause(pause, clock, drift, sideways, transform)
         rejected = fuse_scan(self._cells, terrain, now, tilt)
         for x, y in walk.displaced.tolist():
-            half = 0.5 * SQUARE_M
-            dispute_heights(self._cells, (x - half, y - half), (x + half, y + half))
+            dispute_heights(self._cells, (x, y), (x + SQUARE_M, y + SQUARE_M))
         texture = None
         if view is not None and not walk.unseen:
             before = None if walk.is_denied else state.texture

@@ -93,8 +93,8 @@ def test_roughness_is_the_standard_deviation_about_the_plane() -> None:
         design = np.column_stack((dx, dy, np.ones(dx.size)))
         solution, *_ = np.linalg.lstsq(design, window[kernel], rcond=None)
         residual = (window[kernel] - design @ solution) / np.sqrt(1 + solution[0] ** 2 + solution[1] ** 2)
-        assert roughness[iy, ix] == pytest.approx(np.sqrt((residual**2).sum() / (dx.size - 1)), rel=1e-6)
-        assert slope[iy, ix] == pytest.approx(np.arctan(np.hypot(solution[0], solution[1])), rel=1e-6)
+        assert roughness[iy, ix] == pytest.approx(np.sqrt((residual**2).sum() / (dx.size - 1)), rel=1e-7)
+        assert slope[iy, ix] == pytest.approx(np.arctan(np.hypot(solution[0], solution[1])), rel=1e-7)
 
 
 def test_sigma_of_the_slope_is_what_noise_makes_of_it() -> None:
