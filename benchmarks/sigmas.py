@@ -6,9 +6,9 @@ the IMU. Scans and maps are rendered and processed as they are on a robot.
 
 from __future__ import annotations
 
-import pickle
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -24,6 +24,7 @@ from guara_perception.simulation.world import World
 from kinematics import RobotModel, load_robot
 from kinematics.transforms import inverse, transform_points
 from testbed.erring_walk import fused, leaning_world, scans, sloping_world, true_heights, walked
+from testbed.scanned_walk import kept_in
 from testbed.true_ground import CELL_M, TrueGround
 
 # Cells of a grid that are judged, and samples of the bootstrap over walks.
@@ -59,7 +60,7 @@ def sigmas() -> None:
             means = np.asarray(cv2.blur(TrueGround.of(world).heights, (side, side)), np.float32)
             of_walk: dict[tuple[str, str, str], list[Float]] = defaultdict(list)
             file = asked.kept and asked.kept / f"erring-{ground}-{seed}-{asked.mode}-{asked.cycles:g}.pickle"
-            for seen in scanned(robot, world, seed, asked.mode, asked.cycles, file):
+            for seen in kept_in(file, partial(scanned, robot, world, seed, asked.mode, asked.cycles)):
                 for pause, *both in fused(robot, seen):
                     for name, grid in zip(("scan", "map"), both, strict=True):
                         source = str(grid.record.attitude_source)
@@ -72,17 +73,11 @@ def sigmas() -> None:
 
 
 def scanned(
-    robot: RobotModel, world: World, seed: int, mode: str, cycles: float, kept: Path | None
+    robot: RobotModel, world: World, seed: int, mode: str, cycles: float
 ) -> list[list[tuple[WalkPause, gp.TerrainGrid]]]:
-    """Pauses of a walk and their scans, with the IMU and without; read from a file that keeps them."""
-    if kept is not None and kept.is_file():
-        return pickle.loads(kept.read_bytes())
+    """Pauses of a walk and their scans, with the IMU and without."""
     walk = walked(robot, world, seed, mode, cycles)
-    both = [list(scans(robot, walk, mode, has_imu=has_imu)) for has_imu in (True, False)]
-    if kept is not None:
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        kept.write_bytes(pickle.dumps(both))
-    return both
+    return [list(scans(robot, walk, mode, has_imu=has_imu)) for has_imu in (True, False)]
 
 
 def judged(grid: gp.TerrainGrid, heights: Float, apart: int, rng: np.random.Generator) -> Iterator[tuple[str, Float]]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -27,6 +28,7 @@ from testbed.kinds_of_ground import Course
 from testbed.random_world import random_world
 from testbed.true_ground import TrueGround
 
+Made = TypeVar("Made")
 # Ground that reflects less red light returns no stripe: coal, rubber, black cloth.
 DARK_REFLECTANCE = 0.02
 SEEN_CELL_M = 0.005
@@ -110,13 +112,19 @@ def scanned_walk(
     """
     world = random_world(seed)
     file = None if kept is None else kept / f"seen-{robot.name}-{seed}-{mode}-{cycles}.pickle"
+    return world, kept_in(file, lambda: list(scanned(robot, ((0, world),), seed, mode, cycles)))
+
+
+def kept_in(file: Path | None, make: Callable[[], Made]) -> Made:
+    """What `make` returns, from a file that keeps it from run to run; None = nothing is read or written."""
     if file is not None and file.is_file():
-        return world, pickle.loads(file.read_bytes())
-    pauses = list(scanned(robot, ((0, world),), seed, mode, cycles))
+        made: Made = pickle.loads(file.read_bytes())
+        return made
+    made = make()
     if file is not None:
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(pickle.dumps(pauses))
-    return world, pauses
+        file.write_bytes(pickle.dumps(made))
+    return made
 
 
 def map_geometry(robot: RobotModel) -> GridGeometry:
