@@ -72,7 +72,7 @@ def ask_grid(terrain: gp.TerrainGrid) -> None:
     assert terrain.is_traversable(x, y, **stale) and terrain.hazard_at(x, y, **stale) == 0
     assert terrain.check_foothold(x, y, **stale).ok and terrain.best_foothold(x, y, 0.05, **stale) is not None
     assert terrain.steppable_region(x, y, 0.1, **stale) is not None and terrain.steppable_regions(**stale)
-    assert terrain.height_scan([[x, y]], **stale).known.all() and terrain.to_occupancy().shape == terrain.shape
+    assert terrain.height_scan([[x, y]], **stale).known.all() and terrain.to_occupancy(**stale).shape == terrain.shape
     assert terrain.swing((x, y, z), (x, y, z), 0.02, **stale).ok
     assert terrain.check_path([(x, y, z + 0.2), (x, y, z + 0.3)], 0.02, **stale).ok
     if find_spec("pinocchio") is None:
