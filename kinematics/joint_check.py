@@ -115,15 +115,12 @@ class JointReport:
 
 
 class _Reading:
-    """Standing legs of one pause: soles, Jacobians, covariances, x axes of flat soles, and the direction of gravity."""
+    """Standing legs of one pause: soles, Jacobians, x axes of flat soles, and the direction of gravity."""
 
-    def __init__(self, robot: RobotModel, stance: Stance, state: RobotState) -> None:
+    def __init__(self, stance: Stance, state: RobotState) -> None:
         tree, self.legs = state.tree, stance.support_feet
         self.soles = state.soles_in_base(self.legs)
         self.jacobians = [state.noise_jacobian(tree.leg(leg).sole) for leg in self.legs]
-        # A foot that stays keeps its contact point, so the contact noise does not vary between pauses; only joint noise
-        # counts.
-        self.covariances = [robot.noise.encoder_sigma**2 * j[:3] @ j[:3].T for j in self.jacobians]
         self.axes = [
             state.transform_to_base(tree.leg(leg).sole)[:3, 0] if len(tree.leg(leg).joints) > 3 else None
             for leg in self.legs
@@ -174,24 +171,25 @@ class _Chains:
                     continue
                 key = (pause.footholds[leg], leg)
                 arm, jacobian, axis = rotation @ reading.soles[row], reading.jacobians[row], reading.axes[row]
-                covariance = rotation @ reading.covariances[row] @ rotation.T
-                covariance[[0, 1, 2], [0, 1, 2]] += SLIP_SIGMA**2, SLIP_SIGMA**2, SINK_SIGMA**2
-                whiten = np.linalg.inv(np.linalg.cholesky(covariance))
-                design = np.zeros((3, width))
-                design[:, 6 * k : 6 * k + 6] = np.hstack([np.eye(3), -skew(arm)])
-                design[:, column[key] : column[key] + 3] = -np.eye(3)
                 point = arm + pause.origin
-                off = point - first.setdefault(key, point)
-                blocks.append((whiten @ design, -whiten @ rotation @ jacobian[:3], whiten @ off))
+                off, by_joint = point - first.setdefault(key, point), -rotation @ jacobian[:3]
+                variances = [SLIP_SIGMA**2, SLIP_SIGMA**2, SINK_SIGMA**2, noise.sole_pitch_sigma**2]
+                design = np.zeros((4, width))
+                design[:3, 6 * k : 6 * k + 6] = np.hstack([np.eye(3), -skew(arm)])
+                design[:3, column[key] : column[key] + 3] = -np.eye(3)
                 if axis is not None:
                     ahead = rotation @ axis
                     # The z component of cross(w, ahead) is w_x ahead_y - w_y ahead_x.
-                    design = np.zeros((1, width))
-                    design[0, 6 * k + 3 : 6 * k + 5] = ahead[1], -ahead[0]
-                    design[0, column[key] + 3] = -1.0
-                    by_joint = -(rotation[2] @ np.cross(jacobian[3:].T, axis).T)[None, :]
-                    sigma = math.hypot(noise.sole_pitch_sigma, noise.encoder_sigma * float(np.linalg.norm(by_joint)))
-                    blocks.append((design / sigma, by_joint / sigma, ahead[2:] / sigma))
+                    design[3, 6 * k + 3 : 6 * k + 5] = ahead[1], -ahead[0]
+                    design[3, column[key] + 3] = -1.0
+                    by_joint = np.vstack([by_joint, -rotation[2] @ np.cross(jacobian[3:].T, axis).T])
+                    off = np.append(off, ahead[2])
+                # Noise of the joints moves a sole and turns it. A foot that stays keeps its contact point, so the
+                # contact noise does not vary between pauses.
+                rows = len(off)
+                covariance = noise.encoder_sigma**2 * by_joint @ by_joint.T + np.diag(variances[:rows])
+                whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+                blocks.append((whiten @ design[:rows], whiten @ by_joint, whiten @ off))
             if reading.down is not None:
                 down = rotation @ reading.down
                 design = np.zeros((2, width))
@@ -275,7 +273,7 @@ class JointCheck:
                 is invalid.
         """
         state, tree = self._robot.state(stance.joint_positions), self._robot.tree
-        reading = _Reading(self._robot, stance, state)
+        reading = _Reading(stance, state)
         faults = [
             JointFault((name,), beyond, 0.0, "limit", tree.unit(tree.joint_index(name)))
             for name, beyond in state.beyond_limits.items()
