@@ -355,42 +355,44 @@ class JointCheck:
         """
         last = self._pauses[-1]
         common = [leg for leg in last.reading.legs if leg in reading.legs]
-        tried: list[tuple[tuple[str, ...], _Chains]] = []
+        tried: list[tuple[str, ...]] = []
         for size in range(len(common), 2, -1):
             of_size = []
             for legs in combinations(common, size):
                 footholds = dict.fromkeys(legs, 0)
                 before = replace(last, footholds=footholds)
                 of_size.append((legs, _Chains(self._robot, (before, before.then(reading, legs, footholds)))))
-            tried += of_size
+            tried += [legs for legs, _ in of_size]
             stayed, chains = min(of_size, key=lambda each: each[1].chi2)
             if chains.is_consistent:
                 moved = last.then(reading, stayed, {})
-                tried = [
-                    each for each in tried if set(each[0]) >= set(stayed) and self._may_have_stayed(moved, each[0])
-                ]
-                jump = self._jumped(tried)
+                tried = [legs for legs in tried if set(legs) >= set(stayed) and self._may_have_stayed(moved, legs)]
+                jump = self._jumped(reading, tried)
                 if jump is None:
                     self._noise = (*self._noise, (chains.chi2, chains.degrees))[-LEARNED:]
                 return stayed, math.sqrt(chains.chi2 / chains.degrees), jump
-        return (), math.nan, self._jumped(tried)
+        return (), math.nan, self._jumped(reading, tried)
 
     def _scale(self) -> float:
         """Noise variance of this walk as a fraction of that in robot.toml: two-sigma upper bound, LEAST_SCALE ... 1."""
         chi2, degrees = (sum(of) for of in zip(*self._noise, strict=True)) if self._noise else (0.0, 0)
         return min(max(chi2 / degrees * (1.0 + 2.0 * math.sqrt(2.0 / degrees)), LEAST_SCALE), 1.0) if degrees else 1.0
 
-    def _jumped(self, tried: Sequence[tuple[tuple[str, ...], _Chains]]) -> JointFault | None:
-        """Find a joint whose jump explains the open chains; `tried`: feet that may have stayed, with their chains."""
-        tree, scale = self._robot.tree, self._scale()
+    def _jumped(self, reading: _Reading, tried: Sequence[tuple[str, ...]]) -> JointFault | None:
+        """Find a joint whose jump explains a reading after those of the window; `tried`: feet that may have stayed."""
+        tree, scale, last = self._robot.tree, self._scale(), self._pauses[-1]
+        before = _Chains(self._robot, self._pauses)
         found: dict[str, tuple[float, float, float]] = {}
-        for legs, chains in tried:
+        for legs in tried:
+            now = last.then(reading, legs, {leg: last.footholds[leg] for leg in legs})
+            chains = _Chains(self._robot, (*self._pauses, now))
             errors, sigmas = chains.errors(since_last=True)
             for row in (tree.joint_index(name) for leg in legs for name in tree.leg(leg).joints):
                 name, error, sigma = tree.joint_names[row], float(errors[row]), float(sigmas[row])
-                left = chains.chi2 - (error / sigma) ** 2
+                left = chains.chi2 - before.chi2 - (error / sigma) ** 2
                 sigma *= math.sqrt(scale)
-                if _is_error(error, sigma) and abs(error) < LARGEST_JUMP and left < _most(chains.degrees):
+                is_explained = left < _most(chains.degrees - before.degrees)
+                if _is_error(error, sigma) and abs(error) < LARGEST_JUMP and is_explained:
                     found[name] = min(found.get(name, (math.inf, 0.0, 0.0)), (left, error, sigma))
         return _likeliest(found, "jump")
 
