@@ -6,7 +6,8 @@ errors of the joints, every reading of a standing leg satisfies
     R_k c_i(q_k - b) + t_k - p = e,
 
 where e is noise and p is the same in all pauses in which the foot stays. A flat sole also measures the slope of its
-foothold, as the z component of its x axis in the world, and an IMU gives the vertical of R_k. Poses, footholds and
+foothold, as the z component of its x axis in the world, an IMU gives the vertical of R_k, and ground of known heights
+differences of p_z. Poses, footholds and
 slopes are unknown and eliminated by least squares. The residual is then compared with the residual that an error of
 each joint alone would cause. With A and B the Jacobians with respect to the unknowns and to one joint, r the residual,
 all whitened, and P the projection onto the orthogonal complement of the range of A, the error of that joint is
@@ -14,7 +15,8 @@ all whitened, and P the projection onto the orthogonal complement of the range o
     b = -(P B) . r / |P B|^2,   sigma_b = 1 / |P B|.
 
 A joint that jumped has such an error in the newest pause only; a joint with a wrong zero has one in all pauses. A wrong
-zero is observable only if the legs move between pauses; flat soles reduce its sigma (`JointCheck.sigmas`).
+zero is observable only if the legs move between pauses, or on known ground; flat soles reduce its sigma
+(`JointCheck.sigmas`).
 """
 
 from __future__ import annotations
@@ -67,6 +69,8 @@ LARGEST_SIGMA = 0.03
 # Joints beyond their limits by more than this are reported [rad]; smaller excesses are attributed to encoder offsets or
 # to nominal limits.
 BEYOND_LIMIT = 0.1
+# Sigma of the tilt of ground of known heights, per axis [rad]: floors called level are inclined by half a degree.
+LEVEL_SIGMA = 0.01
 # Prior sigma of the position and heading of the first pose in a window [m, rad]: practically free.
 UNKNOWN = 10.0
 
@@ -148,6 +152,10 @@ class _Placed:
         return _Placed(reading, self.rotation @ turn, self.rotation @ shift + self.origin, footholds)
 
 
+# Foothold number and leg -> height of the ground there and its standard deviation [m].
+_Ground = dict[tuple[int, str], tuple[float, float]]
+
+
 class _Chains:
     """Whitened least squares over some pauses, with poses, footholds and slopes eliminated.
 
@@ -156,12 +164,13 @@ class _Chains:
         degrees: degrees of freedom of the residuals, at least 1.
     """
 
-    def __init__(self, robot: RobotModel, pauses: Sequence[_Placed]) -> None:
-        noise = robot.noise
+    def __init__(self, robot: RobotModel, pauses: Sequence[_Placed], ground: _Ground | None = None) -> None:
+        noise, ground = robot.noise, ground or {}
         footholds = sorted({(m, leg) for pause in pauses for leg, m in pause.footholds.items()})
         column = {key: 6 * len(pauses) + 4 * row for row, key in enumerate(footholds)}
         first: dict[tuple[int, str], Float] = {}
-        width, joints = 6 * len(pauses) + 4 * len(footholds), len(robot.joint_names)
+        told = [key for key in footholds if key in ground]
+        width, joints = 6 * len(pauses) + 4 * len(footholds) + (3 if told else 0), len(robot.joint_names)
         blocks: list[tuple[Float, Float, Float]] = []
         last: list[bool] = []
         for k, pause in enumerate(pauses):
@@ -196,10 +205,20 @@ class _Chains:
                 design[:, 6 * k + 3 : 6 * k + 6] = -skew(down)[:2]
                 blocks.append((design / noise.imu_sigma, np.zeros((2, joints)), down[:2] / noise.imu_sigma))
             last += [k == len(pauses) - 1] * sum(len(values) for *_, values in blocks[before:])
-        # The first pose is free except for its tilt, which has the same prior as the slopes of the footholds.
+        for key in told:
+            height, sigma = ground[key]
+            x, y, z = first[key]
+            design = np.zeros((1, width))
+            design[0, [column[key] + 2, -3, -2, -1]] = 1.0, -x, -y, -1.0
+            blocks.append((design / sigma, np.zeros((1, joints)), np.array([z - height]) / sigma))
+        last += [False] * len(told)
+        # The first pose is free except for its tilt, which has the same prior as the slopes of the footholds. Known
+        # ground is free in height, but not in tilt.
         priors = np.zeros(width)
         priors[:6] = 1 / UNKNOWN
-        priors[3:5] = priors[6 * len(pauses) + 3 :: 4] = 1 / noise.terrain_slope_sigma
+        priors[3:5] = priors[[at + 3 for at in column.values()]] = 1 / noise.terrain_slope_sigma
+        if told:
+            priors[-3:] = 1 / LEVEL_SIGMA, 1 / LEVEL_SIGMA, 1 / UNKNOWN
         prior = np.diag(priors)[priors > 0]
         basis, _ = np.linalg.qr(np.vstack([*(design for design, _, _ in blocks), prior]))
         # Rows of the readings only: the priors contribute neither residuals nor joint derivatives.
@@ -244,17 +263,18 @@ class JointCheck:
         self._count = 0
         self._noise: tuple[tuple[float, int], ...] = ()
         self._jump: tuple[int, JointFault] | None = None
+        self._ground: _Ground = {}
 
     def reset(self) -> None:
         """Return to the state before the first pause."""
-        self._pauses, self._noise, self._jump = (), (), None
+        self._pauses, self._noise, self._jump, self._ground = (), (), None, {}
 
     @property
     def sigmas(self) -> dict[str, float]:
         """Joint name -> sigma of its zero error in the current window [rad], if prismatic [m]; inf if unobservable."""
         if not self._pauses:
             return dict.fromkeys(self._robot.joint_names, math.inf)
-        _, sigma = _Chains(self._robot, self._pauses).errors(since_last=False)
+        _, sigma = self._window.errors(since_last=False)
         return dict(zip(self._robot.joint_names, (sigma * self._robot.tree.joint_scales).tolist(), strict=True))
 
     @property
@@ -262,11 +282,20 @@ class JointCheck:
         """Joint name -> smallest reported zero error in the window [rad], if prismatic [m]; inf if none is reported."""
         if len(self._pauses) < SHORTEST:
             return dict.fromkeys(self._robot.joint_names, math.inf)
-        zeros = self._zeros(_Chains(self._robot, self._pauses))
+        zeros = self._zeros(self._window)
         return {name: bar * self._scale_of(name) for name, (*_, bar) in zeros.items()}
 
-    def update(self, stance: Stance) -> JointReport:
+    @property
+    def _window(self) -> _Chains:
+        return _Chains(self._robot, self._pauses, self._ground)
+
+    def update(self, stance: Stance, ground: Mapping[str, tuple[float, float]] | None = None) -> JointReport:
         """Check the joints at a new pause.
+
+        Args:
+            stance: joints and standing feet.
+            ground: leg -> height of the ground below its sole and its standard deviation [m], where it is known, in
+                `base_footprint` of this pause. Only differences of heights count.
 
         Raises:
             UnknownName, JointPositionError: the joints or legs of the stance are not those of this robot, or a position
@@ -286,15 +315,21 @@ class JointCheck:
             stayed, residual, jump = self._since_last(reading)
             if jump is not None:
                 self._jump = self._count, jump
-                stayed = ()
         if len(stayed) < 3:
             self._pauses = self._begin(reading)
         else:
             last = self._pauses[-1]
             footholds = {leg: last.footholds[leg] if leg in stayed else self._count for leg in reading.legs}
             self._pauses = (*self._pauses, last.then(reading, stayed, footholds))[-LONGEST:]
+        if self._pauses and ground:
+            contact = self._robot.noise.contact_sigma
+            self._ground = {
+                (number, leg): (ground[leg][0], math.hypot(ground[leg][1], contact))
+                for leg, number in self._pauses[-1].footholds.items()
+                if leg in ground
+            }
         if len(self._pauses) >= SHORTEST:
-            faults += self._in_units(self._offsets(_Chains(self._robot, self._pauses)))
+            faults += self._in_units(self._offsets(self._window))
         if self._jump is not None and self._count - self._jump[0] < SHORTEST:
             faults += self._in_units([self._jump[1]])
         return JointReport(residual, tuple(faults))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,10 +29,13 @@ def load(name: str) -> RobotModel:
         return load_robot(Path(folder) / name)
 
 
-def walk(robot: RobotModel, pauses: int, seed: int, *, has_imu: bool, creep: float = CREEP) -> list[WalkPause]:
-    """A walk over level ground."""
+def walk(
+    robot: RobotModel, pauses: int, seed: int, *, has_imu: bool, creep: float = CREEP, is_declared: bool = True
+) -> list[WalkPause]:
+    """A walk over level ground, which the gait declares at the first pause, or not."""
     noise = WalkNoise(imu=IMU_SIGMA if has_imu else None, creep=creep)
-    return list(simulate_walk(GROUND, robot, cycles=(pauses - 1) / len(robot.legs), seed=seed, noise=noise))
+    found = list(simulate_walk(GROUND, robot, cycles=(pauses - 1) / len(robot.legs), seed=seed, noise=noise))
+    return found if is_declared else [dataclasses.replace(pause, known_ground=()) for pause in found]
 
 
 def misread(stance: Stance, joint: str, error: float) -> Stance:
@@ -40,10 +44,15 @@ def misread(stance: Stance, joint: str, error: float) -> Stance:
     return Stance(joints, stance.support_feet, stance.gravity_in_base)
 
 
+def ground_of(pause: WalkPause) -> dict[str, tuple[float, float]]:
+    """What the gait declares of the ground below each sole, at the first pause."""
+    return {leg: (each.height, each.sigma) for each in pause.known_ground for leg in pause.stance.support_feet}
+
+
 def alarms(robot: RobotModel, pauses: Sequence[WalkPause]) -> int:
     """Pauses of a clean walk at which something is told."""
     check = JointCheck(robot)
-    return sum(bool(check.update(pause.stance).faults) for pause in pauses)
+    return sum(bool(check.update(pause.stance, ground_of(pause)).faults) for pause in pauses)
 
 
 def is_named(faults: Sequence[JointFault], joint: str, kind: str) -> bool:

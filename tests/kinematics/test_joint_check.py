@@ -13,7 +13,7 @@ import pytest
 
 from kinematics import JointCheck, RobotModel, Stance, load_robot
 from testbed.altered_robot import telescopic_guara
-from testbed.misread_joints import ERROR, alarms, is_named, load, misread, walk
+from testbed.misread_joints import ERROR, alarms, ground_of, is_named, load, misread, walk
 from tests.thorough import IS_THOROUGH, further
 
 GUARA_TOLD = [f"{leg}_{joint}_joint" for leg in ("lf", "rf", "lh", "rh") for joint in ("hfe", "kfe")]
@@ -53,6 +53,32 @@ def test_a_jump_is_told_at_the_next_pause(walker: RobotModel) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("joint", "error", "step", "seed", "has_imu"),
+    [("rh_haa_joint", -ERROR, 7, 101, True), ("rf_haa_joint", ERROR, 8, 102, False)],
+)
+def test_a_jump_is_judged_by_all_that_is_known(
+    guara: RobotModel, joint: str, error: float, step: int, seed: int, has_imu: bool
+) -> None:
+    """Noise of a joint moves its sole and turns it; the last pause alone is noisier than all that the foot stood."""
+    check, pauses = JointCheck(guara), walk(guara, 9, seed, has_imu=has_imu)
+    for pause in pauses[:step]:
+        check.update(pause.stance)
+    assert is_named(check.update(misread(pauses[step].stance, joint, error)).faults, joint, "jump")
+
+
+def test_a_jump_leaves_what_the_other_legs_showed(guara: RobotModel) -> None:
+    """The window goes on, so that wrong zeros of other joints are told as before."""
+    check, pauses = JointCheck(guara), walk(guara, 5, 3, has_imu=True)
+    for pause in pauses:
+        check.update(pause.stance)
+    known = check.bars["rf_hfe_joint"]
+    (fault,) = check.update(misread(pauses[-1].stance, "lh_kfe_joint", ERROR)).faults
+    assert fault.kind == "jump" and "lh_kfe_joint" in fault.joints
+    assert check.bars["rf_hfe_joint"] < 1.1 * known
+
+
+@pytest.mark.slow
 def test_a_wrong_zero_is_told_within_a_cycle(walker: RobotModel) -> None:
     """0.1 rad from the start, of a joint that the analysis of observability names; `sigmas` says so."""
     pauses = walk(walker, 5, 3, has_imu=True)
@@ -64,6 +90,25 @@ def test_a_wrong_zero_is_told_within_a_cycle(walker: RobotModel) -> None:
         assert check.sigmas[joint] < 0.027
     unseen = {name: sigma for name, sigma in check.sigmas.items() if "haa" in name or "hip" in name}
     assert min(unseen.values()) > 0.1
+
+
+@pytest.mark.slow
+def test_known_ground_shows_legs_that_do_not_fit_it(walker: RobotModel) -> None:
+    """Without an IMU, a wrong knee warps the four soles; only differences of the heights count."""
+    joint = "rf_kfe_joint" if walker.name == "guara" else "FL_calf_joint"
+    pauses = walk(walker, 5, 100, has_imu=False)
+    ground = ground_of(pauses[0])
+    assert set(ground) == set(walker.legs)
+    higher = {leg: (height + 0.5, sigma) for leg, (height, sigma) in ground.items()}
+    told = []
+    for heights in ({}, ground, higher):
+        check = JointCheck(walker)
+        for pause in pauses:
+            report = check.update(misread(pause.stance, joint, ERROR), heights if pause.step == 0 else None)
+        told.append((is_named(report.faults, joint, "offset"), check.sigmas[joint]))
+    (without, alone), (within, sigma), (raised, same) = told
+    assert (without, within, raised) == (False, True, True)
+    assert sigma < 0.8 * alone and same == pytest.approx(sigma, rel=1e-3)
 
 
 @pytest.mark.slow

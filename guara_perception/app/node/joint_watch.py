@@ -6,7 +6,9 @@ import math
 
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause import Pause
+from guara_perception.terrain.layers.geometry import inside_polygon
 from kinematics import JointCheck, JointReport, RobotModel
+from kinematics.transforms import transform_points
 from transport import Health, StatusItem
 
 
@@ -14,7 +16,7 @@ class JointWatch:
     """Check of the joint readings, with status item `joints`; not thread-safe."""
 
     def __init__(self, robot: RobotModel, status: NodeStatus) -> None:
-        self._check, self._status = JointCheck(robot), status
+        self._robot, self._check, self._status = robot, JointCheck(robot), status
         self._last: Pause | None = None
         self._report, self._doubts = JointReport(math.nan), tuple[str, ...]()
 
@@ -28,9 +30,21 @@ class JointWatch:
         if pause is not last:
             if last is not None and (pause.epoch != last.epoch or pause.step <= last.step):
                 self._check.reset()
-            self._report, self._last = self._check.update(pause.stance), pause
+            self._report, self._last = self._check.update(pause.stance, self._known_heights(pause)), pause
             self._tell(pause)
         return self._doubts
+
+    def _known_heights(self, pause: Pause) -> dict[str, tuple[float, float]]:
+        """Leg -> height of the declared ground below its sole and its standard deviation [m]."""
+        heights = dict[str, tuple[float, float]]()
+        if pause.known_ground:
+            pose, feet = self._robot.stance_pose(pause.stance), pause.stance.support_feet
+            soles = transform_points(pose.transform_base_to_footprint, pose.state.soles_in_base(feet))
+            for ground in pause.known_ground:
+                for leg, is_on in zip(feet, inside_polygon(ground.outline, soles[:, 0], soles[:, 1]), strict=True):
+                    if is_on:
+                        heights[leg] = ground.height, ground.sigma
+        return heights
 
     def _tell(self, pause: Pause) -> None:
         faults, residual = self._report.faults, self._report.residual
