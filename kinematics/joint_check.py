@@ -69,8 +69,9 @@ LARGEST_SIGMA = 0.03
 # Joints beyond their limits by more than this are reported [rad]; smaller excesses are attributed to encoder offsets or
 # to nominal limits.
 BEYOND_LIMIT = 0.1
-# Sigma of the tilt of ground of known heights, per axis [rad]: floors called level are inclined by half a degree.
-LEVEL_SIGMA = 0.01
+# Ground of known heights, such as a floor that is called level: sigmas of its tilt, per axis [rad], and of its relief
+# from foot to foot [m].
+LEVEL_SIGMA, RELIEF_SIGMA = 0.01, 0.0015
 # Prior sigma of the position and heading of the first pose in a window [m, rad]: practically free.
 UNKNOWN = 10.0
 
@@ -322,9 +323,9 @@ class JointCheck:
             footholds = {leg: last.footholds[leg] if leg in stayed else self._count for leg in reading.legs}
             self._pauses = (*self._pauses, last.then(reading, stayed, footholds))[-LONGEST:]
         if self._pauses and ground:
-            contact = self._robot.noise.contact_sigma
+            below = math.hypot(self._robot.noise.contact_sigma, RELIEF_SIGMA)
             self._ground = {
-                (number, leg): (ground[leg][0], math.hypot(ground[leg][1], contact))
+                (number, leg): (ground[leg][0], math.hypot(ground[leg][1], below))
                 for leg, number in self._pauses[-1].footholds.items()
                 if leg in ground
             }
