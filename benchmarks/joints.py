@@ -30,7 +30,7 @@ from testbed.misread_joints import CREEP, ERROR, alarms, ground_of, is_named, lo
 # Pauses after which a cycle, and two, are over.
 CYCLES = (4, 8)
 # Noise of these walks as `JointCheck` states it: creep between two pauses as noise of each, and no sinkage.
-WALKED = {"SLIP_SIGMA": CREEP / math.sqrt(2.0), "SINK_SIGMA": 1e-4}
+WALKED_SLIP, WALKED_SINK = CREEP / math.sqrt(2.0), 1e-4
 
 
 @dataclass(slots=True)
@@ -89,7 +89,7 @@ def measured(robot: RobotModel, walks: Sequence[list[WalkPause]]) -> dict[str, T
             check.update(pause.stance, ground_of(pause))
             if pause.step in CYCLES:
                 sigmas = check.sigmas
-                with patch.multiple(joint_check, **WALKED):
+                with patch.multiple(joint_check, SLIP_SIGMA=WALKED_SLIP, SINK_SIGMA=WALKED_SINK):
                     walked = check.sigmas
                 for joint, told in found.items():
                     told.sigmas[pause.step].append(sigmas[joint])
