@@ -1,8 +1,8 @@
 """Camera motion during a scan, estimated from the background of its images.
 
 Corners of a laser-off image are tracked (Lucas-Kanade) into the other images of the scan, outside the rows of the laser
-line. In dim light, a single image is too noisy. Laser-off images are then tracked too, and the estimates of
-neighbouring stripes are averaged, which acts like a longer exposure. Ground without texture gives no estimate.
+line. In dim light a single image is too noisy: all images of the scan, laser-off ones too, are then aligned with their
+common mean (`dim_motions`), and estimates of neighbouring stripes are averaged. Ground without texture gives none.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Float32, Image, Index
+from guara_perception.arrays import Float, Float32, Image, Index, Mask
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.optical_flow import follow
+from guara_perception.scanning.dim_background import dim_motions
 from guara_perception.stripes.band import full_scale, pictures_of
 from guara_perception.stripes.kernel.library import Picture, address, addresses, kernel
 from kinematics.transforms import inverse, transform_points
@@ -31,11 +32,13 @@ WRONG_M, SURE_SIGMAS = 0.005, 2.0
 # Number of stripes before and after a stripe that are averaged with it. At 35 ms per stripe, they span 0.18 s; the mean
 # keeps 0.95 of the amplitude of a sway of 1 Hz.
 NEIGHBOURS = 2
-# Images are reduced to about this width before tracking [px].
-FOLLOWED_PX = 320
+# Images are reduced to about this width before tracking, dim ones to the other [px].
+FOLLOWED_PX, DIM_PX = 320, 160
 # Mean level up to which an image counts as dim, mean level to which it is then brightened [grey levels of 255], and
 # largest gain.
 DIM_LEVEL, BRIGHT_LEVEL, MOST_GAIN = 32.0, 100.0, 16.0
+# Largest share of the rows of a dim image in which the laser may be; with more, the rest shows too little.
+MOST_HIDDEN = 0.5
 # Corners: largest number, quality relative to the best one, least distance [px]. An estimate needs at least
 # LEAST_CORNERS corners that agree, and at least LEAST_SHARE of the corners must be tracked. Of the tracked corners, at
 # least LEAST_SHARE must agree; `aligned` requires this share of all corners.
@@ -58,14 +61,15 @@ def gain_of(picture: Image) -> float:
     return 1.0 if level > DIM_LEVEL else min(BRIGHT_LEVEL / level, MOST_GAIN)
 
 
-def grey(picture: Image, gain: float) -> Image:
+def grey(picture: Image, gain: float, width: int = FOLLOWED_PX) -> Image:
     """Brighten one channel of an image, convert it to 8 bits and reduce its size.
 
     Args:
         picture: (h, w) or (h, w, 3).
         gain: factor of brightness; see `gain_of`.
+        width: approximate width of the result [px].
     """
-    given, *how = _reduction(picture, gain)
+    given, *how = _reduction(picture, gain, width)
     factor = how[1]
     out = np.empty((given.rows // factor, given.columns // factor), np.uint8)
     line, sums = np.empty(given.columns, np.uint16), np.empty((2, given.columns), np.uint32)
@@ -73,9 +77,9 @@ def grey(picture: Image, gain: float) -> Image:
     return out
 
 
-def _reduction(picture: Image, gain: float) -> tuple[Picture, int, int, float]:
+def _reduction(picture: Image, gain: float, width: int = FOLLOWED_PX) -> tuple[Picture, int, int, float]:
     """Image, channel, factor and gain of `grey`, for the kernel."""
-    given, factor = pictures_of(picture, None)[0], max(round(picture.shape[1] / FOLLOWED_PX), 1)
+    given, factor = pictures_of(picture, None)[0], max(round(picture.shape[1] / width), 1)
     # Of three channels, green is used, because it has the least noise.
     return given, given.channels // 2, factor, gain / 256 if given.size == 2 else gain
 
@@ -241,7 +245,9 @@ class BackgroundWitness:
         """
         self._camera, self._pose, self._ends = camera, transform_camera_to_footprint, ends
         self._reference: Image | None = None
-        # The last laser-off image of a dim scan, reduced.
+        # Of a dim scan: stripe (none of the reference), reduced image, and first and end row of the laser line of each
+        # image; and the last laser-off image of these.
+        self._dim: list[tuple[int | None, Image, tuple[float, float]]] = []
         self._dark: Image | None = None
         self._points = self._rays = np.zeros((0, 2))
         self._flow: Float = np.zeros((0, 2, 6))
@@ -250,7 +256,7 @@ class BackgroundWitness:
         self._seen: dict[int, list[_Seen]] = {}
         # Result of `_standing`, until the next look.
         self._stood: tuple[Float, dict[int, _Seen]] | None = None
-        self._pixel = self._gain = 0.0
+        self._pixel = self._gain = self._scale = 0.0
         # Rise of the corners per unit of small motion (translation, rotation) along the axes of the camera.
         turn, arm = transform_camera_to_footprint[:3, :3], ends - transform_camera_to_footprint[:3, 3]
         self._rise = np.column_stack((np.tile(turn[2], (len(ends), 1)), np.cross(turn.T[None], arm[:, None])[:, :, 2]))
@@ -267,17 +273,50 @@ class BackgroundWitness:
         if self._reference is None and off is not None:
             self._begin(off)
         self._seen[index], self._stood = [], None
-        if self._reference is None or len(self._points) < LEAST_CORNERS:
+        if self._reference is None:
             return
         scale = self._reference.shape[0] / picture.shape[0]
-        looks = [self._look(picture, (scale * band[0] - GLOW_PX, scale * band[1] + GLOW_PX), scale)]
-        if off is not None and self._gain > 1.0:
-            dark = grey(off, self._gain)
-            # Several stripes may share a laser-off image.
-            if self._dark is None or not np.array_equal(dark, self._dark):
-                looks.append(self._look(off, (0.0, 0.0), scale))
-            self._dark = dark
-        self._seen[index] = [look for look in looks if look is not None]
+        rows = scale * band[0] - GLOW_PX, scale * band[1] + GLOW_PX
+        if self._dim:
+            self._add_dim(index, picture, rows)
+            if off is not None:
+                self._add_dim(index, off)
+        elif len(self._points) >= LEAST_CORNERS and (seen := self._look(picture, rows, scale)) is not None:
+            self._seen[index] = [seen]
+
+    def _add_dim(self, index: int | None, picture: Image, rows: tuple[float, float] | None = None) -> None:
+        """Keep an image of a dim scan for `_look_at_dim`; `rows` may show the laser, None = it was off."""
+        small = grey(picture, self._gain, DIM_PX)
+        # Several stripes may share a laser-off image.
+        is_again = rows is None and self._dark is not None and np.array_equal(small, self._dark)
+        if is_again or (self._dim and small.shape != self._dim[0][1].shape):
+            return
+        if rows is None:
+            self._dark = small
+            rows = 0.0, 0.0
+        if rows[1] - rows[0] <= MOST_HIDDEN * len(small):
+            self._dim.append((index, small, rows))
+
+    def _look_at_dim(self) -> None:
+        """Estimate the camera motion from all images of a dim scan so far."""
+        height, width = self._dim[0][1].shape
+        points = np.mgrid[:width, :height].reshape(2, -1).T.astype(np.float64)
+        ground, _, flow, turn = self._flow_at(points)
+        moved = np.full((len(points), *flow.shape[1:]), np.nan)
+        moved[ground] = np.linalg.solve(turn, flow)
+        indices, pictures, rows = zip(*self._dim, strict=True)
+        found = dim_motions(pictures, rows, moved.reshape(width, height, *flow.shape[1:]).swapaxes(0, 1))
+        looks = [None if each is None else self._seen_by(*each) for each in found]
+        # The laser-off image that the scan begins with and the image of its first stripe share the noise of one.
+        begin = _pooled([look for look in looks[:2] if look is not None])
+        self._seen = {index: [] for index in self._seen}
+        for index, look in zip(indices[1:], looks[1:], strict=False):
+            if begin is not None and look is not None:
+                self._seen[index].append(replace(look, rise=look.rise - begin.rise))
+
+    def _seen_by(self, motion: Float, covariance: Float) -> _Seen:
+        sigma = np.sqrt(np.diag(self._rise @ covariance @ self._rise.T))
+        return _Seen(self._rise @ motion, sigma, math.inf, float(sigma.max()))
 
     def _look(self, picture: Image, rows: tuple[float, float], scale: float) -> _Seen | None:
         """Motion since the reference image; corners within `rows` of the reduced image are not used."""
@@ -302,27 +341,42 @@ class BackgroundWitness:
 
     def _begin(self, off: Image) -> None:
         self._gain = gain_of(off)
-        self._reference = self._dark = grey(off, self._gain)
-        scale = self._reference.shape[0] / off.shape[0]
-        points = corners(self._reference)
+        is_dim = self._gain > 1.0
+        self._reference = grey(off, self._gain, DIM_PX if is_dim else FOLLOWED_PX)
+        self._scale = self._reference.shape[0] / off.shape[0]
+        if is_dim:
+            self._add_dim(None, off)
+            return
         # Angle of one pixel of the reduced image [rad].
-        self._pixel = 1.0 / (scale * float(self._camera.matrix[0, 0]))
-        rays = self._camera.rays(points / scale)
+        self._pixel = 1.0 / (self._scale * float(self._camera.matrix[0, 0]))
+        points = corners(self._reference)
+        ground, self._rays, self._flow, self._turn = self._flow_at(points)
+        self._points = points[ground]
+
+    def _flow_at(self, points: Float) -> tuple[Mask, Float, Float, Float]:
+        """Flow of the ground at points (n, 2) of the reduced image.
+
+        Returns:
+            Mask (n,) of the points that show the plane of the feet; of these m points: rays (m, 2), change (m, 2, 6) of
+            the rays per unit of small motion of the camera, and change (m, 2, 2) per pixel along x and along y.
+        """
+        rays = self._camera.rays(points / self._scale)
         down = rays @ self._pose[2, :3]
         ground = down < 0
         # Depth of the ground plane along each ray.
         depth = -self._pose[2, 3] / down[ground]
         (x, y), zero = rays[ground, :2].T, np.zeros(len(depth))
-        self._points, self._rays = points[ground], rays[ground, :2]
-        beside = [self._camera.rays((self._points + step) / scale)[:, :2] - self._rays for step in np.eye(2)]
-        self._turn = np.stack(beside, axis=-1)
-        self._flow = np.stack(
+        beside = [
+            self._camera.rays((points[ground] + step) / self._scale)[:, :2] - rays[ground, :2] for step in np.eye(2)
+        ]
+        flow = np.stack(
             (
                 np.stack((-1 / depth, zero, x / depth, x * y, -(1 + x**2), y), axis=1),
                 np.stack((zero, -1 / depth, y / depth, 1 + y**2, -x * y, -x), axis=1),
             ),
             axis=1,
         )
+        return ground, rays[ground, :2], flow, np.stack(beside, axis=-1)
 
     def is_still(self, index: int) -> bool:
         """Test that the images of a stripe show the background where the reference image shows it."""
@@ -360,6 +414,8 @@ class BackgroundWitness:
     def _standing(self) -> tuple[Float, dict[int, _Seen]]:
         """`_reference_sigma`, and estimates by stripe for a camera that stood still."""
         if self._stood is None:
+            if self._dim:
+                self._look_at_dim()
             common = self._reference_sigma()
             self._stood = common, _estimates(self._told(), common)
         return self._stood

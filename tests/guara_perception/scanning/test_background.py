@@ -131,12 +131,14 @@ def test_dim_pictures_tell_it_too(robot: RobotModel) -> None:
     dim = Rig(robot, 0.6, brightness=0.06)
     camera = dim.standing @ dim.calibration.transform_camera_to_base
     ends = np.array([(x, y, 0.0) for x in (0.5, 0.95) for y in (-0.27, 0.27)])
-    off = dim.picture(np.eye(4))
-    assert off.mean() < 5
+    stripes = range(20, 44, 2)
+    processor = gp.ScanProcessor(dim.calibration, robot, dim.stance, "coarse")
+    assert dim.picture(np.eye(4)).mean() < 5
     witness = BackgroundWitness(dim.calibration.camera, camera, ends)
-    witness.look(32, dim.picture(np.eye(4), 32), off, (100, 140))
-    witness.look(34, dim.picture(turned(0.5), 34), off, (100, 140))
-    assert witness.moved((32, 34), None).keys() == {34}
+    for index in stripes:
+        motion = turned(0.5) if index == 34 else np.eye(4)
+        witness.look(index, dim.picture(motion, index), dim.picture(motion), processor.band(index))
+    assert not witness.is_blind and witness.moved(stripes, None).keys() == {34}
 
 
 def test_in_a_scan_that_moved_stripes_that_do_not_tell_are_not_used(rig: Rig) -> None:

@@ -1,0 +1,92 @@
+"""Motion of images whose noise is larger than their contrast, against the motion with which they were made."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from guara_perception.scanning.dim_background import dim_motions
+
+HEIGHT, WIDTH, COUNT = 96, 128, 40
+HIDDEN = 30.0, 50.0
+
+
+def flow_of_ground() -> np.ndarray:
+    """Flow (h, w, 2, 6) of a plane that fills the image but for its upper rows, in pixels of 0.01 rad."""
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    x, y = (columns - WIDTH / 2) / 100.0, (rows - HEIGHT / 2) / 100.0
+    near, zero = 1.0 + 0.5 * y, np.zeros_like(x)
+    flow = 100.0 * np.stack(
+        (
+            np.stack((-near, zero, near * x, x * y, -(1 + x**2), y), axis=-1),
+            np.stack((zero, -near, near * y, 1 + y**2, -x * y, -x), axis=-1),
+        ),
+        axis=2,
+    )
+    flow[:8] = np.nan
+    return flow
+
+
+def pictures_of(contrast: float, motions: np.ndarray, flow: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
+    """Images of a texture after motions (n, 6), with noise of sigma 9; every other one has a bright line."""
+    texture = cv2.GaussianBlur(rng.normal(size=(HEIGHT + 40, WIDTH + 40)), (0, 0), 1.0)
+    texture *= contrast / texture.std()
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
+    pictures = []
+    for number, motion in enumerate(motions):
+        # A pixel of the image shows the texture where the ground was.
+        moved = np.nan_to_num(flow @ motion).astype(np.float32)
+        at = columns - moved[..., 0] + 20, rows - moved[..., 1] + 20
+        light = 30.0 + cv2.remap(texture.astype(np.float32), *at, cv2.INTER_CUBIC) + rng.normal(0.0, 9.0, rows.shape)
+        if number % 2:
+            light[38 + number % 5] += 100.0
+        pictures.append(np.clip(np.rint(light), 0, 255).astype(np.uint8))
+    return pictures
+
+
+def sways(pixels: float) -> np.ndarray:
+    """Motions (n, 6) of a few periods, whose rotation moves the image by some pixels at most."""
+    phase = np.linspace(0.0, 9.0, COUNT)
+    motions = np.zeros((COUNT, 6))
+    motions[:, 3], motions[:, 4] = 0.01 * pixels * np.sin(phase), 0.005 * pixels * np.sin(0.7 * phase)
+    motions[:, 2] = 0.004 * pixels * np.sin(0.7 * phase)
+    return motions
+
+
+def test_motion_is_found_where_noise_is_three_times_the_contrast() -> None:
+    """To less than two of its sigmas, that of the images with a line hidden too; a tenth of a pixel is one."""
+    flow = flow_of_ground()
+    hidden = [HIDDEN if number % 2 else (0.0, 0.0) for number in range(COUNT)]
+    # Motion of the image in the middle [px].
+    middle = flow[HEIGHT // 2, WIDTH // 2]
+    for pixels in (0.0, 0.3, 4.0):
+        motions = sways(pixels)
+        found = dim_motions(pictures_of(3.0, motions, flow, np.random.default_rng(3)), hidden, flow)
+        off = np.array([middle @ (motion - true) for (motion, _), true in zip(found, motions, strict=True)])
+        off -= np.median(off, axis=0)
+        sigma = np.array([np.sqrt(np.diag(middle @ covariance @ middle.T)) for _, covariance in found])
+        assert sigma.max() < 0.12
+        assert 0.6 < np.sqrt(np.mean((off / sigma) ** 2)) < 1.4, pixels
+
+
+def test_without_texture_no_motion_is_given() -> None:
+    """Noise alone has gradients, and they do not tell a motion; nor do a few images, or one without any ground."""
+    flow = flow_of_ground()
+    none = [(0.0, 0.0)] * COUNT
+    rng = np.random.default_rng(0)
+    for contrast in (0.0, 0.3):
+        assert dim_motions(pictures_of(contrast, sways(0.0), flow, rng)[::2], none[::2], flow) == []
+    assert dim_motions([np.zeros((HEIGHT, WIDTH), np.uint8)] * 8, none[:8], flow) == []
+    textured = pictures_of(10.0, sways(0.0), flow, rng)
+    assert dim_motions(textured[:3], none[:3], flow) == []
+    assert dim_motions(textured, none, np.full_like(flow, np.nan)) == []
+
+
+def test_an_image_whose_texture_is_hidden_is_not_sure() -> None:
+    """The others are."""
+    flow = flow_of_ground()
+    pictures = [each.copy() for each in pictures_of(10.0, sways(0.0), flow, np.random.default_rng(1))[::2]]
+    hidden = [(0.0, 0.0)] * len(pictures)
+    hidden[5] = (0.0, float(HEIGHT))
+    found = dim_motions(pictures, hidden, flow)
+    assert [each is None for each in found] == [number == 5 for number in range(len(found))]
