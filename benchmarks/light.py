@@ -52,7 +52,7 @@ TWIN_SIGMAS, TWIN_WRONG_PX = (0.0, 1.5, 2.0, 2.7, 3.5, 5.0), 1.0
 # Parts of a scan whose processor time is told: owner and name of the function that does it.
 PARTS: dict[str, tuple[Any, str]] = {
     "preparation": (scan_processor.ScanProcessor, "__init__"),
-    "finding stripes": (StripeFinder, "find_all"),
+    "finding stripes": (StripeFinder, "find"),
     "second lines": (scan_processor, "second_line"),
     "dark frames": (FlashProof, "add"),
     "light of samples": (FrameSamples, "add"),

@@ -14,17 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Array, Float, Index, Mask
+from guara_perception.arrays import Array, Float, Float32, Index, Mask
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.stripes.kernel.library import addresses, kernel
+from guara_perception.stripes.kernel.library import address, addresses, kernel
 from guara_perception.terrain.assessment.raster import SurfaceSamples
 
 # Key of a swath: (index, index) for one stripe, (index, next index) for the surface between two neighbours.
 Key = tuple[int, int]
-# Ratio of two strengths below which the weaker return may be cut by an edge or a shadow.
-WEAK_RATIO = 0.4
-# Largest height difference at which two returns of such different strength are joined.
-WEAK_JOIN_HEIGHT_M = 0.0015
+# How a stripe is linked to a neighbour, as in links.c: in no column, in all, or where their returns agree.
+NOWHERE, IN_ALL, WHERE_THEY_AGREE = range(3)
 EVERYWHERE = (-math.inf, math.inf)
 # Samples per cell length along a joining line: every cell that the line crosses for more than a third of a cell length
 # gets a sample.
@@ -55,8 +53,7 @@ def surface_of(
         parted: (index, next index) of neighbours that do not confirm each other, whatever their heights.
     """
     seen = links_of(stripes, keys, pattern, join_height, y_range, parted)
-    variance = np.array([stripes[index].variance for index in seen.indices])
-    return joined_surface(confirmed_points(seen, variance), seen, variance, resolution)
+    return samples_of(seen, np.array([stripes[index].variance for index in seen.indices]), resolution)
 
 
 def surface_lines(
@@ -79,8 +76,7 @@ def surface_lines(
     width = seen.points.shape[2]
     yield Lines(points.astype(np.float64), np.zeros(points.shape), is_open, is_open, 1), _neighbours(indices, width)
     difference, (before, between, after) = seen.points[:, 1:] - seen.points[:, :-1], seen.links
-    # Counted over all linked columns, so that sample counts do not depend on the requested ones.
-    numbers = np.array(sample_count(difference, between, resolution), np.int64)
+    numbers = np.array(sample_count(seen.longest, resolution), np.int64)
     lines = between & seen.wanted
     for number in np.unique(numbers[lines.any(axis=1)]).tolist():
         indices = np.flatnonzero(lines & (numbers == number)[:, None])
@@ -110,6 +106,8 @@ class Links:
             one after it.
         wanted: (s - 1, w) mask of the columns whose lines are not wholly outside `y_range`.
         pairs: number of the swath of each of the s - 1 pairs, -1 if not requested.
+        counts: numbers of confirmed points of each of the s stripes, and of wanted lines of each of the s - 1 pairs.
+        longest: (s - 1,) float32, length of the longest of all lines of each pair along the ground [m].
     """
 
     indices: list[int]
@@ -119,6 +117,8 @@ class Links:
     links: tuple[Mask, Mask, Mask]
     wanted: Mask
     pairs: list[int]
+    counts: tuple[list[int], list[int]]
+    longest: Float32
 
 
 def links_of(
@@ -130,118 +130,64 @@ def links_of(
     parted: Collection[Key] = (),
 ) -> Links:
     """Points and links of the stripes in `keys`; arguments as in `surface_of`."""
-    numbers = {key: number for number, key in enumerate(keys)}
+    numbers, stride = {key: number for number, key in enumerate(keys)}, pattern.step
     indices = sorted({index for key in keys for index in key})
-    # Each coordinate is contiguous in memory, which is several times faster than points one after the other.
-    points = np.empty((3, len(indices), len(stripes[indices[0]].variance)), dtype=np.float32)
-    for row, index in enumerate(indices):
-        points[:, row] = stripes[index].points.T
-    before, after = _links(stripes, indices, pattern, join_height, parted)
-    low, high = points[1] < y_range[0], points[1] > y_range[1]
+    around = sorted({near for index in indices for near in (index - stride, index, index + stride) if near in stripes})
+    rows = [around.index(index) for index in indices]
     own = [numbers.get((index, index), -1) for index in indices]
     pairs = [numbers.get(key, -1) for key in itertools.pairwise(indices)]
-    return Links(
-        indices,
-        points,
-        before & after & ~(low | high) & _is_requested(own) & np.isfinite(points[2]),
-        own,
-        (before[:-1], after[:-1] & _is_requested(pairs), after[1:]),
-        ~((low[:-1] & low[1:]) | (high[:-1] & high[1:])),
-        pairs,
-    )
+
+    def link(index: int, other: int) -> int:
+        if other not in stripes:
+            # Beyond an end of the pattern, no stripe could contradict the surface.
+            return IN_ALL if index not in pattern or other not in pattern else NOWHERE
+        return NOWHERE if (min(index, other), max(index, other)) in parted else WHERE_THEY_AGREE
+
+    asked = [
+        (row, link(index, index - stride), link(index, index + stride), swath >= 0, pair >= 0)
+        for row, index, swath, pair in zip(rows, indices, own, [*pairs, -1], strict=True)
+    ]
+    how = np.array(asked, np.int64)
+    # Each coordinate is contiguous in memory, which is several times faster than points one after the other.
+    points = np.empty((3, len(around), len(stripes[indices[0]].variance)), dtype=np.float32)
+    for row, index in enumerate(around):
+        points[:, row] = stripes[index].points.T
+    strength, (_, _, width) = np.array([stripes[index].strength for index in around]), points.shape
+    masks, counts = np.empty((5, len(indices), width), np.bool_), np.empty((2, len(indices)), np.int64)
+    longest = np.empty(len(indices), np.float32)
+    given = *addresses(points, strength), len(around), width, address(how), len(indices), join_height, *y_range
+    kernel().link_stripes(*given, *addresses(masks, counts, longest))
+    before, after, confirmed, between, wanted = masks
+    links, (of_stripes, of_pairs) = (before[:-1], between[:-1], after[1:]), counts.tolist()
+    points = points.take(rows, axis=1)
+    return Links(indices, points, confirmed, own, links, wanted[:-1], pairs, (of_stripes, of_pairs[:-1]), longest[:-1])
 
 
-def linked_columns(heights: tuple[Array, Array], strengths: tuple[Array, Array], join_height: float) -> Mask:
-    """Mask of the columns in which two neighbouring stripes lie on one surface.
-
-    A stripe that is cut by an edge or a shadow is weak and displaced. Where one of the two returns is much weaker than
-    the other, their heights must therefore agree more closely.
-
-    Args:
-        heights: two (..., w) heights of neighbouring stripes [m].
-        strengths: two (..., w) strengths of their returns [grey levels].
-        join_height: limit of the height difference between neighbouring points of one surface [m].
-
-    Returns:
-        (..., w) bool, True where both have a point and the height difference is below the limit.
-    """
-    with np.errstate(invalid="ignore"):
-        weaker, stronger = np.minimum(*strengths), np.maximum(*strengths)
-        allowed = np.where(weaker < WEAK_RATIO * stronger, min(WEAK_JOIN_HEIGHT_M, join_height), join_height)
-        return np.asarray(np.abs(heights[1] - heights[0]) < allowed)
-
-
-def _links(
-    stripes: Mapping[int, StripePoints], indices: list[int], pattern: range, join_height: float, parted: Collection[Key]
-) -> tuple[Mask, Mask]:
-    """Masks (s, w) of the columns in which each stripe is linked to the previous one and to the next one.
-
-    No column is linked if the neighbour is missing or the two are parted. All columns are linked to a neighbour beyond
-    an end of the pattern, because no stripe there could contradict the surface.
-    """
-    stride = pattern.step
-    around = sorted({near for index in indices for near in (index - stride, index, index + stride) if near in stripes})
-    heights = np.array([stripes[index].points[:, 2] for index in around])
-    strengths = np.array([stripes[index].strength for index in around])
-    linked = np.empty((len(around) + 1, heights.shape[1]), dtype=bool)
-    linked[1:-1] = linked_columns((heights[:-1], heights[1:]), (strengths[:-1], strengths[1:]), join_height)
-    rows = [around.index(index) for index in indices]
-    before, after = linked[rows], linked[[row + 1 for row in rows]]
-    for row, index in enumerate(indices):
-        for link, other in ((before, index - stride), (after, index + stride)):
-            if other not in stripes:
-                link[row] = index not in pattern or other not in pattern
-            elif (min(index, other), max(index, other)) in parted:
-                link[row] = False
-    return before, after
-
-
-def _is_requested(numbers: list[int]) -> Mask:
-    """Mask (n, 1) of the requested swaths: those whose number is not -1."""
-    return np.array([number >= 0 for number in numbers], dtype=bool)[:, None]
-
-
-def confirmed_points(seen: Links, variance: Array) -> SurfaceSamples:
-    """Samples at the confirmed points of stripes.
-
-    Args:
-        seen: points and links of s stripes.
-        variance: (s, w) variance of the heights [m^2].
-    """
-    indices = np.flatnonzero(seen.confirmed)
-    lengths = seen.confirmed.sum(axis=1).tolist()
-    runs = [(swath, length) for swath, length in zip(seen.own, lengths, strict=True) if length]
-    return SurfaceSamples(seen.points.reshape(3, -1).take(indices, axis=1), variance.take(indices), runs)
-
-
-def joined_surface(given: SurfaceSamples, seen: Links, variance: Array, resolution: float) -> SurfaceSamples:
-    """Given samples, then those of the lines between each stripe and the next in the columns in which they are linked.
+def samples_of(seen: Links, variance: Array, resolution: float) -> SurfaceSamples:
+    """Samples at the confirmed points, then on the lines between each stripe and the next where they are linked.
 
     A line is shortened by OPEN_END_M at an end at which the surface ends; the heights of the samples cut off are NaN.
     Variances are interpolated linearly, not by squared weights, because a line is no more certain than the points at
     its ends; the relief of the ground between the stripes is added.
 
     Args:
-        given: samples before those of the lines.
         seen: points and links of s stripes.
-        variance: (s, w) variance of the heights [m^2].
+        variance: (s, w) float32 variance of the heights [m^2].
         resolution: edge of the cells to be filled [m].
     """
-    before, between, after = seen.links
-    lines, points = between & seen.wanted, np.ascontiguousarray(seen.points, np.float32)
-    variance = np.ascontiguousarray(variance, np.float32)
-    # Counted over all linked columns, so that sample counts do not depend on the requested ones.
-    numbers = sample_count(points[:, 1:] - points[:, :-1], between, resolution)
-    runs = [(swath, n * int(m)) for swath, n, m in zip(seen.pairs, numbers, lines.sum(axis=1), strict=True) if m]
-    wanted = np.where(lines.any(axis=1), numbers, 0).astype(np.int64)
-    begin, (_, count, width) = given.variance.size, points.shape
-    size = begin + sum(length for _, length in runs)
+    (of_stripes, of_pairs), (_, count, width) = seen.counts, seen.points.shape
+    numbers = [n if m else 0 for n, m in zip(sample_count(seen.longest, resolution), of_pairs, strict=True)]
+    lengths, number = (
+        [*of_stripes, *(n * m for n, m in zip(numbers, of_pairs, strict=True))],
+        np.array(numbers, np.int64),
+    )
+    size = sum(lengths)
     samples, along, work = np.empty((3, size)), np.empty(size), np.empty(15 * (width + 1))
-    samples[:, :begin], along[:begin] = given.points, given.variance
-    opens, closes = ~before, ~after
-    of_stripes = *addresses(points, variance), count, width, *addresses(lines, opens, closes, wanted), OPEN_END_M
-    kernel().sample_lines(*of_stripes, size, begin, *addresses(work, samples, along))
-    return SurfaceSamples(samples, along, [*given.runs, *runs])
+    given = *addresses(seen.points, variance), count, width
+    links = addresses(seen.confirmed, *seen.links, seen.wanted, number)
+    kernel().sample_surface(*given, *links, OPEN_END_M, size, *addresses(work, samples, along))
+    swaths = zip((*seen.own, *seen.pairs), lengths, strict=True)
+    return SurfaceSamples(samples, along, [(swath, length) for swath, length in swaths if length])
 
 
 def _neighbours(indices: Index, width: int) -> Index:
@@ -289,11 +235,13 @@ def shares(n: int) -> Float:
     return ((np.arange(n) + 0.5) / n)[:, None]
 
 
-def sample_count(difference: Array, is_line: Mask, resolution: float) -> list[int]:
-    """Number of samples per line in each of s sets of lines (3, s, w), from 2 to 64.
+def sample_count(longest: Float32, resolution: float) -> list[int]:
+    """Number of samples per line in each of s sets of lines, from 2 to 64.
 
     Within these bounds, the longest line of a set has at least SAMPLES_PER_CELL samples per cell length.
+
+    Args:
+        longest: (s,) lengths of the longest lines along the ground [m].
+        resolution: edge of the cells to be filled [m].
     """
-    squares = np.where(is_line, difference[0] ** 2 + difference[1] ** 2, 0)
-    longest = np.sqrt(squares.max(axis=1)).tolist()
-    return [min(max(math.ceil(SAMPLES_PER_CELL * length / resolution), 2), 64) for length in longest]
+    return [min(max(math.ceil(SAMPLES_PER_CELL * length / resolution), 2), 64) for length in longest.tolist()]

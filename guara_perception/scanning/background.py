@@ -250,6 +250,10 @@ class BackgroundWitness:
         self._dim: list[tuple[int | None, Image, tuple[float, float]]] = []
         self._dark: Image | None = None
         self._points = self._rays = np.zeros((0, 2))
+        # What the kernel takes besides an image: of the reference image, and to fit the motion, with work memory.
+        self._work = np.empty(6 * FEW_CORNERS)
+        self._of_scan: tuple[int, ...] = ()
+        self._of_fit: tuple[float, ...] = ()
         self._flow: Float = np.zeros((0, 2, 6))
         # Change (n, 2, 2) of the ray of each corner per pixel along x and along y.
         self._turn: Float = np.zeros((0, 2, 2))
@@ -324,12 +328,9 @@ class BackgroundWitness:
         given, *how = _reduction(picture, self._gain)
         if (given.rows // how[1], given.columns // how[1]) != self._reference.shape:
             return None
-        found, work = np.empty(2 * len(self._rise) + 1), np.empty(6 * FEW_CORNERS)
-        of_scan = addresses(self._reference, self._points, self._turn, self._flow)
-        limits = *self._limits, address(self._rise), len(self._rise)
-        given_corners = len(self._points), FEW_CORNERS, *rows
+        found = np.empty(2 * len(self._rise) + 1)
         # Only the surroundings of a few corners are read, which is enough to see that the camera stands still.
-        result = kernel().look_at_corners(given, *how, *of_scan, *given_corners, *limits, *addresses(work, found))
+        result = kernel().look_at_corners(given, *how, *self._of_scan, *rows, *self._of_fit, address(found))
         if result < 0:
             return None
         if result and (seen := _seen_of(found)).is_still:
@@ -352,6 +353,9 @@ class BackgroundWitness:
         points = corners(self._reference)
         ground, self._rays, self._flow, self._turn = self._flow_at(points)
         self._points = points[ground]
+        tracked = addresses(self._reference, self._points, self._turn, self._flow)
+        self._of_scan = *tracked, len(self._points), FEW_CORNERS
+        self._of_fit = *self._limits, address(self._work)
 
     def _flow_at(self, points: Float) -> tuple[Mask, Float, Float, Float]:
         """Flow of the ground at points (n, 2) of the reduced image.
@@ -393,13 +397,14 @@ class BackgroundWitness:
         """
         count, ends = len(used), len(self._rise)
         found, work = np.empty(2 * ends + 1), np.empty(2 * count)
-        given = *addresses(self._flow, flow, moved, used), count, *self._limits, address(self._rise), ends
+        given = *addresses(self._flow, flow, moved, used), count, *self._limits
         return _seen_of(found) if kernel().fit_motion(*given, *addresses(work, found)) else None
 
     @property
-    def _limits(self) -> tuple[int, float, int, float, float]:
-        """Limits of `fit_motion` in the kernel."""
-        return LEAST_CORNERS, LEAST_SHARE, STEPS, LEAST_NOISE_PX * self._pixel, MOST_CONDITION
+    def _limits(self) -> tuple[float, ...]:
+        """Limits of `fit_motion` in the kernel, and the rise of the corners of the scanned area."""
+        limits = LEAST_CORNERS, LEAST_SHARE, STEPS, LEAST_NOISE_PX * self._pixel, MOST_CONDITION
+        return *limits, address(self._rise), len(self._rise)
 
     @property
     def is_blind(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -50,9 +50,7 @@ MOST_SHIFT = 6
 BESIDE_PX = 6
 
 
-def second_line(
-    pair: FramePair, profile: StripeProfile, align: Callable[[Image, Image], Image | None] | None = None
-) -> float:
+def second_line(pair: FramePair, profile: StripeProfile) -> float:
     """Brightness of a second line relative to a stripe, estimated over many columns; 1 if the two lines merge.
 
     It is 0 if too few columns show the stripe well, and without a laser-off image, because a bright edge of the scene
@@ -61,22 +59,22 @@ def second_line(
     Args:
         pair: images of the stripe.
         profile: stripe found in them.
-        align: warps the laser-off image to the view of the laser-on image, so that moving texture is not taken for a
-            line; returns None if it detects no motion. None = compare without warping.
     """
-    share = _second_line(pair, profile)
-    if align is not None and pair.off is not None and share > LEAST_ODD_SHARE:
-        moved = align(pair.off, pair.on)
-        return share if moved is None else _second_line(replace(pair, off=moved), profile)
-    return share
-
-
-def _second_line(pair: FramePair, profile: StripeProfile) -> float:
     if pair.off is None:
         return 0.0
     on, off = pictures_of(pair.on, pair.off)
     work = memory(kernel().second_line_size(on.rows))
     return float(kernel().second_line(on, off, address(profile.position_px), LEAST_SHARE, address(work)))
+
+
+def second_line_in_motion(share: float, pair: FramePair, profile: StripeProfile) -> float:
+    """Brightness as of `second_line`, which returned `share`, if the camera may have moved between the two images.
+
+    The laser-off image is warped to the view of the laser-on image, so that moving texture is not taken for a line.
+    """
+    if pair.off is None or share <= LEAST_ODD_SHARE or (moved := aligned(pair.off, pair.on)) is None:
+        return share
+    return second_line(replace(pair, off=moved), profile)
 
 
 def doubled_stripes(shares: Mapping[int, float]) -> frozenset[int]:

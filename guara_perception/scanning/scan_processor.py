@@ -20,13 +20,14 @@ from guara_perception.ranging.locate import Triangulator, locator
 from guara_perception.ranging.scan_geometry import StripePlace, StripeRanger, scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import Key
-from guara_perception.scanning.background import MOVED, BackgroundWitness, aligned, motion_text
+from guara_perception.scanning.background import MOVED, BackgroundWitness, motion_text
 from guara_perception.scanning.flash_proof import (
     OTHER_INSTANT,
     SECOND_LINE,
     FlashProof,
     Proof,
     second_line,
+    second_line_in_motion,
     without_spoilt,
 )
 from guara_perception.scanning.light_diagnosis import FrameSamples
@@ -375,20 +376,24 @@ class ScanProcessor:
             self._calibration.stripe(index)
         start = time.perf_counter()
         stripes = self._geometry.stripes
-        found = self._finder.find_all(pairs, {index: stripes[index].band for index in indices})
-        profiles = dict(zip(indices, found, strict=True))
-        good = {index: profile for index, profile in profiles.items() if not profile.is_frame_bad}
+        profiles: dict[int, StripeProfile] = {}
         for pair in pairs:
-            self._proof.add(pair.index, profiles[pair.index])
-            if pair.index in good:
-                self._samples.add(pair, good[pair.index])
-                self._witness.look(pair.index, pair.on, pair.off, stripes[pair.index].band)
-                align = None if self._witness.is_still(pair.index) else aligned
-                self._proof.add_second_line(pair.index, second_line(pair, good[pair.index], align))
+            band = stripes[pair.index].band
+            profiles[pair.index] = profile = self._finder.find(pair, band)
+            self._proof.add(pair.index, profile)
+            if not profile.is_frame_bad:
+                # At once, while these rows of the images are in the processor's cache.
+                share = second_line(pair, profile)
+                self._samples.add(pair, profile)
+                self._witness.look(pair.index, pair.on, pair.off, band)
+                if not self._witness.is_still(pair.index):
+                    share = second_line_in_motion(share, pair, profile)
+                self._proof.add_second_line(pair.index, share)
                 if pair.off is not None and (self._off is None or pair.index < self._off[0]):
                     self._off = pair.index, grey_picture(pair.off)
             if pair.dark is not None:
                 self._proof.add_dark(pair.index, pair.dark, pair.off)
+        good = {index: profile for index, profile in profiles.items() if not profile.is_frame_bad}
         extracted = time.perf_counter()
         points: Mapping[int, StripePoints] = {}
         if self._places is None:

@@ -525,5 +525,6 @@ def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> 
         return np.empty((0, 3))
     first = ends[0].points[in_first]
     difference = ends[1].points[in_second] - first
-    (n,) = sample_count(difference.T[:, None], np.ones((1, len(difference)), dtype=bool), resolution)
+    longest = np.sqrt((difference[:, :2] ** 2).sum(axis=1).max(keepdims=True))
+    (n,) = sample_count(longest, resolution)
     return np.asarray((first + shares(n)[..., None] * difference).reshape(-1, 3))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -46,16 +45,10 @@ class StripeFinder:
         self._size = size
         self._background = SweepBackground(stride)
 
-    def find_all(self, pairs: Sequence[FramePair], rows: Mapping[int, tuple[int, int]]) -> list[StripeProfile]:
-        """Find the stripes of frame pairs.
-
-        Args:
-            pairs: one frame pair per stripe.
-            rows: image rows (first, end) between which each stripe can appear, by stripe index.
-        """
-        bands = [self._band(pair, rows[pair.index]) for pair in pairs]
-        found = iter(self._extract([band for band in bands if isinstance(band, Band)]))
-        return [bad_frame(self._size[0], band) if isinstance(band, str) else next(found) for band in bands]
+    def find(self, pair: FramePair, rows: tuple[int, int]) -> StripeProfile:
+        """Find the stripe of a frame pair, between the image rows (first, end) in which it can appear."""
+        band = self._band(pair, rows)
+        return bad_frame(self._size[0], band) if isinstance(band, str) else self._extract([band])[0]
 
     def _band(self, pair: FramePair, rows: tuple[int, int]) -> Band | str:
         """Band of a stripe, or the reason why it has none."""

@@ -152,30 +152,38 @@ void pair_relief(const float *x, const float *y, const float *z, const float *va
     }
 }
 
-// Samples of the lines between each of several stripes and the next. points: (3, stripes, n), NaN where there is none. variance:
-// (stripes, n) of the heights. is_line, is_open, is_closed: (stripes - 1, n), columns in which the two are joined, and in which the
-// surface ends at the first or at the second. number: (stripes - 1,) of samples on each line, 0 where none are wanted. open_end:
-// length by which a line is cut there [m]; the heights of samples in it are NaN. work: 15 (n + 1) numbers of 8 bytes. samples:
-// (3, all), deviation: (all,), from `at` on: of a pair the first samples of all lines, then the second ones.
-void sample_lines(const float *points, const float *variance, int64_t stripes, int64_t n, const uint8_t *is_line,
-    const uint8_t *is_open, const uint8_t *is_closed, const int64_t *number, double open_end, int64_t all, int64_t at, double *work,
-    double *restrict samples, double *restrict deviation) {
+// Samples of the surface of several stripes (stripes, n): points that are confirmed, and lines between each stripe and the next.
+// points: (3, stripes, n), NaN where there is none. variance: of the heights. is_confirmed: (stripes, n). before, is_line, after,
+// is_wanted: (stripes - 1, n), columns in which the surface goes on before the first of two, in which they are joined, in which
+// it goes on after the second, and of which lines are wanted. number: (stripes - 1,) of samples on each line, 0 where none are
+// wanted. open_end: length by which a line is cut where the surface ends [m]; the heights of samples in it are NaN. work:
+// 15 (n + 1) numbers of 8 bytes. samples: (3, all), deviation: (all,), of a pair the first samples of all lines, then the second.
+void sample_surface(const float *points, const float *variance, int64_t stripes, int64_t n, const uint8_t *is_confirmed,
+    const uint8_t *before_first, const uint8_t *is_line, const uint8_t *after_second, const uint8_t *is_wanted,
+    const int64_t *number, double open_end, int64_t all, double *work, double *restrict samples, double *restrict deviation) {
     double *relief = work, *hidden = relief + n + 1, *first = hidden + n + 1, *change = first + 3 * n, *before = change + 3 * n;
     double *after = before + n, *start = after + n, *end = start + n, *rest = end + n;
+    int64_t at = 0;
+    for (int64_t i = 0; i < stripes * n; i++) {
+        if (!is_confirmed[i]) continue;
+        for (int64_t k = 0; k < 3; k++) samples[k * all + at] = (double)points[k * stripes * n + i];
+        deviation[at++] = (double)variance[i];
+    }
     for (int64_t k = 0; k + 1 < stripes; k++) {
         if (!number[k]) continue;
         const float *own[3] = {points + k * n, points + (stripes + k) * n, points + (2 * stripes + k) * n};
         int64_t lines = 0;
         pair_relief(own[0], own[1], own[2], variance + k * n, n, rest, relief);
         for (int64_t c = 0; c < n; c++) {
-            if (!is_line[k * n + c]) continue;
+            if (!(is_line[k * n + c] & is_wanted[k * n + c])) continue;
             for (int64_t i = 0; i < 3; i++)
                 first[i * n + lines] = (double)own[i][c], change[i * n + lines] = (double)(own[i][n + c] - own[i][c]);
             hidden[lines] = relief[c], before[lines] = (double)variance[k * n + c], after[lines] = (double)variance[(k + 1) * n + c];
             start[lines] = 0, end[lines] = 1;
-            if (is_open[k * n + c] | is_closed[k * n + c]) {
+            const int is_open = !before_first[k * n + c], is_closed = !after_second[k * n + c];
+            if (is_open | is_closed) {
                 const double length = MIN(open_end / MAX(hypot(change[lines], change[n + lines]), 1e-9), 0.5);
-                start[lines] = is_open[k * n + c] ? length : 0, end[lines] = is_closed[k * n + c] ? 1 - length : 1;
+                start[lines] = is_open ? length : 0, end[lines] = is_closed ? 1 - length : 1;
             }
             lines++;
         }

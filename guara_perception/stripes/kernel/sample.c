@@ -9,34 +9,74 @@ enum { AHEAD = 4, AHEAD_PIXELS = 24 };
 #define LEAST_LEVEL 12.0f
 #define LEAST_SIGMAS 8.0f
 
-static int is_clipped(const Picture *p, int64_t row, int64_t column) {
-    for (int64_t k = 0; k < p->channels; k++) if (level(p, row, column, k) >= clipped_from(p)) return 1;
-    return 0;
+// Loops over pictures of colour in 1 byte a sample, and over all others: channels and size are known to the compiler.
+#define FOR_KIND(P, CALL) \
+    if ((P)->channels == 3 && (P)->size == 1) CALL(3, 1); else CALL((P)->channels, (P)->size)
+#define ALWAYS static inline __attribute__((always_inline))
+
+ALWAYS int32_t brightest_of(const Picture *p, int64_t row, int64_t column, int64_t channels) {
+    int32_t most = level(p, row, column, 0);
+    for (int64_t k = 1; k < channels; k++) most = MAX(most, level(p, row, column, k));
+    return most;
 }
 
 // Bytes of `memory` of `levels_of` and of `look_down`.
 int64_t levels_size(const Picture *p) { return 8 * (p->size == 1 ? 256 : 65536); }
 int64_t look_down_size(int64_t rows, int64_t n) { return 4 * (rows * n + rows / USUAL_ROWS_APART + 1 + 2 * n); }
 
+// Counts of the levels (of all channels) of every pixels_apart-th pixel of every rows_apart-th row. Returns how many of these
+// pixels are clipped in any channel.
+ALWAYS int64_t count_levels(Picture p, int64_t channels, int64_t size, int64_t rows_apart, int64_t pixels_apart, int64_t *counts) {
+    const int32_t from = clipped_from(&p);
+    int64_t clipped = 0;
+    p.size = size;
+    for (int64_t r = 0; r < p.rows; r += rows_apart)
+        for (int64_t c = 0; c < p.columns; c += pixels_apart) {
+            const int64_t soon = c + AHEAD_PIXELS * pixels_apart, row = soon < p.columns ? r : MIN(r + rows_apart, p.rows - 1);
+            __builtin_prefetch(p.data + row * p.row_step + soon % p.columns * p.column_step);
+            for (int64_t k = 0; k < channels; k++) counts[level(&p, r, c, k)]++;
+            clipped += brightest_of(&p, r, c, channels) >= from;
+        }
+    return clipped;
+}
+
 // Of every pixels_apart-th pixel of every rows_apart-th row: mean level without the brightest ones, which are this share of the
 // samples, and the share of the pixels that are clipped in any channel.
 void levels_of(const Picture *p, int64_t rows_apart, int64_t pixels_apart, double share, int64_t *memory, double *found) {
-    int64_t pixels = 0, clipped = 0, left = 0, number = 0;
+    const int64_t across = (p->columns + pixels_apart - 1) / pixels_apart, pixels = (p->rows + rows_apart - 1) / rows_apart * across;
+    int64_t clipped = 0, left = 0, number = 0;
     double sum = 0;
     memset(memory, 0, (size_t)levels_size(p));
-    for (int64_t r = 0; r < p->rows; r += rows_apart)
-        for (int64_t c = 0; c < p->columns; c += pixels_apart, pixels++) {
-            const int64_t soon = c + AHEAD_PIXELS * pixels_apart, row = soon < p->columns ? r : MIN(r + rows_apart, p->rows - 1);
-            __builtin_prefetch(p->data + row * p->row_step + soon % p->columns * p->column_step);
-            for (int64_t k = 0; k < p->channels; k++) memory[level(p, r, c, k)]++;
-            clipped += is_clipped(p, r, c);
-        }
+#define COUNT(CHANNELS, SIZE) clipped = count_levels(*p, CHANNELS, SIZE, rows_apart, pixels_apart, memory)
+    FOR_KIND(p, COUNT);
     number = left = MAX((int64_t)rint((1 - share) * (double)(pixels * p->channels)), 1);
     for (int64_t value = 0; left > 0; value++) {
         const int64_t own = MIN(memory[value], left);
         sum += (double)(own * value), left -= own;
     }
     found[0] = sum / (double)number, found[1] = (double)clipped / (double)pixels;
+}
+
+// Light (n, rows) of every apart-th row in some columns (n,): the most that any channel exceeds the picture without the laser by,
+// in grey levels of 255; and in how many of these rows of each the laser clips it (n,).
+ALWAYS void light_at(Picture on, Picture off, int is_off, int64_t channels, int64_t size, int64_t apart, const int64_t *columns,
+    int64_t n, float *light, float *cores) {
+    const int64_t rows = (on.rows + apart - 1) / apart;
+    const int32_t from = clipped_from(&on);
+    on.size = off.size = size;
+    for (int64_t i = 0; i < n; i++) cores[i] = 0;
+    for (int64_t r = 0; r < rows; r++)
+        for (int64_t i = 0; i < n; i++) {
+            const int64_t row = r * apart, c = columns[i], soon = MIN(row + AHEAD * apart, on.rows - 1);
+            __builtin_prefetch(on.data + soon * on.row_step + c * on.column_step);
+            if (is_off) __builtin_prefetch(off.data + soon * off.row_step + c * off.column_step);
+            int32_t most = INT32_MIN;
+            for (int64_t k = 0; k < channels; k++)
+                most = MAX(most, level(&on, row, c, k) - (is_off ? level(&off, row, c, k) : 0));
+            light[i * rows + r] = size == 1 ? (float)most : (float)most / 257.0f;
+            if (brightest_of(&on, row, c, channels) < from) continue;
+            cores[i] += (float)!(is_off && brightest_of(&off, row, c, channels) >= from);
+        }
 }
 
 // Brightest of every apart-th row (n,) in some columns (n,) after the subtraction of a picture without the laser, counted in
@@ -47,18 +87,8 @@ double look_down(const Picture *on, const Picture *off, int64_t apart, const int
     const int64_t rows = (on->rows + apart - 1) / apart;
     float *light = memory, *cores = light + rows * n, *some = cores + 2 * n;
     int64_t count = 0;
-    for (int64_t i = 0; i < n; i++) cores[i] = 0;
-    for (int64_t r = 0; r < rows; r++)
-        for (int64_t i = 0; i < n; i++) {
-            const int64_t row = r * apart, c = columns[i], soon = MIN(row + AHEAD * apart, on->rows - 1);
-            __builtin_prefetch(on->data + soon * on->row_step + c * on->column_step);
-            if (off) __builtin_prefetch(off->data + soon * off->row_step + c * off->column_step);
-            int32_t most = INT32_MIN;
-            for (int64_t k = 0; k < on->channels; k++)
-                most = MAX(most, level(on, row, c, k) - (off ? level(off, row, c, k) : 0));
-            light[i * rows + r] = on->size == 1 ? (float)most : (float)most / 257.0f;
-            cores[i] += (float)(is_clipped(on, row, c) && !(off && is_clipped(off, row, c)));
-        }
+#define LIGHT(CHANNELS, SIZE) light_at(*on, off ? *off : *on, off != NULL, CHANNELS, SIZE, apart, columns, n, light, cores)
+    FOR_KIND(on, LIGHT);
     for (int64_t i = 0; i < n; i++) {
         const float *own = light + i * rows;
         int64_t m = 0, top = 0;

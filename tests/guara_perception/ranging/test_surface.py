@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 from guara_perception.ranging.surface import (
+    EVERYWHERE,
     OPEN_END_M,
-    Links,
-    joined_surface,
-    linked_columns,
     sample_count,
+    samples_of,
     shares,
     surface_keys,
     surface_of,
@@ -28,7 +27,6 @@ from guara_perception.terrain.layers.hazard import Hazard
 from tests.guara_perception.ranging.plain_run_ends import pair_relief
 from tests.thorough import examples
 
-NONE = SurfaceSamples(np.empty((3, 0)), np.empty(0), [])
 COLUMNS = 40
 JOIN = 0.008
 GRID = GridGeometry((0.0, 0.0), 0.005, (8, 24))
@@ -60,18 +58,22 @@ def raster(stripes: dict[int, StripePoints], pattern: range = range(12)) -> Surf
 
 def links_of(first: StripePoints, second: StripePoints) -> np.ndarray:
     """Columns in which two stripes are linked."""
-    heights, strengths = (first.points[:, 2], second.points[:, 2]), (first.strength, second.strength)
-    return linked_columns(heights, strengths, JOIN)
+    return surface_links({0: first, 1: second}, [(0, 1)], range(2), JOIN, EVERYWHERE).links[1][0]
+
+
+def plain_links(first: StripePoints, second: StripePoints) -> np.ndarray:
+    """The same by plain array operations: a return much weaker than the other must agree more closely."""
+    weaker, stronger = np.minimum(first.strength, second.strength), np.maximum(first.strength, second.strength)
+    allowed = np.where(weaker < np.float32(0.4) * stronger, 0.0015, JOIN)
+    return np.abs(first.points[:, 2] - second.points[:, 2]) < allowed
 
 
 def joined(
     first: StripePoints, second: StripePoints, goes_on: bool, resolution: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Samples (n, 3) and variances of the lines between two stripes, after which the surface goes on or does not."""
-    yes = np.ones((1, COLUMNS), bool)
-    points, variance = np.stack((first.points.T, second.points.T), axis=1), np.stack((first.variance, second.variance))
-    seen = Links([0, 1], points, ~variance.astype(bool), [-1, -1], (yes, yes, yes & goes_on), yes, [0])
-    samples = joined_surface(NONE, seen, variance, resolution)
+    stripes, pattern = {0: first, 1: second}, range(2 if goes_on else 3)
+    samples = surface_of(stripes, [(0, 1)], pattern, JOIN, resolution)
     kept = np.isfinite(samples.points[2])
     return samples.points.T[kept], samples.variance[kept]
 
@@ -141,15 +143,28 @@ def test_samples_between_stripes_are_those_of_plain_array_operations(seed: int) 
     stripes = {}
     for k in range(6):
         heights = random.choice([0.0, 0.0, 0.0, 0.02, np.nan], COLUMNS // 5 + 1).repeat(5)[:COLUMNS]
-        stripes[k] = stripe(0.008 * k + 0.002 * (k == 3), heights + random.normal(0, 2e-4, COLUMNS))
+        strength = random.choice([100.0, 30.0], COLUMNS)
+        stripes[k] = stripe(0.008 * k + 0.002 * (k == 3), heights + random.normal(0, 1e-3, COLUMNS), strength)
     keys = [key for key in surface_keys(stripes, range(8)) if key != (1, 2)]
     seen = surface_links(stripes, keys, range(8), JOIN, (-math.inf, 0.03))
     variance = np.array([stripes[index].variance for index in seen.indices])
-    samples = joined_surface(NONE, seen, variance, 0.002)
-    expected, (before, between, after) = [], seen.links
+    samples = samples_of(seen, variance, 0.002)
+    linked = np.array([plain_links(stripes[k], stripes[k + 1]) for k in range(5)])
+    # Before the first stripe of the pattern nothing contradicts the surface; two are missing at its other end.
+    before, between, after = (
+        np.vstack((np.ones(COLUMNS, bool), linked[:4])),
+        linked,
+        np.vstack((linked[1:], ~linked[:1] & False)),
+    )
+    is_wanted = ~(seen.points[1] > 0.03)
+    known = np.isfinite(seen.points[2, :-1])
+    confirmed = np.flatnonzero(np.vstack((before & between & known & is_wanted[:-1], np.zeros(COLUMNS, bool))))
+    expected = [(*seen.points.reshape(3, -1)[:, confirmed], variance.ravel()[confirmed])]
+    between[1] = False
     differences = seen.points[:, 1:] - seen.points[:, :-1]
-    for k, number in enumerate(sample_count(differences, between, 0.002)):
-        column = np.flatnonzero(between[k] & seen.wanted[k])
+    longest = np.sqrt(np.where(between, differences[0] ** 2 + differences[1] ** 2, 0).max(axis=1))
+    for k, number in enumerate(sample_count(longest, 0.002)):
+        column = np.flatnonzero(between[k] & (is_wanted[k] | is_wanted[k + 1]))
         relief = pair_relief(seen.points[:, k : k + 2], variance[k : k + 2])[column]
         begin, difference = (each[:, k, column].astype(np.float64) for each in (seen.points, differences))
         for share in shares(number)[:, 0]:
@@ -163,7 +178,9 @@ def test_samples_between_stripes_are_those_of_plain_array_operations(seed: int) 
     assert found.shape == plain.shape and 0 < np.isnan(found[2]).sum() < found.shape[1] / 2
     in_order = (values[:, np.lexsort(np.nan_to_num(values[[2, 1, 0]]))] for values in (found, plain))
     np.testing.assert_allclose(next(in_order), next(in_order), rtol=1e-6, atol=1e-12)
-    assert {swath for swath, _ in samples.runs} <= {keys.index((k, k + 1)) for k in (0, 2, 3, 4)}
+    asked = {keys.index((k, k)) for k in range(6)} | {keys.index((k, k + 1)) for k in (0, 2, 3, 4)}
+    assert {swath for swath, _ in samples.runs} <= asked
+    assert sum(length for _, length in samples.runs) == len(samples.variance)
 
 
 def surfaces(stripes: dict[int, StripePoints]) -> dict[tuple[int, int], set[tuple[float, ...]]]:
