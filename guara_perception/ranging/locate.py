@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,7 @@ from guara_perception.arrays import Float, Index
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder
 from guara_perception.stripes.kernel.library import address, addresses, kernel
+from kinematics.arrays import read_only
 
 # Sine of the angle between ray and laser plane (about 3 degrees) below which the distance is too uncertain.
 MIN_SINE_TO_PLANE = 0.05
@@ -148,7 +150,7 @@ class ColumnRays:
         """Fit the polynomials; if none fits the lens, `at` uses the camera model."""
         self._camera = camera
         self.centre_row = (camera.size[1] - 1) / 2
-        self._coefficients = next((c for n in COUNTS if (c := _fitted(camera, n)) is not None), None)
+        self._coefficients = _coefficients(camera.size, camera.matrix.tobytes(), camera.distortion.tobytes())
 
     def at(self, rows: npt.ArrayLike, columns: Index | None = None) -> Float:
         """Rays (2, ..., n): x and y in the camera frame at z = 1, NaN where the row is NaN.
@@ -186,6 +188,13 @@ class ColumnRays:
         pixels = np.column_stack((np.broadcast_to(columns, rows.shape)[known], rows[known]))
         rays[:, known] = self._camera.rays(pixels)[:, :2].T
         return rays
+
+
+@lru_cache(maxsize=2)
+def _coefficients(size: tuple[int, int], matrix: bytes, distortion: bytes) -> Float | None:
+    """Coefficients as of `_fitted`, or None if none fit the lens; kept for the next scan, which has the same camera."""
+    camera = CameraModel(size, np.frombuffer(matrix).reshape(3, 3), np.frombuffer(distortion))
+    return next((read_only(c) for n in COUNTS if (c := _fitted(camera, n)) is not None), None)
 
 
 def _fitted(camera: CameraModel, count: int) -> Float | None:

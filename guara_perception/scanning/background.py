@@ -212,7 +212,7 @@ def _estimates(looks: Mapping[int, Sequence[_Seen]], common: Float) -> dict[int,
     """Estimates by stripe; an inconclusive one is averaged with those of the neighbouring stripes."""
     groups, found = list(looks.values()), {}
     for number, (index, own) in enumerate(looks.items()):
-        seen = _pooled(own)
+        seen = own[0] if len(own) == 1 else _pooled(own)
         if seen is None or (LEAST_SIGMAS * seen.largest_sigma > MOST_RISE_M and not seen.is_beyond(common)):
             around = groups[max(number - NEIGHBOURS, 0) : number + NEIGHBOURS + 1]
             seen = _pooled([look for group in around for look in group])
@@ -427,6 +427,8 @@ class BackgroundWitness:
 
     def _told(self) -> dict[int, list[_Seen]]:
         """Estimates that are sure; none if at most half of all are, since they are then accidental, as in the dark."""
+        if all(look.is_sure for looks in self._seen.values() for look in looks):
+            return self._seen
         told = {index: [look for look in looks if look.is_sure] for index, looks in self._seen.items()}
         count, whole = (sum(map(len, looks.values())) for looks in (told, self._seen))
         return told if 2 * count > whole else {}

@@ -424,8 +424,8 @@ class SurfaceRaster:
         self._to_make: set[Key] = set()
         self._to_merge = np.zeros(geometry.shape[1], dtype=bool)
         self._raster = merge((), geometry)
-        self._out_of_range, self._too_high, self._ambiguous = (np.zeros(geometry.shape, dtype=bool) for _ in range(3))
-        # Stripes whose unusable returns are marked in `_ambiguous`.
+        self._too_high, self._marks = np.zeros(geometry.shape, dtype=bool), np.zeros(geometry.shape, np.uint16)
+        # Stripes whose unusable returns are in `_marks`.
         self._marked: set[int] = set()
 
     @property
@@ -461,14 +461,15 @@ class SurfaceRaster:
         return without_cells(self._raster, self._too_high)
 
     def marks(self) -> Flags:
-        """Flags of the cells with unusable returns; only those of stripes added since the last call are looked at."""
+        """Flags of the cells with unusable returns, which later stripes extend; only those of new stripes are sought."""
         new = [stripe for index, stripe in self._stripes.items() if index not in self._marked]
+        self._marked.update(self._stripes)
         doubtful = np.concatenate([np.empty((0, 3)), *(stripe.doubtful.points for stripe in new)])
         if self._hidden is not None and len(doubtful):
             doubtful = doubtful[~self._hidden(doubtful)]
-        self._ambiguous.ravel()[cells_of(doubtful, self._geometry)[0]] = True
-        self._marked.update(self._stripes)
-        return self._out_of_range * np.uint16(Hazard.OUT_OF_RANGE) | self._ambiguous * np.uint16(Hazard.AMBIGUOUS)
+        if len(doubtful):
+            self._marks.ravel()[cells_of(doubtful, self._geometry)[0]] |= np.uint16(Hazard.AMBIGUOUS)
+        return self._marks
 
     def _touched(self, index: int) -> list[Key]:
         """Keys of the stripes and pairs whose surface depends on a stripe."""
@@ -514,7 +515,7 @@ class SurfaceRaster:
         lines = [line_samples((self._stripes[i].out_of_range, self._stripes[j].out_of_range), cell) for i, j in ends]
         points = np.concatenate([*(self._stripes[index].out_of_range.points for index in beyond), *lines])
         cells, inside = cells_of(points, self._geometry)
-        self._out_of_range.ravel()[cells] = True
+        self._marks.ravel()[cells] |= np.uint16(Hazard.OUT_OF_RANGE)
         self._too_high.ravel()[cells[points[inside, 2] > 0]] = True
 
 

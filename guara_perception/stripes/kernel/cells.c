@@ -41,11 +41,15 @@ void sum_cells(const int32_t *cell, const double *height, const double *variance
         for (int64_t i = begin; i < end; i++) total[i] = count[i] = doubt[i] = 0, low[i] = INFINITY, high[i] = -INFINITY;
         for (int is_sum = 0; is_sum < 2; is_sum++)
             for (int64_t run = 0, i = 0; run < number; i += runs[number + run++])
-                for (int64_t k = i; runs[run] == swath && k < i + runs[number + run]; k++) {
-                    const int64_t at = cell[k] - first;
-                    const double own = height[k];
-                    if (!is_sum) low[at] = own < low[at] ? own : low[at], high[at] = own > high[at] ? own : high[at];
-                    else if (own > high[at] - TOP_LAYER_M) total[at] += own, count[at]++, doubt[at] += variance[k];
+                for (int64_t k = i, end_of_run = runs[run] == swath ? i + runs[number + run] : i; k < end_of_run;) {
+                    // Neighbouring samples often fall into one cell, whose sums then stay in registers.
+                    const int64_t own = cell[k], at = own - first;
+                    double least = low[at], most = high[at], sum = total[at], samples = count[at], doubts = doubt[at];
+                    if (!is_sum)
+                        for (; k < end_of_run && cell[k] == own; k++) least = MIN(height[k], least), most = MAX(height[k], most);
+                    else for (const double from = most - TOP_LAYER_M; k < end_of_run && cell[k] == own; k++)
+                        if (height[k] > from) sum += height[k], samples++, doubts += variance[k];
+                    low[at] = least, high[at] = most, total[at] = sum, count[at] = samples, doubt[at] = doubts;
                 }
         for (int64_t i = begin; i < end; i++) {
             if (!(high[i] >= low[i])) continue;

@@ -172,30 +172,27 @@ void sample_surface(const float *points, const float *variance, int64_t stripes,
     for (int64_t k = 0; k + 1 < stripes; k++) {
         if (!number[k]) continue;
         const float *own[3] = {points + k * n, points + (stripes + k) * n, points + (2 * stripes + k) * n};
-        int64_t lines = 0;
+        int64_t lines = 0, cuts = 0, *cut = (int64_t *)rest; // The lines that are cut, of which there are few.
         pair_relief(own[0], own[1], own[2], variance + k * n, n, rest, relief);
         for (int64_t c = 0; c < n; c++) {
             if (!(is_line[k * n + c] & is_wanted[k * n + c])) continue;
             for (int64_t i = 0; i < 3; i++)
                 first[i * n + lines] = (double)own[i][c], change[i * n + lines] = (double)(own[i][n + c] - own[i][c]);
             hidden[lines] = relief[c], before[lines] = (double)variance[k * n + c], after[lines] = (double)variance[(k + 1) * n + c];
-            start[lines] = 0, end[lines] = 1;
             const int is_open = !before_first[k * n + c], is_closed = !after_second[k * n + c];
             if (is_open | is_closed) {
                 const double length = MIN(open_end / MAX(hypot(change[lines], change[n + lines]), 1e-9), 0.5);
-                start[lines] = is_open ? length : 0, end[lines] = is_closed ? 1 - length : 1;
+                start[cuts] = is_open ? length : 0, end[cuts] = is_closed ? 1 - length : 1, cut[cuts++] = lines;
             }
             lines++;
         }
         for (int64_t s = 0; s < number[k]; s++, at += lines) {
             const double share = ((double)s + 0.5) / (double)number[k], bend = 4 * share * (1 - share);
-            for (int64_t i = 0; i < 2; i++)
+            for (int64_t i = 0; i < 3; i++)
                 for (int64_t l = 0; l < lines; l++) samples[i * all + at + l] = share * change[i * n + l] + first[i * n + l];
-            for (int64_t l = 0; l < lines; l++) {
-                const double height = share * change[2 * n + l] + first[2 * n + l];
-                samples[2 * all + at + l] = (share < start[l]) | (share > end[l]) ? (double)NAN : height;
+            for (int64_t l = 0; l < lines; l++)
                 deviation[at + l] = (1 - share) * before[l] + share * after[l] + bend * hidden[l];
-            }
+            for (int64_t i = 0; i < cuts; i++) if ((share < start[i]) | (share > end[i])) samples[2 * all + at + cut[i]] = NAN;
         }
     }
 }

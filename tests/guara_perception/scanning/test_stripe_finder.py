@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.scanning.stripe_finder import StripeFinder, SweepBackground
 from guara_perception.stripes.band import Band
-from tests.thorough import examples
 
 WIDTH, HEIGHT = 160, 120
 Image = npt.NDArray[np.uint8]
@@ -54,37 +50,12 @@ def sweep(seed: int = 0) -> list[Banded]:
 
 def find_all(finder: StripeFinder, frames: Sequence[Banded]) -> list[gp.StripeProfile]:
     """Stripes of frames that each have a band of their own."""
-    pairs = [gp.FramePair(index, on, off) for index, _, on, off in frames]
-    return finder.find_all(pairs, {index: rows for index, rows, _, _ in frames})
+    return [finder.find(gp.FramePair(index, on, off), rows) for index, rows, on, off in frames]
 
 
 def assert_same(one: gp.StripeProfile, other: gp.StripeProfile) -> None:
     for field in dataclasses.fields(gp.StripeProfile):
         np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name), field.name)
-
-
-@functools.cache
-def found_alone(method: str, has_off: bool) -> tuple[list, list[gp.StripeProfile]]:
-    """The frames of the sweep, and what is found in each by itself."""
-    frames = [frame if has_off else (*frame[:3], None) for frame in sweep()]
-    one_by_one = StripeFinder(method, (WIDTH, HEIGHT), 1)
-    return frames, [find_all(one_by_one, [frame])[0] for frame in frames]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["precise", "paper"])
-@pytest.mark.parametrize("has_off", [True, False])
-@given(cuts=st.lists(st.integers(1, 13), max_size=4))
-@settings(max_examples=examples(12), deadline=None, derandomize=True)
-def test_several_at_once_are_each_found_as_if_alone(method: str, has_off: bool, cuts: list[int]) -> None:
-    """Whatever the groups: the same positions, sigmas, statuses and reasons, bad frames among them or not."""
-    frames, alone = found_alone(method, has_off)
-    grouped = StripeFinder(method, (WIDTH, HEIGHT), 1)
-    borders = [0, *sorted(set(cuts)), len(frames)]
-    together = [p for a, b in zip(borders, borders[1:], strict=False) for p in find_all(grouped, frames[a:b])]
-    assert len(together) == len(frames)
-    for one, other in zip(alone, together, strict=True):
-        assert_same(one, other)
 
 
 def test_each_stripe_is_found_where_it_is() -> None:
