@@ -461,7 +461,7 @@ class SurfaceRaster:
         return without_cells(self._raster, self._too_high)
 
     def marks(self) -> Flags:
-        """Flags of the cells with unusable returns, which later stripes extend; only those of new stripes are sought."""
+        """Flags of the cells with unusable returns, which later stripes extend; those of new stripes are added."""
         new = [stripe for index, stripe in self._stripes.items() if index not in self._marked]
         self._marked.update(self._stripes)
         doubtful = np.concatenate([np.empty((0, 3)), *(stripe.doubtful.points for stripe in new)])
