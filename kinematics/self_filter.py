@@ -130,17 +130,19 @@ class SelfFilter:
             )
         origins = np.atleast_2d(origins)
         self._check_outside(origins)
-        directions = points - origins
-        lengths = np.sqrt(np.einsum("ni,ni->n", directions, directions))
-        # Products that are the same for all shapes.
-        by_origins = directions @ origins[0] if len(origins) == 1 else np.einsum("ni,ni->n", directions, origins)
-        squares = np.einsum("ni,ni->n", origins, origins)
         blocked = np.zeros(len(points), dtype=np.bool_)
         if not len(points):
             return blocked
         low, high = _box(np.ascontiguousarray(points.T))
         low, high = np.fmin(low, origins.min(axis=0)), np.fmax(high, origins.max(axis=0))
         shapes = np.flatnonzero(np.all((self._lowest <= high) & (self._highest >= low), axis=1))
+        if not len(shapes):
+            return blocked
+        directions = points - origins
+        lengths = np.sqrt(np.einsum("ni,ni->n", directions, directions))
+        # Products that are the same for all shapes.
+        by_origins = directions @ origins[0] if len(origins) == 1 else np.einsum("ni,ni->n", directions, origins)
+        squares = np.einsum("ni,ni->n", origins, origins)
         twice_centres = self._twice_centres[:, shapes]
         along = (directions @ twice_centres) / 2 - by_origins[:, None]
         apart = squares[:, None] - origins @ twice_centres - self._powers[shapes]
