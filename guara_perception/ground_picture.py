@@ -30,7 +30,7 @@ class GroundPicture(FrozenArrays):
 def grey_picture(picture: Image) -> Grey:
     """Convert a camera image to 8-bit grey levels (h, w); always a copy."""
     if picture.ndim == 3 and picture.shape[2] == 3:
-        grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
+        grey: Image = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
     else:
         grey = picture.reshape(picture.shape[:2]).copy()
-    return grey if grey.dtype == np.uint8 else (grey // 256).astype(np.uint8)
+    return np.asarray(grey if grey.dtype == np.uint8 else grey // 256, np.uint8)
