@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
@@ -165,15 +165,24 @@ def scanned(robot: RobotModel, course: Course, seed: int, mode: str, cycles: int
         first = "coarse" if mode == ADAPTIVE else mode
         processor = gp.ScanProcessor(calibration, robot, pause.stance, first, step=pause.step)
         pattern = settings.pattern("standard" if mode == ADAPTIVE else mode)
-        processor.add_all([gp.FramePair(*each) for each in rangefinder.frames(settings.pattern(first))])
-        terrain = processor.finish("wide")
-        if mode == ADAPTIVE and (between := policy.decide(processor.finish(), processor.pairs).stripes):
-            processor = processor.extended()
-            processor.add_all([gp.FramePair(*each) for each in rangefinder.frames(between)])
-            terrain = refined(terrain, processor.finish("wide"))
+        fired = settings.pattern(first)
+        processor, terrain, _ = swept(processor, rangefinder, fired, policy if mode == ADAPTIVE else None)
         to_world = footprint_to_world(pause.transform_base_to_world, terrain)
         seen = visible_cells(pause, to_world, rangefinder, settings, [pattern[0], pattern[-1]])
         yield ScannedPause(pause, terrain, processor.ground_picture, rangefinder.world, seen)
+
+
+def swept(
+    processor: gp.ScanProcessor, rangefinder: SimulatedRangefinder, stripes: Sequence[int], policy: ScanPolicy | None
+) -> tuple[gp.ScanProcessor, gp.TerrainGrid, int]:
+    """Scan stripes and those that a policy adds; return the last processor, the wide grid and the number of stripes."""
+    processor.add_all([gp.FramePair(*each) for each in rangefinder.frames(stripes)])
+    terrain = processor.finish("wide")
+    if policy is None or not (between := policy.decide(processor.finish(), processor.pairs).stripes):
+        return processor, terrain, len(stripes)
+    processor = processor.extended()
+    processor.add_all([gp.FramePair(*each) for each in rangefinder.frames(between)])
+    return processor, refined(terrain, processor.finish("wide")), len(stripes) + len(between)
 
 
 def visible_cells(

@@ -13,7 +13,7 @@ from guara_perception.terrain.drawing.style import save_figure, styled
 from testbed.crossing.courses import KINDS, START_M, course
 from testbed.crossing.eyes import Sight
 from testbed.crossing.robot import LEGS, Robot
-from testbed.crossing.walk import ARMS, Crossing, cross
+from testbed.crossing.walk import ARMS, ROBOTS, Crossing, cross
 
 
 def main() -> None:
@@ -22,9 +22,10 @@ def main() -> None:
     parser.add_argument("kind", choices=KINDS)
     parser.add_argument("seed", type=int)
     parser.add_argument("arm", choices=ARMS)
+    parser.add_argument("--robot", choices=ROBOTS, default="go2", help="robot that walks")
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="PICTURE", help="file to write (.png)")
     given = parser.parse_args()
-    ground = course(given.kind, given.seed)
+    ground = course(given.kind, given.seed, ROBOTS[given.robot].sizes)
     drawing = CourseDrawing(ground.world, START_M, ground.goal)
 
     def add(done: Crossing, robot: Robot, sight: Sight) -> None:
@@ -38,7 +39,7 @@ def main() -> None:
         drawing.step(leg, robot.feet[LEGS.index(leg)], robot.base)
 
     with styled():
-        done = cross(given.kind, given.seed, given.arm, add)
+        done = cross(given.kind, given.seed, given.arm, add, robot=given.robot)
         title = f"{done.course}, {done.arm.replace('_', '-')}: {done.result} in {done.steps} steps"
         save_figure(drawing.figure(title), given.out)
 

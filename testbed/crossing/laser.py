@@ -8,25 +8,26 @@ import guara_perception as gp
 from guara_perception.settings import Settings
 from guara_perception.simulation import SimulatedRangefinder, specimen
 from guara_perception.simulation.footing import Footing
+from guara_perception.terrain.scan.policy import ScanPolicy
 from kinematics import LegOdometry, RobotModel, Stance
 from testbed.crossing.courses import Course
 from testbed.crossing.eyes import Sight
 from testbed.crossing.robot import Robot
+from testbed.scanned_walk import swept
 
 PICTURE = (640, 512)
-MODE, EVERY = "coarse", 2
 # Bias of a joint, noise of the mean of eight readings, noise of gravity, as in robot.toml of both robots [rad].
 BIAS, NOISE, GRAVITY_NOISE = 0.0035, 0.00035, 0.00175
 # Ground that the gait vouches for at the start: that of the map, up to so far into the area that is scanned [m].
 DECLARED_M = 0.11
-# A coarse sweep, camera at 120 frames a second (`benchmarks sweeps`) [s].
-SWEEP_S = 0.59
+# A stripe of a sweep, camera at 120 frames a second (`benchmarks sweeps`) [s].
+STRIPE_S = 0.59 / 35
 
 
 class Laser:
     """Scans, odometry and map; a frame of the walk is `odom`."""
 
-    standing_s = SWEEP_S
+    standing_s = 0.0
 
     def __init__(self, course: Course, product: RobotModel) -> None:
         """Begin a walk of a robot on a course."""
@@ -35,7 +36,7 @@ class Laser:
         self._bias = BIAS * self._random.standard_normal(len(product.joint_names))
         self._calibration = specimen(product, PICTURE, course.seed)
         self._rangefinder = SimulatedRangefinder(course.world, self._calibration, product, course.seed)
-        self._odometry, self._map = LegOdometry(product), gp.TerrainMap(product)
+        self._odometry, self._map, self._policy = LegOdometry(product), gp.TerrainMap(product), ScanPolicy(product)
 
     def look(self, robot: Robot) -> Sight:
         """Scan, fuse, and ask the map."""
@@ -44,15 +45,13 @@ class Laser:
         stance = self._stance(robot)
         true_joints = dict(zip(robot.joint_names, robot.joint_positions.tolist(), strict=True))
         self._rangefinder.set_pose(base_to_world, true_joints)
-        processor = gp.ScanProcessor(self._calibration, robot.product, stance, MODE, step=self._pause)
-        pairs = [gp.FramePair(*each) for each in self._rangefinder.frames(range(0, 70, EVERY))]
-        processor.add_all(pairs)
-        scan, pose = processor.finish("wide"), self._odometry.update(stance)
-        fused = self._map.update(
-            scan, pose, known_ground=() if self._pause else (declared(robot.product),), picture=processor.ground_picture
-        )
+        processor = gp.ScanProcessor(self._calibration, robot.product, stance, "coarse", step=self._pause)
+        processor, scanned, stripes = swept(processor, self._rangefinder, self._policy.first_stripes, self._policy)
+        self.standing_s = stripes * STRIPE_S
+        pose, known = self._odometry.update(stance), () if self._pause else (declared(robot.product),)
+        fused = self._map.update(scanned, pose, known_ground=known, picture=processor.ground_picture)
         self._pause += 1
-        to_footprint = np.array(scan.metadata["transform_base_to_footprint"])
+        to_footprint = np.array(scanned.metadata["transform_base_to_footprint"])
         footprint_to_odom = np.array(fused.metadata["transform_footprint_to_odom"])
         base_to_odom = footprint_to_odom @ to_footprint
         feet = robot.feet_by(np.array([stance.joint_positions[name] for name in robot.joint_names]), base_to_odom)

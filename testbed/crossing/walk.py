@@ -115,8 +115,8 @@ def cross(
                 done.why = "no progress"
                 break
             crawl.freeze()
-            done.standing_s += eye.standing_s
             sight = eye.look(walker)
+            done.standing_s += eye.standing_s
             _step(done, walker, crawl, planner, sight, way.world)
             if report:
                 report(done, walker, sight)
