@@ -183,8 +183,6 @@ class Block:
 
     def least(self, sway: Sway, stream: str) -> float:
         """Share of the cells of the still scan that must be kept."""
-        if self.is_dim and stream == "-" and sway != STILL:
-            return 0.0
         return {(MUST, "200"): KEPT, (STILL, "-"): STILL_KEPT, (LITTLE, "-"): LITTLE_KEPT}.get((sway, stream), 0.0)
 
 
