@@ -37,6 +37,9 @@ FOLLOWED_PX, DIM_PX = 320, 160
 # Mean level up to which an image counts as dim, mean level to which it is then brightened [grey levels of 255], and
 # largest gain.
 DIM_LEVEL, BRIGHT_LEVEL, MOST_GAIN = 32.0, 100.0, 16.0
+# Least mean level of a dim image [grey levels of 255]. Below it, the pattern of the sensor, which is the same in all
+# images, could pass for ground that stands still.
+LEAST_LEVEL = 1.0
 # Largest share of the rows of a dim image in which the laser may be; with more, the rest shows too little.
 MOST_HIDDEN = 0.5
 # Corners: largest number, quality relative to the best one, least distance [px]. An estimate needs at least
@@ -57,8 +60,13 @@ STEPS, MOST_CONDITION = 4, 1e9
 
 def gain_of(picture: Image) -> float:
     """Gain that makes a dim image bright enough for tracking; 1 for other images."""
-    level = max(float(picture[::16, ::16].mean()) * 255.0 / full_scale(picture), 1.0)
+    level = max(_level(picture), 1.0)
     return 1.0 if level > DIM_LEVEL else min(BRIGHT_LEVEL / level, MOST_GAIN)
+
+
+def _level(picture: Image) -> float:
+    """Mean level of an image [grey levels of 255]."""
+    return float(picture[::16, ::16].mean()) * 255.0 / full_scale(picture)
 
 
 def grey(picture: Image, gain: float, width: int = FOLLOWED_PX) -> Image:
@@ -346,7 +354,8 @@ class BackgroundWitness:
         self._reference = grey(off, self._gain, DIM_PX if is_dim else FOLLOWED_PX)
         self._scale = self._reference.shape[0] / off.shape[0]
         if is_dim:
-            self._add_dim(None, off)
+            if _level(off) >= LEAST_LEVEL:
+                self._add_dim(None, off)
             return
         # Angle of one pixel of the reduced image [rad].
         self._pixel = 1.0 / (self._scale * float(self._camera.matrix[0, 0]))

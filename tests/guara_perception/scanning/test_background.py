@@ -210,6 +210,18 @@ def test_without_texture_or_laser_off_picture_motion_is_not_seen(rig: Rig) -> No
         assert witness.is_blind and not witness.moved((0, 1, 2), None)
 
 
+def test_in_the_dark_the_pattern_of_the_sensor_is_no_ground_that_stands_still(rig: Rig) -> None:
+    """It is the same in all pictures, however the camera moves; in more light it is weak beside the ground."""
+    rng = np.random.default_rng(0)
+    camera = rig.standing @ rig.calibration.transform_camera_to_base
+    pattern = rng.normal(0.5, 0.5, (256, 320, 3))
+    witness = BackgroundWitness(rig.calibration.camera, camera, np.zeros((4, 3)) + [0.7, 0.0, 0.0])
+    for index in range(20):
+        on, off = (np.rint(np.clip(pattern + rng.normal(0.0, 0.3, pattern.shape), 0, None)) for _ in range(2))
+        witness.look(index, on.astype(np.uint8), off.astype(np.uint8), (100, 140))
+    assert witness.is_blind
+
+
 def swaying_scan(rig: Rig, sway: Sway, *, claims: Sway | None = None) -> tuple[gp.TerrainGrid, int]:
     """A coarse scan and its free cells that are more than 5 mm wrong; with a stream, a laser-off picture a stripe.
 
