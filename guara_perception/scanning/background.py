@@ -18,7 +18,7 @@ import numpy as np
 from guara_perception.arrays import Float, Float32, Image, Index, Mask
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.optical_flow import follow
-from guara_perception.scanning.dim_background import dim_motions
+from guara_perception.scanning.dim_background import contrast, dim_motions, show_other_ground
 from guara_perception.stripes.band import full_scale, pictures_of
 from guara_perception.stripes.kernel.library import Picture, address, addresses, kernel
 from kinematics.transforms import inverse, transform_points
@@ -54,6 +54,9 @@ FEW_CORNERS = 20
 AGREE_PX, STILL_PX = 0.7, 0.15
 # Distance to which the glow of the line reaches beyond its rows, and least noise of a corner [px of the reduced image].
 GLOW_PX, LEAST_NOISE_PX = 6, 0.03
+# An image whose contrast is at least this share of that of the reference image, but which correlates with it by less,
+# shows other ground: the camera has moved too far for its corners to be found again.
+LEAST_CONTRAST, LEAST_LIKENESS = 0.5, 0.5
 # Iterations of the fit, and largest condition number of its equations (below 1e3 for corners all over the image).
 STEPS, MOST_CONDITION = 4, 1e9
 
@@ -140,10 +143,9 @@ def motion_text(moved: Mapping[int, float], parted: int, count: int, *, has_trac
     if moved:
         beyond = " from the motion that the joints report" if has_track else ""
         remedy = "check the joints and their clock" if has_track else "the robot must stand still, or stream its joints"
-        texts.append(
-            f"{len(moved)} of {count} stripes are not used, off by up to {1e3 * max(moved.values()):.0f} mm{beyond}: "
-            f"{remedy}"
-        )
+        most = max(moved.values())
+        off = f"off by up to {1e3 * most:.0f} mm{beyond}" if most < math.inf else "their images show other ground"
+        texts.append(f"{len(moved)} of {count} stripes are not used, {off}: {remedy}")
     if parted:
         texts.append(
             f"{parted} pairs of neighbouring stripes are not joined, because the body moved too far between their "
@@ -266,6 +268,8 @@ class BackgroundWitness:
         # Change (n, 2, 2) of the ray of each corner per pixel along x and along y.
         self._turn: Float = np.zeros((0, 2, 2))
         self._seen: dict[int, list[_Seen]] = {}
+        # Stripes whose images show other ground than the reference image.
+        self._elsewhere: set[int] = set()
         # Result of `_standing`, until the next look.
         self._stood: tuple[Float, dict[int, _Seen]] | None = None
         self._pixel = self._gain = self._scale = 0.0
@@ -293,8 +297,11 @@ class BackgroundWitness:
             self._add_dim(index, picture, rows)
             if off is not None:
                 self._add_dim(index, off)
-        elif len(self._points) >= LEAST_CORNERS and (seen := self._look(picture, rows, scale)) is not None:
-            self._seen[index] = [seen]
+        elif len(self._points) >= LEAST_CORNERS:
+            seen = self._look(picture, rows, scale)
+            self._seen[index] = [] if seen is None else [seen]
+            if (seen is None or not seen.is_sure) and self._is_elsewhere(grey(picture, self._gain), rows):
+                self._elsewhere.add(index)
 
     def _add_dim(self, index: int | None, picture: Image, rows: tuple[float, float] | None = None) -> None:
         """Keep an image of a dim scan for `_look_at_dim`; `rows` may show the laser, None = it was off."""
@@ -319,6 +326,8 @@ class BackgroundWitness:
         indices, pictures, rows = zip(*self._dim, strict=True)
         found = dim_motions(pictures, rows, moved.reshape(width, height, *flow.shape[1:]).swapaxes(0, 1))
         looks = [None if each is None else self._seen_by(*each) for each in found]
+        is_lost = 2 * sum(each is not None for each in looks) < len(pictures)
+        self._elsewhere = set(self._seen) if is_lost and show_other_ground(pictures, rows) else set()
         # The laser-off image that the scan begins with and the image of its first stripe share the noise of one.
         begin = _pooled([look for look in looks[:2] if look is not None])
         self._seen = {index: [] for index in self._seen}
@@ -347,6 +356,17 @@ class BackgroundWitness:
         there = follow(self._reference, grey(picture, self._gain), self._points[used], WINDOW_PX, LEVELS)
         flow = self._camera.rays(there / scale)[:, :2] - self._rays[used]
         return self._motion(flow, (there - self._points[used]).astype(np.float32), used)
+
+    def _is_elsewhere(self, picture: Image, rows: tuple[float, float]) -> bool:
+        """Test that a reduced image has contrast, but shows other ground than the reference image."""
+        if self._reference is None or picture.shape != self._reference.shape:
+            return False
+        used = np.ones(len(picture), dtype=bool)
+        used[max(int(rows[0]), 0) : max(math.ceil(rows[1]), 0)] = False
+        one, other = (contrast(each)[used].ravel() for each in (self._reference, picture))
+        if not used.any() or other.std() < LEAST_CONTRAST * one.std():
+            return False
+        return bool(np.corrcoef(one, other)[0, 1] < LEAST_LIKENESS)
 
     def _begin(self, off: Image) -> None:
         self._gain = gain_of(off)
@@ -445,7 +465,8 @@ class BackgroundWitness:
     def moved(self, stripes: Collection[int], places: Mapping[int, Float] | None) -> dict[int, float]:
         """Stripes whose images contradict the poses from the joints, with the largest error of their heights [m].
 
-        If motion is detected, stripes without an estimate are included, with error 0.
+        If motion is detected, stripes without an estimate are included, with error 0. If most images show other ground
+        than the first one, all stripes are included, with infinite error.
 
         Args:
             stripes: indices of the stripes.
@@ -453,6 +474,8 @@ class BackgroundWitness:
                 stood still.
         """
         common, found = self._standing()
+        if places is None and 2 * len(self._elsewhere) > len(self._seen):
+            return dict.fromkeys(stripes, math.inf)
         if places is not None:
             looks = {
                 index: [replace(look, rise=look.rise - self._claimed(places[index])) for look in seen]

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Sequence
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -36,6 +37,10 @@ CLIPPED = 3.0
 LEAST_TEXTURE, LEAST_OF_HALF = 0.8, 0.4
 # An image and the mean of the others need a few others.
 LEAST_PICTURES = 4
+# Sigmas between which `contrast` passes [px]. Largest share of the likeness of neighbouring images at which the first
+# one shows other ground than the others, and least sigmas of the likeness.
+FINE_PX, COARSE_PX = 1.0, 8.0
+LEAST_SHARE, LIKENESS_SIGMAS = 0.5, 10.0
 # Degrees of freedom of the motion, then offset and gain of the light.
 MOTION, PARAMETERS = 6, 8
 # Median of the mean square of MOTION normal errors of sigma 1.
@@ -76,6 +81,33 @@ def dim_motions(
         (unit @ motion, unit @ covariance @ unit.T) if np.isfinite(covariance).all() else None
         for motion, covariance in zip(motions, covariances, strict=True)
     ]
+
+
+def contrast(picture: Grey) -> Float32:
+    """Grey image without its shading, smoothed a little against noise."""
+    exact = picture.astype(np.float32)
+    fine, coarse = (cv2.GaussianBlur(exact, (0, 0), sigma) for sigma in (FINE_PX, COARSE_PX))
+    return np.asarray(fine - coarse)
+
+
+def show_other_ground(pictures: Sequence[Grey], hidden: Sequence[tuple[float, float]]) -> bool:
+    """Test that dim images show ground with texture, but other ground than the first: the camera has moved far.
+
+    Covariances of the pixels of two images are free of noise. Those of neighbouring images show whether there is
+    texture; if the camera stood still, those with the first image are the same.
+
+    Args:
+        pictures, hidden: as for `dim_motions`.
+    """
+    plain = [contrast(each) for each in pictures]
+    for each, (first, end) in zip(plain, hidden, strict=True):
+        each[max(int(first), 0) : max(int(np.ceil(end)), 0)] = 0.0
+    if len(plain) < LEAST_PICTURES:
+        return False
+    alike = np.array([np.vdot(one, other) for one, other in pairwise(plain)])
+    with_first = [np.vdot(plain[0], each) for each in plain[1:]]
+    sigma = float(alike.std(ddof=1)) / np.sqrt(len(alike))
+    return bool(alike.mean() > LIKENESS_SIGMAS * sigma and np.mean(with_first) < LEAST_SHARE * alike.mean())
 
 
 class _Aligner:

@@ -161,8 +161,8 @@ def test_in_dim_light_a_swaying_scan_has_no_wrong_free_cell(robot: RobotModel) -
     world = load_world(DEMO_WORLD)
     light = dataclasses.replace(world.light, ambient=(10.0, 10.0, 10.0))
     known = {}
-    for degrees, shift, seed in ((0.0, 0.0, 3), (0.5, 0.005, 3), (1.0, 0.010, 0)):
-        sway = Sway(math.radians(degrees), shift, 1.0)
+    for degrees, shift, seed in ((0.0, 0.0, 3), (0.5, 0.005, 3), (1.0, 0.010, 0), (3.0, 0.020, 201)):
+        sway = Sway(math.radians(degrees), shift, 0.7 if seed == 201 else 1.0)
         (made,) = swaying_scans(robot, world, specimen(robot, SIZE, seed), sway, [Stream()], seed, light=light)
         health = made.terrain.record.health
         assert made.wrong == 0 and health is not None and (CAMERA_MOVED in health.reasons[0]) == (degrees > 0), health
@@ -208,6 +208,25 @@ def test_without_texture_or_laser_off_picture_motion_is_not_seen(rig: Rig) -> No
         for index, on in enumerate((*noise[1:], noise[0][:128, :160])):
             witness.look(index, on, off, (100, 140))
         assert witness.is_blind and not witness.moved((0, 1, 2), None)
+
+
+def test_ground_whose_texture_is_elsewhere_was_left(rig: Rig) -> None:
+    """Its corners are too far off to be followed; in a room that goes dark, or with joints that say so, nothing is."""
+    camera = rig.standing @ rig.calibration.transform_camera_to_base
+    ends = np.array([(x, y, 0.0) for x in (0.5, 0.95) for y in (-0.27, 0.27)])
+    off, far = rig.picture(np.eye(4)), turned(0.0, 0.06, 0.06, 0.0)
+    cases = (rig.picture(far), True), (off // 16, False), (np.full_like(off, 90), False)
+    for seen, is_other in cases:
+        witness = BackgroundWitness(rig.calibration.camera, camera, ends)
+        for index in STRIPES:
+            witness.look(index, seen, off, (100, 140))
+        found = witness.moved(STRIPES, None)
+        assert found == (dict.fromkeys(STRIPES, math.inf) if is_other else {})
+        assert not witness.moved(STRIPES, dict.fromkeys(STRIPES, camera))
+    assert motion_text(dict.fromkeys(STRIPES, math.inf), 0, 4, has_track=False) == (
+        f"{CAMERA_MOVED}: 4 of 4 stripes are not used, their images show other ground: the robot must stand still, or "
+        "stream its joints"
+    )
 
 
 def test_in_the_dark_the_pattern_of_the_sensor_is_no_ground_that_stands_still(rig: Rig) -> None:

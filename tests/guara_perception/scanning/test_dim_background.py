@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from guara_perception.scanning.dim_background import dim_motions
+from guara_perception.scanning.dim_background import dim_motions, show_other_ground
 
 HEIGHT, WIDTH, COUNT = 96, 128, 40
 HIDDEN = 30.0, 50.0
@@ -90,3 +90,16 @@ def test_an_image_whose_texture_is_hidden_is_not_sure() -> None:
     hidden[5] = (0.0, float(HEIGHT))
     found = dim_motions(pictures, hidden, flow)
     assert [each is None for each in found] == [number == 5 for number in range(len(found))]
+
+
+def test_ground_that_is_too_far_off_to_be_aligned_is_other_ground() -> None:
+    """That of a camera that stands, or sways a little, is the same, and noise alone shows no ground."""
+    flow = flow_of_ground()
+    hidden = [HIDDEN if number % 2 else (0.0, 0.0) for number in range(COUNT)]
+    slides = np.zeros((COUNT, 6))
+    slides[:, 4] = np.linspace(0.0, 0.2, COUNT)
+    for contrast, motions, is_other in ((0.0, slides, False), (3.0, sways(0.5), False), (3.0, slides, True)):
+        for seed in range(5):
+            pictures = pictures_of(contrast, motions, flow, np.random.default_rng(seed))
+            assert show_other_ground(pictures, hidden) == is_other, (contrast, seed)
+    assert not show_other_ground(pictures[:3], hidden[:3])
