@@ -6,11 +6,11 @@ errors of the joints, every reading of a standing leg satisfies
     R_k c_i(q_k - b) + t_k - p = e,
 
 where e is noise and p is the same in all pauses in which the foot stays. A flat sole also measures the slope of its
-foothold, as the z component of its x axis in the world, an IMU gives the vertical of R_k, and ground of known heights
-differences of p_z. Poses, footholds and
-slopes are unknown and eliminated by least squares. The residual is then compared with the residual that an error of
-each joint alone would cause. With A and B the Jacobians with respect to the unknowns and to one joint, r the residual,
-all whitened, and P the projection onto the orthogonal complement of the range of A, the error of that joint is
+foothold, as the z component of its x axis in the world. An IMU gives the vertical of R_k. Ground of known heights gives
+differences of p_z between footholds. Poses, footholds and slopes are unknown and eliminated by least squares. The
+residual is then compared with the residual that an error of each joint alone would cause. With A and B the Jacobians
+with respect to the unknowns and to one joint, r the residual, all whitened, and P the projection onto the orthogonal
+complement of the range of A, the error of that joint is
 
     b = -(P B) . r / |P B|^2,   sigma_b = 1 / |P B|.
 

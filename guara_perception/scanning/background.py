@@ -32,7 +32,7 @@ WRONG_M, SURE_SIGMAS = 0.005, 2.0
 # Number of stripes before and after a stripe that are averaged with it. At 35 ms per stripe, they span 0.18 s; the mean
 # keeps 0.95 of the amplitude of a sway of 1 Hz.
 NEIGHBOURS = 2
-# Images are reduced to about this width before tracking, dim ones to the other [px].
+# Width to which images are reduced before tracking, and dim images before alignment, approximately [px].
 FOLLOWED_PX, DIM_PX = 320, 160
 # Mean level up to which an image counts as dim, mean level to which it is then brightened [grey levels of 255], and
 # largest gain.
@@ -52,6 +52,8 @@ FEW_CORNERS = 20
 # Largest error of a corner that agrees with the homography, and median motion below which an image counts as unmoved
 # [px].
 AGREE_PX, STILL_PX = 0.7, 0.15
+# Least sigma of the rises in a dim image [m].
+LEAST_SIGMA_M = 1e-5
 # Distance to which the glow of the line reaches beyond its rows, and least noise of a corner [px of the reduced image].
 GLOW_PX, LEAST_NOISE_PX = 6, 0.03
 # An image whose contrast is at least this share of that of the reference image, but which correlates with it by less,
@@ -337,6 +339,7 @@ class BackgroundWitness:
 
     def _seen_by(self, motion: Float, covariance: Float) -> _Seen:
         sigma = np.sqrt(np.diag(self._rise @ covariance @ self._rise.T))
+        sigma = np.maximum(sigma, LEAST_SIGMA_M)
         return _Seen(self._rise @ motion, sigma, math.inf, float(sigma.max()))
 
     def _look(self, picture: Image, rows: tuple[float, float], scale: float) -> _Seen | None:
@@ -465,8 +468,8 @@ class BackgroundWitness:
     def moved(self, stripes: Collection[int], places: Mapping[int, Float] | None) -> dict[int, float]:
         """Stripes whose images contradict the poses from the joints, with the largest error of their heights [m].
 
-        If motion is detected, stripes without an estimate are included, with error 0. If most images show other ground
-        than the first one, all stripes are included, with infinite error.
+        If motion is detected, stripes without an estimate are included, with error 0; those whose images show other
+        ground than the first one, which the joints do not explain, with infinite error.
 
         Args:
             stripes: indices of the stripes.
@@ -474,8 +477,7 @@ class BackgroundWitness:
                 stood still.
         """
         common, found = self._standing()
-        if places is None and 2 * len(self._elsewhere) > len(self._seen):
-            return dict.fromkeys(stripes, math.inf)
+        lost = self._elsewhere.intersection(stripes)
         if places is not None:
             looks = {
                 index: [replace(look, rise=look.rise - self._claimed(places[index])) for look in seen]
@@ -483,21 +485,28 @@ class BackgroundWitness:
                 if index in places
             }
             found = _estimates(looks, common)
-        if not found:
+            # Other ground is expected where the joints report motion.
+            if any(np.abs(self._displaced(places[index])).max() > MOST_RISE_M for index in lost.intersection(places)):
+                lost = set()
+        if not found and not lost:
             return {}
-        rises, sigmas = _rows([each.rise for each in found.values()]), _rows([each.sigma for each in found.values()])
-        middle = _middle(rises)
-        if places is not None:
-            # All motion is relative to the camera pose of the reference image, which is unknown.
-            found = {index: replace(each, rise=each.rise - middle) for index, each in found.items()}
-            rises, middle = rises - middle, np.zeros_like(middle)
-        if not is_beyond(rises, sigmas, common) and not is_beyond(rises - middle, sigmas, 0.0):
+        is_motion = bool(lost)
+        if found:
+            rises, sigmas = (_rows([getattr(each, of) for each in found.values()]) for of in ("rise", "sigma"))
+            middle = _middle(rises)
+            if places is not None:
+                # All motion is relative to the camera pose of the reference image, which is unknown.
+                found = {index: replace(each, rise=each.rise - middle) for index, each in found.items()}
+                rises, middle = rises - middle, np.zeros_like(middle)
+            is_motion = is_motion or is_beyond(rises, sigmas, common) or is_beyond(rises - middle, sigmas, 0.0)
+        if not is_motion:
             return {}
         moved = {index: 0.0 for index in stripes if index not in found}
         for index, each in found.items():
             sure = WRONG_M - SURE_SIGMAS * np.hypot(each.sigma, common)
             if (np.abs(each.rise) > np.minimum(MOST_RISE_M, sure)).any():
                 moved[index] = float(np.abs(each.rise).max())
+        moved |= dict.fromkeys(lost, math.inf)
         return moved
 
     def _reference_sigma(self) -> Float:
@@ -506,5 +515,9 @@ class BackgroundWitness:
         return _middle(_rows(sigmas))
 
     def _claimed(self, transform_camera_to_footprint: Float) -> Float:
+        return np.asarray(self._displaced(transform_camera_to_footprint)[:, 2])
+
+    def _displaced(self, transform_camera_to_footprint: Float) -> Float:
+        """Displacement (4, 3) of the corners of the scanned area for a pose of the camera [m]."""
         change = transform_camera_to_footprint @ inverse(self._pose)
-        return np.asarray((transform_points(change, self._ends) - self._ends)[:, 2])
+        return np.asarray(transform_points(change, self._ends) - self._ends)

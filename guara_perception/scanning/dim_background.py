@@ -35,11 +35,12 @@ CLIPPED = 3.0
 # Least share that must be texture in the direction of motion in which it is least, of all images together and of half
 # of the tiles of one image; with less, errors are larger than their sigmas.
 LEAST_TEXTURE, LEAST_OF_HALF = 0.8, 0.4
-# An image and the mean of the others need a few others.
-LEAST_PICTURES = 4
-# Sigmas between which `contrast` passes [px]. Largest share of the likeness of neighbouring images at which the first
-# one shows other ground than the others, and least sigmas of the likeness.
+# An image and the mean of the others need a few others, and these a few pixels of ground.
+LEAST_PICTURES, LEAST_PIXELS = 4, 64
+# Sigmas of the two smoothings whose difference is `contrast` [px].
 FINE_PX, COARSE_PX = 1.0, 8.0
+# The others show other ground than the first image if they are less like it than this share of how much neighbouring
+# images are alike. Neighbouring images must be alike by so many sigmas.
 LEAST_SHARE, LIKENESS_SIGMAS = 0.5, 10.0
 # Degrees of freedom of the motion, then offset and gain of the light.
 MOTION, PARAMETERS = 6, 8
@@ -62,7 +63,7 @@ def dim_motions(
         shows too little texture, empty if all together do.
     """
     ground = np.asarray(np.isfinite(flow).all(axis=(2, 3)))
-    if len(pictures) < LEAST_PICTURES or not ground.any():
+    if len(pictures) < LEAST_PICTURES or np.count_nonzero(ground) < LEAST_PIXELS:
         return []
     rows = flow[ground].reshape(-1, MOTION)
     # Units in which every motion moves the pixels by about 1 px, so that single precision suffices.

@@ -7,7 +7,7 @@ import math
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause import Pause
 from guara_perception.terrain.layers.geometry import inside_polygon
-from kinematics import JointCheck, JointReport, RobotModel
+from kinematics import JointCheck, JointReport, RobotModel, StanceError
 from kinematics.transforms import transform_points
 from transport import Health, StatusItem
 
@@ -37,13 +37,18 @@ class JointWatch:
     def _known_heights(self, pause: Pause) -> dict[str, tuple[float, float]]:
         """Leg -> height of the declared ground below its sole and its standard deviation [m]."""
         heights = dict[str, tuple[float, float]]()
-        if pause.known_ground:
+        if not pause.known_ground:
+            return heights
+        try:
             pose, feet = self._robot.stance_pose(pause.stance), pause.stance.support_feet
-            soles = transform_points(pose.transform_base_to_footprint, pose.state.soles_in_base(feet))
-            for ground in pause.known_ground:
-                for leg, is_on in zip(feet, inside_polygon(ground.outline, soles[:, 0], soles[:, 1]), strict=True):
-                    if is_on:
-                        heights[leg] = ground.height, ground.sigma
+        except StanceError:
+            # Of two feet without an IMU, the pose is known by odometry alone.
+            return heights
+        soles = transform_points(pose.transform_base_to_footprint, pose.state.soles_in_base(feet))
+        for ground in pause.known_ground:
+            for leg, is_on in zip(feet, inside_polygon(ground.outline, soles[:, 0], soles[:, 1]), strict=True):
+                if is_on:
+                    heights[leg] = ground.height, ground.sigma
         return heights
 
     def _tell(self, pause: Pause) -> None:

@@ -222,7 +222,15 @@ def test_ground_whose_texture_is_elsewhere_was_left(rig: Rig) -> None:
             witness.look(index, seen, off, (100, 140))
         found = witness.moved(STRIPES, None)
         assert found == (dict.fromkeys(STRIPES, math.inf) if is_other else {})
-        assert not witness.moved(STRIPES, dict.fromkeys(STRIPES, camera))
+        # Joints that claim this motion explain it, those that claim none do not.
+        assert not witness.moved(STRIPES, dict.fromkeys(STRIPES, far @ camera))
+        assert bool(witness.moved(STRIPES, dict.fromkeys(STRIPES, camera))) == is_other
+    # The one stripe whose image shows it, and one that does not tell.
+    witness = BackgroundWitness(rig.calibration.camera, camera, ends)
+    for index, seen in zip(STRIPES, (off, off, cases[0][0], off // 16), strict=True):
+        witness.look(index, seen, off, (100, 140))
+    found = witness.moved(STRIPES, None)
+    assert found[34] == math.inf and not found.keys() & {30, 32}
     assert motion_text(dict.fromkeys(STRIPES, math.inf), 0, 4, has_track=False) == (
         f"{CAMERA_MOVED}: 4 of 4 stripes are not used, their images show other ground: the robot must stand still, or "
         "stream its joints"

@@ -80,6 +80,9 @@ def test_without_texture_no_motion_is_given() -> None:
     textured = pictures_of(10.0, sways(0.0), flow, rng)
     assert dim_motions(textured[:3], none[:3], flow) == []
     assert dim_motions(textured, none, np.full_like(flow, np.nan)) == []
+    little = np.full_like(flow, np.nan)
+    little[40, 60:62] = flow[40, 60:62]
+    assert dim_motions(textured, none, little) == []
 
 
 def test_an_image_whose_texture_is_hidden_is_not_sure() -> None:

@@ -10,7 +10,7 @@ import pytest
 from guara_perception.app.node.joint_watch import JointWatch
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause import Pause
-from kinematics import RobotModel
+from kinematics import RobotModel, Stance
 from testbed.misread_joints import ERROR, misread, walk
 
 
@@ -30,3 +30,12 @@ def test_declared_ground_is_held_against_the_joints(robot: RobotModel) -> None:
     (doubt,) = told()
     assert wrong in doubt and "zero error" in doubt
     assert told(known_ground=()) == ()
+
+
+def test_declared_ground_below_two_feet_is_not_compared(robot: RobotModel) -> None:
+    """Without an IMU the pose over two feet is not known from one pause."""
+    pause = next(iter(walk(robot, 1, 1, has_imu=False)))
+    assert pause.known_ground
+    stance = Stance(pause.stance.joint_positions, ("lf", "rh"))
+    given = {"epoch": "a", "step": 0, "stance": stance, "known_ground": pause.known_ground}
+    assert JointWatch(robot, NodeStatus()).doubts(cast(Pause, SimpleNamespace(**given))) == ()
