@@ -145,8 +145,8 @@ def motion_text(moved: Mapping[int, float], parted: int, count: int, *, has_trac
     if moved:
         beyond = " from the motion that the joints report" if has_track else ""
         remedy = "check the joints and their clock" if has_track else "the robot must stand still, or stream its joints"
-        most = max(moved.values())
-        off = f"off by up to {1e3 * most:.0f} mm{beyond}" if most < math.inf else "their images show other ground"
+        most = max((each for each in moved.values() if each < math.inf), default=math.nan)
+        off = f"off by up to {1e3 * most:.0f} mm{beyond}" if most >= 0 else "their images show other ground"
         texts.append(f"{len(moved)} of {count} stripes are not used, {off}: {remedy}")
     if parted:
         texts.append(
