@@ -361,15 +361,19 @@ class BackgroundWitness:
         return self._motion(flow, (there - self._points[used]).astype(np.float32), used)
 
     def _is_elsewhere(self, picture: Image, rows: tuple[float, float]) -> bool:
-        """Test that a reduced image has contrast, but shows other ground than the reference image."""
+        """Test that a reduced image has contrast, but shows other ground than the reference image.
+
+        Images that are flipped or turned by 180 degrees show the same ground; the scan reports them as such.
+        """
         if self._reference is None or picture.shape != self._reference.shape:
             return False
         used = np.ones(len(picture), dtype=bool)
         used[max(int(rows[0]), 0) : max(math.ceil(rows[1]), 0)] = False
-        one, other = (contrast(each)[used].ravel() for each in (self._reference, picture))
-        if not used.any() or other.std() < LEAST_CONTRAST * one.std():
+        one, other = (contrast(each) for each in (self._reference, picture))
+        if not used.any() or other[used].std() < LEAST_CONTRAST * one[used].std():
             return False
-        return bool(np.corrcoef(one, other)[0, 1] < LEAST_LIKENESS)
+        views = other, other[::-1], other[:, ::-1], other[::-1, ::-1]
+        return all(np.corrcoef(one[used].ravel(), each[used].ravel())[0, 1] < LEAST_LIKENESS for each in views)
 
     def _begin(self, off: Image) -> None:
         self._gain = gain_of(off)

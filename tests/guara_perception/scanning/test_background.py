@@ -211,11 +211,11 @@ def test_without_texture_or_laser_off_picture_motion_is_not_seen(rig: Rig) -> No
 
 
 def test_ground_whose_texture_is_elsewhere_was_left(rig: Rig) -> None:
-    """Its corners are too far off to be followed; in a room that goes dark, or with joints that say so, nothing is."""
+    """Its corners are too far off to be followed; not in a dark room, upside down, or with joints that say so."""
     camera = rig.standing @ rig.calibration.transform_camera_to_base
     ends = np.array([(x, y, 0.0) for x in (0.5, 0.95) for y in (-0.27, 0.27)])
     off, far = rig.picture(np.eye(4)), turned(0.0, 0.06, 0.06, 0.0)
-    cases = (rig.picture(far), True), (off // 16, False), (np.full_like(off, 90), False)
+    cases = (rig.picture(far), True), (off // 16, False), (np.full_like(off, 90), False), (off[::-1].copy(), False)
     for seen, is_other in cases:
         witness = BackgroundWitness(rig.calibration.camera, camera, ends)
         for index in STRIPES:
