@@ -177,11 +177,8 @@ def samples_of(seen: Links, variance: Array, resolution: float) -> SurfaceSample
     """
     (of_stripes, of_pairs), (_, count, width) = seen.counts, seen.points.shape
     numbers = [n if m else 0 for n, m in zip(sample_count(seen.longest, resolution), of_pairs, strict=True)]
-    lengths, number = (
-        [*of_stripes, *(n * m for n, m in zip(numbers, of_pairs, strict=True))],
-        np.array(numbers, np.int64),
-    )
-    size = sum(lengths)
+    lengths = [*of_stripes, *(n * m for n, m in zip(numbers, of_pairs, strict=True))]
+    number, size = np.array(numbers, np.int64), sum(lengths)
     samples, along, work = np.empty((3, size)), np.empty(size), np.empty(15 * (width + 1))
     given = *addresses(seen.points, variance), count, width
     links = addresses(seen.confirmed, *seen.links, seen.wanted, number)

@@ -338,8 +338,7 @@ class BackgroundWitness:
                 self._seen[index].append(replace(look, rise=look.rise - begin.rise))
 
     def _seen_by(self, motion: Float, covariance: Float) -> _Seen:
-        sigma = np.sqrt(np.diag(self._rise @ covariance @ self._rise.T))
-        sigma = np.maximum(sigma, LEAST_SIGMA_M)
+        sigma = np.maximum(np.sqrt(np.diag(self._rise @ covariance @ self._rise.T)), LEAST_SIGMA_M)
         return _Seen(self._rise @ motion, sigma, math.inf, float(sigma.max()))
 
     def _look(self, picture: Image, rows: tuple[float, float], scale: float) -> _Seen | None:
@@ -496,7 +495,8 @@ class BackgroundWitness:
             return {}
         is_motion = bool(lost)
         if found:
-            rises, sigmas = (_rows([getattr(each, of) for each in found.values()]) for of in ("rise", "sigma"))
+            seen = found.values()
+            rises, sigmas = _rows([each.rise for each in seen]), _rows([each.sigma for each in seen])
             middle = _middle(rises)
             if places is not None:
                 # All motion is relative to the camera pose of the reference image, which is unknown.
