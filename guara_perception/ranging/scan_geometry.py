@@ -22,7 +22,7 @@ LIMIT_MARGIN_M = 0.025
 # Rows added at both edges of a band, for smoothing and for the window around the centre of the stripe.
 ROW_MARGIN_PX = 8
 # Number of stripes processed together; the arrays of more stripes would exceed the processor's cache.
-TOGETHER = 8
+TOGETHER = 10
 Item = TypeVar("Item")
 
 

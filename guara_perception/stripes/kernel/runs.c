@@ -22,6 +22,8 @@ enum { DIM_COLUMNS = 3 };
 #define DIM_OF_LEVEL 0.85
 // Half-width of the window over which the relief is averaged, in units of half the stripe spacing.
 enum { AVERAGED = 4 };
+// Columns from one to the next that a median of distances is taken of.
+enum { SPARSE = 4 };
 
 // A row seen from either end: column i from there is i, or n - 1 - i.
 typedef struct { const double *height, *strength; const uint8_t *is_trusted; int64_t n, is_reversed; } Row;
@@ -117,20 +119,24 @@ void run_ends(const double *height, const double *strength, int64_t n, double *w
 void pair_relief(const float *x, const float *y, const float *z, const float *variance, int64_t n, double *work, double *relief) {
     double *square = work, *number = square + n + 1;
     float *some = (float *)(number + n + 1);
-    int64_t both = 0, neighbours = 0;
     for (int64_t c = 0; c < n; c++) relief[c] = 0;
-    for (int64_t c = 0; c < n; c++)
-        if (isfinite(z[c]) && isfinite(z[n + c])) {
-            const double along = (double)x[n + c] - (double)x[c], across = (double)y[n + c] - (double)y[c];
-            some[both++] = (float)sqrt(along * along + across * across);
-        }
-    if (!both) return;
-    const double apart = median(some, both);
-    for (int64_t k = 0; k < 2; k++)
-        for (int64_t c = k * n; c + 1 < (k + 1) * n; c++)
-            if (isfinite(z[c]) && isfinite(z[c + 1])) some[neighbours++] = fabsf(y[c + 1] - y[c]);
-    if (!neighbours) return;
-    const int64_t lag = MAX((int64_t)rint(0.5 * apart / MAX(median(some, neighbours), 1e-6)), 1), half = AVERAGED * lag;
+    // A part of the columns is enough for the medians, unless it holds nothing.
+    double apart = NAN, beside = NAN;
+    for (int64_t step = SPARSE; step && isnan(apart + beside); step /= SPARSE) {
+        int64_t many = 0;
+        for (int64_t c = 0; c < n; c += step)
+            if (isfinite(z[c]) && isfinite(z[n + c])) {
+                const double along = (double)x[n + c] - (double)x[c], across = (double)y[n + c] - (double)y[c];
+                some[many++] = (float)sqrt(along * along + across * across);
+            }
+        apart = many ? median(some, many) : NAN, many = 0;
+        for (int64_t k = 0; k < 2; k++)
+            for (int64_t c = k * n; c + 1 < (k + 1) * n; c += step)
+                if (isfinite(z[c]) && isfinite(z[c + 1])) some[many++] = fabsf(y[c + 1] - y[c]);
+        beside = many ? median(some, many) : NAN;
+    }
+    if (isnan(apart + beside)) return;
+    const int64_t lag = MAX((int64_t)rint(0.5 * apart / MAX(beside, 1e-6)), 1), half = AVERAGED * lag;
     if (n <= 2 * lag) return;
     // Sums of all columns before each one.
     for (int64_t c = 0; c <= n; c++) square[c] = number[c] = 0;
