@@ -162,7 +162,7 @@ class _Chains:
 
     Attributes:
         chi2: chi^2 of the residuals.
-        degrees: degrees of freedom of the residuals, at least 1.
+        degrees: degrees of freedom of the residuals; 0 for a single pause of three point feet without an IMU.
     """
 
     def __init__(self, robot: RobotModel, pauses: Sequence[_Placed], ground: _Ground | None = None) -> None:
@@ -229,7 +229,7 @@ class _Chains:
         self._values = values = np.concatenate([value for *_, value in blocks])
         left = self._basis.T @ values
         self.chi2 = float(values @ values - left @ left)
-        self.degrees = max(len(values) + len(prior) - width, 1)
+        self.degrees = len(values) + len(prior) - width
 
     @property
     def is_consistent(self) -> bool:

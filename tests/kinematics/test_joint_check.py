@@ -78,6 +78,14 @@ def test_a_jump_leaves_what_the_other_legs_showed(guara: RobotModel) -> None:
     assert check.bars["rf_hfe_joint"] < 1.1 * known
 
 
+def test_one_pause_of_point_feet_leaves_no_degree_of_freedom(walker: RobotModel) -> None:
+    """Counted as one, it would let a jump go untold at the next pause. A flat sole has one, its pitch; an IMU two."""
+    for has_imu in (False, True):
+        check = JointCheck(walker)
+        check.update(walk(walker, 1, 1, has_imu=has_imu)[0].stance)
+        assert check._window.degrees == {"guara": 4, "go2": 0}[walker.name] + 2 * has_imu
+
+
 @pytest.mark.slow
 def test_a_wrong_zero_is_told_within_a_cycle(walker: RobotModel) -> None:
     """0.1 rad from the start, of a joint that the analysis of observability names; `sigmas` says so."""
