@@ -150,7 +150,7 @@ def address(array: Array) -> int:
     """
     try:
         # Several times as fast as `array.ctypes.data`, which matters for the many small calls of a scan.
-        return _addressof(_from_buffer(array))
+        return _addressof(_from_buffer(array))  # type: ignore[arg-type]
     except (TypeError, ValueError):
         # The array is read-only, empty or not contiguous.
         if not array.flags.c_contiguous:
