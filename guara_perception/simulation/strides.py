@@ -23,7 +23,7 @@ from kinematics.transforms import transform_points
 
 STRIDE_M = 0.16
 # Window of a foothold around the ideal one, along the way and aside, and how far back it may lie [m].
-SHORTER_M, LONGER_M, ASIDE_M, BACK_M = 0.16, 0.20, 0.06, 0.10
+SHORTER_M, LONGER_M, ASIDE_M, BACK_M = 0.25, 0.20, 0.10, 0.10
 # A smaller step on the spot would count as a foot that stayed; width of strips that each give one candidate [m].
 PROGRESS, LEAST_WAY_M, STRIP_M = 3.0, 0.04, 0.02
 # Of the body over its feet, as shares of its height in the scan posture, and of the centre of mass inside the triangle
@@ -31,6 +31,9 @@ PROGRESS, LEAST_WAY_M, STRIP_M = 3.0, 0.04, 0.02
 BODY_HEIGHTS, MARGINS_M = (1.0, 0.92, 0.84), (0.045, 0.035, 0.025)
 # To keep from the limits of the joints, standing and in the air [rad].
 JOINT_MARGIN, SWING_JOINT_MARGIN = 0.25, 0.10
+# Legs also stand on ground that is so much lower, by errors of joints and heights: a knee that is straight holds the body
+# up whatever its torque, and 2 mm lie between 0.25 rad and straight [m].
+LOWER_M = 0.005
 # Of shanks over the ground, at shares of their length from the foot up [m].
 SHANK_CLEARANCE_M = 0.010
 SHANK_SHARES = np.array([0.12, 0.25, 0.4, 0.6, 0.8, 1.0])[:, None, None]
@@ -211,9 +214,10 @@ class StridePlanner:
         body = np.eye(4)
         body[:3, :3] = _along(both)
         offset = (body[:3, :3] @ self._com)[:2]
-        wish = np.mean(after[:, :2] - self._lanes, axis=0)
+        # Over the middle of all feet; then so that the way of the foot in the air lies below its hip.
+        wishes = np.mean(after[:, :2] - self._lanes, axis=0), both[leg, :2] - self._lanes[leg]
         bodies = []
-        for spot in _spots(triangle, wish, margin):
+        for spot in _spots(triangle, wishes, margin):
             for height in self._heights:
                 body[:3, 3] = *(spot - offset), both[:, 2].mean() + height
                 bodies.append(body.copy())
@@ -245,14 +249,14 @@ class StridePlanner:
 
     def _stands(self, footing: Footing, leg: int, soles: Float, bodies: Float) -> Mask:
         """Mask of the bodies (n, 4, 4) under which a leg can stand on soles (n, 3), its shank clear of the ground."""
-        joints = self._robot.reach_from(self._robot.legs[leg], soles, bodies).joint_positions
+        joints = self._robot.reach_from(self._robot.legs[leg], soles - (0, 0, LOWER_M), bodies).joint_positions
         knees, ends = (
             np.squeeze(bodies[:, :3, :3] @ points[..., None], axis=-1) + bodies[:, :3, 3]
             for points in self._robot.shanks(self._robot.legs[leg], joints)
         )
         points = ends + SHANK_SHARES * (knees - ends)
         highest = footing.shins[footing.indices(*np.moveaxis(np.nan_to_num(points[..., :2]), -1, 0))]
-        clear = (points[..., 2] - highest > SHANK_CLEARANCE_M).all(axis=0)
+        clear = (points[..., 2] + LOWER_M - highest > SHANK_CLEARANCE_M).all(axis=0)
         return clear & self._within(leg, joints, JOINT_MARGIN)
 
     def _within(self, leg: int, joints: Float, margin: float) -> Mask:
@@ -281,8 +285,8 @@ def _along(feet: Float) -> Float:
     return np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]]) @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
 
 
-def _spots(triangle: Float, wish: Float, margin: float) -> list[Float]:
-    """Places of the centre of mass that far inside a triangle, the nearest to the wish first."""
+def _spots(triangle: Float, wishes: Sequence[Float], margin: float) -> list[Float]:
+    """Places of the centre of mass that far inside a triangle: near the first wish, between, and near the others."""
     sides = np.linalg.norm(np.roll(triangle, 1, axis=0) - np.roll(triangle, -1, axis=0), axis=1)
     middle = sides @ triangle / sides.sum()
     (ax, ay), (bx, by) = triangle[1:] - triangle[0]
@@ -290,11 +294,16 @@ def _spots(triangle: Float, wish: Float, margin: float) -> list[Float]:
     if inner < margin:
         return []
     corners = middle + (triangle - middle) * (1 - margin / inner)
+    first, *others = (_nearest(corners, wish) for wish in wishes)
+    return [first, (first + middle) / 2, middle, *others]
+
+
+def _nearest(corners: Float, wish: Float) -> Float:
+    """Place in a triangle that is nearest to a wish."""
     edges = np.roll(corners, -1, axis=0) - corners
     cross = edges[:, 0] * (wish - corners)[:, 1] - edges[:, 1] * (wish - corners)[:, 0]
-    nearest = wish
     if (cross < 0).any() and (cross > 0).any():
         along = np.clip(((wish - corners) * edges).sum(1) / np.maximum((edges**2).sum(1), 1e-12), 0, 1)
         tried = corners + along[:, None] * edges
-        nearest = tried[np.argmin(np.linalg.norm(tried - wish, axis=1))]
-    return [nearest, (nearest + middle) / 2, middle]
+        return np.asarray(tried[np.argmin(np.linalg.norm(tried - wish, axis=1))])
+    return wish

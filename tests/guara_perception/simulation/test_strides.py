@@ -10,8 +10,9 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.exceptions import InvalidInput
+from guara_perception.simulation.footing import Footing, around
 from guara_perception.simulation.gait import WaveGait, stand_on
-from guara_perception.simulation.strides import JOINT_MARGIN, LEAST_WAY_M, MARGINS_M, StridePlanner
+from guara_perception.simulation.strides import JOINT_MARGIN, LEAST_WAY_M, LOWER_M, MARGINS_M, StridePlanner
 from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import RobotModel, polygon_margin
 from kinematics.transforms import transform_points
@@ -57,6 +58,21 @@ def test_a_robot_at_the_end_of_its_reach_walks_on(robot: RobotModel) -> None:
     soles = {"lf": (0.106, 0.228), "rf": (0.389, -0.182), "lh": (-0.151, 0.232), "rh": (-0.113, -0.184)}
     stride = StridePlanner(robot).next_stride(standing(robot, soles))
     assert stride is not None and stride.swing and stride.target[0] - soles[stride.leg][0] > LEAST_WAY_M
+
+
+@pytest.mark.parametrize("far", [0.57, 0.58])
+def test_knees_stay_bent_at_the_end_of_their_reach(robot: RobotModel, far: float) -> None:
+    """One row of footholds is left: on ground 5 mm lower than was planned all joints still keep their margin."""
+    feet = robot.state(robot.posture("scan")).soles_in_base() * (1.0, 1.0, 0.0)
+    x, y = around(np.zeros(3))
+    level, row = np.zeros((x.size, y.size)), np.broadcast_to(np.abs(x[:, None] - far) < 0.003, (x.size, y.size))
+    stride = StridePlanner(robot).next_step(Footing(x, y, level, row, level + 0.05, level, level), feet)
+    assert stride is not None
+    feet[robot.legs.index(stride.leg)] = stride.target
+    for leg, foot in zip(robot.legs, feet, strict=True):
+        joints = robot.reach_from(leg, foot - (0.0, 0.0, LOWER_M), stride.body).joint_positions
+        lower = robot.tree.lower_limits[[robot.tree.joint_index(joint) for joint in robot.tree.leg(leg).joints]]
+        assert (joints > lower + JOINT_MARGIN).all()
 
 
 def test_no_foot_goes_where_the_ground_is_unknown(robot: RobotModel) -> None:
