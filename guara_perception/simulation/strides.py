@@ -31,8 +31,8 @@ PROGRESS, LEAST_WAY_M, STRIP_M = 3.0, 0.04, 0.02
 BODY_HEIGHTS, MARGINS_M = (1.0, 0.92, 0.84), (0.045, 0.035, 0.025)
 # To keep from the limits of the joints, standing and in the air [rad].
 JOINT_MARGIN, SWING_JOINT_MARGIN = 0.25, 0.10
-# Legs also stand on ground that is so much lower, by errors of joints and heights: a knee that is straight holds the body
-# up whatever its torque, and 2 mm lie between 0.25 rad and straight [m].
+# Legs also stand on ground that is so much lower, by errors of joints and heights: a straight knee holds the body up
+# whatever its torque, and a Guará's is straight 2 mm beyond a margin of 0.25 rad [m].
 LOWER_M = 0.005
 # Of shanks over the ground, at shares of their length from the foot up [m].
 SHANK_CLEARANCE_M = 0.010

@@ -140,6 +140,17 @@ def test_a_guara_crosses_on_flat_soles() -> None:
     assert max(off) < 0.005
 
 
+@pytest.mark.skipif(find_spec("mujoco") is None, reason="MuJoCo is not installed (sim)")
+@pytest.mark.sim
+@pytest.mark.heavy
+@pytest.mark.parametrize(("kind", "seed"), [("rubble", 1), ("mixed", 0)])
+def test_a_guara_walks_around_what_the_laser_bars(kind: str, seed: int) -> None:
+    """Margins around blocks take the lanes of its feet; on the second course a straight knee once made it fall."""
+    done = cross(kind, seed, "laser", robot="guara")
+    assert (done.result, done.targets_over_gap, done.soles_badly_supported) == ("crossed", 0, 0), done
+    assert done.worst_edge_m > 0.05
+
+
 @needs_go2
 @pytest.mark.sim
 @pytest.mark.heavy
