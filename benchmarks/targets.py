@@ -37,11 +37,11 @@ class Target:
 SCAN = "the standard scan"
 SYNTHETIC, WHOLE = ("extraction_synthetic", "clean"), ("whole_scans", SCAN)
 TARGETS = (
-    Target("extraction / reference extraction, synthetic clean stripes", 2.6, 1.75, (*SYNTHETIC, PRECISE, "ratio")),
-    Target("extraction / reference extraction, frames of the scan", 2.6, 1.75, ("extraction_scans", SCAN, PRECISE)),
-    Target("CPU of a whole scan / reference extraction of its frames", 7.0, 3.7, (*WHOLE, PRECISE, "ratio")),
-    Target("last frame to grid / reference extraction of one frame", 26.0, 14.0, ("stages", "latency", "ratio")),
-    Target("memory growth in a scan, MB", 14.0, 12.0, ("memory", "first_mb")),
+    Target("extraction / reference extraction, synthetic clean stripes", 0.8, 0.5, (*SYNTHETIC, PRECISE, "ratio")),
+    Target("extraction / reference extraction, frames of the scan", 0.8, 0.5, ("extraction_scans", SCAN, PRECISE)),
+    Target("CPU of a whole scan / reference extraction of its frames", 2.0, 1.2, (*WHOLE, PRECISE, "ratio")),
+    Target("last frame to grid / reference extraction of one frame", 8.0, 5.0, ("stages", "latency", "ratio")),
+    Target("memory growth in a scan, MB", 16.0, 11.0, ("memory", "first_mb")),
 )
 
 
