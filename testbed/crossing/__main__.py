@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from guara_perception.app.demo.course import CourseDrawing
+from guara_perception.settings import Settings
 from guara_perception.simulation.footing import CELL_M
 from guara_perception.terrain.drawing.style import save_figure, styled
 from testbed.crossing.courses import KINDS, START_M, course
@@ -34,6 +35,8 @@ def main() -> None:
         known = sight.ground
         i, j = known.indices(x, y)
         inside = (np.abs(known.x[i] - x) <= CELL_M) & (np.abs(known.y[j] - y) <= CELL_M)
+        # What the map has left behind stays as it was when last near.
+        inside &= drawing.cells[..., 0] > robot.base[0] + Settings.of(robot.product).map_x[0] + CELL_M
         drawing.know(inside, known.safe[i, j], np.isnan(known.heights[i, j]))
         leg = done.trace[-1][0]
         drawing.step(leg, robot.feet[LEGS.index(leg)], robot.base)
