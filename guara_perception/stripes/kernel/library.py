@@ -19,7 +19,6 @@ FOLDER = Path(__file__).parent
 # Processor flags that identify an `x86-64-v3` processor.
 V3_FLAGS = {"avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"}
 N = ctypes.c_int64
-_addressof, _from_buffer = ctypes.addressof, ctypes.c_char.from_buffer
 
 
 class Picture(ctypes.Structure):
@@ -29,9 +28,8 @@ class Picture(ctypes.Structure):
 
     def __init__(self, array: Array) -> None:
         """Describe an array (rows, columns[, channels]) of uint8 or uint16 with any strides."""
-        start = address(array) if array.flags.c_contiguous else array.ctypes.data
         shape, steps = (*array.shape, 1)[:3], (*array.strides, 0)[:3]
-        super().__init__(start, *shape, *steps, array.itemsize)
+        super().__init__(_start(array), *shape, *steps, array.itemsize)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -148,15 +146,18 @@ def address(array: Array) -> int:
     Raises:
         ValueError: the array is not C-contiguous.
     """
+    if not array.flags.c_contiguous:
+        raise ValueError(f"an array given to the kernel has strides {array.strides}; it must be C-contiguous")
+    return _start(array)
+
+
+def _start(array: Array) -> int:
+    """Address of the first element of an array."""
     try:
         # Several times as fast as `array.ctypes.data`, which matters for the many small calls of a scan.
-        return _addressof(_from_buffer(array))  # type: ignore[arg-type]
+        return ctypes.addressof(ctypes.c_char.from_buffer(array))  # type: ignore[arg-type]
     except (TypeError, ValueError):
         # The array is read-only, empty or not contiguous.
-        if not array.flags.c_contiguous:
-            raise ValueError(
-                f"an array given to the kernel has strides {array.strides}; it must be C-contiguous"
-            ) from None
         return array.ctypes.data
 
 
