@@ -14,6 +14,7 @@ from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.intrinsics import Intrinsics
 from guara_perception.calibration.mount import FloorPose
 from kinematics.arrays import FrozenArrays
+from kinematics.transforms import inverse
 
 # Scale of the robust loss (soft L1) [standard deviations].
 ROBUST_SIGMAS = 3.0
@@ -80,26 +81,24 @@ def fit_camera(
     """
     problem = _Problem(intrinsics, board, ground, floor, points)
     x = problem.start()
-    has_views = bool(intrinsics.views)
-    sigma = max(intrinsics.rms_px / np.sqrt(2), LEAST_SIGMA_PX) if has_views else LEAST_SIGMA_PX
+    sigma = max(intrinsics.rms_px / np.sqrt(2), LEAST_SIGMA_PX) if intrinsics.views else LEAST_SIGMA_PX
     for _ in range(3):
         x = problem.solve(x, sigma)
-        if has_views:
-            corner_residuals = np.concatenate([r.ravel() for r in problem.view_residuals(x)])
-            sigma = max(1.4826 * float(np.median(np.abs(corner_residuals))), LEAST_SIGMA_PX)
-    jacobian = problem.jacobian(x) * problem.weights(x, sigma)[:, None]
-    covariance = _covariance(jacobian.T @ jacobian, intrinsics)
-    kept = np.r_[0 : problem.n_lens, problem.pose_columns]
-    lens = problem.lens(x)
+        residual, jacobian = problem.linearise(x)
+        if intrinsics.views:
+            sigma = max(1.4826 * float(np.median(np.abs(residual[: problem.n_corner]))), LEAST_SIGMA_PX)
+    rows = jacobian * problem.weights(residual, sigma)[:, None]
+    kept = problem.pose_columns.stop
+    *corner_residuals, mark_residuals = np.split(residual.reshape(-1, 2), problem.ends)
     return CameraFit(
-        camera=_camera_of(intrinsics.camera.size, lens),
+        camera=_camera_of(intrinsics.camera.size, problem.lens(x)),
         free=intrinsics.free,
         transform_camera_to_footprint=_inverse_of(x[problem.pose_columns]),
-        covariance=covariance[np.ix_(kept, kept)],
+        covariance=_covariance(rows.T @ rows, intrinsics)[:kept, :kept],
         pose=x[problem.pose_columns].copy(),
         corner_sigma_px=sigma,
-        residuals_px=tuple(problem.view_residuals(x)),
-        mark_residuals_px=problem.mark_residuals(x),
+        residuals_px=tuple(corner_residuals),
+        mark_residuals_px=mark_residuals,
     )
 
 
@@ -119,26 +118,30 @@ def _covariance(normal: Float, intrinsics: Intrinsics) -> Float:
 class _Problem:
     """Least-squares problem with the unknowns x: lens, pose of footprint in camera, ground board, other boards.
 
-    The ground board has three unknowns (x, y, heading), any other board the six of a pose.
+    The ground board, if there is one, has three unknowns (x, y, heading), any other board the six of a pose.
     """
 
     def __init__(
         self, intrinsics: Intrinsics, board: BoardSpec, ground: str | None, floor: FloorPose, points: Float
     ) -> None:
-        self.intrinsics = intrinsics
-        self.objects = [view.points(board) for view in intrinsics.views]
-        self.floor = floor
-        self.points = np.column_stack((points, np.zeros(len(points))))
-        self.pixels = np.array([mark.centre_px for mark in floor.marks])
-        self.mark_sigma = np.array([mark.sigma_px for mark in floor.marks])
+        self.intrinsics, self.floor = intrinsics, floor
         names = [view.name for view in intrinsics.views]
         self.ground = names.index(ground) if ground in names else None
+        # Points and pixels of each view, and of the crosses.
+        self.seen = [(view.points(board), view.corners_px) for view in intrinsics.views]
+        self.ends = np.cumsum([len(pixels) for _, pixels in self.seen], dtype=np.intp)
+        self.n_corner = 2 * sum(len(pixels) for _, pixels in self.seen)
+        crosses = np.column_stack((points, np.zeros(len(points))))
+        self.seen.append((crosses, np.array([mark.centre_px for mark in floor.marks])))
+        self.mark_sigma = np.repeat([mark.sigma_px for mark in floor.marks], 2)
         self.n_lens = len(intrinsics.free)
         self.lens_columns = np.array([LENS_COLUMNS[name] for name in intrinsics.free])
         self.pose_columns = slice(self.n_lens, self.n_lens + 6)
-        self.ground_columns = slice(self.n_lens + 6, self.n_lens + 9)
-        self.free_views = [i for i in range(len(names)) if i != self.ground]
-        self.size = self.n_lens + 9 + 6 * len(self.free_views)
+        first = self.n_lens + (6 if self.ground is None else 9)
+        self.ground_columns = slice(self.n_lens + 6, first)
+        free_views = [i for i in range(len(names)) if i != self.ground]
+        self.view_columns = {i: slice(first + 6 * k, first + 6 * k + 6) for k, i in enumerate(free_views)}
+        self.size = first + 6 * len(free_views)
         self.moved = slice(self.n_lens if intrinsics.is_given else 0, self.size)
 
     def start(self) -> Float:
@@ -152,98 +155,59 @@ class _Problem:
             position = to_camera[:3, :3].T @ (pose[3:] - to_camera[:3, 3])
             x[self.ground_columns] = np.r_[position[:2], np.arctan2(rotation[1, 0], rotation[0, 0])]
             self.flip = np.sign(rotation[2, 2])
-        for k, i in enumerate(self.free_views):
-            x[self.view_columns(k)] = self.intrinsics.poses[i]
+        for i, columns in self.view_columns.items():
+            x[columns] = self.intrinsics.poses[i]
         return x
-
-    def view_columns(self, k: int) -> slice:
-        first = self.n_lens + 9 + 6 * k
-        return slice(first, first + 6)
 
     def lens(self, x: Float) -> Float:
         lens = _lens_of(self.intrinsics.camera)
         lens[self.lens_columns - 6] = x[: self.n_lens]
         return lens
 
-    def ground_points(self, x: Float) -> tuple[Float, Float]:
-        """Visible corners of the ground board in base_footprint, and their derivatives with respect to its heading."""
-        assert self.ground is not None
-        on_board = self.objects[self.ground]
+    def ground_points(self, x: Float, on_board: Float) -> tuple[Float, Float]:
+        """Corners of the ground board in base_footprint, and their derivatives with respect to its heading."""
         px, py, heading = x[self.ground_columns]
         c, s = np.cos(heading), np.sin(heading)
         a, b = on_board[:, 0], self.flip * on_board[:, 1]
         zero = np.zeros(len(a))
-        return np.column_stack((px + c * a - s * b, py + s * a + c * b, zero)), np.column_stack(
-            (-s * a - c * b, c * a - s * b, zero)
-        )
+        points = np.column_stack((px + c * a - s * b, py + s * a + c * b, zero))
+        return points, np.column_stack((-s * a - c * b, c * a - s * b, zero))
 
-    def project(self, x: Float, points: Float, pose: Float) -> tuple[Float, Float]:
+    def linearise(self, x: Float) -> tuple[Float, Float]:
+        """Residuals (r,) of all views in order and of the crosses, u and v alternating, and Jacobian (r, size)."""
         camera = _camera_of(self.intrinsics.camera.size, self.lens(x))
-        pixels, jacobian = cv2.projectPoints(points, pose[:3], pose[3:], camera.matrix, camera.distortion)
-        return np.asarray(pixels, np.float64).reshape(-1, 2), np.asarray(jacobian, np.float64)
-
-    def blocks(self, x: Float) -> list[tuple[Float, Float]]:
-        """Residuals (n, 2) and Jacobian (2 n, size) of every view in order, then those of the crosses."""
-        result = []
-        views = self.intrinsics.views
-        for i, view in enumerate(views):
-            rows = np.zeros((2 * len(self.objects[i]), self.size))
+        residuals, jacobians = [], []
+        for i, (points, pixels) in enumerate(self.seen):
+            columns = self.view_columns.get(i, self.pose_columns)
+            rotation, translation = x[columns][:3], x[columns][3:]
             if i == self.ground:
-                points, by_heading = self.ground_points(x)
-                columns, pose = self.pose_columns, x[self.pose_columns]
-            else:
-                points, columns = self.objects[i], self.view_columns(self.free_views.index(i))
-                pose = x[columns]
-            pixels, jacobian = self.project(x, points, pose)
+                points, by_heading = self.ground_points(x, points)
+            projected, jacobian = cv2.projectPoints(points, rotation, translation, camera.matrix, camera.distortion)
+            rows = np.zeros((2 * len(points), self.size))
             rows[:, : self.n_lens] = jacobian[:, self.lens_columns]
             rows[:, columns] = jacobian[:, :6]
             if i == self.ground:
-                by_point = jacobian[:, 3:6] @ cv2.Rodrigues(pose[:3])[0]
-                rows[:, self.ground_columns.start : self.ground_columns.start + 2] = by_point[:, :2]
-                rows[:, self.ground_columns.stop - 1] = (by_point * np.repeat(by_heading, 2, axis=0)).sum(axis=1)
-            result.append((pixels - view.corners_px, rows))
-        pixels, jacobian = self.project(x, self.points, x[self.pose_columns])
-        rows = np.zeros((2 * len(self.points), self.size))
-        rows[:, : self.n_lens] = jacobian[:, self.lens_columns]
-        rows[:, self.pose_columns] = jacobian[:, :6]
-        result.append((pixels - self.pixels, rows))
-        return result
+                by_point = jacobian[:, 3:6] @ cv2.Rodrigues(rotation)[0]
+                turned = (by_point * np.repeat(by_heading, 2, axis=0)).sum(axis=1)
+                rows[:, self.ground_columns] = np.column_stack((by_point[:, :2], turned))
+            residuals.append(projected.ravel() - pixels.ravel())
+            jacobians.append(rows)
+        return np.concatenate(residuals), np.vstack(jacobians)
 
-    def view_residuals(self, x: Float) -> list[Float]:
-        return [residual for residual, _ in self.blocks(x)[:-1]]
-
-    def mark_residuals(self, x: Float) -> Float:
-        return self.blocks(x)[-1][0]
-
-    def jacobian(self, x: Float) -> Float:
-        rows = np.vstack([jacobian for _, jacobian in self.blocks(x)])
-        if self.ground is None:
-            # Without a view of the ground board, its three unknowns are pinned to zero.
-            pins = np.zeros((3, self.size))
-            pins[:, self.ground_columns] = np.eye(3)
-            rows = np.vstack((rows, pins))
-        return rows
-
-    def weights(self, x: Float, sigma: float) -> Float:
+    def weights(self, residual: Float, sigma: float) -> Float:
         """Factors of the residuals: 1 / sigma times the square root of the soft-L1 weight."""
-        corners = np.concatenate([np.empty(0), *(r.ravel() for r in self.view_residuals(x))]) / sigma
-        marks = self.mark_residuals(x).ravel() / np.repeat(self.mark_sigma, 2)
-        loss = [(1 + (r / ROBUST_SIGMAS) ** 2) ** -0.25 for r in (corners, marks)]
-        pins = [] if self.ground is not None else [np.ones(3)]
-        return np.concatenate([loss[0] / sigma, loss[1] / np.repeat(self.mark_sigma, 2), *pins])
-
-    def residual(self, x: Float) -> Float:
-        pins = [] if self.ground is not None else [x[self.ground_columns]]
-        return np.concatenate([r.ravel() for r, _ in self.blocks(x)] + pins)
+        sigmas = np.concatenate((np.full(self.n_corner, sigma), self.mark_sigma))
+        return np.asarray((1 + (residual / sigmas / ROBUST_SIGMAS) ** 2) ** -0.25 / sigmas)
 
     def solve(self, x: Float, sigma: float) -> Float:
         """Run at most six Gauss-Newton iterations, which suffice if the initial residuals are below a pixel."""
         for _ in range(6):
-            weight = self.weights(x, sigma)
-            rows = self.jacobian(x)[:, self.moved] * weight[:, None]
+            residual, jacobian = self.linearise(x)
+            weight = self.weights(residual, sigma)
+            rows = jacobian[:, self.moved] * weight[:, None]
             scale = np.linalg.norm(rows, axis=0)
             rows = rows / scale
-            update = np.linalg.solve(rows.T @ rows, -rows.T @ (self.residual(x) * weight)) / scale
+            update = np.linalg.solve(rows.T @ rows, -rows.T @ (residual * weight)) / scale
             x[self.moved] += update
             if float(np.abs(update * scale).max()) < 1e-4:
                 break
@@ -263,7 +227,5 @@ def _camera_of(size: tuple[int, int], lens: Float) -> CameraModel:
 def _inverse_of(pose: Float) -> Float:
     """Transform (4, 4) from camera to footprint, the inverse of a pose (6,) from footprint to camera."""
     transform = np.eye(4)
-    rotation = cv2.Rodrigues(np.asarray(pose[:3], dtype=np.float64))[0]
-    transform[:3, :3] = rotation.T
-    transform[:3, 3] = -rotation.T @ pose[3:]
-    return transform
+    transform[:3, :3], transform[:3, 3] = cv2.Rodrigues(np.asarray(pose[:3], dtype=np.float64))[0], pose[3:]
+    return inverse(transform)
