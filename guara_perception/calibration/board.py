@@ -10,7 +10,7 @@ import numpy as np
 
 from guara_perception.arrays import Float, Grey, Image, Index
 from guara_perception.shown import eight_bits
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 CHECKERBOARD: Final = "checkerboard"
 CHARUCO: Final = "charuco"
@@ -58,7 +58,7 @@ class BoardSpec:
 
 
 @dataclass(frozen=True, slots=True)
-class BoardView:
+class BoardView(FrozenArrays):
     """Board as seen in one image.
 
     Attributes:
@@ -74,10 +74,6 @@ class BoardView:
     corners: Index
     edge_width_px: float
     reason: str = ""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "corners_px", read_only(np.asarray(self.corners_px, dtype=np.float64)))
-        object.__setattr__(self, "corners", read_only(np.asarray(self.corners, dtype=np.intp)))
 
     @classmethod
     def unusable(cls, name: str, reason: str, edge_width_px: float = np.nan) -> Self:

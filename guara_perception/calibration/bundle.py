@@ -12,7 +12,7 @@ from guara_perception.arrays import Float
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.intrinsics import Intrinsics
-from guara_perception.calibration.mount import FloorPose
+from guara_perception.calibration.mount import FloorPose, pose_of_camera
 from kinematics.arrays import FrozenArrays
 from kinematics.transforms import inverse
 
@@ -60,7 +60,7 @@ class CameraFit(FrozenArrays):
         for sigma, change in zip(sigmas.tolist(), np.diag(sigmas), strict=True):
             lens = _lens_of(self.camera)
             lens[[LENS_COLUMNS[name] - 6 for name in self.free]] += change[:n]
-            yield sigma, _camera_of(self.camera.size, lens), _inverse_of(self.pose + change[n:])
+            yield sigma, _camera_of(self.camera.size, lens), pose_of_camera(*np.split(self.pose + change[n:], 2))
 
 
 def fit_camera(
@@ -88,14 +88,14 @@ def fit_camera(
         if intrinsics.views:
             sigma = max(1.4826 * float(np.median(np.abs(residual[: problem.n_corner]))), LEAST_SIGMA_PX)
     rows = jacobian * problem.weights(residual, sigma)[:, None]
-    kept = problem.pose_columns.stop
+    kept, pose = problem.pose_columns.stop, x[problem.pose_columns]
     *corner_residuals, mark_residuals = np.split(residual.reshape(-1, 2), problem.ends)
     return CameraFit(
         camera=_camera_of(intrinsics.camera.size, problem.lens(x)),
         free=intrinsics.free,
-        transform_camera_to_footprint=_inverse_of(x[problem.pose_columns]),
+        transform_camera_to_footprint=pose_of_camera(*np.split(pose, 2)),
         covariance=_covariance(rows.T @ rows, intrinsics)[:kept, :kept],
-        pose=x[problem.pose_columns].copy(),
+        pose=pose,
         corner_sigma_px=sigma,
         residuals_px=tuple(corner_residuals),
         mark_residuals_px=mark_residuals,
@@ -147,7 +147,7 @@ class _Problem:
     def start(self) -> Float:
         x = np.zeros(self.size)
         x[: self.n_lens] = _lens_of(self.intrinsics.camera)[self.lens_columns - 6]
-        to_camera = np.linalg.inv(self.floor.transform_camera_to_footprint)
+        to_camera = inverse(self.floor.transform_camera_to_footprint)
         x[self.pose_columns] = np.r_[np.ravel(cv2.Rodrigues(to_camera[:3, :3])[0]), to_camera[:3, 3]]
         if self.ground is not None:
             pose = self.intrinsics.poses[self.ground]
@@ -222,10 +222,3 @@ def _lens_of(camera: CameraModel) -> Float:
 
 def _camera_of(size: tuple[int, int], lens: Float) -> CameraModel:
     return CameraModel(size, np.array([[lens[0], 0, lens[2]], [0, lens[1], lens[3]], [0, 0, 1.0]]), lens[4:].copy())
-
-
-def _inverse_of(pose: Float) -> Float:
-    """Transform (4, 4) from camera to footprint, the inverse of a pose (6,) from footprint to camera."""
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = cv2.Rodrigues(np.asarray(pose[:3], dtype=np.float64))[0], pose[3:]
-    return inverse(transform)

@@ -42,7 +42,6 @@ from guara_perception.calibration.mount import (
     TELL_HANDEDNESS,
     check_ground_board,
     locate_camera,
-    measured_square,
     told_by,
 )
 from guara_perception.calibration.plates import BESIDE, LostLine, PlateLine, plate_lines
@@ -69,6 +68,7 @@ from guara_perception.exceptions import CalibrationMismatch, CalibrationRefused,
 from guara_perception.progress import Progress
 from guara_perception.settings import Settings
 from kinematics import RobotModel
+from kinematics.transforms import inverse
 
 
 def calibrate_session(
@@ -112,7 +112,8 @@ def calibrate_session(
     check_heights(session.plates)
     if not_mirrored:
         session = replace(session, board=replace(session.board, first_square=None))
-    total, done = _pictures(session), itertools.count(1)
+    laser_frames = sum(len(plate.scan.stripes) for plate in session.plates)
+    total, done = len(session.board_images) + 1 + laser_frames, itertools.count(1)
 
     def advance() -> None:
         if progress is not None:
@@ -120,6 +121,7 @@ def calibrate_session(
 
     pose = robot.stance_pose(session.stance)
     to_footprint = np.asarray(pose.transform_base_to_footprint, dtype=np.float64)
+    to_base = inverse(to_footprint)
 
     floor_picture = session.read_picture(session.fiducials.image)
     given, height, width = camera and camera.size, *floor_picture.shape[:2]
@@ -141,15 +143,13 @@ def calibrate_session(
         raise CalibrationRefused(f"{ROLLED_CAMERA}; these targets cannot tell which: {TELL_HANDEDNESS}")
     square = None
     if ground is not None:
-        by_crosses = intrinsics.camera, floor.transform_camera_to_footprint, ground, session.board
-        check_ground_board(*by_crosses)
-        square = measured_square(*by_crosses) / session.board.square
+        square = check_ground_board(intrinsics.camera, floor.transform_camera_to_footprint, ground, session.board)
     points = session.fiducials.points_in_footprint
     fit = fit_camera(intrinsics, session.board, session.ground_board_image, floor, points)
 
     mirror = nominal_mirror((to_footprint @ robot.transform_laser_to_base)[:3, 3])
     lines, lost = find_lines(session, fit, mirror, advance)
-    laser = fit_laser(lines, session.plates, fit, mirror, np.asarray(np.linalg.inv(to_footprint)))
+    laser = fit_laser(lines, session.plates, fit, mirror, to_base)
     check_mirror(laser.sweep)
 
     cells = coverage(intrinsics.views, size)
@@ -163,8 +163,7 @@ def calibrate_session(
     missing = sorted(wanted - set(laser.stripes.indices))
     near, far = height_sigmas(fit, laser, lines, to_footprint, settings.footprint_x)
     checks = camera_checks(intrinsics, fit, floor, square, cells, halves[1] if halves else None, floor_sigma[1])
-    to_base = np.asarray(np.linalg.inv(to_footprint))
-    camera_to_base = np.asarray(to_base @ fit.transform_camera_to_footprint)
+    camera_to_base = to_base @ fit.transform_camera_to_footprint
     checks += mount_checks(camera_to_base, robot.transform_camera_to_base, floor.mount)
     checks += stance_checks(robot, session.stance)
     checks += laser_checks(laser, near, far, len(missing), len(wanted))
@@ -177,12 +176,13 @@ def calibrate_session(
     if laser.leave_one_out and any(check.name == LEFT_OUT and check.verdict != GOOD for check in checks):
         reasons = (suspect_plate(laser.leave_one_out, session.plates), *reasons)
     surface = surface_map(undistorted(fit.camera, np.array([mark.centre_px for mark in floor.marks])), points)
+    mirror_in_camera = laser.sweep.mirror.in_frame(inverse(fit.transform_camera_to_footprint))
     calibration = Calibration(
         robot=session.robot,
         camera=replace(fit.camera, identity=session.camera_identity),
         transform_camera_to_base=camera_to_base,
-        stripes=stripe_records(laser, session, missing, fit),
-        mirror=mirror_record(laser, fit, floor, missing),
+        stripes=stripe_records(laser, session, missing, mirror_in_camera),
+        mirror=mirror_record(laser, mirror_in_camera, floor, missing),
         paper=paper_record(surface, fit, lines),
         covariance=covariance_record(fit, laser),
         quality={**quality_record(checks, verdict, reasons), "handedness": handedness or None},
@@ -206,13 +206,8 @@ def calibrate_session(
     )
 
 
-def _pictures(session: CalibrationSession) -> int:
-    """Number of images to process: boards, crosses, laser frames."""
-    return len(session.board_images) + 1 + sum(len(plate.scan.stripes) for plate in session.plates)
-
-
 def find_boards(
-    session: CalibrationSession, advance: Callable[[], None], camera: CameraModel | None = None
+    session: CalibrationSession, advance: Callable[[], None], camera: CameraModel | None
 ) -> tuple[list[BoardView], tuple[int, int]]:
     """Find the board in all board images; return the views and the image size.
 
@@ -245,7 +240,7 @@ def calibrate_boards(
     views: Sequence[BoardView],
     size: tuple[int, int],
     distortion: str,
-    camera: CameraModel | None = None,
+    camera: CameraModel | None,
 ) -> Intrinsics:
     """Intrinsics estimated from the usable views, or those of the known camera.
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from guara_perception.arrays import Float, Float32, Grey, Index, Index32, Mask
 from guara_perception.calibration.board import MIRRORED, BoardSpec, BoardView
-from guara_perception.calibration.checkerboard import MAX_GRID_MISFIT
+from guara_perception.calibration.checkerboard import MAX_GRID_MISFIT, sub_pixel
 from guara_perception.exceptions import InvalidInput
 
 # A marker of 4 x 4 bits with its border is 6 cells wide, three quarters of a square of 8 cells. Markers are as large as
@@ -168,12 +168,9 @@ def _refined(grey: Grey, corners: Float, which: Index, board: BoardSpec) -> tupl
     height, width = grey.shape
     rim = half + RIM_PX
     inside = ((corners > rim) & (corners < np.array([width, height]) - 1 - rim)).all(axis=1)
-    if not inside.any():
-        return corners[inside], which[inside]
-    start = np.ascontiguousarray(corners[inside], dtype=np.float32).reshape(-1, 1, 2)
-    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-4)
-    found = cv2.cornerSubPix(grey, start, (half, half), (-1, -1), criteria)
-    return np.asarray(found, dtype=np.float64).reshape(-1, 2), which[inside]
+    if inside.any():
+        corners[inside] = sub_pixel(grey, corners[inside], half)
+    return corners[inside], which[inside]
 
 
 def _neighbours(which: Index, board: BoardSpec) -> tuple[Index, Index]:

@@ -80,9 +80,14 @@ def refine_corners(grey: Image, corners: Float, size: tuple[int, int]) -> Float:
     smallest = min(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1))
     half = int(np.clip(WINDOW_OF_SQUARE * smallest, 3, 40))
     smooth = cv2.GaussianBlur(grey, (0, 0), BLUR_SIGMA_PX)
+    return sub_pixel(np.asarray(smooth), corners, half)
+
+
+def sub_pixel(grey: Image, corners: Float, half: int) -> Float:
+    """Refine corners (n, 2) by OpenCV in windows of half width `half` [px]."""
     start = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-4)
-    found = cv2.cornerSubPix(smooth, start, (half, half), (-1, -1), criteria)
+    found = cv2.cornerSubPix(grey, start, (half, half), (-1, -1), criteria)
     return np.asarray(found, dtype=np.float64).reshape(-1, 2)
 
 

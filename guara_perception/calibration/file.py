@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from guara_perception.calibration.calibration import VERDICTS, Calibration, CameraModel, StripePlane
-from guara_perception.exceptions import FileFormatError, InvalidInput
+from guara_perception.exceptions import FileFormatError, InvalidInput, errors_as
 from guara_perception.fields import Fields, parse_json, read_json, refuse_not_finite
 from guara_perception.files import whole_file
 
@@ -47,10 +47,8 @@ def parse_calibration(content: bytes, source: str) -> Calibration:
 
 def _validated(fields: Fields, source: str) -> Calibration:
     fields.text("format", (FORMAT,))
-    try:
+    with errors_as(FileFormatError, source, InvalidInput):
         calibration = _parse(fields)
-    except InvalidInput as error:
-        raise FileFormatError(f"{source}: {error}") from None
     content = dataclasses.replace(calibration, hash=content_hash(calibration))
     stored = fields.text("hash") if fields.has("hash") else ""
     if stored and stored != content.hash:

@@ -62,7 +62,8 @@ class Intrinsics(FrozenArrays):
     @property
     def tilt(self) -> float:
         """Largest angle between the board normals of two views [rad]."""
-        return largest_tilt(self.poses)
+        normals = np.array([cv2.Rodrigues(pose[:3])[0][:, 2] for pose in self.poses])
+        return float(np.arccos(np.clip(np.abs(normals @ normals.T), 0, 1).min()))
 
 
 def free_parameters(distortion: str) -> tuple[str, ...]:
@@ -136,29 +137,18 @@ def given_intrinsics(camera: CameraModel, views: Sequence[BoardView], board: Boa
     )
 
 
-def largest_tilt(poses: Float) -> float:
-    """Largest angle between the board normals of two views [rad], from the poses (n, 6) of the board."""
-    normals = np.array([cv2.Rodrigues(pose[:3])[0][:, 2] for pose in poses])
-    cosines = np.clip(np.abs(normals @ normals.T), 0, 1)
-    return float(np.arccos(cosines.min()))
-
-
 def calibrate_views(
     views: Sequence[BoardView],
     board: BoardSpec,
     size: tuple[int, int],
-    distortion: str = "k1k2",
+    distortion: str,
     outliers: Sequence[tuple[str, str]] = (),
 ) -> Intrinsics:
     """Fit the lens to all given views; `outliers` are only copied to the result."""
     points = [np.asarray(view.points(board), dtype=np.float32) for view in views]
     corners = [np.asarray(view.corners_px, dtype=np.float32).reshape(-1, 1, 2) for view in views]
     free = free_parameters(distortion)
-    flags = 0
-    if "p1" not in free:
-        flags |= cv2.CALIB_ZERO_TANGENT_DIST
-    if "k3" not in free:
-        flags |= cv2.CALIB_FIX_K3
+    flags = (0 if "p1" in free else cv2.CALIB_ZERO_TANGENT_DIST) | (0 if "k3" in free else cv2.CALIB_FIX_K3)
     guess, none = np.eye(3), np.zeros(5)
     _, matrix, lens, rotations, translations, sigma, _, errors = cv2.calibrateCameraExtended(
         points, corners, size, guess, none, flags=flags

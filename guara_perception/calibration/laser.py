@@ -17,7 +17,7 @@ from guara_perception.calibration.plates import PlateLine, level_pixels
 from guara_perception.calibration.stripe_planes import StripeFit, fit_stripes
 from guara_perception.calibration.sweep import Sweep, fit_sweep, line_points
 from kinematics.arrays import FrozenArrays
-from kinematics.transforms import transform_points
+from kinematics.transforms import inverse, transform_points
 
 # Points at which the field of height errors is sampled: values of y, heights, and number of stripes.
 FIELD_Y_M = np.linspace(-0.27, 0.27, 7)
@@ -93,11 +93,11 @@ def fit_laser(
     points = [line_points(fit.camera, fit.transform_camera_to_footprint, line) for line in lines]
     sweep = fit_sweep(lines, points, nominal)
     stripes = fit_stripes(lines, points, sweep, nominal)
-    planes_in_camera = _in_camera(stripes.planes, fit.transform_camera_to_footprint)
+    moved = plane_in_frame(stripes.planes, inverse(fit.transform_camera_to_footprint))
     return LaserFit(
         sweep=sweep,
         stripes=stripes,
-        planes_in_camera=planes_in_camera,
+        planes_in_camera=moved / np.linalg.norm(moved[:, :3], axis=1, keepdims=True),
         line_errors=_line_heights(lines, points, stripes, fit.transform_camera_to_footprint),
         leave_one_out=_leave_one_out(lines, points, len(plates), nominal, fit.transform_camera_to_footprint),
         uncertainty=_uncertainty(lines, fit, sweep, stripes, nominal, transform_footprint_to_base),
@@ -125,7 +125,7 @@ def height_sigmas(
         x: x range of the area in base_footprint [m].
     """
     transform = fit.transform_camera_to_footprint
-    to_base = np.asarray(np.linalg.inv(transform_base_to_footprint)) @ transform
+    to_base = inverse(transform_base_to_footprint) @ transform
     stripe_sigma = float(np.median([line.sigma_px for line in lines]))
     on_floor = -laser.stripes.planes[:, 3] / laser.stripes.planes[:, 0]
     sigmas = []
@@ -140,12 +140,6 @@ def height_sigmas(
         systematic = laser.uncertainty.variance(stripe, plane_in_camera, point.T[:, None], transform, to_base)
         sigmas.append(float(np.sqrt(((moved - here)[0] * stripe_sigma) ** 2 + systematic[0, 0])))
     return sigmas[0], sigmas[1]
-
-
-def _in_camera(planes: Float, transform_camera_to_footprint: Float) -> Float:
-    to_camera = np.asarray(np.linalg.inv(transform_camera_to_footprint), dtype=np.float64)
-    moved = plane_in_frame(planes, to_camera)
-    return np.asarray(moved / np.linalg.norm(moved[:, :3], axis=1, keepdims=True))
 
 
 def _line_heights(lines: Sequence[PlateLine], points: Sequence[Float], stripes: StripeFit, transform: Float) -> Float:
@@ -189,8 +183,7 @@ def _uncertainty(
     lines: Sequence[PlateLine], fit: CameraFit, sweep: Sweep, stripes: StripeFit, nominal: MirrorModel, to_base: Float
 ) -> HeightUncertainty:
     """Height uncertainty from the plane covariances and from refits of the laser with changed camera parameters."""
-    to_camera = np.asarray(np.linalg.inv(fit.transform_camera_to_footprint), dtype=np.float64)
-    bases = plane_in_frame(stripes.bases, to_camera)
+    bases = plane_in_frame(stripes.bases, inverse(fit.transform_camera_to_footprint))
     covariances = bases.transpose(0, 2, 1) @ stripes.covariance @ bases
 
     samples = np.unique(np.linspace(0, len(stripes.indices) - 1, FIELD_STRIPES).astype(int))

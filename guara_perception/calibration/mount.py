@@ -15,6 +15,7 @@ from guara_perception.calibration.calibration_input import CalibrationSession, F
 from guara_perception.calibration.crosses import SEARCH_M, Mark, find_crosses
 from guara_perception.exceptions import CalibrationRefused
 from kinematics.arrays import FrozenArrays
+from kinematics.transforms import inverse
 
 # Half a turn about the optical axis, which converts the mount of eq. 5 to that of an upright camera, and back.
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -108,7 +109,12 @@ def locate_camera(
             f"fiducials: the crosses found are not at points_in_footprint (misfit {best.rms_px:.1f} px, limit "
             f"{MAX_RESIDUAL_PX['found']:.1f} px): {_misplaced(camera, points, best, nominal_camera_to_footprint)}"
         )
-    _check_nominal(best, nominal_camera_to_footprint)
+    if excess := _excess(best, nominal_camera_to_footprint):
+        raise CalibrationRefused(
+            f"the camera would be {excess} away from its nominal mount "
+            f"({MAX_SHIFT_M * 1e3:.0f} mm and {np.rad2deg(MAX_TURN):.0f} degrees are allowed): check the robot, the "
+            "stance, and the origin from which the fiducials were measured"
+        )
     return best
 
 
@@ -217,53 +223,51 @@ def looks_mirrored(points: Float) -> bool:
     return min(float(distance.min(axis=1).max()) for distance in apart) < SEARCH_M
 
 
-def measured_square(
-    camera: CameraModel, transform_camera_to_footprint: Float, ground: BoardView, board: BoardSpec
-) -> float:
-    """Edge of a square of the ground board [m], from the intersections of its corners' rays with the floor."""
-    return _similarity(camera, transform_camera_to_footprint, ground, board)[0]
-
-
 def check_ground_board(
     camera: CameraModel, transform_camera_to_footprint: Float, ground: BoardView, board: BoardSpec
-) -> None:
+) -> float:
     """Refuse a ground board that contradicts the fiducials.
+
+    The corners are projected onto the floor and compared with a flat grid of any scale.
+
+    Returns:
+        Size of the squares measured relative to the fiducials, divided by that of the session.
 
     Raises:
         CalibrationRefused: the size of the squares differs from that of the session, or the board does not lie flat.
     """
-    square, misfit = _similarity(camera, transform_camera_to_footprint, ground, board)
-    if abs(square / board.square - 1) > MAX_SQUARE_ERROR:
-        raise CalibrationRefused(
-            f"wrong square size: relative to the fiducials, the squares of the ground board measure "
-            f"{square * 1e3:.2f} mm, but the session states {board.square * 1e3:.2f} mm: measure the board and the "
-            "fiducials again"
-        )
-    if misfit > MAX_BOARD_LIFT_M:
-        raise CalibrationRefused(
-            f"the ground board does not lie flat on the floor of the fiducials: its corners are off by "
-            f"{misfit * 1e3:.1f} mm (limit {MAX_BOARD_LIFT_M * 1e3:.0f} mm)"
-        )
-
-
-def _similarity(camera: CameraModel, transform: Float, ground: BoardView, board: BoardSpec) -> tuple[float, float]:
-    """Square size [m] of the board, and rms misfit [m] of a scaled grid to the corners' projection onto the floor."""
-    floor = to_floor(camera, transform, ground.corners_px)
-    a, b = ground.points(board)[:, :2], floor
+    a, b = ground.points(board)[:, :2], to_floor(camera, transform_camera_to_footprint, ground.corners_px)
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     fits = []
     for hand in (1.0, -1.0):
         ca, cb = a[:, 0] + 1j * hand * a[:, 1], b[:, 0] + 1j * b[:, 1]
         gain = np.vdot(ca, cb) / np.vdot(ca, ca)
         fits.append((float(np.sqrt(np.mean(np.abs(cb - gain * ca) ** 2))), float(np.abs(gain))))
-    misfit, scale = min(fits)
-    return scale * board.square, misfit
+    misfit, ratio = min(fits)
+    if abs(ratio - 1) > MAX_SQUARE_ERROR:
+        raise CalibrationRefused(
+            f"wrong square size: relative to the fiducials, the squares of the ground board measure "
+            f"{ratio * board.square * 1e3:.2f} mm, but the session states {board.square * 1e3:.2f} mm: measure the "
+            "board and the fiducials again"
+        )
+    if misfit > MAX_BOARD_LIFT_M:
+        raise CalibrationRefused(
+            f"the ground board does not lie flat on the floor of the fiducials: its corners are off by "
+            f"{misfit * 1e3:.1f} mm (limit {MAX_BOARD_LIFT_M * 1e3:.0f} mm)"
+        )
+    return ratio
+
+
+def pose_of_camera(rotation: Float, translation: Float) -> Float:
+    """Transform (4, 4) from camera to scene, given OpenCV's rotation vector and translation from scene to camera."""
+    to_camera = np.eye(4)
+    to_camera[:3, :3], to_camera[:3, 3] = cv2.Rodrigues(rotation)[0], np.ravel(translation)
+    return inverse(to_camera)
 
 
 def _fit(camera: CameraModel, points: Float, marks: list[Mark], start: Float, mount: str) -> FloorPose:
     """Pose that minimises the reprojection error of the marks, starting from a nominal mount."""
-    from_footprint = np.linalg.inv(start)
-    first_turn, first_translation = cv2.Rodrigues(from_footprint[:3, :3])[0], from_footprint[:3, 3:].copy()
+    from_footprint = inverse(start)
     floor = np.column_stack((points, np.zeros(len(points))))
     pixels = np.array([mark.centre_px for mark in marks])
     _, rotation, translation = cv2.solvePnP(
@@ -271,15 +275,12 @@ def _fit(camera: CameraModel, points: Float, marks: list[Mark], start: Float, mo
         pixels,
         camera.matrix,
         camera.distortion,
-        first_turn,
-        first_translation,
+        cv2.Rodrigues(from_footprint[:3, :3])[0],
+        from_footprint[:3, 3:].copy(),
         useExtrinsicGuess=True,
         flags=cv2.SOLVEPNP_ITERATIVE,
     )
-    to_camera = np.eye(4)
-    to_camera[:3, :3] = cv2.Rodrigues(np.asarray(rotation, np.float64))[0]
-    to_camera[:3, 3] = np.ravel(translation)
-    transform: Float = np.asarray(np.linalg.inv(to_camera), dtype=np.float64)
+    transform = pose_of_camera(np.asarray(rotation, np.float64), np.asarray(translation, np.float64))
     residual = pixels - floor_pixels(camera, transform, points)
     return FloorPose(mount, transform, tuple(marks), np.nan_to_num(residual, nan=1e3))
 
@@ -310,27 +311,14 @@ def _from_given(camera: CameraModel, fiducials: Fiducials, nominal: Float) -> Fl
 
 def _best_mount(camera: CameraModel, points: Float, marks: list[Mark], nominal: Float) -> FloorPose | None:
     poses = [_fit(camera, points, marks, nominal @ turn, mount) for mount, turn in MOUNTS.items()]
-    fitting = []
-    for pose in poses:
-        shift, turn = _distance(pose, nominal)
-        if pose.rms_px <= MAX_RESIDUAL_PX["given"] and shift <= MAX_SHIFT_M and turn <= MAX_TURN:
-            fitting.append(pose)
-    return min(fitting, key=lambda pose: pose.rms_px) if fitting else None
+    fitting = [pose for pose in poses if pose.rms_px <= MAX_RESIDUAL_PX["given"] and not _excess(pose, nominal)]
+    return min(fitting, key=lambda pose: pose.rms_px, default=None)
 
 
-def _distance(pose: FloorPose, nominal: Float) -> tuple[float, float]:
-    """Shift [m] and rotation [rad] of a pose relative to the nominal mount of the same kind."""
+def _excess(pose: FloorPose, nominal: Float) -> str:
+    """Shift and rotation of a pose relative to the nominal mount of the same kind, as text; empty if within limits."""
     expected = nominal @ MOUNTS[pose.mount]
-    change = np.linalg.inv(expected) @ pose.transform_camera_to_footprint
-    turn = float(np.linalg.norm(cv2.Rodrigues(change[:3, :3])[0]))
-    return float(np.linalg.norm(change[:3, 3])), turn
-
-
-def _check_nominal(pose: FloorPose, nominal: Float) -> None:
-    shift, turn = _distance(pose, nominal)
-    if shift > MAX_SHIFT_M or turn > MAX_TURN:
-        raise CalibrationRefused(
-            f"the camera would be {shift * 1e3:.0f} mm and {np.rad2deg(turn):.1f} degrees away from its nominal mount "
-            f"({MAX_SHIFT_M * 1e3:.0f} mm and {np.rad2deg(MAX_TURN):.0f} degrees are allowed): check the robot, the "
-            "stance, and the origin from which the fiducials were measured"
-        )
+    change = inverse(expected) @ pose.transform_camera_to_footprint
+    shift, turn = float(np.linalg.norm(change[:3, 3])), float(np.linalg.norm(cv2.Rodrigues(change[:3, :3])[0]))
+    is_within = shift <= MAX_SHIFT_M and turn <= MAX_TURN
+    return "" if is_within else f"{shift * 1e3:.0f} mm and {np.rad2deg(turn):.1f} degrees"

@@ -16,6 +16,7 @@ from guara_perception.calibration.row_bands import row_bands
 from guara_perception.stripes.band import StripeProfile
 from guara_perception.stripes.extract import extract_stripe
 from kinematics.arrays import FrozenArrays
+from kinematics.transforms import inverse
 
 # Half width of the band searched for a stripe, as a fraction of the image height: errors of the laser mount of 3
 # degrees and 20 mm move a stripe by this much.
@@ -83,7 +84,7 @@ def plate_lines(
     transform_camera_to_footprint: Float,
     nominal: MirrorModel,
     on_floor: Mapping[int, PlateLine],
-    on_stripe: Callable[[], None] | None = None,
+    on_stripe: Callable[[], None],
 ) -> tuple[list[PlateLine], list[LostLine]]:
     """Find the line of every stripe of a plate scan, without the parts beside the plate.
 
@@ -104,8 +105,8 @@ def plate_lines(
         CalibrationMismatch: the size of a frame differs from that of the camera.
         MissingFile, FileFormatError: a frame cannot be read.
     """
-    to_camera: Float = np.asarray(np.linalg.inv(transform_camera_to_footprint), dtype=np.float64)
-    planes = nominal.in_frame(to_camera).planes([stripe.mirror_angle for stripe in plate.scan.stripes])
+    mirror = nominal.in_frame(inverse(transform_camera_to_footprint))
+    planes = mirror.planes([stripe.mirror_angle for stripe in plate.scan.stripes])
     width, height = camera.size
     bands = row_bands(camera, transform_camera_to_footprint, planes, np.array([plate.height]), int(BAND_SHARE * height))
     lines, lost = [], []
@@ -124,8 +125,7 @@ def plate_lines(
                 lines.append(PlateLine(stripe.index, stripe.mirror_angle, number, plate.height, *line))
         if reason:
             lost.append(LostLine(stripe.index, number, reason))
-        if on_stripe is not None:
-            on_stripe()
+        on_stripe()
     return lines, _with_borders(lost, [stripe.index for stripe in plate.scan.stripes])
 
 

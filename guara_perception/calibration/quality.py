@@ -75,13 +75,9 @@ def verdict_of(checks: Sequence[Check], warnings: Sequence[str]) -> tuple[str, t
         warnings: faults that do not prevent a calibration, such as an omitted view or a stripe filled in by the mirror
             model; with any warning, the verdict is `usable` at best.
     """
-    verdicts = [check.verdict for check in checks]
-    reasons = [check.reason for check in checks if check.verdict == REFUSED]
-    reasons += [check.reason for check in checks if check.verdict == USABLE]
-    reasons += list(warnings)
-    if REFUSED in verdicts:
-        return REFUSED, tuple(reasons)
-    return (USABLE if USABLE in verdicts or warnings else GOOD), tuple(reasons)
+    by_verdict = {verdict: [c.reason for c in checks if c.verdict == verdict] for verdict in (REFUSED, USABLE)}
+    reasons = (*by_verdict[REFUSED], *by_verdict[USABLE], *warnings)
+    return (REFUSED if by_verdict[REFUSED] else USABLE if reasons else GOOD), reasons
 
 
 def quality_record(checks: Sequence[Check], verdict: str, reasons: Sequence[str]) -> dict[str, Any]:

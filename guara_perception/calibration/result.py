@@ -16,6 +16,7 @@ from guara_perception.calibration.calibration import Calibration, CameraModel, S
 from guara_perception.calibration.calibration_input import CalibrationSession
 from guara_perception.calibration.intrinsics import Intrinsics
 from guara_perception.calibration.laser import LaserFit
+from guara_perception.calibration.mirror_model import MirrorModel
 from guara_perception.calibration.mount import FloorPose
 from guara_perception.calibration.plates import LostLine, PlateLine
 from guara_perception.calibration.quality import Check
@@ -75,26 +76,26 @@ class CalibrationResult:
 
 
 def stripe_records(
-    laser: LaserFit, session: CalibrationSession, missing: Sequence[int], fit: CameraFit
+    laser: LaserFit, session: CalibrationSession, missing: Sequence[int], mirror_in_camera: MirrorModel
 ) -> tuple[StripePlane, ...]:
     """Plane of each stripe; a stripe without a line on any plate gets the plane of the mirror model."""
     found = zip(laser.stripes.indices, laser.stripes.mirror_angles, laser.planes_in_camera, strict=True)
     stripes = [StripePlane(index, float(angle), plane) for index, angle, plane in found]
     if missing:
         commanded = {s.index: s.mirror_angle for plate in session.plates for s in plate.scan.stripes}
-        to_camera = np.asarray(np.linalg.inv(fit.transform_camera_to_footprint))
-        planes = laser.sweep.mirror.in_frame(to_camera).planes([commanded[index] for index in missing])
+        planes = mirror_in_camera.planes([commanded[index] for index in missing])
         stripes += [StripePlane(i, commanded[i], plane) for i, plane in zip(missing, planes, strict=True)]
     return tuple(stripes)
 
 
-def mirror_record(laser: LaserFit, fit: CameraFit, mount: FloorPose, missing: Sequence[int]) -> dict[str, Any]:
+def mirror_record(
+    laser: LaserFit, mirror_in_camera: MirrorModel, mount: FloorPose, missing: Sequence[int]
+) -> dict[str, Any]:
     """Object `mirror` of calibration.json; docs/calibration.md describes its fields."""
-    to_camera = np.asarray(np.linalg.inv(fit.transform_camera_to_footprint))
     return {
         "frame": "camera_optical_frame",
         "mount": mount.mount,
-        **laser.sweep.mirror.in_frame(to_camera).to_dict(),
+        **mirror_in_camera.to_dict(),
         "step_errors": [
             {"index": index, "error": float(error)}
             for index, error in zip(laser.sweep.indices, laser.sweep.step_errors, strict=True)
