@@ -14,6 +14,13 @@ ROTATION_TOLERANCE = 1e-6
 LAST_ROW_TOLERANCE = 1e-9
 
 
+def translation(vector: npt.ArrayLike) -> Float:
+    """Transform (4, 4) that only translates, by a vector (3,)."""
+    result = np.eye(4)
+    result[:3, 3] = vector
+    return result
+
+
 def inverse(transform: Float) -> Float:
     """Inverse of a rigid transform (4, 4)."""
     result = np.eye(4)

@@ -158,10 +158,9 @@ def _scan(files: list[Path], out: Path, robot: RobotModel, stance: Stance, given
 def _session(files: list[Path], out: Path, robot: RobotModel, stance: Stance, given: Given) -> Callable[[], None]:
     """Print the purpose of each picture; return the function that writes the session."""
     from guara_perception.app.import_pictures import write_session
-    from guara_perception.app.record.record import check_crosses
+    from guara_perception.app.record.record import planned_crosses
     from guara_perception.app.record.session_writer import SessionPlan
-    from guara_perception.app.targets.drawings import cross_points, parse_board, parse_heights
-    from guara_perception.fields import read_json
+    from guara_perception.app.targets.drawings import parse_board, parse_heights
 
     by_name = {path.name: path for path in files}
     chosen = {
@@ -181,11 +180,9 @@ def _session(files: list[Path], out: Path, robot: RobotModel, stance: Stance, gi
     pieces = given.plate or tuple((_ask("plates, HEIGHT=FOLDER, separated by spaces", "") or "").split())
     tops = parse_heights(",".join(piece.partition("=")[0] for piece in pieces), "list of --plate heights")
     scans = [Path(piece.partition("=")[2]) for piece in pieces]
-    crosses = given.crosses
-    points = cross_points(robot) if crosses is None else read_json(crosses).array("points_in_footprint", (None, 2))
-    check_crosses(points, "crosses" if crosses is None else str(crosses))
+    points = planned_crosses(given.crosses, robot)
     board = parse_board(given.board, given.square, given.pattern)
-    plan = SessionPlan(robot.name, board, np.asarray(points), tops, stance)
+    plan = SessionPlan(robot.name, board, points, tops, stance)
     for path in boards:
         click.echo(f"board: {path.name}")
     click.echo(f"board on the floor: {floor.name}\ncrosses: {mat.name}")

@@ -78,8 +78,6 @@ def command(
       guara record sessions/trial --simulated
       guara record sessions/monday --redo plates
     """
-    import numpy as np
-
     from guara_perception.app.calibrate_folder import refuse
     from guara_perception.app.calibration_report.html import summary, write_report
     from guara_perception.app.devices_file import Devices, devices_of
@@ -87,14 +85,13 @@ def command(
     from guara_perception.app.node.devices import rangefinder_of
     from guara_perception.app.record.live_page import LivePage
     from guara_perception.app.record.operator import Operator, TextOperator
-    from guara_perception.app.record.record import DEVICES_FILE, check_crosses, record_session
+    from guara_perception.app.record.record import DEVICES_FILE, planned_crosses, record_session
     from guara_perception.app.record.session_writer import SessionPlan, SessionWriter, read_plan
     from guara_perception.app.record.simulated import SimulatedWorkshop
     from guara_perception.app.record.way_on import way_on
-    from guara_perception.app.targets.drawings import cross_points, parse_board, parse_heights
+    from guara_perception.app.targets.drawings import parse_board, parse_heights
     from guara_perception.calibration.calibrate_session import calibrate_session
     from guara_perception.calibration.file import save_calibration
-    from guara_perception.fields import read_json
     from guara_perception.settings import Settings
     from kinematics import load_robot
 
@@ -109,13 +106,10 @@ def command(
     before = read_plan(session) if redo else None
     model = load_robot(robot if before is None or "robot" in given else before.robot)
     standing = stance_of(stance, model)
-    points = (
-        cross_points(model) * scale if crosses is None else read_json(crosses).array("points_in_footprint", (None, 2))
-    )
-    check_crosses(points, "crosses" if crosses is None else str(crosses))
+    points = planned_crosses(crosses, model, scale)
     own = session / DEVICES_FILE
     known = devices_of(own if redo and not given & {"devices", "camera"} else devices, camera=camera, trigger=trigger)
-    plan = SessionPlan(model.name, spec, np.asarray(points), parse_heights(plates), standing)
+    plan = SessionPlan(model.name, spec, points, parse_heights(plates), standing)
     if before is not None:
         kept = {name: getattr(before, name) for name, options in OPTIONS_OF.items() if not given & options}
         plan = replace(plan, **kept)

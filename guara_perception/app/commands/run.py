@@ -199,7 +199,9 @@ def command(
         options.append(partial(read_limit, record_limit, record))
     if check:
         mistakes = mistakes_of(chosen, simulated=simulated, security=security, world=world, options=options)
-        _check([*context.meta.get(MISTAKES, []), *mistakes])
+        if found := [*context.meta.get(MISTAKES, []), *mistakes]:
+            raise FileFormatError(*found)
+        click.echo("the configuration is sound; no device was opened")
         return
     for option in options:
         option()
@@ -243,19 +245,18 @@ def command(
         stack.callback(server.close)
         scene = Scene(rig.robot, rig.calibration)
         mirror = SceneMirror(server, scene, unknown=int(ros2_unknown), with_tf=ros2_tf) if ros2 else None
-        recorder = None
+        recorder = journal = None
         if record is not None:
-            made = ScanRecorder(
-                record, robot=instance, calibration=rig.calibration, jpeg_quality=quality, scene=scene, limit=limit
+            recorder = stack.enter_context(
+                ScanRecorder(
+                    record, robot=instance, calibration=rig.calibration, jpeg_quality=quality, scene=scene, limit=limit
+                )
             )
-            recorder = stack.enter_context(made)
-        journal = None
         if state is not None:
-            found = Journal(state, rig.robot, Seal.of(instance, rig.robot, rig.calibration))
-            journal = stack.enter_context(found)
-        parts = (rig.robot, rig.calibration, rig.rangefinder, server)
+            seal = Seal.of(instance, rig.robot, rig.calibration)
+            journal = stack.enter_context(Journal(state, rig.robot, seal))
         node = PerceptionNode(
-            *parts,
+            *(rig.robot, rig.calibration, rig.rangefinder, server),
             mode=mode,
             method=method,
             threshold=threshold,
@@ -317,17 +318,6 @@ def _check_pairs(is_wrong: bool, text: str) -> None:
     """
     if is_wrong:
         raise InvalidInput(text)
-
-
-def _check(found: list[str]) -> None:
-    """Report that the configuration is sound, or raise one error that lists all mistakes.
-
-    Raises:
-        FileFormatError: the configuration has mistakes.
-    """
-    if found:
-        raise FileFormatError(*found)
-    click.echo("the configuration is sound; no device was opened")
 
 
 def _say_as_json(text: str) -> None:

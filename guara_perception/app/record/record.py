@@ -17,6 +17,7 @@ from guara_perception.app.record.live_pictures import Watch, area_look, board_lo
 from guara_perception.app.record.operator import Operator
 from guara_perception.app.record.plate_scan import nominal_order, scan_uncalibrated
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, FLOOR_PICTURE, SessionWriter
+from guara_perception.app.targets.drawings import cross_points
 from guara_perception.arrays import Float, Image
 from guara_perception.calibration.board import to_grey
 from guara_perception.calibration.calibration import CameraModel, check_identity
@@ -25,6 +26,7 @@ from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.intrinsics import calibrate_intrinsics
 from guara_perception.calibration.mount import MOUNTS, check_extent, locate_camera
 from guara_perception.exceptions import CalibrationRefused, InvalidInput, PerceptionError, errors_as
+from guara_perception.fields import read_json
 from guara_perception.settings import Settings
 from kinematics import RobotModel
 
@@ -115,12 +117,20 @@ def record_session(
     return writer.finish()
 
 
-def check_crosses(points: Float, source: str) -> None:
-    """Reject crosses from which the camera cannot be located, before anything is recorded.
+def planned_crosses(path: Path | None, robot: RobotModel, scale: float = 1.0) -> Float:
+    """Positions (n, 2) of the crosses in base_footprint [m], which are checked before anything is recorded.
+
+    Args:
+        path: JSON file with measured positions; None = those of the printed mat.
+        robot: robot for which the mat was printed.
+        scale: scale at which the mat was printed.
 
     Raises:
+        MissingFile, FileFormatError: the file does not exist or cannot be read.
         InvalidInput: there are fewer than four crosses, all are on one line, or a coordinate exceeds FARTHEST_CROSS_M.
     """
+    points = scale * cross_points(robot) if path is None else read_json(path).array("points_in_footprint", (None, 2))
+    source = "crosses" if path is None else str(path)
     farthest = float(np.abs(points).max(initial=0.0))
     if farthest > FARTHEST_CROSS_M:
         raise InvalidInput(
@@ -129,6 +139,7 @@ def check_crosses(points: Float, source: str) -> None:
         )
     with errors_as(InvalidInput, source, CalibrationRefused, InvalidInput):
         check_extent(Fiducials(CROSSES_PICTURE, points).points_in_footprint)
+    return points
 
 
 def measured_devices(robot: RobotModel, rangefinder: Rangefinder, devices: Devices) -> Devices:

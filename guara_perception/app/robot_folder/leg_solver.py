@@ -17,6 +17,7 @@ from kinematics.load import rpy_from_rotation
 from kinematics.model_checks import extent_along, frames_fixed_to
 from kinematics.robot_toml import LegConfig, RobotToml
 from kinematics.toml_table import Table
+from kinematics.transforms import translation
 from kinematics.tree import KinematicTree, RobotState
 from kinematics.urdf import Joint, Link, Shape, Urdf, rotation_from_rpy
 from kinematics.urdf_checks import root_link
@@ -47,13 +48,10 @@ class LegSolver:
         """Measure the leg with all joints at zero."""
         self.leg, self.foot = leg, foot
         self._last: Float | None = None
-        placed = np.eye(4)
-        placed[:3, 3] = foot.tip
-        self._tree = tree_of(
-            with_frame(urdf, foot.link, TIP, placed), (LegConfig(leg.name, foot.link, TIP, leg.joints),)
-        )
+        extended = with_frame(urdf, foot.link, TIP, translation(foot.tip))
+        self._tree = tree_of(extended, (LegConfig(leg.name, foot.link, TIP, leg.joints),))
         self._columns = [self._tree.joint_index(joint) for joint in leg.joints]
-        moving = [joint for joint in self._tree.urdf.path_to(TIP) if joint.kind != "fixed"]
+        self._moving = moving = [joint for joint in self._tree.urdf.path_to(TIP) if joint.kind != "fixed"]
         frames = self.transforms(np.zeros(len(moving)))
         swings = [i for i, joint in enumerate(moving) if abs((frames[i][:3, :3] @ joint.axis)[1]) > 0.7]
         first = swings[0] if swings else 0
@@ -108,8 +106,7 @@ class LegSolver:
             # No warning here: zero may be outside the limits of a joint.
             warnings.simplefilter("ignore", JointLimitWarning)
             state = RobotState(self._tree, whole)
-        moving = [joint for joint in self._tree.urdf.path_to(TIP) if joint.kind != "fixed"]
-        return [state.transform_to_base(joint.child) for joint in moving]
+        return [state.transform_to_base(joint.child) for joint in self._moving]
 
     def foot_rotation(self, positions: Float) -> Float:
         """Rotation (3, 3) of the last link in the base."""

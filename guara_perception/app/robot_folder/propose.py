@@ -13,6 +13,7 @@ from guara_perception.app.robot_folder.postures import FoundPosture, choose_heig
 from guara_perception.exceptions import InvalidInput
 from kinematics.robot_toml import LegConfig
 from kinematics.scan_pattern import mirror_angle_for
+from kinematics.transforms import inverse, translation
 from kinematics.urdf import Urdf
 from kinematics.urdf_checks import root_link
 
@@ -42,7 +43,7 @@ class Proposal:
         name: name of the robot.
         base: root link of the robot.
         legs: the legs found, each with its foot and solver.
-        soles: name of the sole frame, by leg.
+        leg_configs: legs for robot.toml.
         sole: length and width of a sole [m].
         sole_radius: radius of round feet [m]; 0 if a foot is flat or has no shape.
         scan, standing: postures. In both, joints outside the legs are as close to zero as their limits allow.
@@ -57,7 +58,7 @@ class Proposal:
     name: str
     base: str
     legs: tuple[LegSolver, ...]
-    soles: dict[str, str]
+    leg_configs: tuple[LegConfig, ...]
     sole: tuple[float, float]
     sole_radius: float
     scan: FoundPosture
@@ -68,15 +69,6 @@ class Proposal:
     stripes: int
     camera_frame: str
     laser_frame: str
-
-    @property
-    def leg_configs(self) -> tuple[LegConfig, ...]:
-        """Legs for robot.toml."""
-        return _leg_configs(self.legs, self.soles)
-
-
-def _leg_configs(legs: tuple[LegSolver, ...], soles: dict[str, str]) -> tuple[LegConfig, ...]:
-    return tuple(LegConfig(leg.leg.name, leg.hip, soles[leg.leg.name], leg.leg.joints) for leg in legs)
 
 
 def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
@@ -104,17 +96,15 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
         if joint.kind != "fixed" and joint.name not in scan.joint_positions
     }
     scan = replace(scan, joint_positions={**scan.joint_positions, **rest})
-    extended, soles = _with_soles(replace(urdf, name=name), legs, scan)
+    extended, leg_configs = _with_soles(replace(urdf, name=name), legs, scan)
     sole = _sole([leg.foot for leg in legs])
-    tree = tree_of(extended, _leg_configs(legs, soles), sole)
+    tree = tree_of(extended, leg_configs, sole)
     higher = (raised(tree, legs, scan, round(height * share - height, 3)) for share in STANDING_HIGHER)
     standing = next((posture for posture in higher if posture is not None), scan)
     mounts = find_mounts(tree, scan, sole, _half_swings(legs, scan))
     camera_frame, laser_frame = (_free(extended, wanted) for wanted in ("rangefinder_camera", "rangefinder_laser"))
-    placed = np.eye(4)
-    placed[:3, 3] = mounts.mirror
     extended = with_frame(extended, root_link(urdf), camera_frame, mounts.transform_camera_to_base)
-    extended = with_frame(extended, root_link(urdf), laser_frame, placed)
+    extended = with_frame(extended, root_link(urdf), laser_frame, translation(mounts.mirror))
     mirror_height = float(mounts.mirror[2]) + scan.base_height
     first, last = (
         round(mirror_angle_for(float(mounts.mirror[0]), mirror_height, x), 5)
@@ -125,7 +115,7 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
         name=name,
         base=root_link(urdf),
         legs=legs,
-        soles=soles,
+        leg_configs=leg_configs,
         sole=sole,
         sole_radius=_sole_radius([leg.foot for leg in legs]),
         scan=scan,
@@ -163,22 +153,20 @@ def _free(urdf: Urdf, wanted: str) -> str:
     return next(name for name in names if name not in taken and f"{name}_joint" not in taken)
 
 
-def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[Urdf, dict[str, str]]:
+def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[Urdf, tuple[LegConfig, ...]]:
     """Add a sole frame to each foot, at its ground contact in the scan posture and parallel to the base.
 
     Returns:
-        The URDF with these frames, and the name of each frame by leg.
+        The URDF with these frames, and the legs for robot.toml.
     """
-    names = {}
+    configs = []
     for leg in legs:
         name = _free(urdf, f"{leg.leg.name}_sole")
         positions = np.array([scan.joint_positions[joint] for joint in leg.leg.joints])
         to_base = leg.transforms(positions)[-1]
-        placed = np.eye(4)
-        placed[:3, 3] = scan.soles[leg.leg.name]
-        urdf = with_frame(urdf, leg.foot.link, name, np.linalg.inv(to_base) @ placed)
-        names[leg.leg.name] = name
-    return urdf, names
+        urdf = with_frame(urdf, leg.foot.link, name, inverse(to_base) @ translation(scan.soles[leg.leg.name]))
+        configs.append(LegConfig(leg.leg.name, leg.hip, name, leg.leg.joints))
+    return urdf, tuple(configs)
 
 
 def _sole(feet: list[Foot]) -> tuple[float, float]:

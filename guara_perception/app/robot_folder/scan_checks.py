@@ -14,6 +14,8 @@ from guara_perception.settings import Settings
 from guara_perception.simulation.specimen import specimen
 from kinematics import RobotModel, SelfFilter, Stance
 from kinematics.scan_pattern import END_TOLERANCE_M, plane_on_floor
+from kinematics.stance_pose import StancePose
+from kinematics.transforms import transform_points
 
 PICTURE_PX = (640, 512)
 CELLS = (46, 55)
@@ -34,6 +36,9 @@ class Coverage:
             not empty.
         lit: (ny, nx) mask of the cells between the first and the last laser plane.
         inside: names of the links whose shape encloses camera or laser.
+        stance, pose: stance of a scan, and pose of the body in it.
+        camera, laser: (3,) positions of camera and mirror in base_footprint [m].
+        planes: x of the first and the last laser plane on the floor, in base_footprint [m].
     """
 
     x: Float
@@ -42,6 +47,11 @@ class Coverage:
     hidden: Mask
     lit: Mask
     inside: tuple[str, ...]
+    stance: Stance
+    pose: StancePose
+    camera: Float
+    laser: Float
+    planes: tuple[float, ...]
 
     @property
     def seen(self) -> Mask:
@@ -52,7 +62,8 @@ class Coverage:
 def coverage(robot: RobotModel) -> Coverage:
     """Compute the coverage of the scanned area by camera and laser at their nominal mounts, with the nominal lens."""
     settings = Settings.of(robot)
-    pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs), find_unloaded=False)
+    stance = Stance(robot.posture(robot.config.scan_posture), robot.legs)
+    pose = robot.stance_pose(stance, find_unloaded=False)
     x, y = np.linspace(*settings.footprint_x, CELLS[0]), np.linspace(*settings.footprint_y, CELLS[1])
     every_x, every_y = np.meshgrid(x, y)
     floor = np.column_stack((every_x.ravel(), every_y.ravel(), np.zeros(every_x.size), np.ones(every_x.size)))
@@ -65,16 +76,22 @@ def coverage(robot: RobotModel) -> Coverage:
     if not inside:
         hidden = body.blocks(camera[:3, 3], in_base) | body.blocks(laser, in_base)
     in_camera = (in_base - camera[:3, 3]) @ camera[:3, :3]
-    mirror = pose.transform_base_to_footprint @ np.append(laser, 1.0)
-    first, last = (plane_on_floor(float(mirror[0]), float(mirror[2]), angle) for angle in settings.mirror_angles)
+    at_camera, at_mirror = transform_points(pose.transform_base_to_footprint, origins)
+    x_mirror, _, z_mirror = at_mirror.tolist()
+    planes = tuple(plane_on_floor(x_mirror, z_mirror, angle) for angle in settings.mirror_angles)
     shape = every_x.shape
     return Coverage(
         x,
         y,
         _in_picture(robot, in_camera).reshape(shape),
         hidden.reshape(shape),
-        (every_x >= first - END_TOLERANCE_M) & (every_x <= last + END_TOLERANCE_M),
+        (every_x >= planes[0] - END_TOLERANCE_M) & (every_x <= planes[1] + END_TOLERANCE_M),
         inside,
+        stance,
+        pose,
+        at_camera,
+        at_mirror,
+        planes,
     )
 
 

@@ -17,8 +17,7 @@ from guara_perception.terrain.scan.assess_terrain import assess_terrain
 from guara_perception.view.browser import BrowserView
 from guara_perception.view.moment import Moment
 from guara_perception.view.robot_looks import visual_shapes
-from kinematics import RobotModel, Stance
-from kinematics.scan_pattern import plane_on_floor
+from kinematics import RobotModel
 from kinematics.stance_pose import StancePose
 from kinematics.transforms import transform_points
 
@@ -45,32 +44,20 @@ def robot_moment(robot: RobotModel) -> Moment:
     Ground that is not seen by both camera and laser is unknown.
     """
     settings, covered = Settings.of(robot), coverage(robot)
-    stance, pose, camera, laser, planes = _mounts(robot, settings)
     heights = np.where(covered.seen, 0.0, np.nan)
     resolution = float(covered.x[1] - covered.x[0])
     origin = (settings.footprint_x[0], settings.footprint_y[0])
     floor = assess_terrain(heights, resolution, origin=origin, limits=settings.limits)
-    to_footprint = np.asarray(pose.transform_base_to_footprint)
-    grid = floor.restated(robot=robot.name, mode="nominal", stance=stance, transform_base_to_footprint=to_footprint)
+    to_footprint = np.asarray(covered.pose.transform_base_to_footprint)
+    grid = floor.restated(
+        robot=robot.name, mode="nominal", stance=covered.stance, transform_base_to_footprint=to_footprint
+    )
     (near, far), (right, left) = settings.footprint_x, settings.footprint_y
-    lines = [_line(camera, np.array([x, y, 0.0])) for x in (near, far) for y in (right, left)]
-    for x in planes:
+    lines = [_line(covered.camera, np.array([x, y, 0.0])) for x in (near, far) for y in (right, left)]
+    for x in covered.planes:
         ends = [np.array([x, y, 0.0]) for y in (right, left)]
-        lines += [_line(laser, ends[0]), _line(laser, ends[1]), _line(*ends)]
+        lines += [_line(covered.laser, ends[0]), _line(covered.laser, ends[1]), _line(*ends)]
     return Moment({"footprint": grid}, stripes=lambda: lines)
-
-
-def _mounts(robot: RobotModel, settings: Settings) -> tuple[Stance, StancePose, Float, Float, list[float]]:
-    """Stance and pose of a scan, positions of camera and mirror, and x of the outer laser planes on the floor.
-
-    Positions (3,) and x are in base_footprint [m].
-    """
-    stance = Stance(robot.posture(robot.config.scan_posture), robot.legs)
-    pose = robot.stance_pose(stance, find_unloaded=False)
-    mounts = robot.transform_camera_to_base, robot.transform_laser_to_base
-    camera, laser = (transform_points(pose.transform_base_to_footprint, mount[:3, 3]) for mount in mounts)
-    planes = [plane_on_floor(float(laser[0]), float(laser[2]), angle) for angle in settings.mirror_angles]
-    return stance, pose, camera, laser, planes
 
 
 def _line(start: Float, end: Float) -> Float:
@@ -82,7 +69,7 @@ def draw_robot(robot: RobotModel, path: Path) -> None:
     from matplotlib.patches import Rectangle
 
     settings, covered = Settings.of(robot), coverage(robot)
-    _, pose, camera, laser, planes = _mounts(robot, settings)
+    pose, camera, laser = covered.pose, covered.camera, covered.laser
     with styled():
         figure, ((side, top),) = new_figure(1, 2, size=(13.0, 4.0))
         for axes, up in ((side, 2), (top, 1)):
@@ -92,7 +79,7 @@ def draw_robot(robot: RobotModel, path: Path) -> None:
         side.plot([near, far], [0.0, 0.0], color=AREA, linewidth=4.0, label="scanned area")
         for x in (near, far):
             side.plot([camera[0], x], [camera[2], 0.0], color=CAMERA, linewidth=1.2)
-        for x in planes:
+        for x in covered.planes:
             side.plot([laser[0], x], [laser[2], 0.0], color=LASER, linewidth=1.2)
         side.plot(camera[0], camera[2], "o", color=CAMERA, label="camera")
         side.plot(laser[0], laser[2], "s", color=LASER, label="mirror and the first and last laser plane")
@@ -125,10 +112,9 @@ def _draw_links(axes: Axes, robot: RobotModel, pose: StancePose, up: int) -> Non
     from matplotlib.patches import Polygon
     from scipy.spatial import ConvexHull
 
-    state = robot.state(robot.posture(robot.config.scan_posture))
     shapes = []
     for link, visuals in visual_shapes(robot).items():
-        transform = pose.transform_base_to_footprint @ state.transform_to_base(link)
+        transform = pose.transform_base_to_footprint @ pose.state.transform_to_base(link)
         shapes += [(transform_points(transform, item.vertices), item.colour) for item in visuals]
     # Draw shapes farther from the viewer first. The side view is from the right.
     shapes.sort(key=lambda item: -item[0][:, 1].mean() if up == 2 else item[0][:, 2].mean())
