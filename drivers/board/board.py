@@ -17,6 +17,7 @@ from drivers.errors import BoardError, LaserRefused, MirrorOutOfRange, MirrorTim
 logger = logging.getLogger(__name__)
 # Default timeout of `wait_until_still`, and its polling interval [s].
 MOTION_TIMEOUT, POLL_PERIOD = 5.0, 0.002
+STILL_MOVING = "the mirror did not come to rest within {:g} s: check the motor and the mirror mechanism"
 
 
 class Board(ABC):
@@ -183,9 +184,7 @@ class Board(ABC):
         deadline = timing.monotonic() + patience
         while (status := self.status()).moving:
             if timing.monotonic() > deadline:
-                raise MirrorTimeout(
-                    f"the mirror did not come to rest within {patience:g} s: check the motor and the mirror mechanism"
-                )
+                raise MirrorTimeout(STILL_MOVING.format(patience))
             timing.sleep(POLL_PERIOD)
         return status, timing.monotonic()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 
 from drivers import timing
+from drivers.board.board import STILL_MOVING
 from drivers.board.board_records import BoardStatus
 from drivers.board.board_session import BoardSession, raise_if_stuck_on
 from drivers.board.protocol import BoardFault, BoardFlag, Request
@@ -155,9 +156,7 @@ class LaserBoard(BoardSession):
         status = None if self._moving else self.status()
         while status is None or status.moving or status.motion != self._motion:
             if timing.monotonic() > deadline:
-                raise MirrorTimeout(
-                    f"the mirror did not come to rest within {patience:g} s: check the motor and the mirror mechanism"
-                )
+                raise MirrorTimeout(STILL_MOVING.format(patience))
             record = self.read_record(REPORT_SLICE)
             status = record if isinstance(record, BoardStatus) else self.status()
         self._moving = False

@@ -125,6 +125,8 @@ class BoardFault(enum.IntFlag):
     HOME_NOT_FOUND = 64
 
 
+# Faults that keep the laser off until they are cleared.
+BLOCKING = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERATURE | BoardFault.LASER_STUCK_ON
 FAULT_MEANINGS = {
     BoardFault.WATCHDOG: "the host was silent and the watchdog turned the laser off",
     BoardFault.LASER_TIME: "the laser was on for the longest time allowed",

@@ -85,7 +85,6 @@ class AravisCamera(Camera):
         self._aravis: Any = None
         self._camera: Any = None
         self._stream: Any = None
-        self._exposure = 0.0
         self._counter, self._last_id = -1, 0
         self.pixel_format = ""
 
@@ -129,7 +128,7 @@ class AravisCamera(Camera):
             CameraError: the camera does not respond or reports an error.
             CameraNotOpen: the camera is not open.
         """
-        camera = self._opened()
+        camera = opened(self._camera, self)
         try:
             held = lock_settings(camera, self._aravis, settings, self.name)
             self._learn_period(camera)
@@ -144,7 +143,7 @@ class AravisCamera(Camera):
             CameraEnded: the camera does not respond.
             CameraNotOpen: the camera is not open.
         """
-        camera = self._opened()
+        camera = opened(self._camera, self)
         try:
             return held_settings(camera, self._aravis, locked)
         except glib_error() as error:
@@ -160,7 +159,7 @@ class AravisCamera(Camera):
             CameraEnded: a network camera was disconnected.
             CameraNotOpen: the camera is not open.
         """
-        self._opened()
+        opened(self._camera, self)
         deadline = time.monotonic() + timeout
         while True:
             left = max(0.0, deadline - time.monotonic())
@@ -177,17 +176,14 @@ class AravisCamera(Camera):
     @property
     def waiting(self) -> int:
         """Number of frames, complete or not, that are waiting to be read."""
-        self._opened()
+        opened(self._camera, self)
         return int(self._stream.get_n_buffers()[1])
 
     def flush(self) -> None:
         """Discard waiting frames."""
-        self._opened()
+        opened(self._camera, self)
         while (buffer := self._stream.try_pop_buffer()) is not None:
             self._stream.push_buffer(buffer)
-
-    def _opened(self) -> Any:
-        return opened(self._camera, self)
 
     def _find(self) -> Any:
         self._aravis.update_device_list()
@@ -270,11 +266,9 @@ class AravisCamera(Camera):
             )
 
     def _learn_period(self, camera: Any) -> None:
-        self._exposure = camera.get_exposure_time() * 1e-6 if camera.is_exposure_time_available() else 0.0
-        fastest = 0.0
-        if camera.is_frame_rate_available():
-            fastest = float(camera.get_frame_rate_bounds()[1])
-        self.trigger_period = max(self._exposure + READ_OUT, 1.0 / fastest if fastest > 0 else 0.0)
+        exposure = camera.get_exposure_time() * 1e-6 if camera.is_exposure_time_available() else 0.0
+        fastest = float(camera.get_frame_rate_bounds()[1]) if camera.is_frame_rate_available() else 0.0
+        self.trigger_period = max(exposure + READ_OUT, 1.0 / fastest if fastest > 0 else 0.0)
 
     def _begin(self, camera: Any) -> None:
         self._counter, self._last_id = -1, 0

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Self, TypeVar
 
-from drivers.errors import CameraNotOpen, CameraSettingRefused
+from drivers import timing
+from drivers.errors import CameraNotOpen, CameraSettingRefused, CameraTimeout
 from drivers.frame import Frame
 
 T = TypeVar("T")
@@ -162,6 +163,22 @@ def opened(device: T | None, camera: Camera) -> T:
     if device is None:
         raise CameraNotOpen(f"{camera.name} is not open: use `with camera:`")
     return device
+
+
+def wait_until_due(camera: Camera, wait: float, timeout: float) -> None:
+    """Wait for the next frame of an emulated or replayed camera.
+
+    Args:
+        camera: camera, for the error message.
+        wait: time until the frame is due [s]; 0 or less if it is due already.
+        timeout: longest wait [s].
+
+    Raises:
+        CameraTimeout: the frame is not due within `timeout`.
+    """
+    timing.sleep(max(0.0, min(wait, timeout)))
+    if wait > timeout:
+        raise CameraTimeout(f"{camera.name} delivered no frame within {timeout:g} s")
 
 
 def check_held(camera: str, setting: str, asked: float, held: float, allowed: float, tool: str = "") -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import threading
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from drivers import timing
 from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, check_held, opened
@@ -141,18 +141,18 @@ class OpenCvCamera(Camera):
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
         """Lock exposure, gain, white balance and gamma of a live camera; see `lock_settings`."""
-        capture = self._opened()
+        capture = opened(self._capture, self)
         if self._is_file and settings != CameraSettings():
             raise CameraSettingRefused(f"{self.name} is a file, whose frames exist already: {settings} cannot be set")
         return lock_settings(capture, settings, self.name)
 
     def held(self, locked: CameraSettings) -> HeldSettings:
         """Read the locked settings back; see `held_settings`."""
-        return held_settings(self._opened(), locked)
+        return held_settings(opened(self._capture, self), locked)
 
     def grab(self, timeout: float) -> Frame:
         """Return the next frame of a file, or the newest frame of a live camera; errors as in `Camera.grab`."""
-        capture = self._opened()
+        capture = opened(self._capture, self)
         if self._is_file:
             frame = self._read(capture)
             if frame is None:
@@ -170,12 +170,9 @@ class OpenCvCamera(Camera):
 
     def flush(self) -> None:
         """Discard the waiting frame of a live camera."""
-        self._opened()
+        opened(self._capture, self)
         with self._changed:
             self._newest = None
-
-    def _opened(self) -> Any:
-        return opened(self._capture, self)
 
     def _read(self, capture: Any) -> Frame | None:
         if not capture.grab():
@@ -240,21 +237,11 @@ def _is_file(source: int | str | Path, backend: str) -> bool:
     return not path.startswith("/dev/") and "!" not in path and "://" not in path
 
 
-class Capture(Protocol):
-    """Methods of `cv2.VideoCapture` that are used for settings."""
-
-    def set(self, propId: int, value: float) -> bool:
-        """Set a property; return False if the device lacks it."""
-
-    def get(self, propId: int) -> float:
-        """Return the value of a property."""
-
-
-def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> CameraSettings:
+def lock_settings(capture: Any, settings: CameraSettings, name: str) -> CameraSettings:
     """Turn automatic modes off, apply the settings, and return the values read back from the camera.
 
     Args:
-        capture: an open capture.
+        capture: open `cv2.VideoCapture`.
         settings: settings to apply; None entries are not changed.
         name: name of the camera, for messages.
 
@@ -271,11 +258,11 @@ def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> Came
     return CameraSettings(**held)
 
 
-def held_settings(capture: Capture, locked: CameraSettings) -> HeldSettings:
+def held_settings(capture: Any, locked: CameraSettings) -> HeldSettings:
     """Read the locked settings back from the camera. A value of 0 or less, except gain 0, counts as not reported.
 
     Args:
-        capture: an open capture.
+        capture: open `cv2.VideoCapture`.
         locked: settings to read; None entries are not read.
     """
     import cv2
@@ -291,11 +278,11 @@ def held_settings(capture: Capture, locked: CameraSettings) -> HeldSettings:
     return HeldSettings(values=values, automatic=tuple(automatic))
 
 
-def _set(capture: Capture, prop: str, value: float, what: str, name: str, tolerance: float = TOLERANCE) -> float:
+def _set(capture: Any, prop: str, value: float, what: str, name: str, tolerance: float = TOLERANCE) -> float:
     import cv2
 
     taken = capture.set(getattr(cv2, prop), value)
-    got = capture.get(getattr(cv2, prop))
+    got = float(capture.get(getattr(cv2, prop)))
     if not taken:
         raise CameraSettingRefused(
             f"{name} has no setting {what} (asked for {value:g}): leave it out, or set it with "

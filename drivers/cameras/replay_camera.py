@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 
 from drivers import timing
 from drivers.arrays import Image
-from drivers.cameras.camera import Camera, CameraSettings, opened
-from drivers.errors import CameraEnded, CameraSettingRefused, CameraTimeout
+from drivers.cameras.camera import Camera, CameraSettings, opened, wait_until_due
+from drivers.errors import CameraEnded, CameraSettingRefused
 from drivers.frame import Frame, read_only
 
 
@@ -71,12 +71,7 @@ class ReplayCamera(Camera):
             CameraNotOpen: the camera is not open.
         """
         frames = opened(self._iterator, self)
-        wait = self._due - timing.monotonic()
-        if wait > timeout:
-            timing.sleep(timeout)
-            raise CameraTimeout(f"{self.name} delivered no frame within {timeout:g} s")
-        if wait > 0:
-            timing.sleep(wait)
+        wait_until_due(self, self._due - timing.monotonic(), timeout)
         try:
             item = next(frames)
         except StopIteration:

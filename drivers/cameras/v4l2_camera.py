@@ -125,7 +125,7 @@ class V4l2Camera(Camera):
             CameraError: the camera rejects a value or does not respond.
             CameraNotOpen: the camera is not open.
         """
-        self._opened()
+        opened(self._capture, self)
         held = {}
         for name, wanted in settings.given().items():
             control, unit, switch, off = CONTROLS[name]
@@ -136,7 +136,7 @@ class V4l2Camera(Camera):
 
     def held(self, locked: CameraSettings) -> HeldSettings:
         """Read the locked settings and their automatic modes back; errors as in `Camera.held`."""
-        self._opened()
+        opened(self._capture, self)
         controls = self._device.controls
         values, automatic = {}, []
         try:
@@ -151,7 +151,7 @@ class V4l2Camera(Camera):
 
     def grab(self, timeout: float) -> Frame:
         """Return the oldest frame; damaged frames are skipped and leave gaps in the counter. See `Camera.grab`."""
-        capture = self._opened()
+        capture = opened(self._capture, self)
         deadline = time.monotonic() + timeout
         while True:
             if not select.select([self._device], [], [], max(0.0, deadline - time.monotonic()))[0]:
@@ -168,15 +168,12 @@ class V4l2Camera(Camera):
 
     def flush(self) -> None:
         """Discard waiting frames; CameraEnded if the camera was disconnected."""
-        capture = self._opened()
+        capture = opened(self._capture, self)
         try:
             while select.select([self._device], [], [], 0)[0]:
                 capture.buffer.raw_read()
         except OSError as error:
             raise self._ended(error) from None
-
-    def _opened(self) -> Any:
-        return opened(self._capture, self)
 
     def _ended(self, error: OSError) -> CameraEnded:
         return CameraEnded(f"{self.name} was disconnected ({error.strerror}): check its cable, then open it again")

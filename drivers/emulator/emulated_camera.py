@@ -8,9 +8,8 @@ from typing import Protocol
 
 from drivers import timing
 from drivers.arrays import Image
-from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, opened
+from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, opened, wait_until_due
 from drivers.emulator.views import ExposureView
-from drivers.errors import CameraTimeout
 from drivers.frame import Frame, read_only
 
 
@@ -78,7 +77,7 @@ class EmulatedCamera(Camera):
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
         """Accept all settings, but limit the exposure to the frame period, as real cameras do."""
-        self._started()
+        opened(self._start, self)
         given = settings.given()
         if "exposure" in given:
             given["exposure"] = self._exposure = min(given["exposure"], self._period)
@@ -98,29 +97,20 @@ class EmulatedCamera(Camera):
             CameraTimeout: no frame arrives in time.
             CameraNotOpen: the camera is not open.
         """
-        start = self._started()
+        start = opened(self._start, self)
         asked = timing.monotonic()
         number = self._next_number(asked)
-        wait = start + number * self._period + self._delay - asked
-        if wait > timeout:
-            timing.sleep(timeout)
-            raise CameraTimeout(f"{self.name} delivered no frame within {timeout:g} s")
-        if wait > 0:
-            timing.sleep(wait)
+        wait_until_due(self, start + number * self._period + self._delay - asked, timeout)
         frame = self._expose(number, start)
         self._next = number + 1
         return frame
 
     def flush(self) -> None:
         """Discard the frames that have already arrived."""
-        self._started()
         self._next = max(self._next, self._arrived(timing.monotonic()) + 1)
 
-    def _started(self) -> float:
-        return opened(self._start, self)
-
     def _arrived(self, now: float) -> int:
-        return max(0, int((now - self._started() - self._delay) / self._period))
+        return max(0, int((now - opened(self._start, self) - self._delay) / self._period))
 
     def _next_number(self, now: float) -> int:
         return max(self._next, self._arrived(now))

@@ -7,9 +7,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from drivers.board.board_records import BoardIdentity
-from drivers.board.protocol import BoardFault, BoardFlag
-
-BLOCKING = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERATURE | BoardFault.LASER_STUCK_ON
+from drivers.board.protocol import BLOCKING, BoardFault, BoardFlag
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +72,7 @@ def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: flo
         dark, _ = _settled(board, camera, timeout)
         board.laser_on()
         lit, period = _settled(board, camera, timeout)
-        share = _ShareOfLight(dark.image, lit.image)
+        share = _laser_share(dark.image, lit.image)
         on = True
         for turn in range(toggles):
             on = not on
@@ -84,7 +85,7 @@ def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: flo
             for _ in range(MOST_FRAMES):
                 frame = camera.grab(timeout)
                 board.status()
-                value = share.of(frame.image) if on else 1.0 - share.of(frame.image)
+                value = share(frame.image) if on else 1.0 - share(frame.image)
                 if frame.stamp <= before:
                     continue
                 if value >= FULL:
@@ -106,32 +107,27 @@ def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: flo
     return LagMeasurement(longest, longest - shortest, period, toggles)
 
 
-class _ShareOfLight:
-    """Measurement of the laser's light in a frame, as a fraction: 0 in a dark frame, 1 in a lit one."""
-
-    def __init__(self, dark: Image, lit: Image) -> None:
-        self._dark = dark
-        difference = _flat(lit) - _flat(dark)
-        noise = 1.4826 * float(np.median(np.abs(difference - np.median(difference))))
-        full = float(np.iinfo(lit.dtype).max)
-        threshold = max(0.05 * full, 8.0 * noise, 0.3 * float(difference.max(initial=0.0)))
-        self._stripe = np.nonzero(difference > threshold)
-        brightest = lit.max(axis=2) if lit.ndim == 3 else lit
-        clipped = float(np.mean(brightest[self._stripe] >= 0.99 * full)) if len(self._stripe[0]) else 0.0
-        if clipped > MAX_CLIPPED:
-            raise StripeClipped(
-                f"{clipped:.0%} of the stripe is clipped; allowed: at most {MAX_CLIPPED:.0%}: call meter_exposure() "
-                "first, so that a partial exposure can be distinguished from a full one"
-            )
-        self._whole = float(difference[self._stripe].sum())
-        if len(self._stripe[0]) < difference.shape[1] // 50 + 1:
-            raise LaserNotSeen(
-                "images with the laser on and off do not differ: is the laser covered or out of the camera's view?"
-            )
-
-    def of(self, image: Image) -> float:
-        """Return the fraction of the laser's light in `image`."""
-        return float((_flat(image) - _flat(self._dark))[self._stripe].sum()) / self._whole
+def _laser_share(dark: Image, lit: Image) -> Callable[[Image], float]:
+    """Make the function that returns the fraction of the laser's light in an image: 0 for `dark`, 1 for `lit`."""
+    dark_values = _flat(dark)
+    difference = _flat(lit) - dark_values
+    noise = 1.4826 * float(np.median(np.abs(difference - np.median(difference))))
+    full = float(np.iinfo(lit.dtype).max)
+    threshold = max(0.05 * full, 8.0 * noise, 0.3 * float(difference.max(initial=0.0)))
+    stripe = np.nonzero(difference > threshold)
+    brightest = lit.max(axis=2) if lit.ndim == 3 else lit
+    clipped = float(np.mean(brightest[stripe] >= 0.99 * full)) if len(stripe[0]) else 0.0
+    if clipped > MAX_CLIPPED:
+        raise StripeClipped(
+            f"{clipped:.0%} of the stripe is clipped; allowed: at most {MAX_CLIPPED:.0%}: call meter_exposure() "
+            "first, so that a partial exposure can be distinguished from a full one"
+        )
+    if len(stripe[0]) < difference.shape[1] // 50 + 1:
+        raise LaserNotSeen(
+            "images with the laser on and off do not differ: is the laser covered or out of the camera's view?"
+        )
+    whole = float(difference[stripe].sum())
+    return lambda image: float((_flat(image) - dark_values)[stripe].sum()) / whole
 
 
 def _flat(image: Image) -> Float32:

@@ -11,7 +11,6 @@ from drivers.errors import CameraTimeout
 from drivers.frame import Frame
 from drivers.sweep.capture import StripeCapture
 from drivers.sweep.firing_order import PlannedStripe
-from drivers.sweep.frame_grabber import FrameGrabber
 from drivers.sweep.options import OffFrames
 from drivers.sweep.stripe_worker import ScanStopped, ScanTask, StripeWorker
 
@@ -20,11 +19,7 @@ QUEUE_SLICE = 0.05
 
 
 class ScanWorker(StripeWorker):
-    """Thread that scans stripe by stripe with a free-running camera; the queue to the caller is bounded.
-
-    Attributes:
-        grabber: source of the frames, with counts of skipped and lost ones.
-    """
+    """Thread that scans stripe by stripe with a free-running camera; the queue to the caller is bounded."""
 
     def __init__(self, task: ScanTask) -> None:
         """Prepare the thread; `start` begins the scan."""
@@ -32,7 +27,6 @@ class ScanWorker(StripeWorker):
         self._lost_in_row = 0
         self._group: list[StripeCapture] = []
         self._steps: list[int] = []
-        self.grabber = FrameGrabber(task.camera, task.board, task.options, self._check)
 
     def _take(self) -> None:
         self.grabber.restart()

@@ -15,6 +15,7 @@ from drivers.cameras.camera import Camera
 from drivers.errors import AcquisitionError, LaserRefused
 from drivers.sweep.capture import StripeCapture
 from drivers.sweep.firing_order import PlannedStripe
+from drivers.sweep.frame_grabber import FrameGrabber
 from drivers.sweep.options import AcquireOptions
 
 logger = logging.getLogger(__name__)
@@ -117,6 +118,7 @@ class StripeWorker(threading.Thread, ABC):
     Attributes:
         items: queue to the caller; it contains groups of stripes (see `AcquireOptions.together`), and None at the end.
         switch: laser switch.
+        grabber: source of the frames, with counts of skipped and lost ones.
         fired: indices of the stripes for which the laser was on.
         failure: error that ended the scan, or None.
         stopped_early: True if `should_stop` ended the scan.
@@ -137,6 +139,7 @@ class StripeWorker(threading.Thread, ABC):
         self._firing_order, self._should_stop = task.firing_order, task.should_stop
         self._cancelled = threading.Event()
         self.switch = LaserSwitch(task.board)
+        self.grabber = FrameGrabber(task.camera, task.board, task.options, self._check)
         self.items: queue.Queue[tuple[StripeCapture, ...] | None] = queue.Queue(groups)
         self.fired: list[int] = []
         self.failure: Exception | None = None

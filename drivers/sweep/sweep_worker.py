@@ -12,7 +12,16 @@ import numpy as np
 from drivers import timing
 from drivers.arrays import Float
 from drivers.board.laser_board import LaserBoard
-from drivers.board.protocol import DARKS_SINCE, SWEEP_STRIPES, WAIT_UNITS, BoardFault, BoardFlag, Shot, describe_faults
+from drivers.board.protocol import (
+    BLOCKING,
+    DARKS_SINCE,
+    SWEEP_STRIPES,
+    WAIT_UNITS,
+    BoardFault,
+    BoardFlag,
+    Shot,
+    describe_faults,
+)
 from drivers.board.sweep_records import StripeRecord
 from drivers.errors import CameraNotTriggered, CameraTimeout, LaserRefused
 from drivers.frame import Frame
@@ -33,24 +42,6 @@ NO_DARKS = (
     "no dark flashes: the board speaks protocol 1.1, but they need 1.2: flash firmware/guara_board.uf2, so that "
     "foreign light and frames of another instant are detected"
 )
-NO_LASER = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERATURE | BoardFault.LASER_STUCK_ON
-
-
-@dataclass
-class FrameCounts:
-    """Counts as in `FrameGrabber`, except for the following.
-
-    Attributes:
-        used: number of stripes with verified frames.
-        skipped: number of frames without a device time.
-        dropped: number of frames missing in the camera's counter, even if none was expected.
-    """
-
-    used: int = 0
-    skipped: int = 0
-    dropped: int = 0
-    repeated: int = 0
-    last_stamp: float = 0.0
 
 
 @dataclass
@@ -67,14 +58,12 @@ class Sweep:
     done: set[int] = field(default_factory=set)
     ended_at: float | None = None
 
-    @property
-    def complete(self) -> bool:
-        """True if all stripes have been handed over."""
-        return len(self.done) == len(self.stripes)
-
 
 class SweepWorker(StripeWorker):
-    """Scan thread for sweeps of the board, with the attributes of `ScanWorker`.
+    """Scan thread for sweeps of the board.
+
+    Of `grabber`, only the counts are used: `used` counts stripes with verified frames, `skipped` frames without a
+    device time, and `dropped` all frames that are missing in the camera's counter, even if none was expected.
 
     Stripes without a verified frame are repeated in up to `SweepOptions.repeats` further sweeps and then count as lost.
     """
@@ -93,7 +82,6 @@ class SweepWorker(StripeWorker):
         self._off_settled = task.options.off is not OffFrames.ONE
         self._fed = 0.0
         self._last_counter: int | None = None
-        self.grabber = FrameCounts(last_stamp=timing.monotonic())
 
     def _take(self) -> None:
         if not self._camera.triggered:
@@ -174,7 +162,7 @@ class SweepWorker(StripeWorker):
     def _is_over(self, sweep: Sweep) -> bool:
         if sweep.ended_at is None:
             return False
-        return sweep.complete or timing.monotonic() > sweep.ended_at + LAST_FRAMES
+        return len(sweep.done) == len(sweep.stripes) or timing.monotonic() > sweep.ended_at + LAST_FRAMES
 
     def _feed(self, sweep: Sweep) -> None:
         now = timing.monotonic()
@@ -186,7 +174,7 @@ class SweepWorker(StripeWorker):
             return
         if sweep.ended_at is None:
             sweep.ended_at = now
-        blocking = status.faults & (NO_LASER | BoardFault.LASER_DEAD)
+        blocking = status.faults & (BLOCKING | BoardFault.LASER_DEAD)
         if blocking:
             raise LaserRefused(f"the board ended the sweep: {describe_faults(blocking)}")
 
@@ -269,7 +257,7 @@ class SweepWorker(StripeWorker):
     def _proved(self, sweep: Sweep, number: int, stamps: Float) -> Frame | None:
         record = sweep.records[number]
         wrong_light = (record.lit > 0) != (record.shot is Shot.STRIPE)
-        if wrong_light or record.faults & NO_LASER or (self._counted and record.exposures != 1):
+        if wrong_light or record.faults & BLOCKING or (self._counted and record.exposures != 1):
             return None
         found = self._match.frame_of(sweep.clocks[number], stamps)
         return None if found is None else sweep.frames[found]

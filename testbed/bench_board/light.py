@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from drivers.board.board_records import BoardIdentity
-from drivers.board.protocol import BoardFault
-from drivers.emulator.light import BLOCKING, LightUnit
+from drivers.board.protocol import BLOCKING, BoardFault
+from drivers.emulator.light import LightUnit
 from testbed.bench_board.faults import FaultKind, FaultPlan
 
 # Temperature at which the laser is turned off, and at which that fault can be cleared [degrees Celsius].
