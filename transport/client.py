@@ -11,7 +11,7 @@ from numbers import Integral
 from typing import Any, Unpack
 
 from transport import clock
-from transport.exceptions import MessageError, ReceiveTimeout, StaleTerrain
+from transport.exceptions import MessageError, ReceiveTimeout, StaleTerrain, check_choice
 from transport.grids.evidence import G
 from transport.grids.grid_judge import TAKING_BACK, Accepted, GridJudge, Terms
 from transport.grids.grid_waiter import SETTLE, GridWaiter
@@ -78,8 +78,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
             MessageError: the extent is unknown.
             SessionClosed: the client is closed, and this is the first call for this extent.
         """
-        if extent not in EXTENTS:
-            raise MessageError(f"extent is {extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
+        check_choice("extent", extent, EXTENTS)
         return self._receiver(extent, terrain_key(self.robot, extent, self._encoding), decode_terrain)
 
     @property

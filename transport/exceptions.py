@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 
 
@@ -95,18 +95,33 @@ class SecurityError(TransportError, ValueError):
 
 
 @contextmanager
-def os_errors(kind: type[TransportError], what: str) -> Iterator[None]:
-    """Convert an OSError to an error of class `kind`, whose message consists of `what` and the cause."""
-    try:
-        yield
-    except OSError as error:
-        raise kind(f"{what}: {error.strerror}") from error
-
-
-@contextmanager
 def errors_as(kind: type[TransportError], what: str, *causes: type[Exception]) -> Iterator[None]:
-    """Convert errors of the classes `causes` to errors of class `kind`, with `what` and the cause as the message."""
+    """Convert errors to errors of class `kind`, whose message consists of `what` and the cause.
+
+    Args:
+        kind: class of the new error.
+        what: beginning of its message.
+        causes: classes of the errors to convert; none = OSError, of which only the text without the path is used.
+    """
+    converted = causes or (OSError,)
     try:
         yield
-    except causes as error:
-        raise kind(f"{what}: {error}") from error
+    except converted as error:
+        text = str(error) if causes else getattr(error, "strerror", None)
+        raise kind(f"{what}: {text or error}") from error
+
+
+def check_choice(what: str, given: object, allowed: Collection[str], kind: type[TransportError] = MessageError) -> None:
+    """Check that a value is one of the allowed names.
+
+    Args:
+        what: name of the value in the error message.
+        given: the value.
+        allowed: allowed names.
+        kind: class of the error.
+
+    Raises:
+        TransportError: the value is not allowed; an error of class `kind`.
+    """
+    if given not in allowed:
+        raise kind(f"{what} is {given!r}; allowed: {', '.join(map(repr, allowed))}")

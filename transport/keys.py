@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from functools import partial
 
-from transport.exceptions import KeyNameError
+from transport.exceptions import KeyNameError, check_choice
 
 # Default instance name of a robot.
 DEFAULT_ROBOT = "guara"
@@ -51,8 +51,7 @@ def check_encoding(encoding: str) -> str:
     Raises:
         KeyNameError: the encoding is not in `ENCODINGS`.
     """
-    if encoding not in ENCODINGS:
-        raise KeyNameError(f"encoding {encoding!r} is unknown; allowed: {', '.join(map(repr, ENCODINGS))}")
+    check_choice("encoding", encoding, ENCODINGS, KeyNameError)
     return encoding
 
 
@@ -68,8 +67,7 @@ def terrain_key(robot: str = DEFAULT_ROBOT, extent: str = "footprint", encoding:
         KeyNameError: extent or encoding is unknown, or the robot name cannot be part of a key.
     """
     names = {"footprint": "terrain", "map": "map"}
-    if extent not in names:
-        raise KeyNameError(f"extent {extent!r} is unknown; allowed: {', '.join(map(repr, names))}")
+    check_choice("extent", extent, names, KeyNameError)
     below = "/compact" if check_encoding(encoding) == "compact" else ""
     return f"{perception_prefix(robot)}{below}/{names[extent]}"
 

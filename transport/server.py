@@ -13,7 +13,7 @@ import numpy as np
 
 from transport import clock
 from transport.arrays import Percent
-from transport.exceptions import MessageError, ReceiveTimeout
+from transport.exceptions import MessageError, ReceiveTimeout, check_choice
 from transport.grids.grid_publishers import GridPublishers
 from transport.grids.views import ViewSender
 from transport.keys import (
@@ -126,8 +126,7 @@ class PerceptionServer(Resource):
         Raises:
             MessageError: the extent is unknown.
         """
-        if extent not in self._sequences:
-            raise MessageError(f"extent is {extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
+        check_choice("extent", extent, EXTENTS)
         with self._lock:
             self._sequences[extent] += 1
             return self._sequences[extent]

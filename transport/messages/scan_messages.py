@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-from transport.exceptions import MessageError
+from transport.exceptions import MessageError, check_choice
 from transport.messages.codec import decode, encode, from_ros, to_ros
 from transport.messages.submessages import finite
 from transport.messages.terrain_message import EXTENTS, MODES
@@ -47,8 +47,7 @@ class ScanRequest:
         """
         if not 0 < len(self.id) <= MAXIMUM_ID:
             raise MessageError(f"id of the request has {len(self.id)} characters; allowed: 1 to {MAXIMUM_ID}")
-        if self.mode not in MODES:
-            raise MessageError(f"mode is {self.mode!r}; allowed: {', '.join(map(repr, MODES))}")
+        check_choice("mode", self.mode, MODES)
         if finite(self.timeout, "timeout") <= 0.0:
             raise MessageError(f"timeout is {self.timeout} s; allowed: more than 0")
         check_value(SCAN_REQUEST, "timeout", self.timeout)
@@ -114,8 +113,7 @@ class QueryRequest:
         Raises:
             MessageError: a value is not allowed.
         """
-        if self.extent not in EXTENTS:
-            raise MessageError(f"extent is {self.extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
+        check_choice("extent", self.extent, EXTENTS)
         if self.region is None:
             return
         if len(self.region) != 4:

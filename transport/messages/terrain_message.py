@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from transport.arrays import Array, Float
-from transport.exceptions import MessageError
+from transport.exceptions import MessageError, check_choice
 from transport.keys import check_name
 from transport.messages.codec import check_version, decode, encode, from_ros, to_ros
 from transport.messages.shuffle import FRAME_MAGIC, compress, decompress
@@ -195,8 +195,7 @@ class TerrainMessage:
         """
         check_name(self.robot)
         for name, allowed in (("extent", EXTENTS), ("mode", MODES), ("attitude_source", ATTITUDE_SOURCES)):
-            if getattr(self, name) not in allowed:
-                raise MessageError(f"{name} is {getattr(self, name)!r}; allowed: {', '.join(map(repr, allowed))}")
+            check_choice(name, getattr(self, name), allowed)
         for name in ("sequence", "valid_for", "valid_pauses", "coverage"):
             check_value(TERRAIN, name, getattr(self, name))
         if self.scan_end < self.scan_start:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from transport.exceptions import RecordingError, os_errors
+from transport.exceptions import RecordingError, check_choice, errors_as
 from transport.messages.codec import decode, from_ros, read_stance, read_time
 from transport.messages.stance_pause import StancePause, decode_stance_pause
 from transport.messages.stance_stream import StanceStream, decode_stance_stream
@@ -54,7 +54,7 @@ class Recording(AbstractContextManager["Recording"]):
         from mcap.reader import make_reader
 
         self.path = Path(path)
-        with os_errors(RecordingError, f"cannot read {self.path}"):
+        with errors_as(RecordingError, f"cannot read {self.path}"):
             self._file = BoundedFile(self.path)
         try:
             self._reader = make_reader(cast(Any, self._file), validate_crcs=True)
@@ -99,8 +99,7 @@ class Recording(AbstractContextManager["Recording"]):
             RecordingError: the extent is unknown.
             MessageError: a grid is damaged.
         """
-        if extent not in EXTENTS:
-            raise RecordingError(f"extent is {extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
+        check_choice("extent", extent, EXTENTS, RecordingError)
         return map(decode_terrain, self._payloads("terrain" if extent == "footprint" else "map"))
 
     def stance_pauses(self) -> Iterator[StancePause]:

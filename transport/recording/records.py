@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from transport.arrays import Array
-from transport.exceptions import MessageError
+from transport.exceptions import MessageError, check_choice
 from transport.messages.codec import make_header
 from transport.messages.submessages import StanceMessage, finite
 from transport.messages.terrain_message import MODES
@@ -51,9 +51,8 @@ class FrameRecord:
         """
         if (self.pixels is None) == (self.data is None):
             raise MessageError("a frame needs either pixels or the bytes of an image file, but not both")
-        if self.data is not None and self.format not in COMPRESSED_FORMATS:
-            allowed = ", ".join(map(repr, COMPRESSED_FORMATS))
-            raise MessageError(f"format of a frame is {self.format!r}; allowed: {allowed}")
+        if self.data is not None:
+            check_choice("format of a frame", self.format, COMPRESSED_FORMATS)
         if self.pixels is not None:
             if _kind(self.pixels) not in ENCODINGS or self.pixels.size == 0:
                 raise MessageError(
@@ -150,8 +149,7 @@ class ScanRecord:
         Raises:
             MessageError: the mode is unknown, or a mirror angle is not finite.
         """
-        if self.mode not in MODES:
-            raise MessageError(f"mode is {self.mode!r}; allowed: {', '.join(map(repr, MODES))}")
+        check_choice("mode", self.mode, MODES)
         for stripe in self.stripes:
             finite(stripe.mirror_angle, f"mirror_angle of stripe {stripe.index}")
 

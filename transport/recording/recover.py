@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from transport.exceptions import RecordingError
+from transport.exceptions import RecordingError, errors_as
 from transport.recording.limits import MAXIMUM_CHUNK, BoundedFile, Unpacker
 from transport.recording.topic_file import CHUNK_SIZE
 
@@ -56,19 +56,17 @@ def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
     # Counts of messages, attachments and damaged chunks; position in the file; "ended" is 1 once the end was reached.
     counts = Counter[str]()
     try:
-        size = old.stat().st_size
-        with closing(BoundedFile(old)) as stream, partial.open("wb") as output:
-            writer = Writer(output, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
-            writer.start(profile="ros2", library="guara-perception")
-            _copy(_records(stream, counts, old), writer, counts)
-            writer.finish()
-            output.flush()
-            os.fsync(output.fileno())
-        partial.replace(new)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise RecordingError(f"cannot recover {old} into {new}: {error.strerror or error}") from error
-    except RecordingError:
+        with errors_as(RecordingError, f"cannot recover {old} into {new}"):
+            size = old.stat().st_size
+            with closing(BoundedFile(old)) as stream, partial.open("wb") as output:
+                writer = Writer(output, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
+                writer.start(profile="ros2", library="guara-perception")
+                _copy(_records(stream, counts, old), writer, counts)
+                writer.finish()
+                output.flush()
+                os.fsync(output.fileno())
+            partial.replace(new)
+    except BaseException:
         partial.unlink(missing_ok=True)
         raise
     has_ended, damaged = bool(counts["ended"]), counts["damaged"]

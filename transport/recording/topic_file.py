@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, closing, suppress
 from pathlib import Path
 from typing import Any, cast
 
-from transport.exceptions import RecordingError, os_errors
+from transport.exceptions import RecordingError, errors_as
 from transport.keys import check_name
 from transport.messages.typestore import message_definition
 from transport.recording.growing_file import GrowingFile
@@ -48,7 +48,7 @@ class TopicFile(AbstractContextManager["TopicFile"]):
         self._closed = False
         if path.exists():
             raise RecordingError(f"{path} exists; give another name, or remove it first")
-        with os_errors(RecordingError, f"cannot write {path}"):
+        with errors_as(RecordingError, f"cannot write {path}"):
             self._file = GrowingFile(self._partial, empties=atomic)
         self._writer = Writer(cast(Any, self._file), chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library="guara-perception")
@@ -96,7 +96,7 @@ class TopicFile(AbstractContextManager["TopicFile"]):
         Raises:
             RecordingError: the file is closed, or the write failed, for example because the disk is full.
         """
-        with self._lock, os_errors(RecordingError, f"cannot write {self.path}"):
+        with self._lock, errors_as(RecordingError, f"cannot write {self.path}"):
             self._check_open()
             self._writer.flush()
             self._file.append()
@@ -109,7 +109,7 @@ class TopicFile(AbstractContextManager["TopicFile"]):
         Raises:
             RecordingError: the write failed, for example because the disk is full.
         """
-        with self._lock, os_errors(RecordingError, f"cannot finish {self.path}"), closing(self._file):
+        with self._lock, errors_as(RecordingError, f"cannot finish {self.path}"), closing(self._file):
             if not self._closed:
                 self._closed = True
                 self._writer.finish()

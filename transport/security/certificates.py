@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from transport.configuration import DEFAULT_ENDPOINT, client_configuration, sending
-from transport.exceptions import SecurityError, os_errors
+from transport.exceptions import SecurityError, errors_as
 from transport.keys import check_name
 from transport.messages.terrain_message import Health
 from transport.security.access_rules import FLEET, ROLES, ROUTER, access_control
@@ -94,7 +94,7 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
 
 
 def _is_open(key: Path) -> bool:
-    with os_errors(SecurityError, f"cannot read {key}"):
+    with errors_as(SecurityError, f"cannot read {key}"):
         return bool(key.stat().st_mode & 0o077)
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from transport.exceptions import SecurityError, errors_as, os_errors
+from transport.exceptions import SecurityError, errors_as
 from transport.security.access_rules import FLEET, ROLES, ROUTER, Neighbours, access_control, router_access_control
 from transport.security.authority import Credentials, read_certificate
 from transport.security.folder import CONFIGURATION, configured_robot, read_configuration
@@ -182,7 +182,7 @@ class Members:
             "revoked": list(self.revoked),
         }
         path = self.root / "ca" / MEMBERS
-        with os_errors(SecurityError, f"cannot write {path}"):
+        with errors_as(SecurityError, f"cannot write {path}"):
             replace_file(path, (json.dumps(data, indent=2) + "\n").encode())
         return tuple(changed)
 
@@ -244,12 +244,8 @@ def open_authority(folder: str | Path) -> Credentials:
         SecurityError: certificate or key of the CA cannot be read.
     """
     root = Path(folder)
-    try:
+    with errors_as(SecurityError, f"cannot read the CA of {root}, kept where `guara security init` was run"):
         return Credentials((root / "ca" / "ca.pem").read_bytes(), (root / "ca" / "ca.key").read_bytes())
-    except OSError as error:
-        raise SecurityError(
-            f"cannot read the CA of {root}: {error.strerror}; it is kept where `guara security init` was run"
-        ) from error
 
 
 def common_name(certificate: Path) -> str:
@@ -283,16 +279,13 @@ def edit_configuration(path: Path, change: Callable[[dict[str, Any]], bool]) -> 
         SecurityError: the configuration cannot be read or written, or does not have the form that `guara security`
             writes.
     """
-    try:
+    what = f"cannot change {path}, which must have the form that `guara security` writes"
+    with errors_as(SecurityError, what, OSError, ValueError, KeyError, TypeError, AttributeError):
         configuration = json.loads(path.read_text(encoding="utf-8"))
-        if change(configuration):
+        is_changed = change(configuration)
+        if is_changed:
             replace_file(path, (json.dumps(configuration, indent=2) + "\n").encode())
-            return True
-        return False
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise SecurityError(
-            f"cannot change {path}: {error}; it must have the form that `guara security` writes"
-        ) from error
+        return is_changed
 
 
 def replace_file(path: Path, data: bytes, *, private: bool = False) -> None:

@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from transport.exceptions import SecurityError, os_errors
+from transport.exceptions import SecurityError, errors_as
 
 
 def write_file(path: Path, data: bytes, *, private: bool = False) -> None:
@@ -28,7 +28,7 @@ def create_folder(target: Path, write: Callable[[Path], None]) -> None:
     Raises:
         SecurityError: the folder cannot be written, or exists and is not empty.
     """
-    with os_errors(SecurityError, f"cannot write {target}"):
+    with errors_as(SecurityError, f"cannot write {target}"):
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent) as staging:
             filled = Path(staging) / target.name

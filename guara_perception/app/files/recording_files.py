@@ -10,7 +10,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from guara_perception.exceptions import InvalidInput
-from transport.exceptions import RecordingError, os_errors
+from transport.exceptions import RecordingError, errors_as
 
 SUFFIX = ".mcap"
 # [byte] Size at which the next file of a folder is started. For frames of 640 x 512 px and a pause every 4 s, this is
@@ -71,7 +71,7 @@ class RecordingFiles:
         Raises:
             RecordingError: the folder does not exist or cannot be read.
         """
-        with os_errors(RecordingError, f"cannot record into the folder {self._folder}"):
+        with errors_as(RecordingError, f"cannot record into the folder {self._folder}"):
             numbers = [number for number, _ in self._found()]
         if self._first is None:
             return self._folder / f"{self._stem}-{max(numbers, default=0) + 1:06d}{SUFFIX}"

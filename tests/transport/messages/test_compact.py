@@ -163,5 +163,5 @@ def test_an_unknown_encoding_is_refused_in_words(endpoint: str) -> None:
             lambda: transport.query_terrain(session, encoding="lossy"),
             lambda: keys.terrain_key(encoding="lossy"),
         ):
-            with pytest.raises(transport.KeyNameError, match="'lossy' is unknown; allowed: 'lossless', 'compact'"):
+            with pytest.raises(transport.KeyNameError, match="encoding is 'lossy'; allowed: 'lossless', 'compact'"):
                 use()
