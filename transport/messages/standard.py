@@ -42,8 +42,8 @@ def _geometry(resolution: float, origin: Sequence[float]) -> tuple[float, float,
     return edge, *checked_origin(origin)
 
 
-def _make_pose(x: float, y: float) -> Any:
-    return make_message("geometry_msgs/msg/Pose", position=make_point(x, y, 0.0))
+def _make_pose(x: float, y: float, z: float = 0.0) -> Any:
+    return make_message("geometry_msgs/msg/Pose", position=make_point(x, y, z))
 
 
 def occupancy_message(values: Percent, resolution: float, origin: Sequence[float], frame_id: str, stamp: int) -> Any:
@@ -168,13 +168,13 @@ def point_cloud_message(fields: Mapping[str, Array], frame_id: str, stamp: int) 
     )
 
 
-CUBE, LINE_LIST, TEXT_VIEW_FACING = 1, 5, 9
-ADD, DELETE_ALL = 0, 3
+CUBE, LINE_LIST, TEXT_VIEW_FACING, DELETE_ALL = 1, 5, 9, 3
 MARKER = "visualization_msgs/msg/Marker"
 # RGB colours of obstacles (and holes), footholds and steppable regions.
 OBSTACLE_COLOUR, FOOTHOLD_COLOUR, REGION_COLOUR = (0.835, 0.369, 0.0), (0.0, 0.447, 0.698), (0.0, 0.35, 0.24)
-# Width of lines, height of labels and thickness of soles [m].
-LINE_SCALE, TEXT_HEIGHT, SOLE_THICKNESS = (0.003, 0.0, 0.0), 0.018, 0.004
+# Height of labels and thickness of soles [m]; scales of lines, whose width is 3 mm, and of labels.
+TEXT_HEIGHT, SOLE_THICKNESS = 0.018, 0.004
+LINE_SCALE, TEXT_SCALE = (0.003, 0.0, 0.0), (0.0, 0.0, TEXT_HEIGHT)
 
 
 def markers_message(
@@ -202,42 +202,38 @@ def markers_message(
         MessageError: the stamp is not valid.
     """
     header = make_header(stamp, frame_id)
-    markers = [_marker(header, "", 0, CUBE, action=DELETE_ALL, scale=(1.0, 1.0, 1.0))]
+    markers = [_marker(header, "", 0, CUBE, (1.0, 1.0, 1.0), action=DELETE_ALL)]
     if obstacles:
-        edges = [make_point(*point) for item in obstacles for point in _edges(item)]
-        markers.append(_marker(header, "obstacles", 0, LINE_LIST, scale=LINE_SCALE, points=edges))
+        edges = [point for item in obstacles for point in _wireframe(item)]
+        markers.append(_marker(header, "obstacles", 0, LINE_LIST, LINE_SCALE, points=edges))
     for number, item in enumerate(obstacles):
         x, y, z = item.position
+        above = (x, y, max(z, z - item.height) + TEXT_HEIGHT)
         label = f"{1000.0 * item.height:+.0f} mm"
-        position = (x, y, max(z, z - item.height) + TEXT_HEIGHT)
-        scale = (0.0, 0.0, TEXT_HEIGHT)
-        markers.append(_marker(header, "heights", number, TEXT_VIEW_FACING, position=position, scale=scale, text=label))
+        markers.append(_marker(header, "heights", number, TEXT_VIEW_FACING, TEXT_SCALE, above, text=label))
     for number, (x, y, z) in enumerate(footholds.values()):
-        scale, position = (*sole, SOLE_THICKNESS), (x, y, z + 0.5 * SOLE_THICKNESS)
-        sole_marker = _marker(header, "footholds", number, CUBE, position=position, scale=scale, colour=FOOTHOLD_COLOUR)
-        markers.append(sole_marker)
+        size, centre = (*sole, SOLE_THICKNESS), (x, y, z + 0.5 * SOLE_THICKNESS)
+        markers.append(_marker(header, "footholds", number, CUBE, size, centre, FOOTHOLD_COLOUR))
     if regions:
-        edges = [make_point(*point) for corners in regions for pair in _sides(corners) for point in pair]
-        markers.append(_marker(header, "regions", 0, LINE_LIST, scale=LINE_SCALE, points=edges, colour=REGION_COLOUR))
+        edges = [point for corners in regions for point in _lines(corners, _next(corners))]
+        markers.append(_marker(header, "regions", 0, LINE_LIST, LINE_SCALE, colour=REGION_COLOUR, points=edges))
     return make_message(MARKERS, markers=markers)
 
 
-def _sides(corners: npt.NDArray[np.float64]) -> list[tuple[Point, Point]]:
-    """End points of each side of a polygon (n, 3)."""
-    points: list[Point] = [(x, y, z) for x, y, z in corners.tolist()]
-    return list(zip(points, [*points[1:], points[0]], strict=True))
+def _lines(*ends: Array) -> list[Any]:
+    """Message points of the lines from ends[0] to ends[1], from ends[2] to ends[3] and so on, all (n, 3)."""
+    return [make_point(*point) for point in np.stack(ends, axis=1).reshape(-1, 3).tolist()]
 
 
-def _edges(item: ObstacleMessage) -> list[Point]:
-    """Pairs of points: outlines at the top (or the bottom of a hole) and at the surroundings, and vertical edges."""
-    top, bottom = item.position[2], item.position[2] - item.height
-    corners = np.asarray(item.outline)
-    points: list[Point] = []
-    for (x, y), (next_x, next_y) in zip(corners.tolist(), np.roll(corners, -1, axis=0).tolist(), strict=True):
-        for z in (top, bottom):
-            points += [(x, y, z), (next_x, next_y, z)]
-        points += [(x, y, top), (x, y, bottom)]
-    return points
+def _next(corners: Array) -> Array:
+    """Next corner of a polygon after each corner (n, 3)."""
+    return np.roll(corners, -1, axis=0)
+
+
+def _wireframe(item: ObstacleMessage) -> list[Any]:
+    """Outlines at the top (or the bottom of a hole) and at the surroundings, and vertical edges."""
+    top, bottom = (np.insert(item.outline, 2, z, axis=1) for z in (item.position[2], item.position[2] - item.height))
+    return _lines(top, _next(top), bottom, _next(bottom), top, bottom)
 
 
 def _marker(
@@ -245,13 +241,10 @@ def _marker(
     namespace: str,
     number: int,
     kind: int,
-    *,
-    position: Point = (0.0, 0.0, 0.0),
     scale: Point,
-    action: int = ADD,
+    position: Point = (0.0, 0.0, 0.0),
     colour: Point = OBSTACLE_COLOUR,
-    points: Sequence[Any] = (),
-    text: str = "",
+    **further: Any,
 ) -> Any:
     red, green, blue = colour
     return make_message(
@@ -260,12 +253,10 @@ def _marker(
         ns=namespace,
         id=number,
         type=kind,
-        action=action,
-        pose=make_message("geometry_msgs/msg/Pose", position=make_point(*position)),
+        pose=_make_pose(*position),
         scale=make_message("geometry_msgs/msg/Vector3", **dict(zip("xyz", map(float, scale), strict=True))),
         color=make_message("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
-        points=list(points),
-        text=text,
+        **further,
     )
 
 
