@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,13 +16,12 @@ from transport.links.ordered_receiver import OrderedReceiver
 from transport.links.ros2 import data_key
 from transport.links.session import Session
 from transport.messages.codec import decode
-from transport.messages.stance_stream import ANY_WALK, MAXIMUM_BATCH, MAXIMUM_SAMPLES, StanceStream
-from transport.stance_stream_link import BATCH_PERIOD
+from transport.messages.stance_stream import ANY_WALK, MAXIMUM_BATCH, StanceStream
+from transport.stance_stream_link import NOT_MEASURED, Batcher, JointSample
 
 JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
 # Largest time difference between an IMU sample and the joint sample with which it is combined [ns].
 SAME_INSTANT = 20_000_000
-NOT_MEASURED = [math.nan] * 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,14 +68,6 @@ def decode_joint_state(payload: bytes) -> JointState:
         raise MessageError(f"{len(payload)} bytes are not a sensor_msgs/msg/JointState: {error}") from error
 
 
-@dataclass(frozen=True, slots=True)
-class _Sample:
-    stamp: int
-    joints: list[float]
-    gravity: list[float]
-    turning: list[float]
-
-
 class Ros2Stream:
     """Receiver of `/<robot>/joint_states` and `/<robot>/imu` that converts their messages to StanceStream batches.
 
@@ -111,13 +101,11 @@ class Ros2Stream:
             rotation_imu_to_base: (3, 3) rotation from the IMU's frame to `base_link`; None = the robot has no IMU, and
                 Imu is not received.
         """
-        self._robot, self._joints, self._legs = robot, tuple(joints), tuple(legs)
+        self._joints, self._legs, self._batcher = tuple(joints), tuple(legs), Batcher(robot, legs)
         self._on_batch, self._on_refused = on_batch, on_refused
         self._turn = np.eye(3) if rotation_imu_to_base is None else np.asarray(rotation_imu_to_base, np.float64)
-        self._samples: list[_Sample] = []
-        # Stamp, gravity and angular velocity of the last IMU sample; NaN if not measured.
-        self._imu = 0, NOT_MEASURED, NOT_MEASURED
-        self._sequence = 0
+        # Stamp, gravity and angular velocity of the last IMU sample.
+        self._imu: tuple[int, Sequence[float], Sequence[float]] = 0, NOT_MEASURED, NOT_MEASURED
         key = data_key(domain, f"{robot}/joint_states", JOINT_STATE)
         OrderedReceiver[JointState](session, key, decode_joint_state, self._on_joints, on_refused, latched=False)
         if rotation_imu_to_base is not None:
@@ -133,19 +121,17 @@ class Ros2Stream:
                 )
             )
             return
-        if self._samples and stamp <= self._samples[-1].stamp:
-            self._on_refused(MessageError(f"stamp of JointState is {stamp} ns; allowed: later than the previous one"))
-            return
         read, gravity, turning = self._imu
         if abs(stamp - read) > SAME_INSTANT:
             gravity = turning = NOT_MEASURED
-        if self._samples:
-            first = self._samples[0]
-            # In a batch, either all samples have gravity or none.
-            is_other = math.isnan(first.gravity[0]) != math.isnan(gravity[0])
-            if is_other or len(self._samples) >= MAXIMUM_SAMPLES or stamp - first.stamp >= BATCH_PERIOD * 1e9:
-                self._send()
-        self._samples.append(_Sample(stamp, [found[name] for name in self._joints], gravity, turning))
+        joints = {name: found[name] for name in self._joints}
+        try:
+            batch = self._batcher.add(JointSample(stamp, joints, self._legs, gravity, turning), ANY_WALK)
+        except MessageError as error:
+            self._on_refused(error)
+            return
+        if batch is not None:
+            self._on_batch(batch)
 
     def _on_imu(self, message: Any) -> None:
         """Store the angular velocity, and gravity from a valid orientation or, without one, from the acceleration."""
@@ -161,26 +147,3 @@ class Ros2Stream:
         gravity = NOT_MEASURED if down is None else (self._turn @ down).tolist()
         time = message.header.stamp
         self._imu = int(time.sec) * 10**9 + int(time.nanosec), gravity, (self._turn @ (w.x, w.y, w.z)).tolist()
-
-    def _send(self) -> None:
-        samples, self._samples = self._samples, []
-        first, has_turning = samples[0], not any(math.isnan(each.turning[0]) for each in samples)
-        try:
-            batch = StanceStream(
-                robot=self._robot,
-                stamp=first.stamp,
-                sequence=self._sequence,
-                joint_names=self._joints,
-                legs=self._legs,
-                times=np.array([each.stamp - first.stamp for each in samples]) * 1e-9,
-                joint_positions=[each.joints for each in samples],
-                supports=np.ones((len(samples), len(self._legs))),
-                gravity_in_base=[each.gravity for each in samples],
-                epoch=ANY_WALK,
-                angular_velocity=[each.turning for each in samples] if has_turning else None,
-            )
-        except MessageError as error:
-            self._on_refused(error)
-            return
-        self._sequence += 1
-        self._on_batch(batch)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,21 +30,87 @@ BATCH_PERIOD = 0.02
 MAXIMUM_WAITING = 64
 
 
+# Vector that was not measured.
+NOT_MEASURED = (math.nan, math.nan, math.nan)
+
+
 @dataclass(frozen=True, slots=True)
-class _Sample:
+class JointSample:
+    """Sample of a stance stream.
+
+    Attributes:
+        stamp: time of the sample, on the clock that stamps the pauses [ns since the epoch].
+        joint_positions: position of each joint by name [rad].
+        support_feet: names of the legs that carry weight.
+        gravity_in_base: direction of gravity in `base_link`, pointing down, or `NOT_MEASURED`.
+        angular_velocity: angular velocity of the body in `base_link` [rad/s], or `NOT_MEASURED`.
+    """
+
     stamp: int
-    stance: StanceMessage
-    angular_velocity: Point | None
+    joint_positions: Mapping[str, float]
+    support_feet: Sequence[str]
+    gravity_in_base: Sequence[float]
+    angular_velocity: Sequence[float]
 
     @property
     def form(self) -> tuple[object, ...]:
         """Properties that must be equal in all samples of a batch."""
-        return tuple(self.stance.joint_positions), self.stance.gravity_in_base is None, self.angular_velocity is None
+        measured = (math.isnan(vector[0]) for vector in (self.gravity_in_base, self.angular_velocity))
+        return tuple(self.joint_positions), *measured
 
 
-def _or_nan(vector: Point | None) -> Point:
-    """Return the vector, or NaN if it was not measured."""
-    return (np.nan, np.nan, np.nan) if vector is None else vector
+class Batcher:
+    """Joint samples that wait to be sent, and the batches made of them."""
+
+    def __init__(self, robot: str, legs: Sequence[str]) -> None:
+        """Start without samples; `robot` is the instance name, and `legs` are the names of the robot's legs."""
+        self._robot, self._legs = robot, tuple(legs)
+        self._samples: list[JointSample] = []
+        self._sequence = 0
+
+    def add(self, sample: JointSample, epoch: str) -> StanceStream | None:
+        """Add a sample; return the batch of the earlier samples, of the walk `epoch`, if it is complete, or None.
+
+        A batch is complete if it is full, if its first sample precedes the new one by `BATCH_PERIOD` or more, or if the
+        new sample has other joints or measurements.
+
+        Raises:
+            MessageError: the stamp is not later than the previous one, or the batch is not valid.
+        """
+        if self._samples:
+            first, last = self._samples[0], self._samples[-1]
+            if sample.stamp <= last.stamp:
+                raise MessageError(f"stamp is {sample.stamp} ns; allowed: later than the previous one, {last.stamp} ns")
+            is_full = len(self._samples) >= MAXIMUM_SAMPLES or sample.form != last.form
+            if is_full or sample.stamp - first.stamp >= BATCH_PERIOD * 1e9:
+                return self.take(epoch, [sample])
+        self._samples.append(sample)
+        return None
+
+    def take(self, epoch: str, rest: list[JointSample]) -> StanceStream | None:
+        """Return the batch of all samples, or None if there are none; `rest` waits from now on.
+
+        Raises:
+            MessageError: the batch is not valid.
+        """
+        samples, self._samples = self._samples, rest
+        if not samples:
+            return None
+        batch = StanceStream(
+            robot=self._robot,
+            stamp=samples[0].stamp,
+            sequence=self._sequence,
+            joint_names=tuple(samples[0].joint_positions),
+            legs=self._legs,
+            times=np.array([each.stamp - samples[0].stamp for each in samples]) * 1e-9,
+            joint_positions=[list(each.joint_positions.values()) for each in samples],
+            supports=[[leg in each.support_feet for leg in self._legs] for each in samples],
+            gravity_in_base=[each.gravity_in_base for each in samples],
+            angular_velocity=[each.angular_velocity for each in samples],
+            epoch=epoch,
+        )
+        self._sequence += 1
+        return batch
 
 
 class StanceStreamPublisher(Sender):
@@ -59,20 +126,17 @@ class StanceStreamPublisher(Sender):
     def __init__(self, session: Session, legs: tuple[str, ...], *, robot: str = DEFAULT_ROBOT, epoch: str = "") -> None:
         """Declare the key of the stream."""
         self.epoch = epoch
-        self._robot, self._legs = robot, tuple(legs)
+        self._legs, self._batcher = tuple(legs), Batcher(robot, legs)
         self._publisher = Publisher(
             session, stance_stream_key(robot), latched=False, priority=SMALL, encoding=cdr(STANCE_STREAM)
         )
         self._lock = threading.Lock()
-        self._samples: list[_Sample] = []
-        self._sequence = 0
         super().__init__(session, self._publisher)
 
     def add(self, stamp: int, stance: StanceMessage, angular_velocity: Point | None = None) -> None:
         """Queue a sample; returns immediately.
 
-        The batch of the samples queued before is sent first if it is full, if its first sample precedes the new one by
-        `BATCH_PERIOD` or more, or if the new sample has other joints or measurements. `flush` sends the rest.
+        A complete batch of earlier samples is sent (see `Batcher.add`); `flush` sends the rest.
 
         Args:
             stamp: time of the joint positions, on the clock that stamps the pauses [ns since the epoch].
@@ -86,44 +150,21 @@ class StanceStreamPublisher(Sender):
         """
         if unknown := set(stance.support_feet) - set(self._legs):
             raise MessageError(f"support_feet contains {', '.join(sorted(unknown))}; allowed: {', '.join(self._legs)}")
-        sample = _Sample(int(stamp), stance, angular_velocity)
+        gravity, turning = (NOT_MEASURED if each is None else each for each in (stance.gravity_in_base, angular_velocity))
+        sample = JointSample(int(stamp), stance.joint_positions, stance.support_feet, gravity, turning)
         with self._lock:
-            if self._samples:
-                last = self._samples[-1]
-                if sample.stamp <= last.stamp:
-                    raise MessageError(f"stamp is {stamp} ns; allowed: later than {last.stamp} ns, the previous stamp")
-                is_full = len(self._samples) >= MAXIMUM_SAMPLES or sample.form != last.form
-                if is_full or sample.stamp - self._samples[0].stamp >= BATCH_PERIOD * 1e9:
-                    self._send()
-            self._samples.append(sample)
+            self._send(self._batcher.add(sample, self.epoch))
 
     def flush(self, timeout: float) -> None:
         """Send the queued samples, and wait until they are sent; ReceiveTimeout if not done within `timeout` [s]."""
         with self._lock:
-            self._send()
+            self._send(self._batcher.take(self.epoch, []))
         super().flush(timeout)
 
-    def _send(self) -> None:
-        samples, self._samples = self._samples, []
-        if not samples:
-            return
-        stances = [sample.stance for sample in samples]
-        batch = StanceStream(
-            robot=self._robot,
-            stamp=samples[0].stamp,
-            sequence=self._sequence,
-            joint_names=tuple(stances[0].joint_positions),
-            legs=self._legs,
-            times=np.array([sample.stamp - samples[0].stamp for sample in samples]) * 1e-9,
-            joint_positions=[list(stance.joint_positions.values()) for stance in stances],
-            supports=[[leg in stance.support_feet for leg in self._legs] for stance in stances],
-            gravity_in_base=[_or_nan(each.gravity_in_base) for each in stances],
-            angular_velocity=[_or_nan(each.angular_velocity) for each in samples],
-            epoch=self.epoch,
-        )
-        self._sequence += 1
-        key = f"{self._publisher.key} {self._sequence % MAXIMUM_WAITING}"
-        self._outbox.post(key, lambda: self._publisher.put(encode_stance_stream(batch)))
+    def _send(self, batch: StanceStream | None) -> None:
+        if batch is not None:
+            key = f"{self._publisher.key} {batch.sequence % MAXIMUM_WAITING}"
+            self._outbox.post(key, lambda: self._publisher.put(encode_stance_stream(batch)))
 
 
 class StanceStreamReceiver(OrderedReceiver[StanceStream]):
