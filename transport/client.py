@@ -13,8 +13,7 @@ from typing import Any, Unpack
 from transport import clock
 from transport.exceptions import MessageError, ReceiveTimeout, StaleTerrain, check_choice
 from transport.grids.evidence import G
-from transport.grids.grid_judge import TAKING_BACK, Accepted, GridJudge, Terms
-from transport.grids.grid_waiter import SETTLE, GridWaiter
+from transport.grids.grid_judge import SETTLE, TAKING_BACK, Accepted, GridJudge, Terms
 from transport.grids.node_clock import ClockOffset
 from transport.keys import DEFAULT_ROBOT, check_encoding, query_key, regions_key, summary_key, terrain_key
 from transport.links.received import Received
@@ -30,6 +29,9 @@ from transport.supervision import Seldom
 
 # Longest time in which a running node delivers its last grid, even over a slow link or from a busy machine [s].
 FIRST_GRID = 5.0
+# Longest wait for the next BEGIN [s]. A grid from a later pause than requested may be from a walk that has ended; if
+# the robot is not standing, only the next BEGIN can show this.
+NEWS = 1.0
 
 # Predicate that accepts any message.
 ANY: Callable[[object], bool] = lambda _: True  # noqa: E731
@@ -65,7 +67,6 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         self._receivers: dict[str, NewestReceiver[Any]] = {}
         self._since: dict[str, float] = {}
         self._judge = GridJudge(session, robot)
-        self._waiter = GridWaiter(session, self._judge, robot)
 
     def __exit__(self, *error: object) -> None:
         """Close the client."""
@@ -132,7 +133,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
                 raise StaleTerrain(
                     f"the node of {self.robot!r} is running but has not published a {extent} grid yet{older}"
                 )
-            raise self._waiter.unavailable()
+            raise self._judge.unavailable()
         deadline = time.monotonic() + SETTLE
         while True:
             try:
@@ -161,7 +162,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
             SessionClosed: the client is closed.
         """
         receiver = self._receiver(SummaryMessage.extent, summary_key(self.robot), decode_summary, latched=False)
-        return self._waiter.wait(receiver, ANY, timeout, Terms(**accepted), says_stale=True).message
+        return self._judge.wait(receiver, ANY, timeout, Terms(**accepted), says_stale=True).message
 
     def regions(self, *, timeout: float, **accepted: Unpack[Accepted]) -> RegionsMessage:
         """Return the newest usable steppable regions of the map; wait for them if necessary.
@@ -169,7 +170,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         Arguments and errors are as in `summary`, but the last regions sent before the first call are received too.
         """
         receiver = self._receiver(RegionsMessage.extent, regions_key(self.robot), decode_regions)
-        return self._waiter.wait(receiver, ANY, timeout, Terms(**accepted), says_stale=True).message
+        return self._judge.wait(receiver, ANY, timeout, Terms(**accepted), says_stale=True).message
 
     def _receiver(
         self, extent: str, key: str, decode: Callable[[bytes], G], *, latched: bool = True
@@ -217,7 +218,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
             MessageError: the extent is unknown.
             SessionClosed: the client is closed.
         """
-        return self._waiter.wait(
+        return self._judge.wait(
             self.receiver(extent),
             lambda received: predicate(received.message),
             timeout,
@@ -251,8 +252,18 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         """
         if not isinstance(step, Integral):
             raise MessageError(f"step is {step!r}; allowed: a whole number")
-        predicate = self._waiter.is_of_step(step, epoch, refined_only=refined_only)
-        return self._waiter.wait(self.receiver(extent), predicate, timeout, Terms(**accepted)).message
+
+        def predicate(received: Received[TerrainMessage]) -> bool:
+            terrain = received.message
+            if terrain.step < step or (refined_only and terrain.refinement_follows):
+                return False
+            if epoch is not None:
+                return terrain.epoch == epoch
+            if terrain.step > step:
+                self._judge.wait_for_news(NEWS)
+            return True
+
+        return self._judge.wait(self.receiver(extent), predicate, timeout, Terms(**accepted)).message
 
     def on_terrain(
         self,
@@ -303,7 +314,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         """
         receiver, start = self.receiver(), time.monotonic()
         if not self.wait_until_alive(min(timeout, SETTLE)):
-            raise self._waiter.unavailable()
+            raise self._judge.unavailable()
         before = receiver.received
         done = request_scan(
             self._session,
@@ -315,7 +326,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
             is_alive=lambda: self.is_alive,
         )
         left = max(ARRIVES_WITHIN, start + timeout - time.monotonic())
-        return self._waiter.wait(receiver, result_of(done, before), left, Terms(**accepted)).message
+        return self._judge.wait(receiver, result_of(done, before), left, Terms(**accepted)).message
 
     def query(
         self,

@@ -150,7 +150,8 @@ class StanceStreamPublisher(Sender):
         """
         if unknown := set(stance.support_feet) - set(self._legs):
             raise MessageError(f"support_feet contains {', '.join(sorted(unknown))}; allowed: {', '.join(self._legs)}")
-        gravity, turning = (NOT_MEASURED if each is None else each for each in (stance.gravity_in_base, angular_velocity))
+        gravity = NOT_MEASURED if stance.gravity_in_base is None else stance.gravity_in_base
+        turning = NOT_MEASURED if angular_velocity is None else angular_velocity
         sample = JointSample(int(stamp), stance.joint_positions, stance.support_feet, gravity, turning)
         with self._lock:
             self._send(self._batcher.add(sample, self.epoch))
