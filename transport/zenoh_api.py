@@ -80,12 +80,8 @@ def declare_publisher(session: Any, key: str, priority: str, encoding: str | Non
     )
 
 
-def source_of(publisher: Any) -> str:
+def source_of(entity: Any) -> str:
     """Return the identity of a publisher as two chunks of a key: the id of its session and its own id."""
-    return _chunks(publisher.id)
-
-
-def _chunks(entity: Any) -> str:
     return f"{entity.zid}/{entity.eid}"
 
 
@@ -126,7 +122,7 @@ def put(
 def number_of(sample: Any) -> tuple[str, int] | None:
     """Return the source (as in `source_of`) and number of a received sample; None if the sample contains neither."""
     info = sample.source_info
-    return None if info is None else (_chunks(info.source_id), int(info.source_sn))
+    return None if info is None else (source_of(info.source_id), int(info.source_sn))
 
 
 def declare_subscriber(session: Any, key: str, on_sample: Callable[[Any], None]) -> Any:
@@ -154,12 +150,22 @@ def tokens(session: Any, key: str, timeout: float) -> list[str]:
 
 
 class Reply(NamedTuple):
-    """Reply to a query: key, payload and attachment, or, if the reply is an error, only the payload of the error."""
+    """Reply to a query, or the end of the query.
 
-    key: str
-    payload: bytes | None
-    error: bytes | None
-    attachment: bytes | None
+    Attributes:
+        key: key of the reply. With security, it identifies the sender, because access rules restrict who may use the
+            key.
+        payload: payload of the reply; None for an error.
+        error: payload of an error, or None.
+        attachment: attachment of the reply, or None.
+        end: reason why no more replies follow; empty for a reply.
+    """
+
+    key: str = ""
+    payload: bytes | None = None
+    error: bytes | None = None
+    attachment: bytes | None = None
+    end: str = ""
 
 
 def get_replies(
@@ -180,8 +186,7 @@ def get_replies(
         session: raw Zenoh session.
         selector: key expression, with parameters if there are any.
         timeout: time after which Zenoh ends the query with an error reply [s].
-        on_reply: called on Zenoh's thread with each reply. With security, the key of a reply identifies its sender,
-            because access rules restrict who may use the key.
+        on_reply: called on Zenoh's thread with each reply.
         on_finished: called on Zenoh's thread after the last reply, even if there was none.
         payload: payload of the query.
         encoding: Zenoh encoding of the payload.
@@ -193,7 +198,7 @@ def get_replies(
     def take(reply: Any) -> None:
         sample = reply.ok
         if sample is None:
-            on_reply(Reply("", None, reply.err.payload.to_bytes(), None))
+            on_reply(Reply(error=reply.err.payload.to_bytes()))
         else:
             attachment = None if sample.attachment is None else sample.attachment.to_bytes()
             on_reply(Reply(str(sample.key_expr), sample.payload.to_bytes(), None, attachment))

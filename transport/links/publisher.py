@@ -65,7 +65,7 @@ class Publisher(Resource):
         self._raw = session.attempt(lambda: zenoh_api.declare_publisher(session.raw, key, priority, encoding), what)
         self._last: LastMessage | None = None
         self._stamps = zenoh_api.Stamps() if stamped else None
-        source = zenoh_api.source_of(self._raw) if self._stamps is None else self._stamps.source
+        source = zenoh_api.source_of(self._raw.id) if self._stamps is None else self._stamps.source
         if latched:
             self._last = session.attempt(
                 lambda: LastMessage(session, key, source, encoding, answers=answers, stamped=stamped), what

@@ -5,10 +5,10 @@ from __future__ import annotations
 import queue
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 from transport import zenoh_api
 from transport.links.session import Session
+from transport.zenoh_api import Reply
 
 # Time added to the caller's timeout, so that a timeout reported by the server itself can still arrive [s].
 GRACE = 0.5
@@ -19,25 +19,8 @@ POLL = 0.05
 ZENOH_TIMEOUT = b"Timeout"
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """Event of a query: a reply, an error, or the end of the query.
-
-    Attributes:
-        key: key of a reply. With security, it identifies the sender, because access rules restrict who may use the key.
-        payload: payload of a reply, or None.
-        error: payload of an error reply, or None.
-        timed_out: True if the deadline has passed.
-        vanished: True if the server disappeared while the query was open.
-        ended: True if no more replies will follow.
-    """
-
-    key: str = ""
-    payload: bytes | None = None
-    error: bytes | None = None
-    timed_out: bool = False
-    vanished: bool = False
-    ended: bool = False
+# Ends of a query: after the last reply, at the deadline, or because the server has disappeared.
+ENDED, TIMED_OUT, VANISHED = (Reply(end=reason) for reason in ("ended", "timed out", "vanished"))
 
 
 def ask(
@@ -49,8 +32,8 @@ def ask(
     is_alive: Callable[[], bool] | None = None,
     priority: str = "INTERACTIVE_HIGH",
     encoding: str | None = None,
-) -> Iterator[Answer]:
-    """Send a query and yield its events; the last event is `ended`, `timed_out` or `vanished`.
+) -> Iterator[Reply]:
+    """Send a query and yield its replies, then `ENDED`, `TIMED_OUT` or `VANISHED`.
 
     Args:
         session: open session.
@@ -65,11 +48,10 @@ def ask(
         SessionClosed: the session is closed.
         TransportError: Zenoh rejected the query.
     """
-    answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
+    answers: queue.SimpleQueue[Reply] = queue.SimpleQueue()
 
-    def on_reply(reply: zenoh_api.Reply) -> None:
-        is_late = reply.error == ZENOH_TIMEOUT
-        answers.put(Answer(timed_out=True) if is_late else Answer(reply.key, reply.payload, reply.error))
+    def on_reply(reply: Reply) -> None:
+        answers.put(TIMED_OUT if reply.error == ZENOH_TIMEOUT else reply)
 
     deadline = time.monotonic() + timeout + GRACE
     session.attempt(
@@ -78,7 +60,7 @@ def ask(
             key,
             timeout + GRACE,
             on_reply,
-            lambda: answers.put(Answer(ended=True)),
+            lambda: answers.put(ENDED),
             payload=payload,
             priority=priority,
             encoding=encoding,
@@ -88,15 +70,15 @@ def ask(
     while True:
         remaining = deadline - time.monotonic()
         if remaining <= 0.0:
-            yield Answer(timed_out=True)
+            yield TIMED_OUT
             return
         try:
             answer = answers.get(timeout=min(POLL, remaining))
         except queue.Empty:
             if is_alive is not None and not is_alive():
-                yield Answer(vanished=True)
+                yield VANISHED
                 return
             continue
         yield answer
-        if answer.ended or answer.timed_out:
+        if answer.end:
             return

@@ -23,7 +23,7 @@ from transport.messages.terrain_message import (
     encode_terrain,
 )
 from transport.messages.typestore import QUERY_REQUEST, TERRAIN, cdr, compact
-from transport.queries.asking import ask
+from transport.queries.asking import TIMED_OUT, ask
 
 # Largest number of pending queries; further queries are dropped.
 MAXIMUM_ANSWERS = 16
@@ -95,7 +95,7 @@ def query_terrain(
             refusal = decode_refusal(answer.error)
             kinds: dict[str, type[TransportError]] = {"no_terrain": StaleTerrain, "bad_request": MessageError}
             raise kinds.get(refusal.code, TransportError)(refusal.message)
-        if answer.timed_out:
+        if answer is TIMED_OUT:
             raise ReceiveTimeout(f"no reply on {query_key(robot)!r} within {timeout:g} s")
     raise ScannerUnavailable(
         f"no node replies on {query_key(robot)!r}: no node of robot {robot!r} is running, or the role of this "

@@ -29,7 +29,7 @@ from transport.messages.scan_messages import (
 )
 from transport.messages.terrain_message import TerrainMessage
 from transport.messages.typestore import SCAN_REQUEST, cdr
-from transport.queries.asking import ask
+from transport.queries.asking import TIMED_OUT, VANISHED, ask
 
 # Time within which the end of a process is detected [s].
 GONE_WITHIN = 0.5
@@ -93,10 +93,10 @@ def request_scan(
             elif answer.error is not None:
                 refusal = _read_refusal(answer.error)
                 _raise_failure(refusal.code, refusal.message, request.timeout)
-            elif answer.timed_out:
+            elif answer is TIMED_OUT:
                 heard = "it was accepted" if accepted else "no reply"
                 raise ScanTimeout(f"scan not done within {request.timeout:g} s ({heard})")
-            elif accepted or answer.vanished:
+            elif accepted or answer is VANISHED:
                 raise ScannerGone(
                     f"the scanner of {robot!r} disappeared before the end of the scan: its node died, hung or lost its "
                     "link"

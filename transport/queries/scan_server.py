@@ -109,24 +109,23 @@ class ScanServer(Answerer):
         return self._work is not None
 
     def _reply(self, query: Any, reply: ScanReply) -> None:
-        """Post a reply. Replies to one query are sent in order; a slow link of one query does not delay the others."""
         payload = encode_scan_reply(reply)
-        is_last = reply.state in (ScanState.DONE, ScanState.FAILED)
+        name = "last" if reply.state in (ScanState.DONE, ScanState.FAILED) else reply.state.name
+        self._post(query, name, lambda: query.reply(self.key, payload, encoding=cdr(SCAN_REPLY)))
 
-        def send() -> None:
-            query.reply(self.key, payload, encoding=cdr(SCAN_REPLY))
-            if is_last:
+    def _refuse(self, query: Any, request_id: str, code: str, message: str) -> None:
+        self._post(query, "last", lambda: refuse(query, code, message, request_id))
+
+    def _post(self, query: Any, name: str, send: Callable[[], None]) -> None:
+        """Post a reply. Replies to one query are sent in order; a slow link of one query does not delay the others."""
+
+        def act() -> None:
+            send()
+            if name == "last":
                 query.drop()
 
         # The posted action keeps the query alive, so `id(query)` remains unique.
-        self._outbox.post("last" if is_last else reply.state.name, send, lane=str(id(query)))
-
-    def _refuse(self, query: Any, request_id: str, code: str, message: str) -> None:
-        def send() -> None:
-            refuse(query, code, message, request_id)
-            query.drop()
-
-        self._outbox.post("refusal", send, lane=str(id(query)))
+        self._outbox.post(name, act, lane=str(id(query)))
 
     def _admit(self, query: Any) -> None:
         try:
@@ -136,13 +135,12 @@ class ScanServer(Answerer):
             return
         with self._lock:
             known, work = self._finished.get(request.id), self._work
-            joins = work is not None and work.job.request.id == request.id and work.last is None
-            if joins and work is not None:
+            if work is not None and work.job.request.id == request.id and work.last is None:
                 work.queries.append(query)
+                self._reply(query, work.progress)
+                return
         if known is not None:
             self._reply(query, known)
-        elif joins and work is not None:
-            self._reply(query, work.progress)
         elif work is not None:
             self._refuse(query, request.id, "busy", "the scanner is working on another request; try again later")
         else:
@@ -156,12 +154,14 @@ class ScanServer(Answerer):
             self._refuse(query, request.id, error.code, str(error))
             return
         work = _Work(ScanJob(request, lambda done, total: self._report(work, done, total)), [query])
+
+        def on_failure(failure: Failure) -> None:
+            self._give_up(work, "internal", failure, returned=True)
+
         self._reply(query, work.progress)
         with self._lock:
             self._work = work
-            self._thread = supervised(
-                "transport-scan", lambda: self._run(work), restarts=None, on_failure=lambda f: self._on_failure(work, f)
-            )
+            self._thread = supervised("transport-scan", lambda: self._run(work), restarts=None, on_failure=on_failure)
             self._thread.start()
 
     def _report(self, work: _Work, done: int, total: int) -> None:
@@ -178,7 +178,8 @@ class ScanServer(Answerer):
 
         def keep_deadline() -> None:
             if not ended.wait(job.remaining):
-                self._expire(work)
+                passed = f"the deadline of {job.request.timeout:g} s passed before the scan was done"
+                self._give_up(work, "timeout", passed)
 
         supervised("transport-deadline", keep_deadline).start()
         try:
@@ -194,14 +195,9 @@ class ScanServer(Answerer):
             ended.set()
         self._finish(work, last, returned=True)
 
-    def _on_failure(self, work: _Work, failure: Failure) -> None:
+    def _give_up(self, work: _Work, code: str, error: object, *, returned: bool = False) -> None:
         work.job.cancelled.set()
-        self._finish(work, work.failed("internal", failure), returned=True)
-
-    def _expire(self, work: _Work) -> None:
-        work.job.cancelled.set()
-        message = f"the deadline of {work.job.request.timeout:g} s passed before the scan was done"
-        self._finish(work, work.failed("timeout", message))
+        self._finish(work, work.failed(code, error), returned=returned)
 
     def _finish(self, work: _Work, last: ScanReply, *, returned: bool = False) -> None:
         with self._lock:
@@ -220,8 +216,7 @@ class ScanServer(Answerer):
         # End a running scan with a failure, and give its handler some time to return.
         work = self._work
         if work is not None:
-            work.job.cancelled.set()
-            self._finish(work, work.failed("closed", "the scanner is shutting down"))
+            self._give_up(work, "closed", "the scanner is shutting down")
         with self._lock:
             self._is_stopped = True
         super()._release()
