@@ -45,15 +45,15 @@ ENDLESS = re.compile(r"guara (run\b|view\b|listen\b(?!.*--count))")
 PATIENCE = 120.0
 NODE = """
 import sys, time
+from dataclasses import replace
 import guara_perception as gp
-from guara_perception.app.messages import with_stamp
 from guara_perception.app.publisher import send_terrain
 from transport import open_node
 from transport.server import PerceptionServer
 
 with open_node() as session:
     server = PerceptionServer(session)
-    send_terrain(server, with_stamp(gp.load_terrain(sys.argv[1]), time.time_ns(), 12))
+    send_terrain(server, replace(gp.load_terrain(sys.argv[1]), stamp=time.time_ns(), step=12))
     server.flush(30)
     print("ready", flush=True)
     sys.stdin.read()

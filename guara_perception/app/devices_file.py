@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from guara_perception.app.options import DeviceOptions
 from guara_perception.exceptions import FileFormatError, InvalidInput, errors_as
 from guara_perception.fields import Fields
 from guara_perception.files import existing_file, read_toml, whole_file
@@ -155,30 +156,18 @@ class Devices:
         return LaserBoard(BoardConfig(**self.board))  # type: ignore[arg-type]
 
 
-def devices_of(
-    path: Path | None,
-    *,
-    camera: str | None = None,
-    trigger: str | None = None,
-    fps: float | None = None,
-    off_frames: str | None = None,
-) -> Devices:
-    """Devices from a file, or the default devices; the options of a command override both.
+def devices_of(chosen: DeviceOptions) -> Devices:
+    """Devices from the devices.toml of the options, or the default devices; further options override both.
 
-    Args:
-        path: devices.toml, or None.
-        camera: as `Devices.source`; None or empty = unchanged. Any other value removes the identity, which belongs to
-            the camera in the file.
-        trigger, fps, off_frames: as in `Devices`; None = unchanged.
+    Another camera than that of the file has no identity.
 
     Raises:
         MissingFile, FileFormatError: see `load_devices`.
     """
-    known = Devices() if path is None else load_devices(path)
-    if camera:
-        known = replace(known, identity="")
-    given: dict[str, Any] = {"source": camera, "trigger": trigger, "fps": fps, "off_frames": off_frames}
-    return replace(known, **{name: value for name, value in given.items() if value})
+    known = Devices() if chosen.devices is None else load_devices(chosen.devices)
+    changes: dict[str, Any] = {"source": chosen.camera, "identity": ""} if chosen.camera else {}
+    given = {name: getattr(chosen, name) for name in ("trigger", "fps", "off_frames")}
+    return replace(known, **changes, **{name: value for name, value in given.items() if value})
 
 
 def load_devices(path: str | Path) -> Devices:

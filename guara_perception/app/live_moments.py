@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 
 from guara_perception.app.messages import message_to_terrain
-from guara_perception.app.scene.planned_footholds import planned_footholds
-from guara_perception.app.scene.scene import cloud_points
+from guara_perception.app.scene.scene import cloud_points, planned_footholds
 from guara_perception.arrays import Float32, Image
 from guara_perception.exceptions import PerceptionError
 from guara_perception.terrain.grid import TerrainGrid

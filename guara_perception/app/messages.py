@@ -131,11 +131,6 @@ def message_to_stance(message: StanceMessage) -> Stance:
     return Stance(message.joint_positions, message.support_feet, message.gravity_in_base)
 
 
-def with_stamp(terrain: TerrainGrid, stamp: int, step: int | None = None) -> TerrainGrid:
-    """Copy a grid for a replay, with another stamp [ns] and, unless `step` is None, another step."""
-    return dataclasses.replace(terrain, stamp=stamp, step=terrain.step if step is None else step)
-
-
 def _transforms(record: GridRecord) -> tuple[TransformMessage, ...]:
     found = [
         ("base_link", "base_footprint", record.transform_base_to_footprint, record.pose_covariance),

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from guara_perception.app.messages import message_to_terrain
-from guara_perception.app.scene.planned_footholds import planned_footholds
-from guara_perception.app.scene.scene import cloud_points
+from guara_perception.app.scene.scene import cloud_points, planned_footholds
 from guara_perception.arrays import Float, Float32, Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import parse_calibration

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Grey, Image, Index
-from guara_perception.shown import eight_bits
+from guara_perception.images import eight_bits
 from kinematics.arrays import FrozenArrays
 
 CHECKERBOARD: Final = "checkerboard"

@@ -17,7 +17,7 @@ import numpy as np
 
 from guara_perception.arrays import Float, Float32, Image, Index, Mask
 from guara_perception.calibration.calibration import CameraModel
-from guara_perception.optical_flow import follow
+from guara_perception.images import follow
 from guara_perception.scanning.dim_background import contrast, dim_motions, show_other_ground
 from guara_perception.stripes.band import full_scale, pictures_of
 from guara_perception.stripes.kernel.library import Picture, address, addresses, kernel

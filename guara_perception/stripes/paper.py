@@ -10,7 +10,7 @@ import numpy as np
 
 from guara_perception.arrays import Float, Grey, Image, Index, Mask
 from guara_perception.exceptions import InvalidInput
-from guara_perception.shown import eight_bits
+from guara_perception.images import eight_bits
 from guara_perception.stripes.band import (
     MAX_AMBIENT_CHANGE,
     Band,

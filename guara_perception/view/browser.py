@@ -13,7 +13,7 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput, optional_library
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.view.controls import SHOWN, Controls, cell_text, legend_html, status_text
-from guara_perception.view.moment import Moment, Timeline, no_stripes, pose_of
+from guara_perception.view.moment import Moment, Timeline, pose_of
 from guara_perception.view.scene_drawing import SceneDrawing
 from guara_perception.view.terrain_mesh import met_by_ray, terrain_mesh
 from kinematics import RobotModel
@@ -35,19 +35,18 @@ class BrowserView(AbstractContextManager["BrowserView"]):
             stop.wait()
     """
 
-    def __init__(self, robot: RobotModel, *, host: str = "127.0.0.1", port: int = 8080) -> None:
-        """Start the server.
+    def __init__(self, robot: RobotModel, port: int) -> None:
+        """Start the server, which accepts connections from this machine only.
 
         Args:
             robot: robot whose shapes are drawn.
-            host: address to listen on; only this machine by default.
             port: port to listen on; if it is in use, the next free one.
 
         Raises:
             MissingExtra: viser is not installed.
         """
         viser = optional_library("viser", "view", "the view in the browser")
-        self._server: Any = viser.ViserServer(host=host, port=port, label="Guará terrain", verbose=False)
+        self._server: Any = viser.ViserServer(host="127.0.0.1", port=port, label="Guará terrain", verbose=False)
         self._lock = threading.RLock()
         self._timeline = Timeline()
         self._viewed_from = np.zeros(3)
@@ -61,7 +60,11 @@ class BrowserView(AbstractContextManager["BrowserView"]):
         self._look_from(np.zeros(3))
 
     def __exit__(self, *error: object) -> None:
-        self.close()
+        """Stop playback and the server."""
+        self._halt.set()
+        if (player := self._player) is not None:
+            player.join()
+        self._server.stop()
 
     @property
     def address(self) -> str:
@@ -96,13 +99,6 @@ class BrowserView(AbstractContextManager["BrowserView"]):
             self._controls.live(text, is_stale)
         self._server.flush()
 
-    def close(self) -> None:
-        """Stop playback and the server."""
-        self._halt.set()
-        if (player := self._player) is not None:
-            player.join()
-        self._server.stop()
-
     def _redraw(self) -> None:
         with self._lock, self._server.atomic():
             moment = self._timeline.shown
@@ -120,12 +116,12 @@ class BrowserView(AbstractContextManager["BrowserView"]):
                 if self._is_other(name, grid, shows[name]):
                     draw(grid, shown=shows[name])
             if self._is_other("stripes", moment.stripes, shows["stripes"]):
-                drawing.stripes(moment.stripes() if shows["stripes"] else [])
+                drawing.stripes(moment.stripes() if moment.stripes and shows["stripes"] else [])
             if self._is_other("footholds", moment.footholds, shows["footholds"]):
                 drawing.footholds(moment, shown=shows["footholds"])
             drawing.trail(self._timeline.poses(), shown=shows["trail"])
-            controls.has_stripes(moment.stripes is not no_stripes)
-            controls.picture(moment.picture())
+            controls.has_stripes(moment.stripes is not None)
+            controls.picture(moment.picture and moment.picture())
             self._explain(grid)
             self._show_timeline()
             self._look_from(moment.transform_footprint_to_odom[:3, 3])

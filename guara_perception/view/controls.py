@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Image
-from guara_perception.shown import for_screen
+from guara_perception.images import for_screen
 from guara_perception.terrain.drawing.style import UNKNOWN_COLOUR, rgb
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import MEANING, UNKNOWN_MASK, Hazard

@@ -15,16 +15,6 @@ from guara_perception.terrain.layers.record import MapRecord, ScanRecord
 KEPT = 60
 
 
-def no_stripes() -> list[Float]:
-    """Empty list of stripes."""
-    return []
-
-
-def no_picture() -> Image | None:
-    """None, for a moment without a camera image."""
-    return None
-
-
 def pose_of(terrain: TerrainGrid) -> Float:
     """Pose transform_footprint_to_odom (4, 4) of a grid, the identity if absent."""
     placed = getattr(terrain.record, "transform_footprint_to_odom", None)
@@ -37,17 +27,17 @@ class Moment:
 
     Attributes:
         grids: grids by extent, "footprint" and "map"; at least one, all of one pause.
-        stripes: function that returns the measured points (n, 3) of each stripe in base_footprint [m]; called each
-            time they are drawn.
+        stripes: function that returns the measured points (n, 3) of each stripe in base_footprint [m], called each
+            time they are drawn; None if there are none.
         footholds: planned footholds by leg, (3,) in base_footprint [m].
-        picture: function that returns the camera image of one stripe, (h, w) or (h, w, 3) BGR, or None; called whenever
-            the moment is drawn.
+        picture: function that returns the camera image of one stripe, (h, w) or (h, w, 3) BGR, or None, called whenever
+            the moment is drawn; None without images.
     """
 
     grids: Mapping[str, TerrainGrid]
-    stripes: Callable[[], list[Float]] = no_stripes
+    stripes: Callable[[], list[Float]] | None = None
     footholds: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-    picture: Callable[[], Image | None] = no_picture
+    picture: Callable[[], Image | None] | None = None
 
     @property
     def any_grid(self) -> TerrainGrid:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from guara_perception.app.demo.course import CourseDrawing
+from guara_perception.app.demo.pictures import CourseDrawing
 from guara_perception.settings import Settings
 from guara_perception.simulation.footing import CELL_M
 from guara_perception.terrain.drawing.style import save_figure, styled

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import guara_perception as gp
-from guara_perception.picture_file import decode_picture
+from guara_perception.images import decode_picture
 
 KINDS = [(suffix, 3, np.uint8) for suffix in (".png", ".jpg", ".bmp", ".tiff", ".ppm")]
 KINDS += [(suffix, 1, np.uint8) for suffix in (".png", ".jpg", ".bmp", ".tiff", ".pgm")]

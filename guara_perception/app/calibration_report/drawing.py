@@ -17,7 +17,7 @@ from guara_perception.calibration.laser import heights_through
 from guara_perception.calibration.plates import level_pixels
 from guara_perception.calibration.quality import COVERAGE_CELLS, GRID
 from guara_perception.calibration.result import CalibrationResult
-from guara_perception.shown import eight_bits
+from guara_perception.images import eight_bits
 from guara_perception.terrain.drawing import style
 
 if TYPE_CHECKING:

@@ -114,7 +114,7 @@ def command(
 def show_course(context: click.Context, out: Path, robot: str, course: str) -> None:
     """Cross a course, and write a picture and an animation of the crossing to a folder."""
     from guara_perception.app.demo.check import DemoCheck
-    from guara_perception.app.demo.course import draw_course
+    from guara_perception.app.demo.pictures import draw_course
     from guara_perception.app.demo.walk import demo_walk, goal_of
     from guara_perception.simulation.world import load_world
     from guara_perception.terrain.drawing.style import styled

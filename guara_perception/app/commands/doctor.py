@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from guara_perception.app.options import FILE
+from guara_perception.app.options import FILE, DeviceOptions
 
 
 @click.command(name="doctor")
@@ -62,7 +62,7 @@ def command(
     if powers_up:
         from guara_perception.app.bring_up import bring_up
 
-        board = devices_of(devices).laser_board()
+        board = devices_of(DeviceOptions(devices=devices)).laser_board()
         if not bring_up(board, Path.cwd(), ask=lambda question: str(click.prompt(question)), tell=click.echo):
             context.exit(1)
         return
@@ -70,7 +70,7 @@ def command(
     if unknown:
         raise InvalidInput(f"--only is {', '.join(unknown)}, allowed: {', '.join(CHECKS)}")
     failed = False
-    chosen = devices_of(devices, camera=camera, trigger=trigger)
+    chosen = devices_of(DeviceOptions(devices=devices, camera=camera, trigger=trigger))
     for name, finding in examine(devices=chosen, folder=Path.cwd(), checks=checks, **looked_at):
         if as_json:
             click.echo(json.dumps({"name": name, **dataclasses.asdict(finding)}))

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 from click.core import ParameterSource
 
-from guara_perception.app.options import FILE, NOT_MIRRORED, board_options, stance_of
+from guara_perception.app.options import FILE, NOT_MIRRORED, DeviceOptions, board_options, stance_of
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
@@ -108,7 +108,8 @@ def command(
     standing = stance_of(stance, model)
     points = planned_crosses(crosses, model, scale)
     own = session / DEVICES_FILE
-    known = devices_of(own if redo and not given & {"devices", "camera"} else devices, camera=camera, trigger=trigger)
+    devices = own if redo and not given & {"devices", "camera"} else devices
+    known = devices_of(DeviceOptions(devices=devices, camera=camera, trigger=trigger))
     plan = SessionPlan(model.name, spec, points, parse_heights(plates), standing)
     if before is not None:
         kept = {name: getattr(before, name) for name, options in OPTIONS_OF.items() if not given & options}

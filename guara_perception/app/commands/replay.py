@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -52,7 +53,6 @@ def command(
     """
     from guara_perception.app.files.open_scan import last_of_each_pause, open_scans
     from guara_perception.app.files.scan_calibration import calibration_for
-    from guara_perception.app.messages import with_stamp
     from guara_perception.app.node.walk_map import WalkMap
     from guara_perception.app.publisher import publish_terrain
     from guara_perception.app.summary import summary
@@ -114,7 +114,7 @@ def command(
                     out.mkdir(parents=True, exist_ok=True)
                     save_terrain(grids[name], out / f"{number:04d}-step{scan.step}-{name}.npz")
                 if session is not None:
-                    publish_terrain(session, with_stamp(grids[name], time.time_ns()), model.name)
+                    publish_terrain(session, replace(grids[name], stamp=time.time_ns()), model.name)
         if session is not None:
             # The last grids must be sent before the session closes, even to clients that have just connected.
             time.sleep(max(interval, 0.5))

@@ -21,7 +21,7 @@ from guara_perception.calibration.file import save_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, errors_as
 from guara_perception.fields import Fields, read_json
 from guara_perception.files import existing_file, read_bounded
-from guara_perception.picture_file import LARGEST_PICTURE, decode_picture
+from guara_perception.images import LARGEST_PICTURE, decode_picture
 from guara_perception.scan import Scan, ScanStripe
 from guara_perception.settings import MODES
 from kinematics import KinematicsError, Stance

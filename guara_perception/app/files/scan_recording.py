@@ -17,7 +17,7 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import parse_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, errors_as
 from guara_perception.files import existing_file
-from guara_perception.picture_file import decode_picture
+from guara_perception.images import decode_picture
 from guara_perception.scan import Scan, ScanStripe
 from kinematics import BodyTrack, KinematicsError, RobotModel
 from transport import TerrainMessage, TransportError

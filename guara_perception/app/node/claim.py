@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -108,15 +109,11 @@ class Claim:
             "odometry": dataclasses.asdict(self.odometry),
             "restarts": self.restarts,
         }
-        head = len(FORMAT) + 1 + hashlib.sha256().digest_size * 2 + 1
-        stream.seek(head)
-        stream.write(json.dumps(claimed, default=np.ndarray.tolist).encode() + b"\n")
-        self.map.write(stream)
-        stream.flush()
-        stream.seek(head)
-        digest = hashlib.sha256(stream.read()).hexdigest()
-        stream.seek(0)
-        stream.write(f"{FORMAT} {digest}\n".encode())
+        body = io.BytesIO()
+        body.write(json.dumps(claimed, default=np.ndarray.tolist).encode() + b"\n")
+        self.map.write(body)
+        stream.write(f"{FORMAT} {hashlib.sha256(body.getbuffer()).hexdigest()}\n".encode())
+        stream.write(body.getbuffer())
 
     @classmethod
     def read(cls, path: Path, robot: RobotModel, seal: Seal) -> Claim:

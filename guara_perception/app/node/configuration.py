@@ -80,10 +80,11 @@ class ConfigurationWatch:
         changed = sorted(
             str(path) for path in now.keys() | self._before.keys() if now.get(path) != self._before.get(path)
         )
-        if not changed:
-            return StatusItem(name="configuration", level=Health.OK, message="unchanged since the start")
-        message = f"changed since the start; restart the node to apply the changes: {', '.join(changed)}"
-        return StatusItem(name="configuration", level=Health.WARN, message=message)
+        level, message = Health.OK, "unchanged since the start"
+        if changed:
+            level = Health.WARN
+            message = f"changed since the start; restart the node to apply the changes: {', '.join(changed)}"
+        return StatusItem(name="configuration", level=level, message=message)
 
     def _state(self) -> dict[Path, tuple[int, int]]:
         files = [file for path in self._paths for file in (path.rglob("*") if path.is_dir() else [path])]

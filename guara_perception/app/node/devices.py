@@ -87,9 +87,7 @@ def choose_rig(
 
         made = SimulatedRobot(robot_of(chosen), chosen.calibration, world=load_world(world))
         return Rig(made.robot, made.calibration, made.rangefinder, made)
-    devices = devices_of(
-        chosen.devices, camera=chosen.camera, trigger=chosen.trigger, fps=chosen.fps, off_frames=chosen.off_frames
-    )
+    devices = devices_of(chosen)
     if not needs_calibration:
         return Rig(load_robot(chosen.robot or "guara"), None, rangefinder_of(devices), None)
     if chosen.calibration is None:

@@ -9,7 +9,7 @@ from guara_perception.app.node.pause import Pause
 from guara_perception.terrain.layers.geometry import inside_polygon
 from kinematics import JointCheck, JointReport, RobotModel, StanceError
 from kinematics.transforms import transform_points
-from transport import Health, StatusItem
+from transport import Health
 
 
 class JointWatch:
@@ -62,5 +62,4 @@ class JointWatch:
             message = "not checked: first pause, or fewer than three feet stayed on the ground since the last one"
         else:
             message = "the joints of standing legs fit those of the last pause"
-        level = Health.WARN if faults else Health.OK
-        self._status.set(StatusItem(name="joints", level=level, message=message, values=values))
+        self._status.note("joints", message, Health.WARN if faults else Health.OK, values)

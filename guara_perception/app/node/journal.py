@@ -6,14 +6,15 @@ import logging
 import os
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import IO, Self
+from typing import IO
 
 from guara_perception.app.node.claim import Claim, Seal
 from guara_perception.exceptions import FileFormatError, InvalidInput, PerceptionError
 from kinematics import RobotModel
-from transport import Health, StatusItem
-from transport.supervision import supervised
+from transport import Health, Outbox, ReceiveTimeout, StatusItem
 
 logger = logging.getLogger(__name__)
 # At INFO, so that the log also reports that a walk continues.
@@ -28,7 +29,7 @@ CLOSE_S = 5.0
 CONFIRM_S = 2.0
 
 
-class Journal:
+class Journal(AbstractContextManager["Journal"]):
     """Journal of one node in three files, of which the oldest is replaced; written on a separate thread.
 
     A claim is written to a temporary file when the scan of its pause is fused. When the pause is confirmed, that file
@@ -62,41 +63,30 @@ class Journal:
         self._values: dict[str, str] = {"resumed": "0", "refused": "0", "written": "0", "failed": "0"}
         self._trouble = ""
         self._read(robot)
-        # The newest claim; the claim that waits to be written; the claim in the temporary file; the claim to confirm.
+        # The newest claim, and the claim in the temporary file.
         self._last: Claim | None = None
-        self._next: Claim | None = None
         self._written: Claim | None = None
-        self._confirmed: Claim | None = None
-        self._has_news, self._is_closing = threading.Condition(self._lock), False
-        self._thread = supervised("guara-journal", self._run)
-
-    def __enter__(self) -> Self:
-        """Start the thread that writes."""
-        self._thread.start()
-        return self
+        self._outbox = Outbox()
 
     def __exit__(self, *error: object) -> None:
-        """Finish writing, and end the thread; wait at most CLOSE_S."""
-        with self._has_news:
-            self._is_closing = True
-            self._has_news.notify_all()
-        self._thread.join(CLOSE_S)
+        """Finish writing; wait at most CLOSE_S."""
+        with suppress(ReceiveTimeout):
+            self._outbox.flush(CLOSE_S)
+        self._outbox.close()
 
     def write(self, claim: Claim | None) -> None:
         """Queue a claim for the temporary file without blocking. It replaces a waiting claim; None only removes it."""
-        with self._has_news:
-            self._last = self._next = claim
-            self._has_news.notify_all()
+        self._last = claim
+        self._outbox.post("claim", lambda: self._write(claim), lane="journal")
 
     def confirm(self) -> None:
         """Replace the oldest file with the newest claim; wait up to CONFIRM_S until the file is in place.
 
         If the file was replaced in time, a node killed afterwards does not lose the confirmed pause.
         """
-        with self._has_news:
-            self._confirmed = self._last
-            self._has_news.notify_all()
-            self._has_news.wait_for(lambda: self._confirmed is None, CONFIRM_S)
+        claim, is_settled = self._last, threading.Event()
+        self._outbox.post("confirmation", lambda: self._replace(claim, is_settled), lane="journal")
+        is_settled.wait(CONFIRM_S)
 
     def resumed(self, claim: Claim) -> None:
         """Report that the walk continues from a claim."""
@@ -142,62 +132,50 @@ class Journal:
             self._outcome, self._level = outcome, Health.OK if is_good else Health.WARN
             self._values[count] = "1"
 
-    def _run(self) -> None:
-        while True:
-            with self._has_news:
-                self._has_news.wait_for(lambda: self._next is not None or self._is_due() or self._is_closing)
-                if is_due := self._is_due():
-                    claim, self._written = self._written, None
-                else:
-                    claim, self._next = self._next, None
-            if claim is None:
-                return
-            try:
-                if is_due:
-                    self._replace(claim)
-                else:
-                    self._write(claim)
-            except (OSError, PerceptionError) as error:
-                logger.warning("journal: not written: %s", error)
-                with self._has_news:
-                    if self._last is claim:
-                        self._last = None
-                    self._settle(claim)
-                    self._trouble = f"the last claim was not written: {error}"
-                    self._values["failed"] = str(int(self._values["failed"]) + 1)
+    def _write(self, claim: Claim | None) -> None:
+        self._written, begun = None, time.monotonic()
+        if claim is None:
+            return
+        with self._failures_in_status():
+            with self._open() as stream:
+                # No fsync: a reboot restarts the clock, which invalidates the journal anyway.
+                claim.write(stream, self._seal)
+            taken, size = time.monotonic() - begun, self._beside.stat().st_size
+            with self._lock:
+                self._values |= {"bytes": str(size), "seconds": f"{taken:.3f}"}
+            self._written = claim
 
-    def _is_due(self) -> bool:
-        return self._written is not None and self._written is self._confirmed
+    def _replace(self, claim: Claim | None, is_settled: threading.Event) -> None:
+        try:
+            if claim is None or claim is not self._written:
+                return
+            self._written = None
+            with self._failures_in_status():
+                self._rotate()
+                with self._lock:
+                    self._trouble = ""
+                    self._values |= {"written": str(int(self._values["written"]) + 1), "step": str(claim.step)}
+                is_settled.set()
+                with self._open() as copy:
+                    copy.write(self._paths[-1].read_bytes())
+                self._rotate()
+        finally:
+            is_settled.set()
+
+    @contextmanager
+    def _failures_in_status(self) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, PerceptionError) as error:
+            logger.warning("journal: not written: %s", error)
+            with self._lock:
+                self._trouble = f"the last claim was not written: {error}"
+                self._values["failed"] = str(int(self._values["failed"]) + 1)
 
     def _open(self) -> IO[bytes]:
         self._beside.unlink(missing_ok=True)
         return os.fdopen(os.open(self._beside, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600), "w+b")
 
-    def _write(self, claim: Claim) -> None:
-        begun = time.monotonic()
-        self._written = None
-        with self._open() as stream:
-            # No fsync: a reboot restarts the clock, which invalidates the journal anyway.
-            claim.write(stream, self._seal)
-        with self._lock:
-            self._values |= {"bytes": str(self._beside.stat().st_size), "seconds": f"{time.monotonic() - begun:.3f}"}
-            self._written = claim
-
-    def _settle(self, claim: Claim) -> None:
-        if self._confirmed is claim:
-            self._confirmed = None
-            self._has_news.notify_all()
-
     def _rotate(self) -> None:
         os.replace(self._beside, self._paths[0])
         self._paths.append(self._paths.pop(0))
-
-    def _replace(self, claim: Claim) -> None:
-        self._rotate()
-        with self._has_news:
-            self._trouble = ""
-            self._values |= {"written": str(int(self._values["written"]) + 1), "step": str(claim.step)}
-            self._settle(claim)
-        with self._open() as copy:
-            copy.write(self._paths[-1].read_bytes())
-        self._rotate()

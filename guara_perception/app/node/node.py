@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-# Longest time that `close` waits for the scan thread to end [s].
+# Longest wait for the scan thread to end when the node stops [s].
 STOP_TIMEOUT_S = 5.0
 # Extra wait after the deadline of a pause, so that the pause has expired when the thread wakes [s].
 EXPIRY_SLACK_S = 0.01
@@ -157,8 +157,14 @@ class PerceptionNode:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Close the node."""
-        self.close()
+        """Stop the scan under way, which turns the laser off, and end the thread."""
+        forget(self._end_unknown)
+        self._closing.set()
+        with self._changed:
+            self._changed.notify_all()
+        if self._thread.is_alive():
+            self._thread.join(STOP_TIMEOUT_S)
+        self._gait_clock.close()
 
     def on_pause(self, announcement: StancePause) -> None:
         """Handle an announcement of a stance pause. Returns immediately: the scan runs on the node's own thread.
@@ -346,16 +352,6 @@ class PerceptionNode:
         """Wait until no requested scan is under way or the node is closing; return False after `timeout` [s]."""
         with self._changed:
             return self._changed.wait_for(lambda: not self._is_asked or self._closing.is_set(), timeout)
-
-    def close(self) -> None:
-        """Stop the scan under way, which turns the laser off, and end the thread. May be called twice."""
-        forget(self._end_unknown)
-        self._closing.set()
-        with self._changed:
-            self._changed.notify_all()
-        if self._thread.is_alive():
-            self._thread.join(STOP_TIMEOUT_S)
-        self._gait_clock.close()
 
     def _pause_item(self) -> StatusItem:
         pause = self._pause

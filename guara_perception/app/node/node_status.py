@@ -35,7 +35,7 @@ class NodeStatus:
         Args:
             calibration: calibration in use, whose verdict is part of every status; None = no such item.
         """
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._items: dict[str, StatusItem] = {}
         self._problems: dict[str, tuple[float, str]] = {}
         self._followed: list[Callable[[], StatusItem]] = []
@@ -48,12 +48,9 @@ class NodeStatus:
         if calibration is not None:
             verdict = str(calibration.quality.get("verdict"))
             reasons = "; ".join(map(str, calibration.quality.get("reasons", ())))
-            self._items["calibration"] = StatusItem(
-                name="calibration",
-                level=VERDICTS.get(verdict, Health.WARN),
-                message=f"{verdict}: {reasons}" if reasons else verdict,
-                values={"hash": calibration.hash, "created": calibration.created},
-            )
+            message = f"{verdict}: {reasons}" if reasons else verdict
+            values = {"hash": calibration.hash, "created": calibration.created}
+            self.note("calibration", message, VERDICTS.get(verdict, Health.WARN), values)
 
     def scanned(self, terrain: TerrainGrid, scan: LiveScan, latency: float) -> None:
         """Report a finished scan.
@@ -69,22 +66,19 @@ class NodeStatus:
         with self._lock:
             self._scans += 1
             self._problems.pop("scan", None)
-            self._items["scanner"] = StatusItem(
-                name="scanner",
-                level=LEVELS.get(health.level, Health.WARN),
-                message="; ".join(health.reasons) or "last scan is good",
-                values={
-                    "step": str(terrain.step),
-                    "mode": str(record.mode),
-                    "coverage": f"{record.coverage or 0.0:.3f}",
-                    "duration_s": f"{(scan.end - scan.start) * 1e-9:.3f}",
-                    "latency_ms": f"{latency * 1e3:.1f}",
-                    "provisional": "true",
-                    "scans": str(self._scans),
-                    "failures": str(self._failures),
-                    **{f"seconds_{stage}": f"{spent:.4f}" for stage, spent in seconds.items()},
-                },
-            )
+            values = {
+                "step": str(terrain.step),
+                "mode": str(record.mode),
+                "coverage": f"{record.coverage or 0.0:.3f}",
+                "duration_s": f"{(scan.end - scan.start) * 1e-9:.3f}",
+                "latency_ms": f"{latency * 1e3:.1f}",
+                "provisional": "true",
+                "scans": str(self._scans),
+                "failures": str(self._failures),
+                **{f"seconds_{stage}": f"{spent:.4f}" for stage, spent in seconds.items()},
+            }
+            message = "; ".join(health.reasons) or "last scan is good"
+            self.note("scanner", message, LEVELS.get(health.level, Health.WARN), values)
         self.on_change()
         self.on_scan(terrain)
 
@@ -104,12 +98,8 @@ class NodeStatus:
         """
         with self._lock:
             self._withdrawn[cause] += 1
-            self._items["withdrawn"] = StatusItem(
-                name="withdrawn",
-                level=Health.OK,
-                message=f"{self._withdrawn.total()} grids since the start",
-                values={name: str(count) for name, count in self._withdrawn.items()},
-            )
+            values = {name: str(count) for name, count in self._withdrawn.items()}
+            self.note("withdrawn", f"{self._withdrawn.total()} grids since the start", Health.OK, values)
 
     def drift(self, drift: Drift) -> None:
         """Report how well the floor of the last scan agrees with the calibration; a single scan causes no warning."""
@@ -121,13 +111,12 @@ class NodeStatus:
         scans = sum(counts.values())
         message = f"calibration: {verdict}, floor found in {scans - counts[UNKNOWN]} of {scans} scans"
         message = "; ".join((message, *(f"last scan: {reason}" for reason in drift.reasons)))
-        level = Health.WARN if verdict == DRIFTING else Health.OK
-        self.set(StatusItem(name="drift", level=level, message=message, values=values))
+        self.note("drift", message, Health.WARN if verdict == DRIFTING else Health.OK, values)
 
     def light(self, margins: Mapping[str, float]) -> None:
         """Report the light margins of the last scan, by name."""
         values = {name: f"{margin:.3f}" for name, margin in margins.items()}
-        self.set(StatusItem(name="light", level=Health.OK, message="margins of the last scan", values=values))
+        self.note("light", "margins of the last scan", Health.OK, values)
 
     def problem(self, subsystem: str, message: str) -> None:
         """Report a problem of a subsystem until `solved` (for "scan": `scanned`) is called, or another replaces it."""
@@ -141,11 +130,6 @@ class NodeStatus:
         """Report that a subsystem works again."""
         with self._lock:
             self._problems.pop(subsystem, None)
-
-    def set(self, item: StatusItem) -> None:
-        """Add or replace an item."""
-        with self._lock:
-            self._items[item.name] = item
 
     def note(
         self, name: str, message: str, level: Health = Health.WARN, values: Mapping[str, str] | None = None

@@ -18,7 +18,7 @@ from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.sweep import Swept
 from guara_perception.app.node.walk_map import WalkMap
 from guara_perception.app.publisher import send_terrain
-from guara_perception.app.scene.range_images import range_image_messages
+from guara_perception.app.scene.scene import range_image_messages
 from guara_perception.scanning.pictures import with_pictures
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.record import Health

@@ -82,13 +82,15 @@ class Rangefinder:
             if self.settings is not None:
                 self.lock(self.settings)
         except BaseException:
-            self._close()
+            self.__exit__()
             raise
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Close both devices, the board and its laser first."""
-        self._close()
+        """Close both devices in the order of opening, so that the board turns the laser off first."""
+        while self._entered:
+            self._entered.pop(0).__exit__(None, None, None)
+        self._clock_held.close()
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
         """Lock the open camera to `settings`, and return the settings that `setting_changes` will compare with.
@@ -156,9 +158,3 @@ class Rangefinder:
             drivers.BadFiringOrder: the firing order is not valid.
         """
         return prepare(self.board, firing_order)
-
-    def _close(self) -> None:
-        """Close in the order of opening, so that the board turns the laser off first."""
-        while self._entered:
-            self._entered.pop(0).__exit__(None, None, None)
-        self._clock_held.close()

@@ -301,12 +301,12 @@ class ScanRecording:
         """Queue the start of the recording; called by `ScanRecorder.begin`."""
         self._recorder, self._record, self._quality = recorder, record, jpeg_quality
         # Used by the scan thread only.
-        self._last_off: tuple[Image, tuple[object, Image]] | None = None
-        self._is_full = self._is_done = False
+        self._last_off: tuple[Image, Image] | None = None
+        self._is_full = False
         # Used by the recorder's thread only.
         self._problem = ""
         self._is_open = False
-        self._offs: tuple[object, FrameReference] | None = None
+        self._offs: tuple[Image, FrameReference] | None = None
         self._stripes: list[StripeRecord] = []
         self._post(0, self._begin)
 
@@ -355,22 +355,20 @@ class ScanRecording:
 
     def finish(self, terrains: tuple[TerrainMessage, ...] = (), stance_end: Stance | None = None) -> None:
         """End the scan and add its grids (none if it failed) without blocking; the recorder's status reports errors."""
-        if not self._is_done:
-            self._is_done = True
-            end = None if stance_end is None else stance_to_message(stance_end)
-            now = time.time_ns()
-            self._recorder.post(0, lambda: self._finish(terrains, end, now))
+        end = None if stance_end is None else stance_to_message(stance_end)
+        now = time.time_ns()
+        self._recorder.post(0, lambda: self._finish(terrains, end, now))
 
     def _post(self, size: int, action: Callable[[], None]) -> None:
         self._recorder.post(size, lambda: self._guarded(action))
 
-    def _shared(self, image: Image | None) -> tuple[tuple[object, Image] | None, int]:
-        """(key, copy) of a laser-off frame, one pair for all its stripes, and the number of bytes newly allocated."""
+    def _shared(self, image: Image | None) -> tuple[Image | None, int]:
+        """Copy of a laser-off frame, one for all its stripes, and the number of bytes newly allocated."""
         if image is None:
             return None, 0
         if self._last_off is not None and self._last_off[0] is image:
             return self._last_off[1], 0
-        self._last_off = (image, (object(), image.copy()))
+        self._last_off = image, image.copy()
         return self._last_off[1], image.nbytes
 
     def _begin(self) -> None:
@@ -387,16 +385,18 @@ class ScanRecording:
         for stripe in self._stripes:
             self._write(dataclasses.replace(stripe, stamp=self._stripes[-1].stamp))
 
-    def _add(self, bare: StripeRecord, on: Image | None, off: tuple[object, Image] | None, dark: Image | None) -> None:
-        stamp = bare.stamp
-        off_at: FrameReference | None = None
-        if off is not None:
-            if self._offs is None or self._offs[0] is not off[0]:
-                self._offs = (off[0], self._recorder.writer.add_frame(self._frame(off[1], stamp), laser_on=False))
-            off_at = self._offs[1]
-        on_at = None if on is None else self._recorder.writer.add_frame(self._frame(on, stamp), laser_on=True)
-        dark_at = None if dark is None else self._recorder.writer.add_frame(self._frame(dark, stamp), laser_on=False)
-        stripe = dataclasses.replace(bare, on=on_at, off=off_at, dark=dark_at)
+    def _add(self, bare: StripeRecord, on: Image | None, off: Image | None, dark: Image | None) -> None:
+        def add_frame(pixels: Image, laser_on: bool = False) -> FrameReference:
+            return self._recorder.writer.add_frame(self._frame(pixels, bare.stamp), laser_on=laser_on)
+
+        if off is not None and (self._offs is None or self._offs[0] is not off):
+            self._offs = off, add_frame(off)
+        stripe = dataclasses.replace(
+            bare,
+            off=None if off is None or self._offs is None else self._offs[1],
+            on=None if on is None else add_frame(on, laser_on=True),
+            dark=None if dark is None else add_frame(dark),
+        )
         self._write(stripe)
         self._stripes.append(stripe)
 

@@ -12,7 +12,7 @@ import cv2
 
 from guara_perception.arrays import Image
 from guara_perception.exceptions import InvalidInput
-from guara_perception.shown import for_screen
+from guara_perception.images import for_screen
 from transport.supervision import supervised
 
 WIDTH_PX = 960

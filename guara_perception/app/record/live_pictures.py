@@ -14,8 +14,8 @@ from guara_perception.calibration.calibration import CameraModel, floor_pixels
 from guara_perception.calibration.crosses import find_crosses
 from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.plates import level_pixels
+from guara_perception.images import eight_bits
 from guara_perception.settings import Settings
-from guara_perception.shown import eight_bits
 from transport.supervision import supervised
 
 # Function that annotates a camera image: returns the image to show, and a text about it or "".

@@ -10,7 +10,7 @@ import numpy as np
 
 from guara_perception.app.scene.scene import stripe_cloud
 from guara_perception.arrays import Image
-from guara_perception.shown import for_screen
+from guara_perception.images import for_screen
 from kinematics import BASE_FOOTPRINT
 from transport import point_cloud_message
 from transport.grids.views import ViewSender

@@ -1,4 +1,4 @@
-"""Scene of a pause as ROS messages: the robot with its frames, the ground, coloured clouds and the camera."""
+"""Scene of a pause as ROS messages: robot with its frames, ground, clouds, camera, range images, next footholds."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ import numpy.typing as npt
 
 from guara_perception.app.files.export import cell_cloud
 from guara_perception.app.messages import message_to_terrain
-from guara_perception.app.scene.planned_footholds import planned_footholds
 from guara_perception.arrays import Array, Float, Float32
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput
+from guara_perception.scanning.pictures import cause_image, sigma_image_mm
+from guara_perception.terrain.grid import TerrainGrid
 from kinematics import BASE_FOOTPRINT, RobotModel, Stance
 from transport import (
     TerrainMessage,
@@ -28,7 +29,9 @@ from transport import (
     text_message,
 )
 from transport.grids.grid_publishers import GRID_MAP_LAYERS
+from transport.keys import RANGE_IMAGES
 from transport.recording import CAMERA_FRAME
+from transport.recording.records import image_message
 
 if TYPE_CHECKING:
     from guara_perception.ranging.stripe_points import StripePoints
@@ -199,3 +202,37 @@ def cloud_field(cloud: Any, name: str) -> Array:
     kind = np.dtype({4: "<u2", 6: "<u4", 7: "<f4"}[field.datatype])
     rows = cloud.data.reshape(cloud.width, cloud.point_step)[:, field.offset : field.offset + kind.itemsize]
     return np.ascontiguousarray(rows).view(kind).reshape(-1)
+
+
+def planned_footholds(robot: RobotModel, terrain: TerrainGrid) -> dict[str, tuple[float, float, float]]:
+    """Next foothold (x, y, z) in base_footprint [m] by leg, where a simple planner finds one on this grid.
+
+    Empty if the record of the grid lacks the robot, its stance, its limits or its transform to the footprint.
+    """
+    from guara_perception.simulation.gait import WaveGait
+    from guara_perception.simulation.planner import plan_foothold
+
+    record = terrain.record
+    if None in (record.robot, record.stance, record.limits) or record.transform_base_to_footprint is None:
+        return {}
+    gait = WaveGait.of(robot)
+    planned = {}
+    for leg in robot.legs:
+        x, y = gait.landing(leg)
+        found = plan_foothold(terrain, leg, (x + gait.advance, y), robot=robot)
+        if found is not None:
+            planned[leg] = (found.x, found.y, found.z)
+    return planned
+
+
+def range_image_messages(terrain: TerrainGrid) -> dict[str, Any]:
+    """Make the sensor_msgs/Image messages of a grid with pictures, by the names of RANGE_IMAGES.
+
+    Heights and standard deviations in m, NaN = unknown; causes as flags of `Hazard`.
+    """
+    heights = terrain.pictures["ortho_image_mm"] * np.float32(1e-3)
+    images = (heights, "32FC1"), (cause_image(terrain), "8UC1"), (sigma_image_mm(terrain) * np.float32(1e-3), "32FC1")
+    return {
+        name: image_message(pixels, encoding, terrain.frame, terrain.stamp)
+        for name, (pixels, encoding) in zip(RANGE_IMAGES, images, strict=True)
+    }

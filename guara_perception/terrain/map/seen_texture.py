@@ -30,7 +30,7 @@ import numpy as np
 
 from guara_perception.arrays import Codes, Float, Float32, Grey, Index, Mask
 from guara_perception.ground_picture import GroundPicture
-from guara_perception.optical_flow import follow
+from guara_perception.images import follow
 from guara_perception.terrain.grid import TerrainGrid
 from kinematics.arrays import FrozenArrays
 

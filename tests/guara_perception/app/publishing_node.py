@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 import guara_perception as gp
-from guara_perception.app.messages import terrain_to_message, with_stamp
+from guara_perception.app.messages import terrain_to_message
 from guara_perception.app.publisher import send_terrain
 from transport import ScanFailed, encode_terrain, open_node, point_cloud_message
 from transport.keys import terrain_key
@@ -39,7 +39,9 @@ class Node:
             self.broken = None
         stamp = time.time_ns() - round(float(age) * 1e9)
         self.step, self.stamp = step, stamp
-        send_terrain(self.server, with_stamp(self.terrain, stamp, int(step)), stated=walk(epoch, state))
+        send_terrain(
+            self.server, dataclasses.replace(self.terrain, stamp=stamp, step=int(step)), stated=walk(epoch, state)
+        )
         self.server.flush(30)
 
     def views(self) -> None:
@@ -52,13 +54,13 @@ class Node:
     def map(self, step: str, epoch: str = "", state: str = "") -> None:
         # The map of a scan has its stamp.
         stamp = self.stamp if step == self.step else time.time_ns()
-        terrain = dataclasses.replace(with_stamp(self.terrain, stamp, int(step)), extent="map", pictures={})
+        terrain = dataclasses.replace(self.terrain, stamp=stamp, step=int(step), extent="map", pictures={})
         send_terrain(self.server, terrain, stated=walk(epoch, state))
         self.server.flush(30)
 
     def break_(self, step: str) -> None:
         """Publish a grid in which one bit of a safe cell's hazard flags flipped on the way."""
-        terrain = with_stamp(self.terrain, time.time_ns(), int(step))
+        terrain = dataclasses.replace(self.terrain, stamp=time.time_ns(), step=int(step))
         message = terrain_to_message(terrain, robot=self.server.robot, sequence=self.server.next_sequence("footprint"))
         payload = bytearray(encode_terrain(message))
         hazard = np.asarray(terrain.hazard)
@@ -82,7 +84,7 @@ class Node:
                 raise ScanFailed("the mirror did not move", code="mirror")
             for done in range(3):
                 job.progress(done + 1, 3)
-            return send_terrain(self.server, with_stamp(self.terrain, time.time_ns(), 1000))
+            return send_terrain(self.server, dataclasses.replace(self.terrain, stamp=time.time_ns(), step=1000))
 
         self.server.serve_scans(handle)
 

@@ -12,6 +12,7 @@ from drivers import Board, Camera, CameraSettings, OpenCvCamera
 from guara_perception.app.devices_file import Devices, devices_of, load_devices, save_devices
 from guara_perception.app.main import run
 from guara_perception.app.node.devices import rangefinder_of
+from guara_perception.app.options import DeviceOptions
 
 OWN = """
 from drivers import Camera, CameraSettings
@@ -48,7 +49,7 @@ def own_camera(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 def test_the_identity_belongs_to_the_camera_of_the_file(tmp_path: Path, camera: str | None, identity: str) -> None:
     path = tmp_path / "devices.toml"
     save_devices(Devices("0", identity="mine"), path)
-    found = devices_of(path, camera=camera)
+    found = devices_of(DeviceOptions(devices=path, camera=camera))
     assert (found.source, found.identity) == (camera or "0", identity)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app.map_summary import message_to_regions, regions_message
-from guara_perception.app.messages import terrain_to_message, with_stamp
+from guara_perception.app.messages import terrain_to_message
 from transport import TerrainMessage, open_node
 from transport.messages.map_messages import RegionsMessage, decode_regions, encode_regions
 from transport.server import PerceptionServer
@@ -46,7 +46,7 @@ def test_they_are_found_only_for_those_who_ask(free_endpoint: str, paper_terrain
 
         def publish(step: int) -> None:
             sequence = server.next_sequence("map")
-            fused = dataclasses.replace(with_stamp(paper_terrain, time.time_ns(), step), extent="map", pictures={})
+            fused = dataclasses.replace(paper_terrain, stamp=time.time_ns(), step=step, extent="map", pictures={})
             message = terrain_to_message(fused, robot="rex", sequence=sequence)
             server.publish(message, regions=lambda: regions(message))
             server.flush()

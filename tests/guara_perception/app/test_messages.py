@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.app.messages import message_to_terrain, terrain_to_message, with_stamp
+from guara_perception.app.messages import message_to_terrain, terrain_to_message
 from guara_perception.terrain.layers.record import ScanRecord
 from transport import Health, TerrainMessage, decode_terrain, encode_terrain
 
@@ -112,12 +112,3 @@ def test_broken_grid_is_refused_on_arrival(message: TerrainMessage, layer: str, 
     text = str(caught.value)
     assert text.startswith("grid received from 'guara', step 0: ") and reported in text
     assert f"the first at iy={iy}, ix={ix}" in text
-
-
-def test_grid_with_another_stamp_changes_its_time_only(paper_terrain: gp.TerrainGrid):
-    """A replay is published under the time and step of now, with the same terrain."""
-    again = with_stamp(paper_terrain, 77, 9)
-    assert (again.stamp, again.step) == (77, 9)
-    assert with_stamp(paper_terrain, 77).step == paper_terrain.step
-    assert again.elevation.tobytes() == paper_terrain.elevation.tobytes()
-    assert again.metadata == paper_terrain.metadata

@@ -19,10 +19,10 @@ from guara_perception.app.commands.view import show_live
 from guara_perception.app.live_moments import LiveMoments
 from guara_perception.app.messages import stance_to_message, terrain_to_message
 from guara_perception.app.node.recorder import ScanRecorder
-from guara_perception.app.scene.range_images import range_image_messages
+from guara_perception.app.scene.scene import range_image_messages
 from guara_perception.app.view_moments import load_moments, robot_of
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
-from guara_perception.view.moment import Moment, no_stripes
+from guara_perception.view.moment import Moment
 from kinematics import RobotModel, load_robot
 from transport import point_cloud_message
 from transport.recording import FrameRecord, RecordingWriter, ScanRecord
@@ -161,7 +161,7 @@ def test_recorded_points_are_shown_as_they_were_measured(
             writer.add_terrain(terrain_to_message(scan, robot="guara", sequence=step))
         writer.add_messages([("scan/points", point_cloud_message(xyz, "base_footprint", 2))])
     first, second = load_moments(path, robot)
-    assert first.stripes is no_stripes and first.picture() is None
+    assert first.stripes is None and first.picture is None
     np.testing.assert_allclose(second.stripes()[0][:, 0], xyz["x"])
 
 
@@ -244,19 +244,19 @@ def test_live_grids_are_shown_as_they_come(
     try:
         node.tell("publish 1")
         assert eventually(lambda: any(moment.step == 1 for moment in shown))
-        assert shown[-1].stripes is no_stripes and shown[-1].picture() is None
+        assert shown[-1].stripes is None and shown[-1].picture is None
         node.tell("views")
-        assert eventually(lambda: shown[-1].picture() is not None and shown[-1].stripes is not no_stripes)
+        assert eventually(lambda: shown[-1].picture is not None and shown[-1].stripes is not None)
         (points,) = shown[-1].stripes()
         np.testing.assert_allclose(points, np.repeat(np.linspace(0.5, 0.9, 9)[:, None], 3, axis=1), atol=1e-6)
         assert shown[-1].picture().shape == (40, 60, 3) and shown[-1].step == 1
         node.tell("map 1")
         assert eventually(lambda: set(shown[-1].grids) == {"footprint", "map"})
-        assert shown[-1].stripes is not no_stripes and shown[-1].picture() is not None
+        assert shown[-1].stripes is not None and shown[-1].picture is not None
         # Nothing of an earlier scan is shown beside a later one.
         node.tell("map 2")
         assert eventually(lambda: shown[-1].step == 2)
-        assert set(shown[-1].grids) == {"map"} and shown[-1].stripes is no_stripes and shown[-1].picture() is None
+        assert set(shown[-1].grids) == {"map"} and shown[-1].stripes is None and shown[-1].picture is None
     finally:
         stop.set()
         viewer.join(60)

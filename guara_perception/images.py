@@ -1,4 +1,4 @@
-"""Decoding of image files from untrusted sources, with limits on their size."""
+"""Images: decoding of untrusted files with limits on their size, reduction for a display, and tracking of points."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import io
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Image
+from guara_perception.arrays import Float, Image
 from guara_perception.exceptions import FileFormatError
 
 # Largest image file [byte], and largest number of pixels of an image: the largest suitable cameras have 12 Mpx.
@@ -73,3 +73,31 @@ def _decode(content: bytes, flags: int) -> Image | None:
     except cv2.error:
         return None
     return None if picture is None else np.asarray(picture)
+
+
+def eight_bits(picture: Image) -> Image:
+    """Reduce a 16-bit image to its upper eight bits; an 8-bit image is returned unchanged."""
+    return (picture >> 8).astype(np.uint8) if picture.dtype == np.uint16 else picture
+
+
+def for_screen(picture: Image, width: int) -> Image:
+    """Convert an image to 8 bits, and shrink it to `width` [px] if it is wider."""
+    scale = min(1.0, width / picture.shape[1])
+    return np.asarray(cv2.resize(eight_bits(picture), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+
+
+def follow(before: Image, after: Image, points: Float, window: int, levels: int) -> Float:
+    """Track points from one greyscale image to another; return their positions (n, 2) [px], NaN for a lost point.
+
+    Args:
+        before, after: (h, w) uint8 images.
+        points: (n, 2) x and y in `before` [px].
+        window: side of the square around a point that is compared [px].
+        levels: number of times that the image size is halved, to track motions larger than the window.
+    """
+    if not len(points):
+        return np.empty((0, 2))
+    given = points.astype(np.float32).reshape(-1, 1, 2)
+    size = (window, window)
+    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, given, given.copy(), winSize=size, maxLevel=levels)
+    return np.where(found == 0, np.nan, np.asarray(there[:, 0], np.float64))
