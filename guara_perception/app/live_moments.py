@@ -15,7 +15,6 @@ import numpy as np
 
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.app.scene.scene import cloud_points, planned_footholds
-from guara_perception.arrays import Float32, Image
 from guara_perception.exceptions import PerceptionError
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.layered_grid import EXTENTS
@@ -73,8 +72,8 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
         self._lock = threading.Lock()
         self._refusals = Seldom(logger)
         self._grids: dict[str, TerrainGrid] = {}
-        self._points: tuple[int, Float32] | None = None
-        self._picture: tuple[int, Image] | None = None
+        # Newest stripes and picture, as in `Moment`, with the stamp of their scan [ns].
+        self._parts: dict[str, tuple[int, Callable[[], Any]]] = {}
         self._robot, self._has_shown = robot, False
         self._session = session = open_client(endpoint, security=security)
         self._client = PerceptionClient(session, robot=robot)
@@ -136,10 +135,8 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
                 self._show_scan(terrain)
 
     def _take_points(self, received: Received[Any]) -> None:
-        cloud = received.message
-        with self._lock:
-            self._points = read_time(cloud.header.stamp), cloud_points(cloud)
-            self._show_again(self._points[0])
+        points = [cloud_points(received.message)]
+        self._take_part("stripes", received.message, lambda: points)
 
     def _take_picture(self, received: Received[Any]) -> None:
         message = received.message
@@ -147,27 +144,22 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
         if image is None:
             logger.warning("skipping camera image: cannot decode it (declared format %r)", message.format)
             return
-        with self._lock:
-            self._picture = read_time(message.header.stamp), image
-            self._show_again(self._picture[0])
+        self._take_part("picture", message, lambda: image)
 
-    def _show_again(self, stamp: int) -> None:
-        """Show the current moment again if a new message belongs to its scan."""
-        terrain = self._grids.get("map") or self._grids.get("footprint")
-        if terrain is not None and terrain.stamp == stamp:
-            self._show_scan(terrain)
+    def _take_part(self, name: str, message: Any, part: Callable[[], Any]) -> None:
+        """Keep a part of a moment, and show the current moment again if the part belongs to its scan."""
+        with self._lock:
+            stamp = read_time(message.header.stamp)
+            self._parts[name] = stamp, part
+            terrain = self._grids.get("map") or self._grids.get("footprint")
+            if terrain is not None and terrain.stamp == stamp:
+                self._show_scan(terrain)
 
     def _show_scan(self, terrain: TerrainGrid) -> None:
         """Show the scan of a grid with all messages of its stamp."""
         grids = {name: self._grids[name] for name in EXTENTS if name in self._grids}
         grids = {name: grid for name, grid in grids.items() if grid.stamp == terrain.stamp}
-        parts: dict[str, Any] = {}
-        if self._points is not None and self._points[0] == terrain.stamp:
-            cloud = [self._points[1]]
-            parts["stripes"] = lambda: cloud
-        if self._picture is not None and self._picture[0] == terrain.stamp:
-            image = self._picture[1]
-            parts["picture"] = lambda: image
+        parts = {name: part for name, (stamp, part) in self._parts.items() if stamp == terrain.stamp}
         try:
             planned = {} if terrain.record.withdrawn else planned_footholds(self._model, terrain)
             self._show(Moment(grids, footholds=planned, **parts))

@@ -16,8 +16,10 @@ from guara_perception.arrays import Float, Float32, Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import parse_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.settings import RobotLike, robot_model
 from guara_perception.terrain.layers.layered_grid import EXTENTS
 from guara_perception.view.moment import Moment
+from transport import DEFAULT_ROBOT
 from transport.messages.codec import read_time
 
 if TYPE_CHECKING:
@@ -28,39 +30,14 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 
-def robot_of(path: Path) -> str | None:
-    """Name of the robot of a grid, recording or scan folder; None if not stated or if `load_moments` refuses it.
-
-    Raises:
-        MissingFile, FileFormatError, UnsafeGrid: the file is damaged, or a frame of the folder does not exist.
-    """
-    if not path.exists():
-        return None
-    if path.is_dir():
-        from guara_perception.app.files.scan_folder import open_scan_folder
-
-        return open_scan_folder(path).robot
-    if path.suffix == ".npz":
-        from guara_perception.terrain.file import load_terrain
-
-        return load_terrain(path).record.robot
-    if path.suffix != ".mcap":
-        return None
-    from guara_perception.app.files.recording import open_recording
-
-    with open_recording(path) as recording:
-        if recording.scans:
-            return recording.scans[0].robot
-        grids = chain.from_iterable(map(recording.grids, EXTENTS))
-        return next((grid.record.robot for grid in grids), None)
-
-
-def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration | None = None) -> list[Moment]:
-    """Load the moments of a file or folder.
+def load_moments(
+    path: str | Path, robot: RobotLike | None = None, calibration: Calibration | None = None
+) -> tuple[RobotModel, list[Moment]]:
+    """Load the moments of a file or folder; return the model of its robot, and the moments.
 
     Args:
         path: a grid (.npz), a recording (.mcap) or a scan folder.
-        robot: model of the robot that recorded it.
+        robot: model, name or folder of the robot that recorded it; None = the robot named in it, or guara.
         calibration: used to process scans without a recorded grid or points; None = the calibration in the recording
             or folder, if any.
 
@@ -70,6 +47,7 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
             folder or a recording without grids.
         FileFormatError: the file is damaged, or contains neither grids nor scans.
         CalibrationMismatch: the calibration does not match a scan that is processed.
+        kinematics.KinematicsError: the robot does not exist or cannot be loaded.
     """
     path = Path(path)
     if not path.exists():
@@ -79,13 +57,15 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
         from guara_perception.app.files.scan_calibration import calibration_for
 
         scans = open_scans(path)
+        model = robot_model(scans[0].robot if robot is None else robot)
         known = calibration_for(path, None) if calibration is None else calibration
-        return [_processed(scan, robot, known) for scan in scans]
+        return model, [_processed(scan, model, known) for scan in scans]
     if path.suffix == ".npz":
         from guara_perception.terrain.file import load_terrain
 
         terrain = load_terrain(path)
-        return [Moment({terrain.extent: terrain}, footholds=planned_footholds(robot, terrain))]
+        model = robot_model((terrain.record.robot or DEFAULT_ROBOT) if robot is None else robot)
+        return model, [Moment({terrain.extent: terrain}, footholds=planned_footholds(model, terrain))]
     if path.suffix == ".mcap":
         return _recorded(path, robot, calibration)
     raise InvalidInput(f"cannot show {path}; allowed: a grid (.npz), a recording (.mcap) or a scan folder")
@@ -101,8 +81,8 @@ def _processed(scan: Scan, robot: RobotModel, calibration: Calibration) -> Momen
     return Moment({"footprint": terrain}, lambda: points, planned, cache(partial(_picture, scan)))
 
 
-def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) -> list[Moment]:
-    """Moments of a recording: its grids by walk and step. With a calibration, scans without grids are processed."""
+def _recorded(path: Path, robot: RobotLike | None, calibration: Calibration | None) -> tuple[RobotModel, list[Moment]]:
+    """Robot and moments of a recording, by walk and step. With a calibration, scans without grids are processed."""
     from guara_perception.app.files.open_scan import open_scans
     from guara_perception.app.files.scan_recording import file_errors
     from transport.recording import open_recording
@@ -123,6 +103,10 @@ def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) ->
             calibration = parse_calibration(recording.calibration, f"{path}: calibration.json")
     begins = list(walks.values())
     scans = {(_walk_of(scan.end, begins), scan.step): scan for scan in open_scans(path)}
+    if robot is None:
+        names = (scan.robot for scan in scans.values()), (next(iter(of.values())).record.robot for of in grids.values())
+        robot = next(filter(None, chain(*names)), None) or DEFAULT_ROBOT
+    model = robot_model(robot)
     if not grids and calibration is None and scans:
         raise InvalidInput(f"{path} holds scans but no grids: give the calibration that belongs to it with -c")
     if not grids and not scans:
@@ -133,19 +117,19 @@ def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) ->
     moments = []
     for pause in sorted({*grids, *(scans if calibration is not None else ())}):
         if pause not in grids and calibration is not None:
-            moments.append(_processed(scans[pause], robot, calibration))
+            moments.append(_processed(scans[pause], model, calibration))
             continue
         scan, terrain = scans.get(pause), grids[pause].get("footprint") or grids[pause]["map"]
         parts: dict[str, Any] = {}
         if terrain.stamp in clouds:
             parts["stripes"] = partial(_given, clouds[terrain.stamp])
         elif scan is not None and calibration is not None:
-            parts["stripes"] = cache(partial(_measured, scan, robot, calibration))
+            parts["stripes"] = cache(partial(_measured, scan, model, calibration))
         if scan is not None:
             parts["picture"] = cache(partial(_picture, scan))
-        planned = planned_footholds(robot, grids[pause].get("map") or terrain)
+        planned = planned_footholds(model, grids[pause].get("map") or terrain)
         moments.append(Moment(grids[pause], footholds=planned, **parts))
-    return moments
+    return model, moments
 
 
 def _walk_of(stamp: int, begins: list[int]) -> int:

@@ -70,16 +70,15 @@ def command(
         show_in_rerun(file, rerun, save)
         return
     from guara_perception.app.until_stopped import stop_event
-    from guara_perception.app.view_moments import load_moments, robot_of
+    from guara_perception.app.view_moments import load_moments
     from guara_perception.calibration.file import load_calibration
     from guara_perception.view.browser import BrowserView
     from kinematics import load_robot
 
-    if robot is None:
-        robot = (None if file is None else robot_of(file)) or "guara"
-    model = load_robot(robot)
     known = None if calibration is None else load_calibration(calibration)
-    moments = [] if file is None else load_moments(file, model, known)
+    model, moments = (
+        (load_robot("guara" if robot is None else robot), []) if file is None else load_moments(file, robot, known)
+    )
     with stop_event() as stop, BrowserView(model, port=port) as view:
         if file is not None:
             view.show_recording(moments)

@@ -20,7 +20,7 @@ from guara_perception.app.live_moments import LiveMoments
 from guara_perception.app.messages import stance_to_message, terrain_to_message
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.scene.scene import range_image_messages
-from guara_perception.app.view_moments import load_moments, robot_of
+from guara_perception.app.view_moments import load_moments
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.view.moment import Moment
 from kinematics import RobotModel, load_robot
@@ -34,16 +34,16 @@ NODE = Path(__file__).with_name("publishing_node.py")
 
 def test_a_grid_file_is_one_moment(terrain_file: Path, robot: RobotModel, paper_terrain: gp.TerrainGrid) -> None:
     """An .npz shows its grid, with the stance it was made from."""
-    (moment,) = load_moments(terrain_file, robot)
+    _, (moment,) = load_moments(terrain_file, robot)
     np.testing.assert_array_equal(moment.grids["footprint"].elevation, paper_terrain.elevation)
     assert moment.joint_positions == paper_terrain.metadata["stance"]["joint_positions"]
     assert moment.transform_base_to_footprint[2, 3] == pytest.approx(0.36, abs=1e-3)
-    assert moment.stripes() == []
+    assert moment.stripes is None
 
 
 def test_a_scan_folder_shows_its_stripes(data: Path, robot: RobotModel, calibration: gp.Calibration) -> None:
     """With a calibration a folder is processed: a grid, and the points of its stripes on the ground."""
-    (moment,) = load_moments(data / "scans" / "paper", robot, calibration)
+    _, (moment,) = load_moments(data / "scans" / "paper", robot, calibration)
     stripes = moment.stripes()
     assert len(stripes) == 35
     points = np.vstack(stripes)
@@ -65,7 +65,7 @@ def test_a_scan_folder_that_carries_its_calibration_needs_no_other(
     """As for `guara process` and `guara replay`."""
     shutil.copytree(data / "scans" / "paper", tmp_path / "paper")
     shutil.copy(calibration_file, tmp_path / "paper" / "calibration.json")
-    (moment,) = load_moments(tmp_path / "paper", robot)
+    _, (moment,) = load_moments(tmp_path / "paper", robot)
     assert len(moment.stripes()) == 35
 
 
@@ -81,7 +81,7 @@ def test_a_recording_shows_its_grids_in_order(
             if step > 3:
                 fused = dataclasses.replace(scan, extent="map")
                 writer.add_terrain(terrain_to_message(fused, robot="guara", sequence=step))
-    moments = load_moments(path, robot)
+    _, moments = load_moments(path, robot)
     assert [moment.step for moment in moments] == [3, 4, 5]
     assert [set(moment.grids) for moment in moments] == [{"footprint"}, {"footprint", "map"}, {"footprint", "map"}]
     empty = tmp_path / "empty.mcap"
@@ -106,7 +106,7 @@ def test_what_was_confirmed_is_no_longer_provisional_in_a_recording(
                 writer.add_terrain(sent)
             if step == 3:
                 writer.add_messages(range_image_messages(scan).items())
-    confirmed, other = load_moments(path, robot)
+    _, (confirmed, other) = load_moments(path, robot)
     assert {extent: grid.is_provisional for extent, grid in confirmed.grids.items()} == {
         "footprint": False,
         "map": False,
@@ -141,7 +141,7 @@ def test_two_walks_of_one_recording_stay_apart(
                         extent=extent,
                     )
                     writer.add_terrain(terrain_to_message(scan, robot="guara", sequence=stamp, scan_start=stamp - 5))
-    moments = load_moments(path, robot)
+    _, moments = load_moments(path, robot)
     assert [moment.step for moment in moments] == [1, 2, 1, 2]
     grids = [grid for moment in moments for grid in moment.grids.values()]
     assert [grid.stamp for grid in grids] == [10, 10, 20, 20, 30, 30, 40, 40]
@@ -160,7 +160,7 @@ def test_recorded_points_are_shown_as_they_were_measured(
             scan = dataclasses.replace(paper_terrain, step=step, stamp=step, pictures={})
             writer.add_terrain(terrain_to_message(scan, robot="guara", sequence=step))
         writer.add_messages([("scan/points", point_cloud_message(xyz, "base_footprint", 2))])
-    first, second = load_moments(path, robot)
+    _, (first, second) = load_moments(path, robot)
     assert first.stripes is None and first.picture is None
     np.testing.assert_allclose(second.stripes()[0][:, 0], xyz["x"])
 
@@ -171,7 +171,7 @@ def test_a_recording_of_scans_needs_a_calibration(
     """Recorded frames without grids are processed with the calibration that is given, and refused without."""
     path = tmp_path / "scan.mcap"
     assert guara("convert", data / "scans" / "paper", path).code == 0
-    (moment,) = load_moments(path, robot, calibration)
+    _, (moment,) = load_moments(path, robot, calibration)
     assert np.isfinite(moment.grids["footprint"].elevation).mean() > 0.7
     assert len(moment.stripes()) == 35
     with pytest.raises(InvalidInput, match="holds scans but no grids: give the calibration"):
@@ -189,7 +189,7 @@ def test_a_recording_that_carries_its_calibration_needs_no_other(
             angle = stripe.mirror_angle
             recording.add(StripeCapture(stripe.index, angle, angle, on, off, 0.0, 0.0, StripeVerdict.OK, None))
         recording.finish((), None)
-    (moment,) = load_moments(path, robot)
+    _, (moment,) = load_moments(path, robot)
     assert len(moment.stripes()) == 35
     damaged = tmp_path / "damaged.mcap"
     with RecordingWriter(damaged, robot="guara", calibration=b"{}"):
@@ -202,17 +202,16 @@ def test_the_robot_of_a_file_is_the_default(
     guara: Callable, tmp_path: Path, terrain_file: Path, paper_terrain: gp.TerrainGrid, edited_scan: Callable
 ) -> None:
     """Of a grid, a scan folder, a recording of scans and one of grids; nothing else names a robot."""
-    assert robot_of(terrain_file) == "guara"
+    assert load_moments(terrain_file)[0].name == "guara"
     folder = edited_scan(lambda scan: scan.update(robot="tapir"))
     assert guara("convert", folder, tmp_path / "scan.mcap").code == 0
-    assert robot_of(folder) == robot_of(tmp_path / "scan.mcap") == "tapir"
     with RecordingWriter(tmp_path / "grids.mcap", robot="lobo") as writer:
         grid = dataclasses.replace(paper_terrain, pictures={})
         writer.add_terrain(terrain_to_message(grid, robot="lobo", sequence=1))
-    assert robot_of(tmp_path / "grids.mcap") == "guara"
-    assert robot_of(tmp_path / "none.npz") is None
-    said = guara("view", folder)
-    assert said.code == 2 and "no robot 'tapir'" in said.err
+    assert load_moments(tmp_path / "grids.mcap")[0].name == "guara"
+    for path in folder, tmp_path / "scan.mcap":
+        said = guara("view", path)
+        assert said.code == 2 and "no robot 'tapir'" in said.err
 
 
 def test_what_cannot_be_shown_is_refused(guara: Callable, tmp_path: Path, robot: RobotModel) -> None:

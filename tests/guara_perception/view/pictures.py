@@ -110,7 +110,7 @@ def main(recording: Path, folder: Path) -> None:
     """Make them all."""
     save(in_rerun(recording), folder / "rerun.jpg")
     robot = load_robot("guara")
-    moments = load_moments(recording, robot)
+    _, moments = load_moments(recording, robot)
     chromium = find_chromium()
     assert chromium is not None, "no Chromium on this machine"
     with tempfile.TemporaryDirectory() as scratch, Chromium(chromium, Path(scratch) / "profile") as page:

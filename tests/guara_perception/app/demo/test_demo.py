@@ -54,7 +54,7 @@ def test_pictures_and_recording_are_left(demo: tuple[Path, str]) -> None:
     assert {scan.step for scan in open_scans(demo[0] / "walk.mcap")} == {0, 1, 2, 3, 4}
     size = (demo[0] / "walk.mcap").stat().st_size / 1e6
     assert f"recording: {demo[0] / 'walk.mcap'}, {size:.0f} MB, every pause" in demo[1].splitlines()
-    moments = load_moments(demo[0] / "walk.mcap", gp.load_robot("guara"))
+    _, moments = load_moments(demo[0] / "walk.mcap", gp.load_robot("guara"))
     assert len(moments) == 5 and not any(grid.is_provisional for item in moments[:-1] for grid in item.grids.values())
     assert [first_recorded(cycles) for cycles in (1, 2, 2.5, 10, 12)] == [0, 1, 3, 33, 41]
 
