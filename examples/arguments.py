@@ -1,4 +1,4 @@
-"""How the other examples take their arguments: a mistake ends in one line and exit code 2."""
+"""Command-line arguments of the other examples; a mistake prints one line and ends with exit code 2."""
 
 import inspect
 import sys
@@ -11,13 +11,13 @@ from transport import TransportError
 
 
 def call(main: Callable[..., None]) -> None:
-    """Call the main function of an example with one argument of the command line for each parameter.
+    """Call the main function of an example with the arguments of the command line, one for each parameter.
 
     Args:
-        main: a function whose parameters are all text.
+        main: function whose parameters are all strings.
 
     Raises:
-        SystemExit: with exit code 2: wrong number of arguments, or a file, robot or value that cannot be used.
+        SystemExit: code 2: the number of arguments is wrong, or a file, robot or value cannot be used.
     """
     names, given = list(inspect.signature(main).parameters), sys.argv[1:]
     try:

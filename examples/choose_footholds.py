@@ -1,4 +1,4 @@
-"""Footholds near a wish, why a wish itself is refused, and a picture of both.
+"""Footholds near desired positions, the reasons where there is none, and a picture of the footholds.
 
 python examples/choose_footholds.py terrain.npz footholds.png
 """
@@ -11,14 +11,14 @@ import matplotlib.pyplot as plt
 
 import guara_perception as gp
 
-WISHES = ((0.60, 0.00), (0.70, 0.18), (0.80, -0.05))
+DESIRED = ((0.60, 0.00), (0.70, 0.18), (0.80, -0.05))
 
 
 def main(grid: str, picture: str) -> None:
-    """Ask for the best place within 60 mm of each wish."""
+    """Find the best foothold within 60 mm of each desired position."""
     terrain = gp.load_terrain(grid)
     chosen = []
-    for x, y in WISHES:
+    for x, y in DESIRED:
         foothold = terrain.best_foothold(x, y, radius=0.06)
         if foothold is None:
             print(f"({x}, {y}): none: {'; '.join(map(str, terrain.check_foothold(x, y).reasons))}")

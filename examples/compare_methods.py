@@ -1,4 +1,4 @@
-"""The precise method beside the paper's, cell by cell.
+"""Comparison of the precise method with that of the paper, cell by cell.
 
 python examples/compare_methods.py scans/paper calibration.json
 """
@@ -7,7 +7,7 @@ import guara_perception as gp
 
 
 def main(scan: str, calibration: str) -> None:
-    """Process the same frames twice."""
+    """Process the same frames with both methods."""
     grids = {m: gp.process_scan(scan, calibration, method=m, pictures=False) for m in ("precise", "paper")}
     for method, terrain in grids.items():
         print(f"{method}: {terrain}")

@@ -1,9 +1,10 @@
-"""A depth camera beside the laser: its cloud as a grid of the same kind, and both in one map.
+"""Depth camera in addition to the laser: its point cloud as a grid, and both sensors fused in one map.
 
     python examples/depth_camera.py terrain.npz
 
-The depth picture is made from the grid here, as if a camera had looked at that ground; yours comes from its driver. The
-rest is what any depth camera needs: points in base_footprint, their sigma, where the camera is.
+Here the depth image is computed from a grid, as if a camera had viewed that ground; yours comes from its driver. The
+other steps are the same for any depth camera, which must provide points in base_footprint, their sigma, and the
+position of the camera.
 """
 
 import numpy as np
@@ -11,18 +12,18 @@ import numpy as np
 import guara_perception as gp
 from kinematics import PoseInOdom
 
-# Focal length and size of a picture of 212 x 120 pixels [px]; a camera at the nose that looks 50 degrees down.
+# Focal length and size of the image [px]; position of the camera [m], which is tilted down by 50 degrees.
 FOCAL_PX, SIZE_PX = 110.0, (212, 120)
 CENTRE_PX = np.array(SIZE_PX) / 2
 CAMERA_IN_FOOTPRINT = np.array([0.42, 0.0, 0.45])
 DOWN = np.radians(50)
-# Columns: the camera's x (right), y (down) and z (ahead) in base_footprint.
+# Columns: axes of the camera in base_footprint: x (right), y (down) and z (forward).
 ROTATION = np.array([[0, -np.sin(DOWN), np.cos(DOWN)], [-1, 0, 0], [0, -np.cos(DOWN), -np.sin(DOWN)]])
 CELL_M = 0.005
 
 
-def depth_picture(terrain: gp.TerrainGrid) -> np.ndarray:
-    """Depths (120, 212) along the optical axis [m], NaN where nothing was measured."""
+def depth_image(terrain: gp.TerrainGrid) -> np.ndarray:
+    """Depths (120, 212) along the optical axis [m]; NaN without a measurement."""
     seen = (terrain.points() - CAMERA_IN_FOOTPRINT) @ ROTATION
     column, row = np.round(FOCAL_PX * seen[:, :2].T / seen[:, 2] + CENTRE_PX[:, None]).astype(int)
     inside = (column >= 0) & (column < SIZE_PX[0]) & (row >= 0) & (row < SIZE_PX[1])
@@ -32,7 +33,7 @@ def depth_picture(terrain: gp.TerrainGrid) -> np.ndarray:
 
 
 def cloud_of(depth: np.ndarray) -> np.ndarray:
-    """The picture's points (n, 3) in base_footprint [m]."""
+    """Points (n, 3) of a depth image in base_footprint [m]."""
     row, column = np.nonzero(np.isfinite(depth))
     z = depth[row, column]
     x, y = (np.column_stack((column, row)) - CENTRE_PX).T * z / FOCAL_PX
@@ -41,10 +42,10 @@ def cloud_of(depth: np.ndarray) -> np.ndarray:
 
 
 def main(grid: str) -> None:
-    """A map of the scan alone, and one with the depth camera's grid in it."""
+    """Fuse a scan and the grid of a depth camera in a map, and print the change."""
     scan = gp.load_terrain(grid)
-    points = cloud_of(depth_picture(scan))
-    # Depth cameras err with the square of the depth; `no_returns` would name the directions without a return.
+    points = cloud_of(depth_image(scan))
+    # The error of depth cameras grows with the square of the depth. `no_returns` can add rays without a return.
     sigma = 0.002 * np.linalg.norm(points - CAMERA_IN_FOOTPRINT, axis=1) ** 2
     pose = {name: scan.metadata[name] for name in ("stance", "transform_base_to_footprint")}
     depth = gp.terrain_from_points(
@@ -56,11 +57,11 @@ def main(grid: str) -> None:
     both = terrain_map.update(depth, still)
     print(f"depth camera: {len(points)} points, {np.isfinite(depth.elevation).mean():.0%} of its grid known")
     known = np.isfinite(both.elevation) & (both.looks > 1)
-    print(f"seen by both: {known.sum()} cells, {np.count_nonzero(both.hazard & gp.Hazard.CONFLICT)} in conflict")
+    print(f"observed by both: {known.sum()} cells, {np.count_nonzero(both.hazard & gp.Hazard.CONFLICT)} in conflict")
     moved = np.abs(both.elevation - alone.elevation)[known]
-    print(f"heights moved by {1e3 * np.median(moved):.2f} mm (median) when the second sensor came in")
+    print(f"median change in height by the second sensor: {1e3 * np.median(moved):.2f} mm")
     names = sorted(gp.Hazard(flag).name or "" for flag in np.unique(depth.hazard) if flag in list(gp.Hazard))
-    print(f"flags of its cells: {', '.join(names)}")
+    print(f"flags in the depth camera's grid: {', '.join(names)}")
 
 
 if __name__ == "__main__":

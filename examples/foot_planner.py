@@ -2,7 +2,7 @@
 # requires-python = ">=3.11"
 # dependencies = ["guara-perception"]
 # ///
-"""A foot planner: waits for the terrain of every stance pause and picks the next foothold of the leg whose turn it is.
+"""Foot planner: waits for the map of each stance pause and chooses the next foothold of the leg that swings next.
 
 Start a node in one terminal and this in another:
 
@@ -15,7 +15,7 @@ import sys
 
 import guara_perception as gp
 
-# The Guará's wave gait: one leg swings after every pause, the body advances 35 mm, a foot lands 70 mm before its hip.
+# Wave gait of the Guará: one leg swings after each pause, the body advances 35 mm, a foot lands 70 mm ahead of its hip.
 LIFT_ORDER = ("rh", "rf", "lh", "lf")
 HIPS = {"lf": (0.30, 0.18), "rf": (0.30, -0.18), "lh": (-0.30, 0.18), "rh": (-0.30, -0.18)}
 ADVANCE, AHEAD_OF_HIP = 0.035, 0.070
@@ -23,18 +23,18 @@ SEARCH_RADIUS = 0.060
 
 
 def choose(terrain: gp.TerrainGrid, leg: str) -> gp.Foothold | None:
-    """The best safe place for a foot near where the gait would set it; None when there is none."""
+    """Best safe foothold near the nominal landing point of the gait; None if there is none."""
     hip_x, hip_y = HIPS[leg]
     return terrain.best_foothold(hip_x + ADVANCE + AHEAD_OF_HIP, hip_y, SEARCH_RADIUS, leg=leg)
 
 
 def describe(terrain: gp.TerrainGrid, leg: str) -> str:
-    """One line about the choice, or about why there is none."""
+    """Describe the chosen foothold in one line, or the reasons why there is none."""
     foothold = choose(terrain, leg)
     if foothold is None:
         hip_x, hip_y = HIPS[leg]
         verdict = terrain.check_foothold(hip_x + ADVANCE + AHEAD_OF_HIP, hip_y, leg=leg)
-        return f"step {terrain.step}: {leg} stays where it is: {'; '.join(map(str, verdict.reasons))}"
+        return f"step {terrain.step}: {leg} stays on the ground: {'; '.join(map(str, verdict.reasons))}"
     return (
         f"step {terrain.step}: {leg} to x {foothold.x:+.3f}, y {foothold.y:+.3f}, z {foothold.z:+.3f} m, "
         f"score {foothold.score:.2f}"
@@ -44,24 +44,24 @@ def describe(terrain: gp.TerrainGrid, leg: str) -> str:
 def main() -> int:
     """Command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--connect", default="tcp/127.0.0.1:7447", help="where the node listens")
+    parser.add_argument("--connect", default="tcp/127.0.0.1:7447", help="endpoint of the node")
     parser.add_argument("--robot", default="guara", help="instance name of the robot")
-    parser.add_argument("--steps", type=int, default=0, help="number of pauses after which to end; 0 = never")
+    parser.add_argument("--steps", type=int, default=0, help="number of pauses; 0 = unlimited")
     parser.add_argument("--timeout", type=float, default=60.0, help="seconds to wait for each pause")
     arguments = parser.parse_args()
     try:
         with gp.TerrainClient(arguments.connect, robot=arguments.robot) as client:
             step = 0
             while not arguments.steps or step < arguments.steps:
-                # The fused map: a hind foot treads on what was scanned nine cycles ago.
+                # The fused map is needed because hind feet step on ground that was scanned nine cycles ago.
                 terrain = client.wait_for_step(step, timeout=arguments.timeout, extent="map")
                 print(describe(terrain, LIFT_ORDER[terrain.step % len(LIFT_ORDER)]), flush=True)
                 step = terrain.step + 1
     except KeyboardInterrupt:
         return 0
-    # Every error of waiting (nobody there, gone, nothing in time) means the same for a foot: it stays on the ground.
+    # Whatever the error (no node, node gone, time-out), the foot stays on the ground.
     except gp.Errors as error:
-        print(f"no terrain, no step: {error}", file=sys.stderr)
+        print(f"no step without terrain: {error}", file=sys.stderr)
         return 1
     return 0
 

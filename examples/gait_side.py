@@ -1,4 +1,4 @@
-"""The gait's side: announce each stance pause, say while it lasts that the robot stands, and when it ends.
+"""Gait controller: announces the begin and end of each stance pause, and meanwhile that the robot still stands.
 
 Start a node in one terminal (`guara run -c calibration.json`) and this in another:
 
@@ -15,16 +15,16 @@ import numpy as np
 import guara_perception as gp
 from transport import PausePhase, StanceMessage, StancePause, StancePublisher, StanceStreamPublisher, open_client
 
-# Seconds between two HOLDs: many readings tell a motion of 1 mm from the encoders' noise.
+# Interval between two HOLDs [s]. It takes many readings to distinguish a motion of 1 mm from encoder noise.
 HOLD_PERIOD = 0.02
-# Seconds between two samples of the stream of joints.
+# Sampling period of the joint stream [s].
 SAMPLE_PERIOD = 0.005
-# Seconds in which a real gait would swing a leg, to a foothold on the confirmed grid.
+# Time for which a real gait would swing a leg, to a foothold on the confirmed grid [s].
 SWING = 1.0
 
 
 def main() -> None:
-    """Pauses in the scan posture; the joints and gravity are read anew for every message, here with noise."""
+    """Stand in the scan posture for some pauses, with new noisy readings of joints and gravity in each message."""
     parser = argparse.ArgumentParser()
     parser.add_argument("endpoint")
     parser.add_argument("--pauses", type=int, default=3)
@@ -54,7 +54,7 @@ def main() -> None:
             while not is_over.wait(SAMPLE_PERIOD):
                 stream.add(time.time_ns(), read())
 
-        def say(step: int, phase: PausePhase, time_available: float = 0.0) -> None:
+        def announce(step: int, phase: PausePhase, time_available: float = 0.0) -> None:
             publisher.publish(
                 StancePause(
                     robot=robot.name,
@@ -64,8 +64,8 @@ def main() -> None:
                     stance=read(),
                     time_available=time_available,
                     epoch=walk,
-                    # Here no foot swings; one that was set down since the pause before has 0. A restarted node goes on
-                    # with its map only if the gait says this.
+                    # In this example no foot swings; a foot set down since the previous pause would have 0. A restarted
+                    # node continues with its map only if the gait reports these numbers.
                     standing_pauses=(step,) * len(robot.legs),
                 )
             )
@@ -74,12 +74,12 @@ def main() -> None:
         sampling.start()
         for step in range(options.pauses):
             begun = time.monotonic()
-            say(step, PausePhase.BEGIN, options.seconds)
+            announce(step, PausePhase.BEGIN, options.seconds)
             # The robot stands until its scan is confirmed, and no longer than announced.
             while (walk, step) not in confirmed and (left := begun + options.seconds - time.monotonic()) > 0:
                 time.sleep(min(HOLD_PERIOD, left))
-                say(step, PausePhase.HOLD)
-            say(step, PausePhase.END)
+                announce(step, PausePhase.HOLD)
+            announce(step, PausePhase.END)
             stood = time.monotonic() - begun
             time.sleep(SWING)
             found = "confirmed" if (walk, step) in confirmed else "not confirmed"

@@ -1,10 +1,10 @@
-"""What a learned locomotion policy takes: heights at fixed points around the robot, and which of them are known.
+"""Observation of a learned locomotion policy: heights at fixed points ahead of the robot, and a mask of known points.
 
     python examples/height_scan_policy.py terrain.npz
-    python examples/height_scan_policy.py scene.xml      # of MuJoCo, with the robot in its first keyframe
+    python examples/height_scan_policy.py scene.xml      # MuJoCo scene, with the robot in its first keyframe
 
-Unknown heights are never filled in silently. This policy was trained with a mask as a second channel; one that was not
-must at least know what it cannot see.
+Unknown heights are never filled in silently: the second channel of the observation is the mask with which the policy
+was trained.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ import guara_perception as gp
 
 
 def observation(terrain: gp.TerrainGrid) -> np.ndarray:
-    """(2, 9, 11) float32: heights below the body [m], 0 where unknown, and 1 where known."""
+    """Observation (2, 9, 11) float32: heights in base_footprint [m], 0 where unknown; and the mask, 1 where known."""
     x, y = np.meshgrid(np.linspace(0.5, 0.9, 9), np.linspace(-0.25, 0.25, 11), indexing="ij")
     scan = terrain.height_scan(np.column_stack((x.ravel(), y.ravel())))
     heights = np.where(scan.known, scan.heights, 0.0)
@@ -21,7 +21,7 @@ def observation(terrain: gp.TerrainGrid) -> np.ndarray:
 
 
 def scene(path: str) -> gp.TerrainGrid:
-    """The ground of a MuJoCo scene as a grid: in training the policy gets the same observation as on the robot."""
+    """Grid of the ground of a MuJoCo scene, for training with the same observations as on the robot."""
     import mujoco
 
     model = mujoco.MjModel.from_xml_path(path)
@@ -33,7 +33,7 @@ def scene(path: str) -> gp.TerrainGrid:
 
 
 def main(source: str) -> None:
-    """Print the observation as a policy would get it."""
+    """Print the observation of a policy."""
     heights, known = observation(scene(source) if source.endswith(".xml") else gp.load_terrain(source))
     print(f"known: {known.mean():.0%}")
     for row, mask in zip(heights[::-1], known[::-1], strict=True):

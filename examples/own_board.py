@@ -1,10 +1,9 @@
-"""A board of your own: eight members. Here a PIC that obeys lines of text, and a simulated one in its place.
+"""Driver for a laser board of your own, with eight members: here a PIC that obeys lines of text, and its simulation.
 
     python examples/own_board.py
 
-Put this file beside devices.toml and name it there below [board], `source = "own_board:PicBoard"`; every command takes
-`--devices devices.toml`.
-What it must promise stands in `drivers.Board`. Ask yours for it:
+Put this file beside devices.toml and name it there below [board], `source = "own_board:PicBoard"`; every command
+accepts `--devices devices.toml`. `drivers.Board` documents what a board must guarantee; test yours with:
 
     GUARA_BOARD=own_board:PicBoard PYTHONPATH=examples python -m pytest tests/drivers/board/test_any_board.py
 """
@@ -28,14 +27,14 @@ IDENTITY = BoardIdentity(
 
 
 class SimulatedPic:
-    """The firmware: `S` status, `L1`, `L0`, `H` home, `G 1200` go to a step; it answers `light moving homed step`."""
+    """Firmware: commands `S` status, `L1`, `L0`, `H` home, `G 1200` go to step; answers `light moving homed step`."""
 
     def __init__(self) -> None:
         self.step, self.homed, self.moved_until = 0, False, 0.0
         self.heard, self.lit_since = 0.0, 0.0
 
     def ask(self, line: str) -> str:
-        """Obey a line. Silence of 0.3 s and 1 s of light turn the laser off: promises on which people's eyes rest."""
+        """Execute a command. For eye safety, 0.3 s without a command or 1 s of light turn the laser off."""
         now = time.monotonic()
         is_over = now - self.heard > IDENTITY.watchdog or now - self.lit_since > IDENTITY.laser_limit
         self.heard = now
@@ -51,7 +50,7 @@ class SimulatedPic:
 
 
 class PicBoard(Board):
-    """A board that answers a line of text to each line; with a real one `_ask` writes to a serial port and reads."""
+    """Board that answers each line with a line; for a real one, `_ask` writes to and reads from a serial port."""
 
     def __init__(self) -> None:
         self._pic = SimulatedPic()
@@ -65,12 +64,12 @@ class PicBoard(Board):
         return IDENTITY
 
     def open(self) -> None:
-        """Connect, in the dark."""
+        """Connect, with the laser off."""
         self._is_open = True
         self.laser_off()
 
     def close(self) -> None:
-        """Turn the laser off, and disconnect even if it does not go out."""
+        """Turn the laser off, and disconnect even if that fails."""
         if self._is_open:
             try:
                 self.laser_off()
@@ -78,11 +77,11 @@ class PicBoard(Board):
                 self._is_open = False
 
     def status(self) -> BoardStatus:
-        """Ask, which feeds the watchdog."""
+        """Query the status, which also resets the watchdog."""
         return self._ask("S")
 
     def laser_on(self) -> BoardStatus:
-        """On, and seen by the photodiode."""
+        """Turn the laser on, and check it with the photodiode."""
         status = self._ask("L1")
         if not status.laser_sensed:
             self._ask("L0")
@@ -90,20 +89,20 @@ class PicBoard(Board):
         return status
 
     def laser_off(self) -> BoardStatus:
-        """Off, and seen to be off."""
+        """Turn the laser off, and check it with the photodiode."""
         status = self._ask("L0")
         if status.laser_sensed:
             raise LaserStuckOn("the laser still shines after it was switched off: cut its power by hand")
         return status
 
     def home(self) -> int:
-        """Find the switch; a firmware that counts gives the steps that were lost."""
+        """Home the mirror; a firmware that counts steps would return the number lost."""
         self._ask("H")
         self.wait_until_still()
         return 0
 
     def go_to_step(self, step: int, *, wait: bool = True) -> float:
-        """Go there, and wait if asked to."""
+        """Turn the mirror to a step; with `wait`, until it stands still."""
         if not self.status().homed:
             raise MirrorNotHomed("the mirror's home is unknown: call home() or ensure_ready() first")
         if not IDENTITY.min_step <= step <= IDENTITY.max_step:
@@ -114,7 +113,7 @@ class PicBoard(Board):
         return IDENTITY.angle_of(step)
 
     def _ask(self, line: str) -> BoardStatus:
-        """One line there and back, as flags and step."""
+        """Send a line and parse the answer."""
         if not self._is_open:
             raise BoardNotOpen("the board is not open: use `with PicBoard() as board:`")
         try:
@@ -126,7 +125,7 @@ class PicBoard(Board):
 
 
 def main() -> None:
-    """The laser is off when the block is left, even by an exception."""
+    """Use the board in a `with` block, which turns the laser off at its end, even after an exception."""
     with PicBoard() as board:
         print(f"ready: {board.ensure_ready()}")
         board.go_to_angle(0.10)

@@ -1,9 +1,9 @@
-"""A camera of your own: five methods. Here it reads the pictures of a folder, after the last one from the first again.
+"""Driver for a camera of your own, with five methods: here one that delivers the images of a folder in a loop.
 
     python examples/own_camera.py pictures
 
-Put this file beside devices.toml and name it there, `source = "own_camera:FolderCamera"`; every command takes
-`--devices devices.toml`.
+Put this file beside devices.toml and name it there, `source = "own_camera:FolderCamera"`; every command
+accepts `--devices devices.toml`.
 """
 
 import time
@@ -16,28 +16,28 @@ from drivers import Camera, CameraSettings, Frame
 
 
 class FolderCamera(Camera):
-    """Delivers the pictures of a folder, one every 33 ms."""
+    """Camera that delivers the images of a folder, one every 33 ms."""
 
     name = "folder camera"
     lag = 0.0
 
     def __init__(self, folder: str = "pictures") -> None:
-        """Remember where the pictures are."""
+        """List the images of the folder."""
         self._paths = sorted(path for path in Path(folder).iterdir() if path.suffix in (".png", ".jpg"))
         self._number = 0
 
     def open(self) -> None:
-        """Nothing to open."""
+        """Do nothing: there is no device."""
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Do nothing: there is no device."""
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Pictures that were taken cannot be exposed again, so no setting is locked, and the answer says so."""
+        """Return no locked settings, since recorded images cannot be exposed again."""
         return CameraSettings()
 
     def grab(self, timeout: float) -> Frame:
-        """The next picture."""
+        """Return the next image."""
         time.sleep(min(timeout, 0.033))
         path = self._paths[self._number % len(self._paths)]
         picture = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
@@ -46,7 +46,7 @@ class FolderCamera(Camera):
         return Frame(np.asarray(picture, np.uint8), self._number, time.monotonic())
 
     def flush(self) -> None:
-        """No frame is waiting."""
+        """Do nothing: no frame is waiting."""
 
 
 def main(folder: str) -> None:

@@ -1,8 +1,8 @@
-"""The newest grid with Zenoh alone, as a program in any language gets it; its payload goes into a file.
+"""Newest grid received with Zenoh alone, as in a program in any language; the payload is written to a file.
 
     python examples/plain_zenoh.py tcp/127.0.0.1:7447 guara/perception/v1/terrain terrain.cdr
 
-Endpoint, key and file are arguments; any key with grids will do.
+Endpoint, key and file are arguments; any key with grids may be given.
 """
 
 import sys
@@ -17,7 +17,7 @@ configuration = zenoh.Config()
 configuration.insert_json5("mode", '"client"')
 configuration.insert_json5("connect/endpoints", f'["{endpoint}"]')
 with zenoh.open(configuration) as session:
-    # What is published from now on comes by itself; what was published last is asked for, on the same key.
+    # The subscriber receives what is published from now on; a query on the same key fetches the last grid.
     subscriber = session.declare_subscriber(key)
     for reply in session.get(key, timeout=5.0):
         if reply.ok is not None:

@@ -1,4 +1,4 @@
-"""The way of a foot from one place to another, over or around what lies between; and a way of your own, checked.
+"""Swing path of a foot over or around obstacles, and a check of a path of your own.
 
 python examples/plan_swing.py terrain.npz
 """
@@ -9,16 +9,16 @@ import guara_perception as gp
 
 
 def main(grid: str) -> None:
-    """Plan a swing between two safe places, then check a straight one 100 mm higher."""
+    """Plan a swing between two safe footholds, then check a straight path 100 mm above them."""
     terrain = gp.load_terrain(grid)
     start = terrain.best_foothold(0.80, 0.00, radius=0.10)
     goal = terrain.best_foothold(0.78, 0.20, radius=0.05)
     if start is None or goal is None:
-        print("no safe place to start from or to go to: the foot stays")
+        print("no safe foothold at the start or at the goal: the foot stays on the ground")
         return
     swing = terrain.swing(start.position, goal.position, clearance=0.03)
     if not swing:
-        print(f"no way: {'; '.join(map(str, swing.reasons))}")
+        print(f"no path: {'; '.join(map(str, swing.reasons))}")
         return
     print(f"clearance {1e3 * swing.clearance:.0f} mm over {len(swing.points)} corners:")
     for x, y, z in swing.points:

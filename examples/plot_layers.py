@@ -1,4 +1,4 @@
-"""Any layer of a grid as a picture.
+"""Layers of a grid as pictures.
 
 python examples/plot_layers.py terrain.npz layers.png
 """
@@ -13,7 +13,7 @@ import guara_perception as gp
 
 
 def main(grid: str, picture: str) -> None:
-    """Heights, slope, steps and hazards side by side."""
+    """Draw heights, slope, steps and hazards side by side."""
     terrain = gp.load_terrain(grid)
     figure, axes = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
     for panel, layer in zip(axes.flat, ("elevation", "slope", "step_height", "hazard"), strict=True):

@@ -1,9 +1,9 @@
-"""Footholds for Quadruped-PyMPC: takes the place of its visual foothold adaptation.
+"""Footholds for Quadruped-PyMPC, in place of its visual foothold adaptation.
 
     python examples/quadruped_pympc.py terrain.npz
 
 In a controller whose config has "visual_foothold_adaptation": "height" and "use_foothold_optimization": False
-(otherwise the solver moves the footholds that it is given):
+(otherwise the solver moves the given footholds):
 
     controller.wb_interface.vfa = SafeFootholds(ground, feet_pos)
 """
@@ -16,28 +16,28 @@ import numpy as np
 import guara_perception as gp
 
 LEGS = ("FL", "FR", "RL", "RR")
-# Farthest place from the reference foothold that is still taken.
+# Largest distance of a foothold from its reference.
 RADIUS_M = 0.08
 # The newest grid, and the transform (4, 4) from the controller's world to the grid's base_footprint.
 Ground = Callable[[], tuple[gp.TerrainGrid, np.ndarray]]
 
 
 class SafeFootholds:
-    """The methods of PyMPC's `VisualFootholdAdaptation`, answered by the laser's map.
+    """Implementation of PyMPC's `VisualFootholdAdaptation` on a terrain grid.
 
-    A foot whose reference has no safe foothold near goes back to the last one that it was given. `refused` names such
-    legs: stop walking while it is not empty.
+    If there is no safe foothold near the reference of a leg, its foot returns to its last foothold. `refused` names
+    such legs: stop walking while it is not empty.
     """
 
     def __init__(self, ground: Ground, standing: Any) -> None:
-        """`standing` holds the feet in the world [m] by leg: where each stands now, it may be set down again."""
+        """Start from the positions of the standing feet in the world [m], by leg, to which each foot may return."""
         self.ground = ground
         self.footholds = {leg: np.array(standing[leg], dtype=float) for leg in LEGS}
         self.refused: tuple[str, ...] = ()
         self.initialized = False
 
     def reset(self) -> None:
-        """Wait for the next swing."""
+        """Prepare for the next swing."""
         self.initialized = False
 
     def compute_adaptation(self, legs_order: tuple[str, ...], reference_footholds: Any, *_: Any) -> bool:
@@ -48,7 +48,7 @@ class SafeFootholds:
                 leg: nearest(terrain, transform_world_to_footprint, reference_footholds[leg]) for leg in legs_order
             }
         except gp.Errors:
-            # No grid, or a stale one: nothing is known to be safe.
+            # Without a valid grid, no ground is known to be safe.
             found = dict.fromkeys(legs_order)
         self.refused = tuple(leg for leg in legs_order if found[leg] is None)
         self.footholds |= {leg: place for leg, place in found.items() if place is not None}
@@ -56,7 +56,7 @@ class SafeFootholds:
         return not self.refused
 
     def get_footholds_adapted(self, reference_footholds: Any) -> tuple[Any, Any]:
-        """The footholds, once they are chosen, and no constraints."""
+        """Return the footholds, once they are chosen, and no constraints."""
         if self.initialized:
             for leg in LEGS:
                 reference_footholds[leg] = self.footholds[leg].copy()
@@ -72,7 +72,7 @@ def nearest(terrain: gp.TerrainGrid, transform_world_to_footprint: np.ndarray, r
 
 
 def main(grid: str) -> None:
-    """Print what the controller gets for four references."""
+    """Print the footholds for four references."""
     terrain = gp.load_terrain(grid)
     references = {"FL": (0.70, 0.10), "FR": (0.75, -0.10), "RL": (0.80, 0.10), "RR": (0.0, -0.2)}
     asked = {leg: np.array([x, y, 0.0]) for leg, (x, y) in references.items()}
@@ -81,7 +81,7 @@ def main(grid: str) -> None:
     footholds, _ = adaptation.get_footholds_adapted(dict(asked))
     for leg in LEGS:
         x, y, z = footholds[leg]
-        said = "goes back, no safe foothold" if leg in adaptation.refused else f"z {1e3 * z:.1f} mm"
+        said = "returns, no safe foothold" if leg in adaptation.refused else f"z {1e3 * z:.1f} mm"
         print(f"{leg}: reference {references[leg]} -> ({x:.3f}, {y:.3f}), {said}")
 
 

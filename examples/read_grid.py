@@ -1,4 +1,4 @@
-"""Makes a grid of a recorded scan and asks it the simplest questions: how high, why not, may a foot go there.
+"""Grid of a recorded scan, and its simplest queries: height, hazards, traversability and their explanation.
 
 python examples/read_grid.py scans/paper calibration.json
 """
@@ -9,7 +9,7 @@ import guara_perception as gp
 
 
 def main(scan: str, calibration: str) -> None:
-    """Process the scan and look at three points ahead of the robot."""
+    """Process the scan and query three points ahead of the robot."""
     terrain = gp.process_scan(scan, calibration, pictures=False)
     print(terrain)
     for x, y in ((0.70, 0.00), (0.60, 0.18), (0.90, 0.10)):

@@ -1,4 +1,4 @@
-"""A recording of a walk: its grids, its scans, and one of the scans processed again at another resolution.
+"""Recording of a walk: its grids and pauses, and a scan that is processed again at another resolution.
 
 python examples/read_recording.py walk.mcap
 """
@@ -7,7 +7,7 @@ import guara_perception as gp
 
 
 def main(path: str) -> None:
-    """List what is in it, then go back to the frames of the first scan."""
+    """List the content, then process the frames of the first scan."""
     with gp.open_recording(path) as recording:
         for terrain in recording:
             print(f"step {terrain.step}: {(terrain.traversability > 0).mean():.0%} traversable")

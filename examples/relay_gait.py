@@ -1,11 +1,11 @@
-"""Zenoh for a gait of another language that has no client of it: carries its lines to the node, and the clock's answer.
+"""Zenoh relay for a gait in a language without a Zenoh client: passes its messages and clock answers to the node.
 
 Start `guara run --simulated --gait external` in one terminal and this in another:
 
     python examples/relay_gait.py tcp/127.0.0.1:7447 node examples/javascript/gait.mjs stance.json 3 6
 
-A line `KEY PAYLOAD` (hexadecimal) of the program is put on KEY; each query for the gait's clock is handed to it as a
-line `clock`, and the next payload of that key is the answer.
+The program prints lines `KEY PAYLOAD` (hexadecimal), each of which is put on KEY. Each query for the gait's clock is
+passed to it as a line `clock`; its next payload with the key of the clock is the answer.
 """
 
 import argparse
@@ -20,7 +20,7 @@ CLOCK = "guara/gait/v1/clock"
 
 
 def main() -> int:
-    """Relay until the program ends; its exit code."""
+    """Relay until the program ends; return its exit code."""
     parser = argparse.ArgumentParser()
     parser.add_argument("endpoint")
     parser.add_argument("command", nargs=argparse.REMAINDER)

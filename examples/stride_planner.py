@@ -1,8 +1,8 @@
-"""A planner that fits its strides to the ground: a small search over the next steps, so that feet land on stones.
+"""Planner that fits strides to the ground by a search over the next steps, for instance on stepping stones.
 
-It chooses the leg, its foothold, and the place of the body, which stays in balance. `guara demo --course stones` walks
-with it, and the Go2 of `python -m benchmarks crossing`; its source, `guara_perception/simulation/strides.py`, is there
-to be copied.
+It chooses the leg, its foothold, and a position of the body in which the robot is balanced. It also plans the walks of
+`guara demo --course stones` and `python -m benchmarks crossing`. You may copy its source,
+`guara_perception/simulation/strides.py`.
 
 python examples/stride_planner.py map.npz
 """
