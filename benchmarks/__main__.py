@@ -2,46 +2,30 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import sys
+from pathlib import Path
 
-# Name of each program and what it prints; parts of a program are named first.
-PROGRAMS = {
-    "all": "speed and accuracy beside what a user would pick instead (make bench)",
-    "accuracy": "errors of recorded scans against their truth, also in the paper's own terms",
-    "calibration": "errors, drift, crosses, mount, truth: calibrations against the truth, and what harms them",
-    "crossing": "a Go2 in MuJoCo crosses trenches, stones, stairs by what it sees (extras sim, robots-test)",
-    "endurance": "hours of a recording node, planners and a viewer with faults at random: memory, handles, threads",
-    "journal": "killed, carried: walks that go on after a restart, and robots that were carried meanwhile",
-    "joints": "joints that read wrong: jumps and zeros that are told, alarms on clean walks (extra robots-test)",
-    "light": "effects, cost, scans, twins, mosaics: real light and Bayer mosaics through the chain, beside the truth",
-    "node": "a running node: sweep, latency, processor time",
-    "passive": "stereo and optical flow by OpenCV beside the laser, on the same simulated scene",
-    "pauses": "scans confirmed of 20 pauses by announced time, HOLD and lateness of END; a robot that moves",
-    "photographs": "stripes on photographs of real laser lines beside peers",
-    "record_restarts": "nodes that record, killed again and again: how many come up, which files open",
-    "restarts": "grids handed out against the truth, over restarts of node, router and links",
-    "scan_cost": "processor time of a scan on this checkout beside another, and by path of its stripes",
-    "size": "code lines, modules, words, commands, options and names of the project; the way of a frame to bytes",
-    "soak": "nodes and planners killed for minutes, and what was lost",
-    "stillness": "still pauses withdrawn and motions missed by noisy joints (extra robots-test)",
-    "strange_light": "light that is not ours, frames of another instant, two robots: free cells that are wrong",
-    "sway": "heights of a body that sways while it is scanned, with a stream of its joints and without",
-    "sweeps": "triggered and free-running sweeps against the bound of the motion, and faults of the trigger",
-    "transport": "viewers, announcements, fleet, compact: slow links, floods, many robots, encodings",
-    "usable_ground": "ground that a planner may use and bounds of unknown ground, beside the truth",
-    "walks": "drift, cost, modes: maps of walks beside the true ground, what they cost, coarse scans refined",
-}
+ENDING = '\n\nif __name__ == "__main__":\n    main()\n'
+
+
+def programs() -> dict[str, str]:
+    """First line of the docstring of each module that ends in a call of its `main`, by name."""
+    texts = {path.stem: path.read_text() for path in sorted(Path(__file__).parent.glob("[a-z]*.py"))}
+    docs = {name: ast.get_docstring(ast.parse(text)) or "" for name, text in texts.items() if text.endswith(ENDING)}
+    return {name: doc.split("\n")[0] for name, doc in docs.items()}
 
 
 def main() -> None:
     """Command line."""
     name = sys.argv[1] if len(sys.argv) > 1 else "--help"
+    known = programs()
     if name in ("-h", "--help"):
-        print("\n".join(f"{program:<14} {prints}" for program, prints in PROGRAMS.items()))
+        print("\n".join(f"{program:<16} {first_line}" for program, first_line in known.items()))
         return
-    if name not in PROGRAMS:
-        sys.exit(f"benchmarks: no program {name!r}; allowed: {', '.join(PROGRAMS)}")
+    if name not in known:
+        sys.exit(f"benchmarks: no program {name!r}; allowed: {', '.join(known)}")
     del sys.argv[1]
     sys.argv[0] = f"benchmarks {name}"
     importlib.import_module(f"benchmarks.{name}").main()

@@ -50,12 +50,18 @@ def run_part(program: str, parts: Mapping[str, Callable[[], None]]) -> None:
     sys.exit(0 if help_is_asked else 2)
 
 
+def columns_of(text: str) -> list[tuple[str, str]]:
+    """Names of columns and formats of their values, from a text such as "scan:<20 | mean mm:7.3f"."""
+    pairs = (column.strip().rsplit(":", 1) for column in text.split("|"))
+    return [(name, form) for name, form in pairs]
+
+
 class Table:
     """Table that is printed row by row, in columns or as Markdown."""
 
     def __init__(self, columns: str, *, markdown: bool = False) -> None:
-        """Print the head; a column is its name and the format of its values, as in "scan:<20 | mean mm:7.3f"."""
-        self._columns = [tuple(column.strip().rsplit(":", 1)) for column in columns.split("|")]
+        """Print the head; `columns` are as in `columns_of`."""
+        self._columns = columns_of(columns)
         self._markdown = markdown
         self._print([name for name, _ in self._columns])
         if markdown:

@@ -23,11 +23,14 @@ import threading
 import time
 import urllib.request
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
+from typing import NamedTuple
+
+import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import options
@@ -67,13 +70,12 @@ KILLS_END, NODE_WARM, WARM = 1 / 2, 2 / 3, 1 / 3
 MOST_MB, MOST_HANDLES, MOST_THREADS = {"router": 40.0, "planner": 40.0, "viewer": 150.0, "node": 150.0}, 4, 4
 
 
-@dataclass(frozen=True, slots=True)
-class Size:
+class Size(NamedTuple):
     """Memory [MB], open handles and threads of a process."""
 
     memory: float
-    handles: int
-    threads: int
+    handles: float
+    threads: float
 
     @classmethod
     def of(cls, pid: int) -> Size:
@@ -83,21 +85,7 @@ class Size:
 
     def __str__(self) -> str:
         """As in the report."""
-        return f"{self.memory:.0f} MB, {self.handles} handles, {self.threads} threads"
-
-    @classmethod
-    def middle(cls, sizes: Sequence[Size]) -> Size:
-        """Median of each."""
-        memory, handles, threads = zip(*((each.memory, each.handles, each.threads) for each in sizes), strict=True)
-        return cls(median(memory), round(median(handles)), round(median(threads)))
-
-    def is_flat_until(self, last: Size, most_mb: float) -> bool:
-        """Whether a later size is no larger but for what caches take."""
-        return (
-            last.memory - self.memory <= most_mb
-            and last.handles - self.handles <= MOST_HANDLES
-            and last.threads - self.threads <= MOST_THREADS
-        )
+        return f"{self.memory:.0f} MB, {self.handles:.0f} handles, {self.threads:.0f} threads"
 
 
 @dataclass(slots=True)
@@ -127,7 +115,8 @@ class Outcome:
         """Median sizes of a process in the first and in the last third of its looks."""
         sizes = self.sizes[name]
         third = max(len(sizes) // 3, 1)
-        return Size.middle(sizes[:third]), Size.middle(sizes[-third:])
+        first, last = (Size(*np.median(part, axis=0).tolist()) for part in (sizes[:third], sizes[-third:]))
+        return first, last
 
     @property
     def is_bounded(self) -> bool:
@@ -136,8 +125,9 @@ class Outcome:
 
     @property
     def is_flat(self) -> bool:
-        """Whether no process that lived on has grown."""
-        return all(first.is_flat_until(last, MOST_MB[name]) for name in self.sizes for first, last in [self.ends(name)])
+        """True if no process that lived on has grown, but for what caches take."""
+        growths = {name: np.subtract(*self.ends(name)[::-1]) for name in self.sizes}
+        return all((growths[name] <= (MOST_MB[name], MOST_HANDLES, MOST_THREADS)).all() for name in growths)
 
 
 def run_planner(endpoint: str) -> None:
@@ -173,9 +163,7 @@ def run_planner(endpoint: str) -> None:
                 if extent == "footprint" and (terrain.metadata["epoch"], terrain.step) in over:
                     counts["contradictions"] += 1
                     late = time.monotonic() - next(at for at, _, step in heard if step > terrain.step)
-                    print(
-                        f"contradiction: step {terrain.step} {late:.2f} s after the next", file=sys.stderr, flush=True
-                    )
+                    print(f"contradiction: step {terrain.step} {late:.2f} s after the next", file=sys.stderr)
             say(counts=counts)
 
 

@@ -30,6 +30,7 @@ import transport
 from benchmarks.command import options
 from benchmarks.peers import PATIENCE, Pauses, Peer, free_endpoint, free_port, peers, say
 from benchmarks.rounds import resident_mb
+from guara_perception.arrays import Float
 from transport.configuration import router_configuration
 from transport.links.session import listen_with
 from transport.security.folder import CONFIGURATION
@@ -51,18 +52,12 @@ COUNTS = ("missed", "fetched")
 TICKS = os.sysconf("SC_CLK_TCK")
 
 
-def run_router(endpoint: str) -> None:
-    """A Zenoh router as `guara security router` configures it, but without TLS."""
-    with listen_with(router_configuration([endpoint]), (endpoint,)):
-        say(ready=True)
-        sys.stdin.read()
-
-
-def run_zenohd(configuration: str) -> None:
-    """A Zenoh router with the configuration file that `guara security router` wrote."""
+def run_router(at: str) -> None:
+    """A Zenoh router with the file that `guara security router` wrote, or at an endpoint with the same but TLS."""
     import zenoh
 
-    with zenoh.open(zenoh.Config.from_file(configuration)):
+    is_file = at.endswith(CONFIGURATION)
+    with zenoh.open(zenoh.Config.from_file(at)) if is_file else listen_with(router_configuration([at]), (at,)):
         say(ready=True)
         sys.stdin.read()
 
@@ -141,13 +136,13 @@ class Fleet:
         self.names = [f"r{number}" for number in range(size)]
         self._peer = partial(stack.enter_context(peers()), module="fleet")
         endpoint, folder = free_endpoint(), ""
-        self._router_arguments = ["router", endpoint]
+        self._router_at = endpoint
         if keys is not None:
             port, folder = free_port(), str(keys / "keys")
             made = make_router(keys / "keys", self.names, listen=f"tls/127.0.0.1:{port}")
             endpoint = f"tls/localhost:{port}"
-            self._router_arguments = ["zenohd", str(made / CONFIGURATION)]
-        self.router = self._peer(*self._router_arguments)
+            self._router_at = str(made / CONFIGURATION)
+        self.router = self._peer("router", self._router_at)
         groups = [self.names[first : first + held] for first in range(0, size, held)]
         self.robots = [self._peer("robots", endpoint, folder, *group) for group in groups]
         self.planners = [self._peer("planners", endpoint, folder, *group) for group in groups]
@@ -169,7 +164,7 @@ class Fleet:
             delays = [delay for report in reports for delay in report["delays_ms"][extent]]
             found[f"{extent}_arrived"] = len(delays)
             for name, percent in (("p50", 50), ("p99", 99), ("worst", 100)):
-                found[f"{extent}_{name}_ms"] = round(float(np.percentile(delays, percent)), 1) if delays else np.inf
+                found[f"{extent}_{name}_ms"] = float(np.percentile(delays or [np.inf], percent))
         for report in reports:
             found["newest"] |= report["newest"]
         for name in COUNTS:
@@ -181,7 +176,7 @@ class Fleet:
         """Publish while the router is away, and start it again; returns when it was ready [s since the epoch]."""
         self.router.end()
         self.publish()
-        self.router = self._peer(*self._router_arguments)
+        self.router = self._peer("router", self._router_at)
         return time.time()
 
 
@@ -201,32 +196,28 @@ def measure(fleet: Fleet, seconds: float) -> dict[str, Any]:
     fleet.arrived()
     roles = {"router": [fleet.router], "robot": fleet.robots, "planner": fleet.planners}
 
-    def used() -> dict[str, float]:
-        return {role: sum(map(processor_seconds, group)) for role, group in roles.items()}
+    def used() -> Float:
+        return np.array([sum(map(processor_seconds, group)) for group in roles.values()])
 
     before = used()
     time.sleep(IDLE)
     # Share of one core that each role takes while nobody publishes.
-    idle = {role: (seconds_then - before[role]) / IDLE for role, seconds_then in used().items()}
+    idle = (used() - before) / IDLE
     before, start = used(), time.monotonic()
     pauses = fleet.publish(seconds)
     # A receiver that notices a missing grid fetches it within a second.
     time.sleep(2.0)
     took = time.monotonic() - start
-    spent = {role: seconds_then - before[role] for role, seconds_then in used().items()}
-    found = fleet.arrived()
-    figures: dict[str, Any] = {"robots": size, "pauses": pauses} | found
-    del figures["newest"]
-    figures["mb_per_s"] = round(figures.pop("bytes") / 1e6 / seconds, 2)
-    for role, count in (("router", 1), ("robot", size), ("planner", size)):
+    spent, found = used() - before, fleet.arrived()
+    by_role = {
         # Per cent of one core, for each robot or planner.
-        figures[f"{role}_processor"] = round(100 * spent[role] / took / count, 3)
-        figures[f"{role}_idle_ms_per_s"] = round(1e3 * idle[role] / size, 2)
-        figures[f"{role}_ms_per_pause"] = round(1e3 * (spent[role] - idle[role] * took) / max(pauses, 1), 2)
-        figures[f"{role}_mb"] = round(sum(resident_mb(peer.popen.pid) for peer in roles[role]) / len(roles[role]), 1)
-    figures["processor"] = round(100 * sum(spent.values()) / took, 2)
-    figures["machine_busy"] = round(figures["processor"] / (os.cpu_count() or 1), 1)
-    return figures
+        "processor": 100 * spent / took / (1, size, size),
+        "mb": [np.mean([resident_mb(peer.popen.pid) for peer in group]) for group in roles.values()],
+        "idle_ms_per_s": 1e3 * idle / size,
+        "ms_per_pause": 1e3 * (spent - idle * took) / max(pauses, 1),
+    }
+    figures = {"robots": size, "pauses": pauses, "mb_per_s": found["bytes"] / 1e6 / seconds}
+    return figures | found | by_role | {"machine_busy": 100 * spent.sum() / took / (os.cpu_count() or 1)}
 
 
 def bursts(fleet: Fleet, count: int) -> dict[str, Any]:
@@ -235,9 +226,7 @@ def bursts(fleet: Fleet, count: int) -> dict[str, Any]:
     for _ in range(count):
         fleet.publish()
         time.sleep(PERIOD)
-    found = fleet.arrived()
-    del found["newest"]
-    return {"robots": len(fleet.names), "bursts": count} | found
+    return fleet.arrived()
 
 
 def storm(fleet: Fleet) -> dict[str, Any]:
@@ -251,12 +240,8 @@ def storm(fleet: Fleet) -> dict[str, Any]:
         came |= fleet.arrived()["newest"]
     # A planner can be back before the router's own word that it is ready was read here.
     after = [max(0.0, arrival - ready) for arrival in came.values()]
-    return {
-        "robots": len(fleet.names),
-        "came": len(came),
-        "newest_p50_s": round(float(np.median(after)), 2) if after else None,
-        "newest_worst_s": round(max(after), 2) if after else None,
-    }
+    newest = {"newest_p50_s": float(np.median(after or [np.inf])), "newest_worst_s": max(after, default=np.inf)}
+    return {"robots": len(fleet.names), "came": len(came), **newest}
 
 
 def show(name: str, row: dict[str, Any]) -> None:
@@ -266,15 +251,15 @@ def show(name: str, row: dict[str, Any]) -> None:
         for extent in EXTENTS
     )
     by_role = {
-        figure: " / ".join(f"{row[f'{role}_{figure}']:g}" for role in ("router", "robot", "planner"))
-        for figure in ("processor", "mb", "idle_ms_per_s", "ms_per_pause")
+        figure: " / ".join(f"{value:.{digits}f}" for value in row[figure])
+        for figure, digits in (("processor", 3), ("mb", 1), ("idle_ms_per_s", 2), ("ms_per_pause", 2))
     }
     print(
         f"{name:<8} {row['pauses']:>5} pauses  {delays}  missed {row['missed']} fetched {row['fetched']}  "
         f"{row['mb_per_s']:.1f} MB/s\n"
         f"  router / robot / planner: {by_role['processor']} % of a core, {by_role['mb']} MB a process, "
         f"{by_role['idle_ms_per_s']} ms a second idle for each robot, {by_role['ms_per_pause']} ms for a pause; "
-        f"together {row['machine_busy']:g} % of the machine",
+        f"together {row['machine_busy']:.1f} % of the machine",
         flush=True,
     )
 
@@ -283,7 +268,7 @@ def show_storm(name: str, row: dict[str, Any]) -> None:
     """One line on a router's restart."""
     print(
         f"{name}: {row['came']} of {row['robots']} planners had the newest grid, half of them "
-        f"{row['newest_p50_s']} s and the last {row['newest_worst_s']} s after the router was back"
+        f"{row['newest_p50_s']:.2f} s and the last {row['newest_worst_s']:.2f} s after the router was back"
     )
 
 
@@ -306,10 +291,11 @@ def main() -> None:
         show(str(size), rows[-1])
     with ExitStack() as stack:
         plain = Fleet(stack, COMPARED, held=held)
-        row = bursts(plain, min(max(asked.bursts, 1), 50))
+        count = min(max(asked.bursts, 1), 50)
+        row = bursts(plain, count)
         print(
-            f"bursts: {row['map_arrived']} of {COMPARED * row['bursts']} maps, 99th percentile {row['map_p99_ms']} ms, "
-            f"worst {row['map_worst_ms']} ms; {row['fetched']} grids did not arrive at first and were fetched"
+            f"bursts: {row['map_arrived']} of {COMPARED * count} maps, 99th percentile {row['map_p99_ms']:.1f} ms, "
+            f"worst {row['map_worst_ms']:.1f} ms; {row['fetched']} grids did not arrive at first and were fetched"
         )
         show_storm("storm", storm(plain))
     with ExitStack() as stack:

@@ -28,7 +28,7 @@ import numpy as np
 import guara_perception as gp
 from benchmarks.command import options, run_part
 from benchmarks.peers import free_endpoint
-from benchmarks.usable_ground import cells
+from benchmarks.usable_ground import UNSAFE, cells
 from guara_perception.app.node.claim import Seal
 from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.simulated import SimulatedGait
@@ -57,7 +57,6 @@ REST_S, SWING_S, KILL_S = 1.5, 1.0, 6.0
 HOLD_S = 0.2
 FIRST_KILL = 3
 CUT_EVERY = 4
-UNSAFE = ("free, unsafe by truth: relief", "free, unsafe by truth: dark", "unknown and free")
 
 
 @dataclass(frozen=True)

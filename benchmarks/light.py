@@ -12,10 +12,11 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache, partial, wraps
 from typing import Any
+from unittest.mock import patch
 
 import cv2
 import numpy as np
@@ -113,7 +114,7 @@ def lights(strengths: Sequence[float], names: Sequence[str]) -> Iterator[tuple[s
         yield name, strength, real_light(of_each)
 
 
-def measure(strengths: Sequence[float], names: Sequence[str]) -> Iterator[dict[str, Any]]:
+def measure(strengths: Sequence[float], names: Sequence[str]) -> Iterator[tuple[Any, ...]]:
     """Figures of every case, with and without laser-off pictures.
 
     Found and gross are shares of the stripes' columns, filled of the columns without one, known of the interior cells.
@@ -127,20 +128,10 @@ def measure(strengths: Sequence[float], names: Sequence[str]) -> Iterator[dict[s
             counts, terrain = judge(scan, light, with_off=with_off)
             errors = figures(terrain, scan.truth)
             reasons = terrain.metadata["health"]["reasons"]
-            yield {
-                "effect": name,
-                "strength": strength,
-                "with_off": str(with_off),
-                "coverage": round(counts.coverage, 4),
-                "gross": round(counts.gross_share, 4),
-                "filled": round(counts.filled_share, 4),
-                "known": round(errors.known / 100, 4),
-                "mean_mm": round(errors.mean, 3),
-                "p95_mm": round(errors.p95, 3),
-                "unsafe": errors.unsafe,
-                "made_up": made_up(terrain, scan.truth),
-                "health": reasons[-1] if reasons else "",
-            }
+            shares = counts.coverage, counts.gross_share, counts.filled_share, errors.known / 100
+            wrong = errors.unsafe, made_up(terrain, scan.truth)
+            health = reasons[-1] if reasons else ""
+            yield name, strength, str(with_off), *shares, errors.mean, errors.p95, *wrong, health
 
 
 def effects() -> None:
@@ -155,7 +146,7 @@ def effects() -> None:
         "p95:6.3f | unsafe:6d | made up:7d | health:<"
     )
     for found in measure(asked.strengths, asked.effects):
-        table.row(*found.values())
+        table.row(*found)
 
 
 def cost() -> None:
@@ -197,14 +188,10 @@ def noting_parts() -> Iterator[dict[str, float]]:
 
         return call
 
-    kept = {part: getattr(owner, name) for part, (owner, name) in PARTS.items()}
-    for part, (owner, name) in PARTS.items():
-        setattr(owner, name, clocked(part, kept[part]))
-    try:
-        yield seconds
-    finally:
+    with ExitStack() as stack:
         for part, (owner, name) in PARTS.items():
-            setattr(owner, name, kept[part])
+            stack.enter_context(patch.object(owner, name, clocked(part, getattr(owner, name))))
+        yield seconds
 
 
 def scans() -> None:
@@ -235,10 +222,8 @@ def scans() -> None:
         parts["the rest"] = timings.ratio("scan", REFERENCE).median - sum(parts.values())
         shares[f"{name} {size[0]}"] = parts
         if (name, size) == ("clean", (1280, 1024)):
-            megabytes = memory(scan).figures
-    print(
-        f"memory of a clean scan of 1280 x 1024: {megabytes['first_mb']:.1f} MB, the next {megabytes['second_mb']:.1f}"
-    )
+            (_, first), (_, second), *_ = memory(scan).rows
+    print(f"memory of a clean scan of 1280 x 1024: {first:.1f} MB, the next {second:.1f}")
     print("parts of a scan / reference:", *(f"{case:>12s}" for case in shares))
     for part in (*PARTS, "the rest"):
         print(f"{part:28s}", *(f"{parts[part]:12.2f}" for parts in shares.values()))

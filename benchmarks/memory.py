@@ -17,6 +17,8 @@ from guara_perception.arrays import Image
 from guara_perception.simulation.specimen import specimen
 from testbed.scenes import ScanInMemory, robot_with, scan_stance, with_covariance
 
+BY_STRIPE = "a scan stripe by stripe, its frame pair included"
+
 
 def memory(scan: ScanInMemory) -> Section:
     """Peak memory of a process that scans, above what it held before."""
@@ -28,22 +30,19 @@ def memory(scan: ScanInMemory) -> Section:
     with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
         first, second = pool.apply(growth, (off, bands, 1))
         node, _ = pool.apply(growth, (off, bands, STRIPES_TOGETHER))
-    figures = {"first_mb": first, "second_mb": second, "frame_pair_mb": 2 * off.nbytes / 1e6, "node_mb": node}
-    names = (
-        "a scan stripe by stripe, its frame pair included",
-        "the next scan, above the peak of the first",
-        "one pair of frames, for comparison",
-        f"a scan by {STRIPES_TOGETHER} stripes at once as in a node, their frames included",
-    )
     return Section(
         "memory",
         f"Memory of a scan ({scan.name})",
         "Growth of the peak resident memory of a fresh process that has everything loaded and has scanned one stripe. "
         f"A node holds more than one frame: up to {STRIPES_TOGETHER} that it processes at once for a third less "
         "processor time, and one laser-off picture; the target is for what is scanned stripe by stripe.",
-        ("what", "MB"),
-        [(name, f"{megabytes:.1f}") for name, megabytes in zip(names, figures.values(), strict=True)],
-        figures,
+        "what: | MB:.1f",
+        [
+            (BY_STRIPE, first),
+            ("the next scan, above the peak of the first", second),
+            ("one pair of frames, for comparison", 2 * off.nbytes / 1e6),
+            (f"a scan by {STRIPES_TOGETHER} stripes at once as in a node, their frames included", node),
+        ],
     )
 
 

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import cv2
 import numpy as np
@@ -60,7 +61,6 @@ class Bench:
     """A running node over a scan."""
 
     stance: Stance
-    stripes: int
     node: PerceptionNode
     status: NodeStatus
     endpoint: str
@@ -104,17 +104,18 @@ def listening(
 
 
 @contextmanager
-def running(data: Path, scan: Path) -> Iterator[Bench]:
-    """A node whose camera shows a recorded scan."""
-    calibration, recorded, endpoint = truth_calibration(data), gp.open_scan(scan), free_endpoint()
-    rangefinder = showing(RecordedView(recorded).render, exposure=0.008, latency=0.008)
+def running(
+    robot: RobotModel, calibration: gp.Calibration, rangefinder: Rangefinder, mode: str, stance: Stance
+) -> Iterator[Bench]:
+    """A node of a robot that stands."""
+    endpoint = free_endpoint()
     with (
-        listening(load_robot("guara"), calibration, rangefinder, recorded.mode, endpoint) as (node, status),
+        listening(robot, calibration, rangefinder, mode, endpoint) as (node, status),
         open_client(endpoint, timeout=TIMEOUT_S) as session,
     ):
         # Tells the clock of the stamps.
         StancePublisher(session)
-        yield Bench(recorded.stance, len(recorded.stripes), node, status, endpoint)
+        yield Bench(stance, node, status, endpoint)
 
 
 def print_way_to_planner(bench: Bench, first: int, scans: int) -> None:
@@ -129,21 +130,17 @@ def print_way_to_planner(bench: Bench, first: int, scans: int) -> None:
         return terrain
 
     waits, work = [], []
-    with peers() as start:
+    with peers() as start, patch.object(gp.ScanProcessor, "finish", noted):
         planner = start("waiter", bench.endpoint)
-        setattr(gp.ScanProcessor, "finish", noted)  # noqa: B010
-        try:
-            for step in range(first, first + scans):
-                made.clear()
-                planner.tell(step=step)
-                bench.pause(step)
-                waits.append(planner.hear()["at"] - made[0][0])
-                before = time.thread_time()
-                message = terrain_to_message(made[0][1], robot="guara", sequence=step)
-                message_to_terrain(decode_terrain(encode_terrain(message)))
-                work.append(time.thread_time() - before)
-        finally:
-            setattr(gp.ScanProcessor, "finish", finish)  # noqa: B010
+        for step in range(first, first + scans):
+            made.clear()
+            planner.tell(step=step)
+            bench.pause(step)
+            waits.append(planner.hear()["at"] - made[0][0])
+            before = time.thread_time()
+            message = terrain_to_message(made[0][1], robot="guara", sequence=step)
+            message_to_terrain(decode_terrain(encode_terrain(message)))
+            work.append(time.thread_time() - before)
     print(
         f"grid -> planner                  median {1e3 * np.median(waits):5.1f} ms, quickest {1e3 * min(waits):5.1f} "
         f"ms (another process, loopback, wall clock); processor time {1e3 * np.median(work):.1f} ms, quickest "
@@ -171,11 +168,8 @@ def noting_turns() -> Iterator[list[Turn]]:
             stamps = [(c.on_stamp, c.off_stamp, c.dark_stamp) for c in group]
             turns.append(Turn(tuple(float(np.nanmax(each)) for each in stamps), timing.monotonic()))
 
-    setattr(StripeStream, "groups", noted)  # noqa: B010
-    try:
+    with patch.object(StripeStream, "groups", noted):
         yield turns
-    finally:
-        setattr(StripeStream, "groups", groups)  # noqa: B010
 
 
 def most_waiting(turns: list[Turn]) -> int:
@@ -194,19 +188,13 @@ def print_rates(rates: list[float], lights: list[str], size: tuple[int, int]) ->
     for light, fps in itertools.product(lights, rates):
         scan = scenes.simulated(size, 70, real_light({} if light == "clean" else {light: 1.0}))
         rangefinder = showing(view_of(scan), exposure=0.4 / fps, latency=0.4 / fps, fps=fps)
-        endpoint = free_endpoint()
-        with (
-            noting_turns() as turns,
-            listening(scan.robot, scan.calibration, rangefinder, scan.mode, endpoint) as (node, status),
-            open_client(endpoint, timeout=TIMEOUT_S) as session,
-        ):
-            StancePublisher(session)
-            bench = Bench(scan.stance, len(scan.frames), node, status, endpoint)
+        node_over_it = running(scan.robot, scan.calibration, rangefinder, scan.mode, scan.stance)
+        with noting_turns() as turns, node_over_it as bench:
             bench.pause(0)
             turns.clear()
             sweep, tail, spent = bench.pause(1)
-        periods = sweep * fps / bench.stripes
-        table.row(light, fps, bench.stripes, sweep, periods, most_waiting(turns), spent / sweep, tail)
+        stripes = len(scan.frames)
+        table.row(light, fps, stripes, sweep, sweep * fps / stripes, most_waiting(turns), spent / sweep, tail)
 
 
 def main() -> None:
@@ -228,7 +216,10 @@ def main() -> None:
 def print_scans(data: Path, scans: int) -> None:
     """Scans of the recorded scene at FPS: sweep, delay of the grid, processor time, and the way to a planner."""
     folder = data / "scans" / "paper"
-    with running(data, folder) as bench:
+    recorded = gp.open_scan(folder)
+    rangefinder = showing(RecordedView(recorded).render, exposure=0.008, latency=0.008)
+    robot, calibration = load_robot("guara"), truth_calibration(data)
+    with running(robot, calibration, rangefinder, recorded.mode, recorded.stance) as bench:
         yardstick = Yardstick(folder)
         # Not timed: both make things at their first use.
         bench.pause(0), yardstick.seconds()
@@ -237,7 +228,7 @@ def print_scans(data: Path, scans: int) -> None:
             pauses.append(bench.pause(step))
             references.append(yardstick.seconds())
         rows = np.array(pauses)
-        frames = bench.stripes + 1
+        frames = len(recorded.stripes) + 1
         needed = frames / FPS
         print(f"{frames - 1} stripes and one off frame at {FPS:.0f} frames per second; {len(rows)} scans")
         print(f"sweep        {np.median(rows[:, 0]):7.3f} s   frames need {needed:.3f} s: {_over(rows[:, 0], needed)}")

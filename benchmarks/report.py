@@ -18,7 +18,7 @@ HEAD = Path(__file__).with_name("performance_head.md")
 
 def to_terminal(section: Section) -> str:
     """Title and aligned columns."""
-    table = [section.header, *section.rows]
+    table = [section.header, *section.cells]
     widths = [max(len(row[i]) for row in table) for i in range(len(section.header))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in table]
     return "\n".join([f"\n{section.title}", "-" * len(lines[0]), *lines])
@@ -26,7 +26,7 @@ def to_terminal(section: Section) -> str:
 
 def to_markdown(section: Section) -> str:
     """Heading, description and table."""
-    table = [section.header, tuple("---" for _ in section.header), *section.rows]
+    table = [section.header, tuple("---" for _ in section.header), *section.cells]
     rows = ["| " + " | ".join(row) + " |" for row in table]
     return "\n".join([f"## {section.title}", "", section.description, "", *rows, ""])
 

@@ -22,11 +22,6 @@ class Ratio:
     low: float
     high: float
 
-    @property
-    def figures(self) -> dict[str, float]:
-        """As numbers by name."""
-        return {"ratio": self.median, "low": self.low, "high": self.high}
-
     def __str__(self) -> str:
         """As in the tables: median [min max]."""
         return f"{number(self.median)} [{number(self.low)} {number(self.high)}]"

@@ -32,11 +32,8 @@ def sorted_by_path(precise: Any) -> tuple[list[float], list[float]]:
     cheap: list[float] = []
     strong: list[float] = []
     in_any_light: list[float] = []
-    # Older revisions detect, then measure.
-    whole = "detect" if hasattr(precise, "detect") else "_extract"
-    of_band = getattr(precise, whole)
-    strongest = "extract_in_any_light" if hasattr(precise, "extract_in_any_light") else "detect_in_any_light"
-    setattr(precise, strongest, clocked(in_any_light, getattr(precise, strongest)))
+    of_band = precise._extract
+    precise.extract_in_any_light = clocked(in_any_light, precise.extract_in_any_light)
 
     def sort(band: Any) -> Any:
         before, start = len(in_any_light), time.process_time()
@@ -44,7 +41,7 @@ def sorted_by_path(precise: Any) -> tuple[list[float], list[float]]:
         (strong if len(in_any_light) > before else cheap).append(time.process_time() - start)
         return found
 
-    setattr(precise, whole, sort)
+    precise._extract = sort
     return cheap, strong
 
 
@@ -54,10 +51,7 @@ def main_of_peer(scan: Path) -> None:
 
     print("{}", flush=True)
     cv2.setNumThreads(1)
-    # Older revisions have `scenes` among their tests, still older ones among their benchmarks.
-    checkout = Path(str(import_module("guara_perception").__file__)).parents[1]
-    home = next(folder for folder in ("testbed", "tests", "benchmarks") if (checkout / folder / "scenes.py").is_file())
-    in_memory = import_module(f"{home}.scenes").recorded(scan)
+    in_memory = import_module("testbed.scenes").recorded(scan)
     by_path = sorted_by_path(import_module("guara_perception.stripes.precise"))
     for _ in sys.stdin:
         for seconds_of_stripes in by_path:

@@ -13,7 +13,7 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import options
-from benchmarks.usable_ground import cells
+from benchmarks.usable_ground import UNSAFE, cells
 from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.app.node.sweep import Sweeper, SweepJob
 from guara_perception.settings import Settings
@@ -21,8 +21,6 @@ from guara_perception.simulation.world import World
 from guara_perception.terrain.scan.policy import ScanPolicy
 from testbed.random_world import floor
 from testbed.true_ground import TrueGround
-
-UNSAFE = ("free, unsafe by truth: relief", "free, unsafe by truth: dark", "unknown and free")
 
 
 def main() -> None:

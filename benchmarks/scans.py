@@ -89,23 +89,16 @@ def contenders(scan: ScanInMemory) -> dict[str, Callable[[], Any]]:
 
 def whole_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
     """One row per contender and scan."""
-    rows: list[tuple[str, ...]] = []
-    figures: dict[str, dict[str, dict[str, float]]] = {}
+    rows: list[tuple[Any, ...]] = []
     for scan in all_scans:
         runs = contenders(scan)
         timings = alternate(runs, effort.rounds, slow=[USER], slow_rounds=effort.slow_rounds)
-        precise = next(iter(OURS))
-        figures[scan.name] = {}
         for name in runs:
-            ratio, speed = timings.ratio(name, REFERENCE), timings.ratio(name, precise)
-            error = None if name == REFERENCE or scan.truth is None else grid_errors(timings.results[name], scan.truth)
-            figures[scan.name][name] = {**ratio.figures, "to_precise": speed.median, **(error or {})}
-            cells = ("-",) * 4 if error is None else (
-                f"{error['mean']:.3f}", f"{error['p95']:.2f}", f"{error['missed']:.2f}", f"{error['false']:.2f}"
-            )  # fmt: skip
-            rows.append(
-                (scan.name, name, f"{timings.milliseconds(name):.0f}", str(ratio), number(speed.median), *cells)
-            )
+            ratios = timings.ratio(name, REFERENCE), number(timings.ratio(name, next(iter(OURS))).median)
+            error: tuple[float | None, ...] = (None,) * 4
+            if name != REFERENCE and scan.truth is not None:
+                error = grid_errors(timings.results[name], scan.truth)
+            rows.append((scan.name, name, timings.milliseconds(name), *ratios, *error))
     return Section(
         "whole_scans",
         "Whole scans",
@@ -113,22 +106,20 @@ def whole_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
         "time, and its ratio to the reference extraction of the same frames in the same round. Errors in mm on "
         "interior cells; missed: interior cells left unknown; false: cells that camera or laser cannot see but that "
         "were filled.",
-        ("scan", "contender", "ms CPU", "x reference", "x ours", "mean mm", "p95 mm", "missed %", "false %"),
+        "scan: | contender: | ms CPU:.0f | x reference: | x ours: | mean mm:.3f | p95 mm:.2f | missed %:.2f"
+        " | false %:.2f",
         rows,
-        figures,
     )
 
 
-def grid_errors(elevation: npt.NDArray[Any], truth: Truth) -> dict[str, float]:
+def grid_errors(elevation: npt.NDArray[Any], truth: Truth) -> tuple[float, float, float, float]:
     """Mean and 95 % error [mm], missed interior and false unseen cells [%]."""
     known = np.isfinite(elevation)
     error = np.abs(np.asarray(elevation, np.float64) - truth.mean)[known & truth.interior] * 1e3
-    return {
-        "mean": float(error.mean()) if error.size else np.nan,
-        "p95": float(np.percentile(error, 95)) if error.size else np.nan,
-        "missed": 100 * float((truth.interior & ~known).sum()) / max(int(truth.interior.sum()), 1),
-        "false": 100 * float((truth.unseen & known).sum()) / max(int(truth.unseen.sum()), 1),
-    }
+    error = error if error.size else np.array([np.nan])
+    missed = 100 * float((truth.interior & ~known).sum()) / max(int(truth.interior.sum()), 1)
+    false = 100 * float((truth.unseen & known).sum()) / max(int(truth.unseen.sum()), 1)
+    return float(error.mean()), float(np.percentile(error, 95)), missed, false
 
 
 def stages(scan: ScanInMemory, effort: Effort) -> Section:
@@ -140,22 +131,19 @@ def stages(scan: ScanInMemory, effort: Effort) -> Section:
     seconds = {name: {n: each[name] for n, each in enumerate(taken[1:])} for name in (*STAGES, LATENCY)}
     seconds |= {OVERALL: {n: sum(each[stage] for stage in STAGES) for n, each in enumerate(taken[1:])}}
     timings = Timings({**seconds, REFERENCE: whole, FRAME: {n: each / len(bands) for n, each in whole.items()}})
-    figures: dict[str, Any] = {"latency": timings.ratio(LATENCY, FRAME).figures}
-    rows: list[tuple[str, ...]] = []
-    for stage in STAGES:
-        ratio, share = timings.ratio(stage, REFERENCE), timings.ratio(stage, OVERALL).median
-        figures[stage] = {"ratio": ratio.median, "share": share}
-        rows.append((stage, f"{timings.milliseconds(stage):.1f}", str(ratio), f"{share:.0%}"))
-    rows.append((LATENCY, f"{timings.milliseconds(LATENCY):.1f}", f"{timings.ratio(LATENCY, FRAME)} of one frame", ""))
+    rows: list[tuple[Any, ...]] = [
+        (stage, timings.milliseconds(stage), timings.ratio(stage, REFERENCE), timings.ratio(stage, OVERALL).median)
+        for stage in STAGES
+    ]
+    rows.append((LATENCY, timings.milliseconds(LATENCY), timings.ratio(LATENCY, FRAME), None))
     return Section(
         "stages",
         f"Stages of a scan ({scan.name})",
         "Wall time of one scan as this project reports it, and its ratio to the reference extraction of the same "
         "frames in the same round; latency from handing over the last frame to the finished grid, against the "
         "reference extraction of one frame.",
-        ("stage", "ms", "x reference", "share"),
+        "stage: | ms:.1f | x reference: | share:.0%",
         rows,
-        figures,
     )
 
 

@@ -1,9 +1,11 @@
-"""Result of one comparison of the suite: a table, its description, and the same as plain numbers."""
+"""Result of one comparison of the suite: a table and its description."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
+
+from benchmarks.command import columns_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,17 +16,29 @@ class Section:
         name: short, by which the targets find it.
         title: heading.
         description: what is compared with what, and in which clock.
-        header: names of the columns.
-        rows: cells, as printed.
-        figures: the same as numbers, JSON values only.
+        columns: names and formats of the columns, as in `Table`.
+        rows: values; None is printed as "-".
     """
 
     name: str
     title: str
     description: str
-    header: tuple[str, ...]
-    rows: list[tuple[str, ...]]
-    figures: dict[str, Any] = field(default_factory=dict)
+    columns: str
+    rows: list[tuple[Any, ...]]
+
+    @property
+    def header(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(name for name, _ in columns_of(self.columns))
+
+    @property
+    def cells(self) -> list[tuple[str, ...]]:
+        """Rows as printed."""
+        forms = [form for _, form in columns_of(self.columns)]
+        return [
+            tuple("-" if value is None else f"{value:{form}}" for value, form in zip(row, forms, strict=True))
+            for row in self.rows
+        ]
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,6 @@ import math
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -43,25 +42,6 @@ CASES = [
     (False, "none", (0.0, 0.0)),
     *((False, shape, END_SIZES) for shape in ("step", "ramp")),
 ]
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One line of the table.
-
-    Attributes:
-        text: case.
-        pauses: number of pauses.
-        moved: share of them that `Stillness` reports as moved.
-        microseconds: processor time of one reading, median.
-        undetectable: what `Stillness` says that it cannot tell, at the last pause.
-    """
-
-    text: str
-    pauses: int
-    moved: float
-    microseconds: float
-    undetectable: str
 
 
 class Geometry:
@@ -95,8 +75,13 @@ def shape_over_time(shape: str, times: Float, rng: np.random.Generator) -> Float
     return np.asarray(times > start, dtype=np.float64)
 
 
-def row(source: Path | str, encoder: str, case: int, pauses: int) -> Row:
-    """Simulate the pauses of one case."""
+def row(source: Path | str, encoder: str, case: int, pauses: int) -> tuple[str, int, float, float, str]:
+    """Simulate the pauses of one case.
+
+    Returns:
+        Description of the case; number of pauses; share of them that `Stillness` reports as moved; processor time of
+        one reading, median [us]; what `Stillness` says that it cannot tell, at the last pause.
+    """
     robot = load_robot(source)
     geometry, rng = Geometry(robot), np.random.default_rng([case, list(ENCODERS).index(encoder)])
     with_hold, shape, sizes = CASES[case]
@@ -127,7 +112,7 @@ def row(source: Path | str, encoder: str, case: int, pauses: int) -> Row:
     kind = "HOLD 50 Hz" if with_hold else "no HOLD"
     size = "" if shape == "none" else f" {1e3 * sizes[0]:g} mm or {math.degrees(sizes[1]):.2f} deg"
     text = f"{robot.name:<6} {encoder:<14} {kind:<11} {shape + size}"
-    return Row(text, pauses, moved / pauses, 1e6 * float(np.median(spent)), said)
+    return text, pauses, moved / pauses, 1e6 * float(np.median(spent)), said
 
 
 def main() -> None:
@@ -145,10 +130,10 @@ def main() -> None:
         waiting = [(case, pool.submit(row, source, encoder, case, asked.pauses)) for source, encoder, case in kinds]
         table = Table("robot, encoder (noise [deg]), readings, motion:<69 | pauses:6d | moved:8.1%| us a reading:6.0f")
         for case, future in waiting:
-            found = future.result()
-            short += found.moved > 0.01 if CASES[case][1] == "none" else found.moved < 0.95
-            said |= {found.undetectable} - {""}
-            table.row(found.text, found.pauses, found.moved, found.microseconds)
+            text, pauses, moved, microseconds, undetectable = future.result()
+            short += moved > 0.01 if CASES[case][1] == "none" else moved < 0.95
+            said |= {undetectable} - {""}
+            table.row(text, pauses, moved, microseconds)
     print(
         f"share reported as moved; allowed: at most 1 % of still pauses, at least 95 % of motions; {short} fall SHORT"
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from benchmarks.contenders import REFERENCE, USER, extractors, over, touch
 from benchmarks.rounds import alternate, number
 from benchmarks.section import Effort, Section
@@ -13,8 +15,7 @@ FLOOR = "floor: band read once"
 
 def synthetic(effort: Effort) -> Section:
     """One row per contender and kind of light."""
-    rows: list[tuple[str, ...]] = []
-    figures: dict[str, dict[str, dict[str, float]]] = {}
+    rows: list[tuple[Any, ...]] = []
     for case in CASES:
         frames = list(stripes(case, count=effort.synthetic_stripes))
         pairs = [(on, off) for on, off, _ in frames]
@@ -22,16 +23,10 @@ def synthetic(effort: Effort) -> Section:
             {name: over(extract, pairs) for name, extract in extractors().items()} | {FLOOR: over(touch, pairs)},
             effort.rounds,
         )
-        figures[case.name] = {}
         for name, extract in extractors().items():
             error = stripe_errors([extract(on, off) for on, off in pairs], [centre for _, _, centre in frames])
-            ratio = timings.ratio(name, REFERENCE)
-            figures[case.name][name] = {**ratio.figures, **error}
-            rows.append(
-                (case.name, name, str(ratio), number(timings.ratio(name, FLOOR).median))
-                + tuple(f"{error[key]:.3f}" for key in ("mean", "p95"))
-                + tuple(f"{error[key]:.2f}" for key in ("missed", "false"))
-            )
+            ratios = timings.ratio(name, REFERENCE), number(timings.ratio(name, FLOOR).median)
+            rows.append((case.name, name, *ratios, *(error[key] for key in ("mean", "p95", "missed", "false"))))
     return Section(
         "extraction_synthetic",
         "Stripe extraction, synthetic stripes",
@@ -39,34 +34,26 @@ def synthetic(effort: Effort) -> Section:
         "and numpy reference in the same round, and over reading the band's bytes once; errors in pixels, missed "
         "and false columns in per cent. Saturated stripes, clipped over several rows, are in doubt for `precise`: they "
         "are followed as in any light, which costs many times as much.",
-        ("light", "contender", "x reference", "x floor", "mean px", "p95 px", "missed %", "false %"),
+        "light: | contender: | x reference: | x floor: | mean px:.3f | p95 px:.3f | missed %:.2f | false %:.2f",
         rows,
-        figures,
     )
 
 
 def frames_of_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
     """Time on the frames of scans: those who know the band get the band, the others the whole frame."""
-    rows: list[tuple[str, ...]] = []
-    figures: dict[str, dict[str, float]] = {}
+    rows: list[tuple[Any, ...]] = []
     for scan in all_scans:
         bands, whole = [(on, off) for on, off, _ in scan.bands()], [(on, off) for _, on, off in scan.frames]
         contenders = {name: over(extract, whole if name == USER else bands) for name, extract in extractors().items()}
         timings = alternate(contenders | {FLOOR: over(touch, bands)}, effort.rounds)
-        figures[scan.name] = {}
         for name in timings.seconds:
-            ratio = timings.ratio(name, REFERENCE)
-            figures[scan.name][name] = ratio.median
-            rows.append(
-                (scan.name, name, f"{timings.milliseconds(name, len(bands)):.2f}", str(ratio))
-                + (number(timings.ratio(name, FLOOR).median),)
-            )
+            ratios = timings.ratio(name, REFERENCE), number(timings.ratio(name, FLOOR).median)
+            rows.append((scan.name, name, timings.milliseconds(name, len(bands)), *ratios))
     return Section(
         "extraction_scans",
         "Stripe extraction, frames of scans",
         "The same on the frames of scans. The reference and this project look at the row band in which the stripe can "
         "appear, the others at the whole frame; the resulting errors of the heights are in the table of whole scans.",
-        ("scan", "contender", "ms per frame", "x reference", "x floor"),
+        "scan: | contender: | ms per frame:.2f | x reference: | x floor:",
         rows,
-        figures,
     )

@@ -157,15 +157,9 @@ def measure(say: Callable[[str], object] = print, faulty_sweeps: int = FAULTY_SW
 def section(faulty_sweeps: int) -> Section:
     """The table for the suite."""
     lines: list[str] = []
-    figures = measure(lines.append, faulty_sweeps)
-    return Section(
-        name="sweeps",
-        title="Sweeps",
-        description="Emulated devices in emulated time; processor time for the work on pictures. The chip is emulated.",
-        header=("what was found",),
-        rows=[(line,) for line in lines],
-        figures=figures,
-    )
+    measure(lines.append, faulty_sweeps)
+    description = "Emulated devices in emulated time; processor time for the work on pictures. The chip is emulated."
+    return Section("sweeps", "Sweeps", description, "what was found:", [(line,) for line in lines])
 
 
 def main() -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
+from benchmarks.memory import BY_STRIPE
+from benchmarks.rounds import Ratio
+from benchmarks.scans import LATENCY
 from benchmarks.section import Section
 
 PRECISE = "ours: precise"
@@ -18,7 +20,7 @@ class Target:
     Attributes:
         what: text that says what is measured.
         must, goal: limits; the value may not be larger.
-        path: section, and keys of its figures; SCAN stands for the name of the standard scan.
+        path: section, first values of the row, and column; SCAN stands for the name of the standard scan.
     """
 
     what: str
@@ -28,37 +30,33 @@ class Target:
 
     def value(self, sections: Mapping[str, Section], scan: str) -> float:
         """The measured figure."""
-        figure: Any = sections[self.path[0]].figures
-        for key in self.path[1:]:
-            figure = figure[scan if key == SCAN else key]
-        return float(figure)
+        name, *keys, column = (scan if key == SCAN else key for key in self.path)
+        section = sections[name]
+        (row,) = [row for row in section.rows if row[: len(keys)] == tuple(keys)]
+        value = row[section.header.index(column)]
+        return value.median if isinstance(value, Ratio) else float(value)
 
 
-SCAN = "the standard scan"
-SYNTHETIC, WHOLE = ("extraction_synthetic", "clean"), ("whole_scans", SCAN)
+SCAN, RATIO = "the standard scan", "x reference"
+SYNTHETIC = "extraction_synthetic", "clean"
+FRAMES, WHOLE = (("extraction_scans", SCAN), ("whole_scans", SCAN))
 TARGETS = (
-    Target("extraction / reference extraction, synthetic clean stripes", 0.8, 0.5, (*SYNTHETIC, PRECISE, "ratio")),
-    Target("extraction / reference extraction, frames of the scan", 0.8, 0.5, ("extraction_scans", SCAN, PRECISE)),
-    Target("CPU of a whole scan / reference extraction of its frames", 2.0, 1.2, (*WHOLE, PRECISE, "ratio")),
-    Target("last frame to grid / reference extraction of one frame", 8.0, 5.0, ("stages", "latency", "ratio")),
-    Target("memory growth in a scan, MB", 16.0, 11.0, ("memory", "first_mb")),
+    Target("extraction / reference extraction, synthetic clean stripes", 0.8, 0.5, (*SYNTHETIC, PRECISE, RATIO)),
+    Target("extraction / reference extraction, frames of the scan", 0.8, 0.5, (*FRAMES, PRECISE, RATIO)),
+    Target("CPU of a whole scan / reference extraction of its frames", 2.0, 1.2, (*WHOLE, PRECISE, RATIO)),
+    Target("last frame to grid / reference extraction of one frame", 8.0, 5.0, ("stages", LATENCY, RATIO)),
+    Target("memory growth in a scan, MB", 16.0, 11.0, ("memory", BY_STRIPE, "MB")),
 )
 
 
 def judged(sections: Mapping[str, Section], scan: str) -> Section:
     """Every target with what was measured."""
-    rows: list[tuple[str, ...]] = []
-    figures: dict[str, Any] = {}
-    for target in TARGETS:
-        value = target.value(sections, scan)
-        is_met, limits = value <= target.must, (f"<= {target.must:g}", f"<= {target.goal:g}")
-        figures[target.what] = {"value": value, "must": target.must, "met": is_met}
-        rows.append((target.what, f"{value:.2f}", *limits, "reached" if is_met else "not yet"))
+    values = [(target, target.value(sections, scan)) for target in TARGETS]
+    rows = [(t.what, value, t.must, t.goal, "reached" if value <= t.must else "not yet") for t, value in values]
     return Section(
         "targets",
         "Targets",
         f"On the standard scan ({scan}) where nothing else is said.",
-        ("figure", "measured", "limit", "goal", "limit is"),
+        "figure: | measured:.2f | at most:g | goal:g | limit is:",
         rows,
-        figures,
     )

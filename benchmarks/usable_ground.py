@@ -26,7 +26,6 @@ from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
 from guara_perception.simulation import World
 from guara_perception.simulation.planner import plan_foothold, plan_swing
-from guara_perception.terrain.layers.geometry import half_cells
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.layers import CEILING_SIGMA_M
 from guara_perception.terrain.questions.path import PathVerdict, corridor_of, sampled
@@ -43,6 +42,8 @@ REFUSED_BY_M = 0.001
 BROKEN_BY_M, BROKEN_BY_SIGMAS = 0.005, 4.0
 # The only count of which walks take the largest, not the sum.
 WORST = "bounds: truth higher by at most um"
+# Counts that must be zero.
+UNSAFE = ("free, unsafe by truth: relief", "free, unsafe by truth: dark", "unknown and free")
 
 
 def main() -> None:
@@ -224,8 +225,7 @@ def _unknown_below(fused: gp.TerrainGrid, dark: Mask, way: Float) -> str:
 def _bright(oracle: gp.TerrainGrid, dark: Mask) -> gp.TerrainGrid:
     """The oracle, in which no sole may stand on dark ground."""
     layers = {name: np.array(layer) for name, layer in oracle.layers.items()}
-    limits = oracle.metadata["limits"]
-    sole = np.ones([2 * half_cells(limits[v], oracle.resolution) + 1 for v in ("sole_width", "sole_length")], np.uint8)
+    sole = sole_window(oracle.record.required_limits, oracle.resolution)
     under = cv2.dilate(dark.astype(np.uint8), sole) > 0
     layers["hazard"][under] |= np.uint16(Hazard.UNCERTAIN)
     layers["traversability"][under] = 0

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.__main__ import PROGRAMS
+from benchmarks.__main__ import programs
 from benchmarks.size import passed_functions
 
 ROOT = Path(__file__).parent.parent
@@ -79,4 +79,4 @@ def test_every_benchmark_is_named_on_a_page():
     """With what it is good for: in the documents, or in the table of tests."""
     pages = TEXT + "".join(page.read_text() for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")))
     named = {*re.findall(r"benchmarks[. ](\w+)", pages), *re.findall(r"`(\w+)(?: --\w+)?`", TEXT)}
-    assert set(PROGRAMS) - named == set()
+    assert set(programs()) - named == set()

@@ -21,7 +21,7 @@ def test_a_small_fleet_is_measured(tmp_path: Path, is_secured: bool) -> None:
         for extent in ("footprint", "map"):
             assert row[f"{extent}_arrived"] + row["missed"] >= row["pauses"]
             assert 0 < row[f"{extent}_p50_ms"] <= row[f"{extent}_p99_ms"] <= row[f"{extent}_worst_ms"]
-        assert row["mb_per_s"] > 0 and row["router_mb"] > 10 and row["robot_processor"] > 0
+        assert row["mb_per_s"] > 0 and row["mb"][0] > 10 and row["processor"][1] > 0
         row = bursts(fleet, 1)
         assert row["map_arrived"] + row["missed"] >= 12 and row["map_p99_ms"] <= row["map_worst_ms"]
         back = storm(fleet)
