@@ -70,14 +70,12 @@ class Reference:
         return np.asarray(row, np.float32)
 
 
+_reference = lru_cache(maxsize=1024)(Reference)
+
+
 def reference(on: Image, off: Image) -> Float32:
-    """The plain band reference with buffers made beforehand."""
+    """The plain band reference, with buffers allocated in advance."""
     return _reference(*on.shape[:2])(on, off)
-
-
-@lru_cache(maxsize=1024)
-def _reference(rows: int, columns: int) -> Reference:
-    return Reference(rows, columns)
 
 
 def opencv_user(on: Image, off: Image) -> Float32:

@@ -11,6 +11,7 @@ import numpy as np
 import guara_perception as gp
 from guara_perception.arrays import Float, Mask
 from kinematics import LegOdometry, PoseInOdom, RobotModel
+from kinematics.transforms import inverse
 from testbed.scanned_walk import ScannedPause, WalkedPause, map_geometry
 from testbed.true_ground import TrueGround
 
@@ -67,17 +68,18 @@ class JudgedPause:
     from_world: Float
 
 
-def judged_walk(robot: RobotModel, truth: TrueGround, pauses: Iterable[ScannedPause]) -> Iterator[JudgedPause]:
-    """Fuse the scans and pictures of a walk; yields pauses from FIRST_JUDGED_STEP on with map and truth."""
+def fused_scans(robot: RobotModel, pauses: Iterable[ScannedPause]) -> Iterator[tuple[ScannedPause, gp.TerrainGrid]]:
+    """Pauses of a walk with their maps, whose poses come from odometry, scans and pictures, as in the node."""
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
     for item in pauses:
-        pause, scan = item.pause, item.scan
-        pose, declared = odometry.update(pause.stance), pause.known_ground
-        fused = terrain_map.update(scan, pose, known_ground=declared, picture=item.picture)
-        if pause.step < FIRST_JUDGED_STEP:
-            continue
-        transform_footprint_to_world = item.to_world
-        stance = {name: fused.metadata[name] for name in ("stance", "transform_base_to_footprint")}
-        oracle, dark = truth.grid(transform_footprint_to_world, map_geometry(robot), robot, **stance)
-        transform_world_to_footprint = np.asarray(np.linalg.inv(transform_footprint_to_world), np.float64)
-        yield JudgedPause(item, fused, oracle, dark, transform_world_to_footprint)
+        pose, declared = odometry.update(item.pause.stance), item.pause.known_ground
+        yield item, terrain_map.update(item.scan, pose, known_ground=declared, picture=item.picture)
+
+
+def judged_walk(robot: RobotModel, truth: TrueGround, pauses: Iterable[ScannedPause]) -> Iterator[JudgedPause]:
+    """Fuse the scans and pictures of a walk; yields pauses from FIRST_JUDGED_STEP on with map and truth."""
+    for item, fused in fused_scans(robot, pauses):
+        if item.pause.step >= FIRST_JUDGED_STEP:
+            stance = {name: fused.metadata[name] for name in ("stance", "transform_base_to_footprint")}
+            oracle, dark = truth.grid(item.to_world, map_geometry(robot), robot, **stance)
+            yield JudgedPause(item, fused, oracle, dark, inverse(item.to_world))

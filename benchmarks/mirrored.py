@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,8 +30,7 @@ CHANGES: dict[str, Change] = {
 MIRRORING = ("left-right", "up-down")
 
 
-@dataclass(frozen=True, slots=True)
-class Outcome:
+class Outcome(NamedTuple):
     """Outcome of one case.
 
     Attributes:
@@ -54,11 +53,10 @@ def changed_scan(scan: gp.Scan, change: Change) -> gp.Scan:
 
 def changed_session(session: CalibrationSession, change: Change) -> CalibrationSession:
     """The session as a driver that changes all pictures records it."""
-    plates = (dataclasses.replace(plate, scan=changed_scan(plate.scan, change)) for plate in session.plates)
+    plates = tuple(dataclasses.replace(plate, scan=changed_scan(plate.scan, change)) for plate in session.plates)
+    read = session.read_picture
     return dataclasses.replace(
-        session,
-        plates=tuple(plates),
-        read_picture=lambda name: np.ascontiguousarray(change(session.read_picture(name))),
+        session, plates=plates, read_picture=lambda name: np.ascontiguousarray(change(read(name)))
     )
 
 
@@ -86,13 +84,8 @@ def _outcome(case: str, calibration: gp.Calibration, scan: gp.Scan, robot: Robot
         health = gp.process_scan(scan, calibration, robot, pictures=False).metadata["health"]
     except gp.PerceptionError as error:
         return Outcome(case, f"refused: {error}", False, False)
-    said = [*reasons, *health["reasons"]]
-    return Outcome(
-        case,
-        f"calibration {verdict}, grid {health['level']}: {'; '.join(said)}",
-        is_mirrored,
-        verdict == "good" and health["level"] == "ok",
-    )
+    said = f"calibration {verdict}, grid {health['level']}: {'; '.join([*reasons, *health['reasons']])}"
+    return Outcome(case, said, is_mirrored, verdict == "good" and health["level"] == "ok")
 
 
 def main() -> None:
@@ -103,12 +96,10 @@ def main() -> None:
         scan=("paper", "name of the scan"),
     )
     robot = load_robot("guara")
-    made: list[Outcome] = []
+    cases = mirrored = good = 0
     for data in asked.data:
         session, scan = open_session(data / "calibration"), gp.open_scan(data / "scans" / asked.scan)
-        for outcome in outcomes(session, scan, robot):
-            made.append(outcome)
-            print(f"{data.name}: {outcome.case}: {outcome.said}", flush=True)
-    grids = [outcome for outcome in made if outcome.is_mirrored]
-    good = sum(outcome.is_called_good for outcome in grids)
-    print(f"{len(made)} cases; grids mirrored and called good: {good} of {len(grids)}")
+        for case, said, is_mirrored, is_called_good in outcomes(session, scan, robot):
+            print(f"{data.name}: {case}: {said}", flush=True)
+            cases, mirrored, good = cases + 1, mirrored + is_mirrored, good + (is_mirrored and is_called_good)
+    print(f"{cases} cases; grids mirrored and called good: {good} of {mirrored}")

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,34 +48,20 @@ CASES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Effect:
-    """Effect of a wrong calibration on a scan.
-
-    Attributes:
-        near, far: how far two points of the area move: the centre of its near edge and its far left corner [m].
-        height: median change of the floor's height in the grid [m].
-        scatter: half of the range of that change over 90 % of the floor [m].
-        verdict: verdict of the calibration.
-        reason: the first of its reasons, empty when there is none.
-    """
-
-    near: float
-    far: float
-    height: float
-    scatter: float
-    verdict: str
-    reason: str
-
-
 def effect(
     session: CalibrationSession,
     scan: gp.Scan,
     robot: RobotModel,
     known: gp.Calibration,
     change: Callable[[np.ndarray], np.ndarray],
-) -> Effect:
-    """Calibrate with changed positions of the crosses, and compare with the calibration `known`."""
+) -> tuple[float, float, float, float, str]:
+    """Calibrate with changed positions of the crosses, and compare with the calibration `known`.
+
+    Returns:
+        How far two points of the area move: the centre of its near edge and its far left corner [m]; median change of
+        the floor's height in the grid, and half of the range of that change over 90 % of the floor [m]; verdict of the
+        calibration, with the first of its reasons.
+    """
     marks = session.fiducials
     moved = replace(
         session, fiducials=replace(marks, points_in_footprint=change(np.asarray(marks.points_in_footprint)))
@@ -92,9 +78,8 @@ def effect(
     is_floor = np.abs(right) < FLOOR_M
     change_of_height = (wrong_heights - right)[is_floor & np.isfinite(wrong_heights)]
     low, median, high = np.percentile(change_of_height, (5, 50, 95))
-    return Effect(
-        float(near), float(far), float(median), float((high - low) / 2), result.verdict, next(iter(result.reasons), "")
-    )
+    verdict = ": ".join([result.verdict, *result.reasons[:1]])
+    return float(near), float(far), float(median), float((high - low) / 2), verdict
 
 
 def main() -> None:
@@ -105,6 +90,5 @@ def main() -> None:
     head = "crosses: | near edge moves mm:.1f | far corner moves mm:.1f | floor's height mm:+.1f | over the area mm:.1f"
     table = Table(f"{head} | verdict:", markdown=True)
     for name, change in CASES.items():
-        found = effect(session, scan, robot, known, change)
-        lengths = (1e3 * value for value in (found.near, found.far, found.height, found.scatter))
-        table.row(name, *lengths, f"{found.verdict}{': ' if found.reason else ''}{found.reason}")
+        *lengths, verdict = effect(session, scan, robot, known, change)
+        table.row(name, *(1e3 * np.array(lengths)), verdict)

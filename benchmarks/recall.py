@@ -11,18 +11,17 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import Table
+from benchmarks.fused_walk import FIRST_JUDGED_STEP, fused_scans
 from guara_perception.arrays import Array, Codes, Float, Index, Mask
 from guara_perception.settings import Settings, TraversabilityLimits
 from guara_perception.simulation.world import World
 from guara_perception.terrain.layers.geometry import GridGeometry, half_cells, inside_polygon
 from guara_perception.terrain.layers.hazard import Hazard
-from kinematics import LegOdometry, RobotModel
+from kinematics import RobotModel
 from testbed.kinds_of_ground import TRACK_M, course
 from testbed.scanned_walk import SEEN_CELL_M, ScannedPause, map_geometry, scanned
 from testbed.true_ground import TrueGround
 
-# The first pause that is judged: before it the map holds little but what the gait declared.
-FIRST_JUDGED = 4
 # A planner looks for footholds this far beside the track of the feet.
 BESIDE_TRACK_M = 0.06
 # Relief under a sole above which ground that the oracle refuses truly endangers a foot.
@@ -94,19 +93,14 @@ def walk_counts(robot: RobotModel, kind: str, seed: int, mode: str, cycles: int)
     sole = sole_window(limits, geometry.resolution)
     in_lane = np.abs(np.abs(geometry.centres()[1]) - TRACK_M) <= BESIDE_TRACK_M
     on_grid = cv2.erode(np.ones(geometry.shape, np.uint8), sole, borderType=cv2.BORDER_CONSTANT, borderValue=(0,)) > 0
-    terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
     states = course(kind, seed)
     firsts, truths = [first for first, _ in states], [TrueGround.of(world) for _, world in states]
     seen, counts = Seen(states[0][1]), Counter[str]()
-    for item in scanned(robot, states, seed, mode, cycles):
-        pause = item.pause
-        pose = odometry.update(pause.stance)
-        fused = terrain_map.update(item.scan, pose, known_ground=pause.known_ground, picture=item.picture)
+    for item, fused in fused_scans(robot, scanned(robot, states, seed, mode, cycles)):
+        pause, to_world = item.pause, item.to_world
         seen.add(item)
-        if pause.step < FIRST_JUDGED:
+        if pause.step < FIRST_JUDGED_STEP:
             continue
-        to_footprint = np.array(item.scan.metadata["transform_base_to_footprint"])
-        to_world = np.asarray(pause.transform_base_to_world @ np.linalg.inv(to_footprint), np.float64)
         known = [first for first in firsts if first <= pause.step]
         judged = [truth.grid(to_world, geometry, robot) for truth in truths[: len(known)]]
         last, looked = (

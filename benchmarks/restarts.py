@@ -15,6 +15,7 @@ import math
 import random
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 
 from benchmarks.command import options
 from testbed.restarts import EXTENTS, TICK, World
@@ -22,106 +23,63 @@ from testbed.restarts import EXTENTS, TICK, World
 Act = Callable[[World], None]
 
 
-def _nothing(world: World) -> None:
-    """The gait stays as it is."""
+def _then(*acts: Act) -> Act:
+    """One act after the other."""
+
+    def run(world: World) -> None:
+        for act in acts:
+            act(world)
+
+    return run
 
 
-def _before_scan(world: World) -> None:
-    world.begin()
-    world.pass_time(0.5)
+def _wait(seconds: float) -> Act:
+    return lambda world: world.pass_time(seconds)
 
 
-def _in_scan(world: World) -> None:
-    # The grid of the pause before is at hand, this one's is not made yet.
-    _after_end(world)
-    world.begin()
-    world.pass_time(0.5)
-
-
-def _after_scan(world: World) -> None:
-    _before_scan(world)
-    world.scan()
-    world.pass_time(0.3)
-
-
-def _after_end(world: World) -> None:
-    _after_scan(world)
-    world.end()
-    world.pass_time(0.3)
-
-
-def _end(world: World) -> None:
+def _end(world: World, *, moved: bool = False) -> None:
     if world.stands:
-        world.end()
+        world.end(moved=moved)
 
 
-def _end_elsewhere(world: World) -> None:
-    if world.stands:
-        world.end(moved=True)
-
-
-def _next_pause(world: World) -> None:
-    _end(world)
-    world.begin()
-
-
-def _pauses(world: World) -> None:
-    for _ in range(48):
-        _next_pause(world)
-
-
-def _walk(world: World) -> None:
-    _end(world)
-    world.begin(new_walk=True)
-
-
-def _lost(seconds: float) -> tuple[Act, float, Act]:
-    return World.cut, seconds, World.heal
-
-
-def _restart(world: World) -> None:
-    world.kill()
-    world.start(is_healthy=True)
-
-
-def _slow(world: World) -> None:
-    world.start()
-    world.pass_time(5.0)
-    world.scan()
-
-
-MOMENTS = {
-    "before the scan": _before_scan,
-    "in the scan": _in_scan,
-    "before END": _after_scan,
-    "after END": _after_end,
+NOTHING, END_ELSEWHERE = _then(), partial(_end, moved=True)
+START_HEALTHY, START_UNABLE = partial(World.start, is_healthy=True), partial(World.start, is_healthy=False)
+BEFORE_SCAN = _then(World.begin, _wait(0.5))
+AFTER_SCAN = _then(BEFORE_SCAN, World.scan, _wait(0.3))
+AFTER_END = _then(AFTER_SCAN, World.end, _wait(0.3))
+NEXT_PAUSE = _then(_end, World.begin)
+MOMENTS: dict[str, Act] = {
+    "before the scan": BEFORE_SCAN,
+    # The grid of the pause before is available, that of this pause is not finished yet.
+    "in the scan": _then(AFTER_END, World.begin, _wait(0.5)),
+    "before END": AFTER_SCAN,
+    "after END": AFTER_END,
 }
-# First what breaks, how long it lasts before the next act [s], and what mends it.
+# First what breaks, how long it lasts before the next act [s], and what repairs it.
 EVENTS: dict[str, tuple[Act, float, Act]] = {
-    "node dead, stays away": (World.kill, 1.0, _nothing),
-    "node dead, the next scans": (World.kill, 3.0, lambda world: world.start(is_healthy=True)),
-    "node dead, the next cannot scan": (World.kill, 3.0, lambda world: world.start(is_healthy=False)),
-    "node dead, the next scans late": (World.kill, 3.0, _slow),
-    "node restarted at once": (_restart, 0.0, _nothing),
+    "node dead, stays away": (World.kill, 1.0, NOTHING),
+    "node dead, the next scans": (World.kill, 3.0, START_HEALTHY),
+    "node dead, the next cannot scan": (World.kill, 3.0, START_UNABLE),
+    "node dead, the next scans late": (World.kill, 3.0, _then(World.start, _wait(5.0), World.scan)),
+    "node restarted at once": (_then(World.kill, START_HEALTHY), 0.0, NOTHING),
     "node hangs for 10 s": (World.hang, 10.0, World.wake),
     "node says no more": (World.mute, 4.0, World.kill),
-    "grids lost on the way": (World.lose, 1.0, _nothing),
-    "router restarted": (World.restart_router, 0.0, _nothing),
-    "link lost for 1 s": _lost(1.0),
-    "link lost for 10 s": _lost(10.0),
-    "link lost for 60 s": _lost(60.0),
-    "gait not heard by the node for 1 s": (World.deafen, 1.0, World.listen),
-    "gait not heard by the node for 10 s": (World.deafen, 10.0, World.listen),
-    "gait not heard by the node for 60 s": (World.deafen, 60.0, World.listen),
-    "nothing": (_nothing, 1.0, _nothing),
+    "grids lost on the way": (World.lose, 1.0, NOTHING),
+    "router restarted": (World.restart_router, 0.0, NOTHING),
+    **{f"link lost for {seconds:g} s": (World.cut, seconds, World.heal) for seconds in (1.0, 10.0, 60.0)},
+    **{
+        f"gait not heard by the node for {seconds:g} s": (World.deafen, seconds, World.listen)
+        for seconds in (1.0, 10.0, 60.0)
+    },
+    "nothing": (NOTHING, 1.0, NOTHING),
 }
-GAITS = {
-    "stands": _nothing,
+GAITS: dict[str, Act] = {
+    "stands": NOTHING,
     "END": _end,
-    "END elsewhere": _end_elsewhere,
-    "next pause": _next_pause,
-    "48 pauses": _pauses,
-    "another walk": _walk,
+    "END elsewhere": END_ELSEWHERE,
+    "next pause": NEXT_PAUSE,
+    "48 pauses": _then(*[NEXT_PAUSE] * 48),
+    "another walk": _then(_end, partial(World.begin, new_walk=True)),
 }
 DISTURBANCES = (
     *(World.kill, World.hang, World.wake, World.cut, World.restart_router, World.lose, World.mute),
@@ -199,7 +157,7 @@ def run_walks(walks: int, seed: int) -> Count:
         World.scan,
         World.scan,
         _end,
-        _end_elsewhere,
+        END_ELSEWHERE,
         lambda world: world.start(is_healthy=chosen.random() < 0.8),
         World.heal,
         World.listen,

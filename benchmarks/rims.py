@@ -6,11 +6,11 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import Table
+from benchmarks.fused_walk import fused_scans
 from guara_perception.arrays import Float
 from guara_perception.simulation import World
 from guara_perception.simulation.features import Pit
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE
-from kinematics import LegOdometry
 from testbed.crossing.robot import go2
 from testbed.scanned_walk import scanned
 
@@ -38,10 +38,7 @@ def trenches(seeds: int, mode: str, cycles: int) -> None:
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in PLACES}
     for seed in range(seeds):
         world, middles = trenched(seed)
-        terrain_map, odometry = gp.TerrainMap(go2()), LegOdometry(go2())
-        for item in scanned(go2(), ((0, world),), seed, mode, cycles):
-            pose, declared = odometry.update(item.pause.stance), item.pause.known_ground
-            fused = terrain_map.update(item.scan, pose, known_ground=declared, picture=item.picture)
+        for item, fused in fused_scans(go2(), scanned(go2(), ((0, world),), seed, mode, cycles)):
             for middle in middles - item.to_world[0, 3]:
                 for name, (low, high) in PLACES.items():
                     if low <= middle < high:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,28 +17,14 @@ FAULTY_SWEEPS = 200
 ON_TIME = 0.0005 + 0.0001
 
 
-@dataclass(frozen=True, slots=True)
-class Faults:
-    """Faulty triggers in sweeps of 70 stripes.
-
-    Attributes:
-        sweeps: number of sweeps.
-        injected: number of faulty triggers.
-        found: number of these that were found.
-        wrong_stripes: number of stripes with a frame of another mirror angle.
-    """
-
-    sweeps: int
-    injected: int
-    found: int
-    wrong_stripes: int
-
-
-def faults(sweeps: int = FAULTY_SWEEPS, seed: int = 7) -> Faults:
-    """Miss, double and delay triggers at random; in half of the sweeps the board counts exposures.
+def faults(sweeps: int = FAULTY_SWEEPS, seed: int = 7) -> dict[str, int]:
+    """Miss, double and delay triggers at random, in sweeps of 70 stripes; in half of them the board counts exposures.
 
     A fault is found when no stripe came from the frame that it spoilt: the stripe was taken again or is lost.
     A stripe is wrong when its frame was exposed with the mirror elsewhere than commanded.
+
+    Returns:
+        Numbers of sweeps, of faulty triggers, of those that were found, and of wrong stripes.
     """
     rng = random.Random(seed)
     firing_order = firing_order_of(70)
@@ -50,8 +35,9 @@ def faults(sweeps: int = FAULTY_SWEEPS, seed: int = 7) -> Faults:
             shutter = board.shutter
             shutter.wired = sweep % 2 == 0
             kinds = {number: rng.choice(("missed", "doubled", "late")) for number in range(160) if rng.random() < 0.05}
-            shutter.missed = frozenset(number for number, kind in kinds.items() if kind == "missed")
-            shutter.doubled = frozenset(number for number, kind in kinds.items() if kind == "doubled")
+            shutter.missed, shutter.doubled = (
+                frozenset(number for number, kind in kinds.items() if kind == each) for each in ("missed", "doubled")
+            )
             shutter.late = {number: rng.uniform(0.0011, 0.02) for number, kind in kinds.items() if kind == "late"}
             camera = EmulatedTriggeredCamera(board, shutter, Picture(board))
             taken = take(driver, camera, firing_order, AcquireOptions(sweep=SweepOptions(flash=FLASH)))
@@ -71,7 +57,7 @@ def faults(sweeps: int = FAULTY_SWEEPS, seed: int = 7) -> Faults:
             injected += len(struck)
             spoilt = _spoilt(openings, triggers, kinds, shutter.delay, shutter.wired)
             found += len(struck) - len({number for number, opening in spoilt if opening in used})
-    return Faults(sweeps, injected, found, wrong)
+    return {"sweeps": sweeps, "injected": injected, "found": found, "wrong_stripes": wrong}
 
 
 def _spoilt(
@@ -90,8 +76,7 @@ def _spoilt(
     for number, (start, _) in enumerate(openings):
         trigger = int(np.searchsorted(triggers, start, side="right")) - 1
         is_on_time = bool(np.min(np.abs(start - delay - np.array(triggers))) <= ON_TIME)
-        if kinds.get(trigger) == "late" and not is_on_time:
-            spoilt.append((trigger, number))
-        if kinds.get(trigger) == "doubled" and (counted or not is_on_time):
+        kind = kinds.get(trigger)
+        if kind in ("late", "doubled") and (not is_on_time or (kind == "doubled" and counted)):
             spoilt.append((trigger, number))
     return spoilt

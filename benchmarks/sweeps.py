@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -36,27 +35,16 @@ from transport.messages.terrain_message import encode_terrain
 STRIPES = (35, 70)
 RATES = (30, 60, 120, 200)
 SIZE = (640, 512)
+Times = tuple[float, float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class EndToEnd:
-    """Times of a scan [s].
+def end_to_end(scan: scenes.ScanInMemory) -> Times:
+    """Times of a scan whose stripes arrive in emulated time and are processed one by one on this machine.
 
-    Attributes:
-        seconds: from the first trigger to the encoded grid.
-        tail: from the last frame to the encoded grid.
-        per_stripe: median processor time of a stripe.
-        after: processor time after the last stripe: finishing the grid and encoding it.
+    Returns:
+        Time from the first trigger to the encoded grid, and from the last frame; median processor time of a stripe, and
+        processor time after the last stripe, for finishing the grid and encoding it [s].
     """
-
-    seconds: float
-    tail: float
-    per_stripe: float
-    after: float
-
-
-def end_to_end(scan: scenes.ScanInMemory) -> EndToEnd:
-    """Stripes arrive in emulated time; each is worked on, in turn, for as long as this machine's processor took."""
     angles = {stripe.index: stripe.mirror_angle for stripe in scan.calibration.stripes}
     firing_order = [(index, angles[index]) for index, _, _ in scan.frames]
     with emulated() as (board, driver):
@@ -64,10 +52,10 @@ def end_to_end(scan: scenes.ScanInMemory) -> EndToEnd:
         camera = EmulatedTriggeredCamera(board, board.shutter, view_of(scan))
         taken = take(driver, camera, firing_order, AcquireOptions(sweep=SweepOptions(flash=FLASH)))
         begun = board.triggers()[0]
-    return min((_worked_on(scan, taken, begun) for _ in range(3)), key=lambda result: result.seconds)
+    return min(_worked_on(scan, taken, begun) for _ in range(3))
 
 
-def _worked_on(scan: scenes.ScanInMemory, taken: list[StripeCapture], begun: float) -> EndToEnd:
+def _worked_on(scan: scenes.ScanInMemory, taken: list[StripeCapture], begun: float) -> Times:
     processor = scan.processor()
     free, spent = 0.0, []
     for number, stripe in enumerate(taken, 1):
@@ -85,7 +73,7 @@ def _worked_on(scan: scenes.ScanInMemory, taken: list[StripeCapture], begun: flo
     encode_terrain(terrain_to_message(processor.finish(), robot="guara", sequence=0))
     after = time.process_time() - before
     last = max(stripe.on_stamp for stripe in taken)
-    return EndToEnd(free + after - begun, free + after - last, float(np.median(spent)), after)
+    return free + after - begun, free + after - last, float(np.median(spent)), after
 
 
 def by_rate(say: Callable[[str], object] = print) -> list[dict[str, float]]:
@@ -129,15 +117,15 @@ def measure(say: Callable[[str], object] = print, faulty_sweeps: int = FAULTY_SW
     """Everything; returns what `--json` prints."""
     rows = by_light(say)
     free = by_rate(say)
-    whole = end_to_end(scenes.simulated(SIZE, 70))
+    seconds, tail, per_stripe, after = end_to_end(scenes.simulated(SIZE, 70))
     say(
-        f"first trigger to encoded grid {whole.seconds:.3f} s: {1e3 * whole.tail:.1f} ms after the last frame; "
-        f"{1e3 * whole.per_stripe:.2f} ms of processor time a stripe, {1e3 * whole.after:.1f} ms for the grid"
+        f"first trigger to encoded grid {seconds:.3f} s: {1e3 * tail:.1f} ms after the last frame; "
+        f"{1e3 * per_stripe:.2f} ms of processor time a stripe, {1e3 * after:.1f} ms for the grid"
     )
-    trouble = faults(faulty_sweeps)
+    counts = faults(faulty_sweeps)
     say(
-        f"{trouble.sweeps} sweeps with triggers missed, doubled, late: {trouble.injected} injected, "
-        f"{trouble.found} found, {trouble.wrong_stripes} wrong stripes"
+        f"{counts['sweeps']} sweeps with triggers missed, doubled, late: {counts['injected']} injected, "
+        f"{counts['found']} found, {counts['wrong_stripes']} wrong stripes"
     )
     standard = rows[-1]
     return {
@@ -147,10 +135,10 @@ def measure(say: Callable[[str], object] = print, faulty_sweeps: int = FAULTY_SW
             "seconds": round(standard.seconds, 4),
             "bound_s": round(standard.bound, 4),
             "proved": standard.proved,
-            "end_to_end_s": round(whole.seconds, 4),
+            "end_to_end_s": round(seconds, 4),
         },
         "free_running": free,
-        "faults": asdict(trouble),
+        "faults": counts,
     }
 
 

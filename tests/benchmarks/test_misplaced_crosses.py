@@ -27,6 +27,6 @@ def test_the_grid_moves_with_the_crosses_and_heights_stay() -> None:
     session, robot = open_session(DATA / "calibration"), load_robot("guara")
     known = calibrate_session(session, robot).calibration
     scan = gp.open_scan(DATA / "scans" / "paper")
-    found = effect(session, scan, robot, known, CASES["all 2 mm too far ahead"])
-    assert found.near == pytest.approx(0.002, abs=2e-4) and found.far == pytest.approx(0.002, abs=2e-4)
-    assert abs(found.height) < 2e-4 and found.scatter < 5e-4 and found.verdict == "good"
+    near, far, height, scatter, verdict = effect(session, scan, robot, known, CASES["all 2 mm too far ahead"])
+    assert near == pytest.approx(0.002, abs=2e-4) and far == pytest.approx(0.002, abs=2e-4)
+    assert abs(height) < 2e-4 and scatter < 5e-4 and verdict == "good"

@@ -20,7 +20,7 @@ def test_a_triggered_sweep_stays_near_its_bound() -> None:
 
 def test_no_wrong_stripe_and_every_fault_found() -> None:
     found = sweep_faults.faults(12, seed=3)
-    assert found.wrong_stripes == 0 and found.injected == found.found > 20
+    assert found["wrong_stripes"] == 0 and found["injected"] == found["found"] > 20
 
 
 @pytest.mark.heavy
