@@ -1,4 +1,4 @@
-"""Errors of every scan of a data folder that has a truth, as the data's README defines them.
+"""Height errors of recorded scans against their ground truth, as defined in the README of the data.
 
 `python -m benchmarks accuracy DATA ... [--paper | --images]`; with --paper a table as README.md has it: per cent of the
 surface's width, as the paper states its error, and processor time without decoding the frames; with --images the range
@@ -44,8 +44,8 @@ def paper_row(f: Figures) -> tuple[float, ...]:
     """Figures of the table in the paper's terms, by PAPER_COLUMNS.
 
     Near and far are mean errors of the lowest and highest third in x; per cent are their 95 % bounds (2 sigma, from
-    the mean error of a normal distribution) of the surface's width, as the paper states its error. False: cells that
-    nobody could see and that are known all the same; wrong: those more than 2 mm outside their true heights.
+    the mean error of a normal distribution) of the surface's width, as the paper states its error. False: known
+    cells that camera or laser could not see; wrong: those more than 2 mm outside their true heights.
     """
     percent = 100 * 2 * np.sqrt(np.pi / 2) / SURFACE_MM
     errors = (f.near, f.far, percent * f.near, percent * f.far, f.bias, f.worst)

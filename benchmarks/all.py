@@ -1,4 +1,4 @@
-"""The whole suite, `python -m benchmarks all`: speed and accuracy beside what a user would pick instead."""
+"""Benchmark suite (`make bench`): speed and accuracy, compared with what a user could choose instead."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cost of the gait's messages for a running node: HOLD at 100 Hz and more, and floods of messages for others.
+"""Processor time and log lines that messages cost a node: HOLD at 100 Hz and more, floods of unusable messages.
 
 Usage: python -m benchmarks transport announcements [--seconds 5]
 
@@ -58,7 +58,7 @@ def _payload(kind: str, hold: StancePause) -> bytes | bytearray:
 
 
 def run_gait(endpoint: str) -> None:
-    """Announces BEGIN of step 0, then sends messages of the kind, rate and seconds that each line of input asks for."""
+    """Announce BEGIN of step 0, then send messages of the kind, rate and duration that each input line requests."""
     stance, rng = next(SimulatedRobot().walk(cycles=0)).stance, np.random.default_rng(0)
     begin = StancePause(
         robot="guara",
@@ -68,7 +68,7 @@ def run_gait(endpoint: str) -> None:
         stance=stance_to_message(fresh_reading(stance, rng)),
     )
     with open_client(endpoint, timeout=TIMEOUT) as session:
-        # Tells the clock of the stamps; what is announced here is not always what it would send.
+        # It announces the clock of the stamps; it would not send all the messages below.
         StancePublisher(session)
         latched = Publisher(session, stance_key("guara"))
         plain = Publisher(session, stance_key("guara"), latched=False)
@@ -90,7 +90,7 @@ def run_gait(endpoint: str) -> None:
 
 @contextmanager
 def standing_node() -> Iterator[tuple[Peer, NodeStatus]]:
-    """A gait process and the status of a node whose robot stands in a pause that was scanned."""
+    """Start a node and a gait process, and scan once; yield the gait and the status of the node."""
     simulated, endpoint = SimulatedRobot(), free_endpoint()
     with (
         listening(simulated.robot, simulated.calibration, simulated.rangefinder, "coarse", endpoint) as (node, status),

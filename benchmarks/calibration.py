@@ -1,4 +1,4 @@
-"""Calibrations: errors against the truth of a data folder, drift, misplaced crosses, mirrored pictures, a moved mount.
+"""Calibrations: errors against the truth, drift, misplaced crosses, mirrored pictures, a moved mount.
 
 `python -m benchmarks calibration PART ...`; without a part: a list of them.
 """
@@ -82,7 +82,7 @@ def errors() -> None:
 
 
 def truth() -> None:
-    """A calibration file made of the truth of rendered DATA [--out FILE]."""
+    """Write the true calibration of rendered DATA to a file [--out FILE]."""
     asked = options(
         truth.__doc__,
         DATA=(Path, "a data folder with calibration/truth.json and scans/"),

@@ -1,4 +1,4 @@
-"""Finds and false alarms of the check of drift: true scans, moved mounts and lost steps in simulation.
+"""Detection rate and false alarms of the drift check: true scans, moved mounts and lost motor steps in simulation.
 
 `python -m benchmarks calibration drift [--scans N] [--walks N] [--jobs N] [--json]`; about ten
 minutes of processor time.
@@ -54,7 +54,7 @@ class Tally:
 
 
 def tally(pool: Executor, walks: int, first_seed: int, kind: str = "", size: float = 0.0, **options: bool) -> Tally:
-    """Many walks, each with a drift of its own direction when there is a kind."""
+    """Judge many walks; with a `kind`, each has a drift of that kind in a direction of its own."""
     result = Tally()
     for checks in pool.map(partial(walk, kind=kind, size=size, **options), range(first_seed, first_seed + walks)):
         result.add(checks)
@@ -68,7 +68,7 @@ def _show(name: str, result: Tally) -> None:
 
 
 def main() -> None:
-    """False alarms and finds of the check for drift [--scans N, --walks N, --jobs N, --json]."""
+    """Detection rate and false alarms of the drift check [--scans N, --walks N, --jobs N, --json]."""
     asked = options(
         __doc__,
         scans=(201, "true scans of a flat floor"),

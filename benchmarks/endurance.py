@@ -1,13 +1,13 @@
-"""Months in hours: a gait that walks on, a node that records and keeps a journal, two planners, a viewer, and faults.
+"""Endurance test: hours of a walking gait, a recording node with a journal, two planners and a viewer, with faults.
 
 `python -m benchmarks endurance [--minutes 240] [--period 20] [--large]`, after `make install-extras`. Each is a process
 of its own over real Zenoh; robot and devices are simulated, the devices on an emulated clock, so that a pause takes no
 longer than it is computed. Frames are small, cells 10 mm wide, and there is no indirect light. Node and second planner
 are killed or stopped for some seconds; the node's disk takes no more for some seconds; the node is ended and finds
-journals of another version, as after an upgrade or on the way back. Router, gait, first planner and viewer live on. In
-the second half no node ends, so that its own growth shows.
-A contradiction is a footprint handed out for a pause after which its planner has heard of another one for 4 s, or a map
-with scans of another walk.
+journals of another version, as after an upgrade or a downgrade. Router, gait, first planner and viewer run throughout.
+In the second half the node is not restarted, so that its own growth shows.
+A contradiction is a footprint grid handed out more than 4 s after its planner heard of a later pause, or a map with
+scans of another walk.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from transport import PausePhase, StancePause, open_client
 from transport.grids.evidence import SILENT
 from transport.stance_link import StancePublisher, StanceReceiver
 
-# [s] A message's way on a busy machine, and a link or a node that goes without a word: docs/safety.md.
+# [s] Transfer of a message on a busy machine, and detection of a silent link or node (docs/safety.md).
 GRACE_S = 1.0 + SILENT
 # [s] Between two looks of a planner; longest stop of a process, and of the wait for a scan.
 LOOK_S, STOP_S, FIRST_S = 0.2, 6.0, 300.0
@@ -65,8 +65,8 @@ OTHER_FORMATS = "guara-journal/0", "guara-journal/2"
 MOST_JOURNALS, MOST_RECORDED = 12_000_000, round(1.3 * LEAST_LIMIT)
 # Shares of the time: until the first the node is killed; from the second on its size counts, from the third others'.
 KILLS_END, NODE_WARM, WARM = 1 / 2, 2 / 3, 1 / 3
-# What a process that lives on may gain from the first third of its looks to the last, once it is warm: a viewer keeps
-# 60 pauses of 1 to 2 MB, and a node draws and keeps the pictures of a scan in some 200 MB that come and go.
+# Allowed growth of a process from the first to the last third of its samples, after warm-up. A viewer keeps 60 pauses
+# of 1 to 2 MB; a node temporarily uses some 200 MB for the pictures of a scan.
 MOST_MB, MOST_HANDLES, MOST_THREADS = {"router": 40.0, "planner": 40.0, "viewer": 150.0, "node": 150.0}, 4, 4
 
 
@@ -120,7 +120,7 @@ class Outcome:
 
     @property
     def is_bounded(self) -> bool:
-        """Whether journals and recordings stayed within their limits."""
+        """True if journals and recordings stayed within their limits."""
         return max(self.journals, default=0) <= MOST_JOURNALS and max(self.recorded, default=0) <= MOST_RECORDED
 
     @property
@@ -131,7 +131,7 @@ class Outcome:
 
 
 def run_planner(endpoint: str) -> None:
-    """A planner that takes each grid of both extents and tells contradictions; prints its counts twice a second."""
+    """Planner that requests grids of both extents, counts contradictions, and prints its counts five times a second."""
     counts: Counter[str] = Counter()
     heard: list[tuple[float, str, int]] = []
 
@@ -168,17 +168,17 @@ def run_planner(endpoint: str) -> None:
 
 
 class Gait(threading.Thread):
-    """Gait that walks on while nodes come and go, and stands at each pause until there is a map."""
+    """Gait that walks while nodes restart, and stands at each pause until there is a map."""
 
     def __init__(self, endpoint: str, walk: Walk, outcome: Outcome) -> None:
         """Connect; `start` begins the first walk."""
         super().__init__(daemon=True)
         self._endpoint, self._walk, self._outcome, self._ended = endpoint, walk, outcome, threading.Event()
-        # Faults are counted before and after each pause, to tell whose answer none delayed.
+        # Number of faults so far. Answers are timed only in pauses without one.
         self.struck = 0
 
     def run(self) -> None:
-        """Walk until it is ended; each walk is the same, by a robot that was carried back."""
+        """Walk until `end` is called. All walks are the same; the robot is carried back between them."""
         counts, before = self._outcome.counts, ""
         with open_client(self._endpoint, timeout=PATIENCE) as session, gp.TerrainClient(self._endpoint) as client:
             publisher = StancePublisher(session)
@@ -216,7 +216,7 @@ class Gait(threading.Thread):
 
 
 def _how(fused: gp.TerrainGrid, step: int) -> str:
-    """How a node began, by its first map: with the walk, or a word why a new one begins."""
+    """How a restarted node began, according to its first map: it resumed the walk, or the reason why not."""
     if fused.metadata["scans"] > 1:
         return "goes on"
     return "begins with the walk" if step == 0 else (*fused.metadata["restarts"], "no journal")[0].split(":")[0]
@@ -255,7 +255,7 @@ class Machine:
         return Child("planner", self._endpoint, module="endurance")
 
     def restart_node(self, *, is_clean: bool) -> None:
-        """End the node with notice or without, and start another."""
+        """Restart the node; if `is_clean`, end it cleanly and replace its journals by ones of another version."""
         if is_clean:
             self.node.communicate(timeout=PATIENCE)
         self.node.kill()
@@ -267,20 +267,20 @@ class Machine:
         self.node = self.start_node()
 
     def fill_disk(self, seconds: float) -> None:
-        """Let no file of the node grow for some time [s]."""
+        """Prevent the node's files from growing for some time [s]."""
         limits = resource.prlimit(self.node.pid, resource.RLIMIT_FSIZE)
         resource.prlimit(self.node.pid, resource.RLIMIT_FSIZE, (FULL, limits[1]))
         time.sleep(seconds)
         resource.prlimit(self.node.pid, resource.RLIMIT_FSIZE, limits)
 
     def sizes(self) -> dict[str, Size]:
-        """Sizes of the processes that live on, and of the node."""
+        """Sizes of the lasting processes and of the node."""
         router, planner = self.router.popen.pid, self.lasting.popen.pid
         living = {"router": router, "planner": planner, "viewer": self.viewer.pid, "node": self.node.pid}
         return {name: Size.of(pid) for name, pid in living.items()}
 
     def look(self, outcome: Outcome) -> None:
-        """Note what the disk holds and how long the metrics take."""
+        """Record the disk usage and the time for reading the metrics."""
         for name, noted in (("recorded", outcome.recorded), ("state", outcome.journals)):
             total = 0
             for path in (self.folder / name).glob("*"):
@@ -288,7 +288,7 @@ class Machine:
                     total += path.stat().st_size
             noted.append(total)
         begun = time.monotonic()
-        # A node that has just been started serves none yet.
+        # A node that is just starting serves no metrics yet.
         with suppress(OSError), urllib.request.urlopen(f"http://127.0.0.1:{self.port}/metrics", timeout=5.0) as answer:
             outcome.counts["metrics read"] += b"guara_journal_written" in answer.read()
             outcome.scrapes.append(time.monotonic() - begun)
@@ -319,7 +319,7 @@ def _strike(machine: Machine, fault: str, chance: random.Random, counts: Counter
         process.send_signal(signal.SIGCONT)
 
 
-# Those that end the node are the first.
+# The faults that end the node come first.
 FAULTS = "node killed", "other version", "node stopped", "disk full", "planner killed", "planner stopped"
 
 
@@ -349,7 +349,7 @@ def endure(
                 machine.look(outcome)
                 heard = machine.lasting.last.get("counts", {})
                 drawn = chance.choice(FAULTS if share < KILLS_END else FAULTS[2:])
-                # Each once, in order; then at random.
+                # Each fault once, in order, then at random.
                 fault = next((each for each in FAULTS if not outcome.faults[each]), drawn)
                 outcome.faults[fault] += 1
                 machine.gait.struck += 1

@@ -5,9 +5,9 @@ Usage: python -m benchmarks transport fleet [--sizes 1,5,20,50,100] [--seconds 1
 Each robot publishes what a node does, footprint and fused map among it, every 3 s from a random instant on; each
 planner receives both extents of its own robot. All over TCP on one machine, without shared memory; each process holds
 up to ten robots or planners. A delay is from the call that publishes to the grid in the planner's callback. Below each
-line of the table is the processor time: while nobody publishes (idle), and what one pause costs beyond that. Then
-follow bursts in which 20 robots publish at the same instant, their router killed and started again, and 20 robots over
-mutual TLS, with the configuration that `guara security router` writes.
+line of the table is the processor time: while nothing is published (idle), and the additional time of one pause. Then
+follow bursts in which 20 robots publish at the same instant, a restart of their router, and 20 robots over mutual TLS
+with the configuration that `guara security router` writes.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SIZES = (1, 5, 20, 50, 100)
 HELD = 10
 # Cells of the fused map as a robot publishes it: 1.8 MB with all layers.
 MAP_SHAPE = (140, 320)
-# Between two pauses of a robot [s], and how long nobody publishes while the idle processor time is measured [s].
+# Time between two pauses of a robot, and duration of the measurement of the idle processor time [s].
 PERIOD, IDLE = 3.0, 6.0
 # Robots of the comparison with TLS and of the router's restart.
 COMPARED = 20
@@ -63,7 +63,7 @@ def run_router(at: str) -> None:
 
 
 def run_robots(endpoint: str, security: str, *names: str) -> None:
-    """Robots with a session each; each line of the standard input says for how long to publish, or to publish once."""
+    """Robots with a session each; each line of the standard input asks them to publish for some time, or once."""
     pauses, servers = Pauses(MAP_SHAPE), []
     for name in names:
         folder = f"{security}/{name}" if security else None
@@ -164,7 +164,7 @@ class Fleet:
             delays = [delay for report in reports for delay in report["delays_ms"][extent]]
             found[f"{extent}_arrived"] = len(delays)
             for name, percent in (("p50", 50), ("p99", 99), ("worst", 100)):
-                found[f"{extent}_{name}_ms"] = float(np.percentile(delays or [np.inf], percent))
+                found[f"{extent}_{name}_ms"] = float(np.percentile(delays, percent)) if delays else np.inf
         for report in reports:
             found["newest"] |= report["newest"]
         for name in COUNTS:
@@ -190,7 +190,7 @@ def processor_seconds(peer: Peer) -> float:
 def measure(fleet: Fleet, seconds: float) -> dict[str, Any]:
     """Figures of one fleet."""
     size = len(fleet.names)
-    # Whatever is done only once falls into a first pause, which is not measured.
+    # The first pause includes all one-time work and is not measured.
     fleet.publish()
     time.sleep(1.0)
     fleet.arrived()
@@ -201,7 +201,7 @@ def measure(fleet: Fleet, seconds: float) -> dict[str, Any]:
 
     before = used()
     time.sleep(IDLE)
-    # Share of one core that each role takes while nobody publishes.
+    # Share of one core that each role uses while nothing is published.
     idle = (used() - before) / IDLE
     before, start = used(), time.monotonic()
     pauses = fleet.publish(seconds)
@@ -230,7 +230,7 @@ def bursts(fleet: Fleet, count: int) -> dict[str, Any]:
 
 
 def storm(fleet: Fleet) -> dict[str, Any]:
-    """Restart the router, to which all robots and planners come back at once: when each planner had the newest map."""
+    """Restart the router; return how many planners then got the newest map, and how long after the restart."""
     fleet.arrived()
     ready = fleet.restart_router()
     came: dict[str, float] = {}
@@ -238,7 +238,7 @@ def storm(fleet: Fleet) -> dict[str, Any]:
     while len(came) < len(fleet.names) and time.monotonic() < deadline:
         time.sleep(0.2)
         came |= fleet.arrived()["newest"]
-    # A planner can be back before the router's own word that it is ready was read here.
+    # A planner can reconnect before the router's ready message has been read here.
     after = [max(0.0, arrival - ready) for arrival in came.values()]
     newest = {"newest_p50_s": float(np.median(after or [np.inf])), "newest_worst_s": max(after, default=np.inf)}
     return {"robots": len(fleet.names), "came": len(came), **newest}

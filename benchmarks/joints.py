@@ -1,13 +1,13 @@
-"""Joints that read wrong: jumps and wrong zeros that are told, and alarms on clean walks.
+"""Detection of wrong joint readings: jumps, wrong zeros, and false alarms on clean walks.
 
 `python -m benchmarks joints [--pauses 500] [--robot guara go2]`. Guará, and Go2 from its stock URDF (extra
 `robots-test`), walk on level ground with 0.2 degrees of joint noise fresh in every pause and feet that creep by 1.4 mm
 per axis between two pauses. The gait declares the ground below the first stance, or not. Clean pauses are one walk, and
 as many in walks of two cycles.
 
-Sigmas, and shares by them, are those of a wrong zero after one and two cycles. Attainable is the share of errors of 0.1
-rad that the best test tells which raises as few alarms (Neyman and Pearson: `STATED_SIGMAS`), first by the noise that
-robot.toml states, then by the noise of these walks, which the check does not know.
+Sigmas, and shares derived from them, are those of a wrong zero after one and two cycles. Attainable is the share of
+errors of 0.1 rad that the best test with as few alarms detects (Neyman and Pearson: `STATED_SIGMAS`), first with the
+noise stated in robot.toml, then with the noise of these walks, which the check does not know.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ WALKED_SLIP, WALKED_SINK = CREEP / math.sqrt(2.0), 1e-4
 
 @dataclass(slots=True)
 class Told:
-    """Of one joint, after each of `CYCLES` on each walk.
+    """Detections of one joint, after each of `CYCLES` on each walk.
 
     Attributes:
         sigmas, walked: sigma of its zero by the stated noise, and by that of the walks [rad].
-        zeros: whether a wrong zero was told.
-        jumps: whether a jump was told, of each that was tried.
-        named: number of joints that were named with it.
+        zeros: True for each wrong zero that was detected.
+        jumps: True for each jump that was detected.
+        named: number of joints named together with it.
     """
 
     sigmas: dict[int, list[float]] = field(default_factory=lambda: {cycle: [] for cycle in CYCLES})
@@ -52,7 +52,7 @@ class Told:
 
 
 def jumps_told(robot: RobotModel, pauses: Sequence[WalkPause], found: dict[str, Told]) -> None:
-    """Let each joint jump at each pause after the first cycle at which its foot stands."""
+    """Let each joint jump at each pause after the first cycle in which its foot stands."""
     check = JointCheck(robot)
     for before, pause in zip((None, *pauses), pauses, strict=False):
         if before is not None and pause.step > CYCLES[0]:
@@ -98,7 +98,7 @@ def measured(robot: RobotModel, walks: Sequence[list[WalkPause]]) -> dict[str, T
 
 
 def attainable(sigmas: Sequence[float]) -> float:
-    """Share [%] of errors of ERROR that the best test tells, its threshold at STATED_SIGMAS."""
+    """Share [%] of errors of size ERROR detected by the best test with its threshold at STATED_SIGMAS."""
     return 100.0 * float(np.mean([NormalDist().cdf(ERROR / sigma - joint_check.STATED_SIGMAS) for sigma in sigmas]))
 
 

@@ -1,13 +1,12 @@
-"""Walks that go on after a restart of the node, and robots that were carried meanwhile.
+"""Walks resumed after a restart of the node, and detection of robots that were carried in the meantime.
 
-`python -m benchmarks journal killed [--kills 40]`: nodes of their own, ended by kill -9 at random instants of walks
-whose gait runs on and after one pause without a confirmed map stands until there is one; of one in four, between
-pauses with maps, one file of the newest journal is cut. The first map after each restart is judged against that of a
-walk without restarts, whose node has every pause, scanned at the time at which the gait began it: where a busy machine
-makes the walk last, ground grows old in both.
+`python -m benchmarks journal killed [--kills 40]`: nodes of their own, killed at random instants of a walk. The gait
+continues; after one pause without a confirmed map it stands until there is one. After one kill in four, the newest
+journal is truncated, between pauses with maps. The first map after each restart is compared with that of a walk without
+restarts, in which every pause was scanned at the time at which the gait began it, so that ground ages equally in both.
 
 `python -m benchmarks journal carried [--cases 50]`: robots with stiff legs that are carried by 20 mm to 1 m, turned by
-2 degrees and more, or tilted, whose gait claims that no foot left the ground; and as many that were not.
+2 degrees and more, or tilted, while the gait claims that no foot left the ground; and as many that were not moved.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ from testbed.true_ground import TrueGround
 from transport import clock, open_node
 from transport.stance_link import StancePublisher
 
-# [s] Longest wait of the gait for a map where it goes on without one, and where it stands until there is one.
+# [s] Longest wait of the gait for a map if it may continue without one, and if it must have one.
 IMPATIENT_S, PATIENT_S = 2.0, 120.0
 # [s] Rest after HOLD, and the swing; longest time from a BEGIN to a kill.
 REST_S, SWING_S, KILL_S = 1.5, 1.0, 6.0
@@ -95,9 +94,9 @@ class Scanner:
     def fuse(
         self, walk_map: WalkMap, pause: WalkPause, step: int, scanned: Scanned, time: float | None = None
     ) -> gp.TerrainGrid:
-        """Fuse a scan of a pause of the walk "w", whose gait says that all feet have stood since the pause before.
+        """Fuse a scan of a pause of the walk "w"; according to the gait, all feet stood since the previous pause.
 
-        It ended at `time` by `transport.clock` [s], None: now.
+        The scan ended at `time` of `transport.clock` [s]; None = now.
         """
         standing = dict.fromkeys(scanned.stance.support_feet, 1)
         ground = pause.known_ground if step == pause.step else ()
@@ -130,7 +129,7 @@ def judged(robot: RobotModel, truth: TrueGround, pause: WalkPause, fused: gp.Ter
 
 
 class Gait:
-    """Gait that runs on, and a planner; the node beside it is killed at random instants."""
+    """Gait and planner that continue while the node is killed at random instants."""
 
     def __init__(self, walk: Walk, folder: Path, chance: random.Random) -> None:
         """Start router and node."""
@@ -173,7 +172,7 @@ class Gait:
         for pause in self.walk.pauses:
             if killer is None and pause.step >= FIRST_KILL and self.kills < most:
                 self.kills += 1
-                # A cut journal is a missed pause already: no other is missed around it.
+                # A truncated journal counts as a missed pause; the pauses around it are not missed as well.
                 is_cut = self.kills >= CUT_EVERY * (self.cut + 1) and in_a_row > 1
                 killer = threading.Timer(self.chance.uniform(0.0, KILL_S), self.kill, (is_cut,))
                 killer.start()
@@ -249,7 +248,7 @@ def killed() -> None:
 
 
 def carried_by(number: int, chance: np.random.Generator, pause: WalkPause) -> tuple[str, Float]:
-    """What happens to a robot in case `number`: its description, and a motion (4, 4) in the world."""
+    """Description of the disturbance in case `number`, and its motion (4, 4) in the world."""
     kind = ("carried", "turned", "tilted")[number % 3]
     about = pause.transform_footprint_to_world[:3, 3]
     motion = np.eye(4)

@@ -1,4 +1,4 @@
-"""Effects of real light on a scan: stripes found, wrong and made up, and errors of the heights.
+"""Effects of real light on scans: stripes found, wrong and invented, and errors of the heights.
 
 `python -m benchmarks light effects [--strengths 0.5 1] [--effects NAME ...]`: a scene of boxes, a
 pit and a dark patch, rendered with each effect alone and with all together (at a third of each). A strength of 1 is
@@ -50,7 +50,7 @@ HARD, COST_STRIPES = ("width", "halo", "ambient", "noise", "drift", "ghosts"), 1
 # distance of each row of the table [sigmas]; distance from both from which a position belongs to neither [px].
 TWIN_WIDTHS, TWIN_DISTANCES, TWIN_RATIOS = (1.0, 1.7, 3.0), (3, 4, 5, 6, 7, 8, 10, 14, 20, 40), (1.0, 0.8, 0.5, 0.35)
 TWIN_SIGMAS, TWIN_WRONG_PX = (0.0, 1.5, 2.0, 2.7, 3.5, 5.0), 1.0
-# Parts of a scan whose processor time is told: owner and name of the function that does it.
+# Parts of a scan whose processor time is printed: owner and name of the function.
 PARTS: dict[str, tuple[Any, str]] = {
     "preparation": (scan_processor.ScanProcessor, "__init__"),
     "finding stripes": (StripeFinder, "find"),
@@ -118,8 +118,8 @@ def measure(strengths: Sequence[float], names: Sequence[str]) -> Iterator[tuple[
     """Figures of every case, with and without laser-off pictures.
 
     Found and gross are shares of the stripes' columns, filled of the columns without one, known of the interior cells.
-    Unsafe cells are called traversable and are dark or nobody could see them; made-up ones are called traversable and
-    further than 5 mm from all the true heights within them.
+    Unsafe cells are traversable although they are dark or out of view; made-up cells are traversable and more than 5 mm
+    outside their true heights.
     """
     for name, strength, light in lights(strengths, names):
         scan = simulated(SIZE, STRIPES, light)

@@ -1,4 +1,4 @@
-"""Mirrored and turned pictures: sessions and scans that a driver flips, and what is said of them.
+"""Mirrored and turned pictures: verdicts on sessions and scans that a driver flips.
 
 `python -m benchmarks calibration mirrored DATA ... [--scan NAME]`; its last line counts the mirrored grids called good.
 """
@@ -35,9 +35,9 @@ class Outcome(NamedTuple):
 
     Attributes:
         case: what was changed, and how.
-        said: first reason that is given, with the verdict or the level before it; the message where it is refused.
-        is_mirrored: a grid was made, and it is mirrored.
-        is_called_good: a grid was made, of a good calibration, and its health is ok.
+        said: verdict of the calibration, health of the grid, and reasons; or the message of the refusal.
+        is_mirrored: True for a mirrored grid.
+        is_called_good: True for a grid with a good calibration and the health ok.
     """
 
     case: str

@@ -1,4 +1,4 @@
-"""The live node: duration of a scan, delay of its grid, processor time; whether it keeps up with a fast camera.
+"""Running node: duration of a scan, latency of its grid, processor time; rates at which it keeps up with a camera.
 
 `python -m benchmarks.node DATA [--scans N] [--rates FPS ...] [--lights NAME ...] [--size W H]`: scans of a recorded
 scene at 30 frames per second; then for each rate and light two of the simulated scene, of which the second counts.
@@ -94,7 +94,7 @@ def showing(
 def listening(
     robot: RobotModel, calibration: gp.Calibration, rangefinder: Rangefinder, mode: str, endpoint: str
 ) -> Iterator[tuple[PerceptionNode, NodeStatus]]:
-    """A node, its own router, that hears announcements."""
+    """Run a node, with its own router, that receives announcements of pauses."""
     with rangefinder, open_node(listen=endpoint) as session:
         status = NodeStatus(calibration)
         server = PerceptionServer(session, collect_status=status.items)
@@ -107,13 +107,13 @@ def listening(
 def running(
     robot: RobotModel, calibration: gp.Calibration, rangefinder: Rangefinder, mode: str, stance: Stance
 ) -> Iterator[Bench]:
-    """A node of a robot that stands."""
+    """Run the node of a standing robot."""
     endpoint = free_endpoint()
     with (
         listening(robot, calibration, rangefinder, mode, endpoint) as (node, status),
         open_client(endpoint, timeout=TIMEOUT_S) as session,
     ):
-        # Tells the clock of the stamps.
+        # It announces the clock of the stamps.
         StancePublisher(session)
         yield Bench(stance, node, status, endpoint)
 
@@ -180,7 +180,7 @@ def most_waiting(turns: list[Turn]) -> int:
 
 
 def print_rates(rates: list[float], lights: list[str], size: tuple[int, int]) -> None:
-    """Whether the node keeps up with fast cameras, in clean and in hard light at strength 1."""
+    """Print how well the node keeps up with fast cameras, in clean and in hard light at strength 1."""
     table = Table(
         "light:<9 | frames/s:8.0f | stripes:7d | sweep s:7.3f | frame periods a stripe:22.2f | most waiting:12d | "
         "share of a core:15.2f | last frame to grid ms:21.1f"

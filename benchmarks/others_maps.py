@@ -20,7 +20,7 @@ ASIDE_M = 0.007
 # Neighbours whose plane gives the noise of a cloud, and the places where it is measured.
 NEAR_M, PLACES, LEAST_POINTS = 0.05, 2000, 8
 UPRIGHT = 0.9
-# A region lies on a tread whose plane is this near to its own.
+# A region counts as on a tread if its middle is this close to the tread's plane.
 ON_TREAD_M = 0.03
 
 

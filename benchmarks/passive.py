@@ -1,4 +1,4 @@
-"""Stereo and optical flow by OpenCV beside the laser stripe, on the same simulated scene of five boxes.
+"""Stereo and optical flow by OpenCV compared with the laser stripe, on the same simulated scene.
 
 `python -m benchmarks passive [--small]`. The stereo pair is exactly rectified, the flow is between pictures
 of two pauses 35 mm apart, with the true poses: what a real pair or odometry adds is left out. Error is that of 5 mm

@@ -1,4 +1,4 @@
-"""Scans that a gait gets confirmed in the time it announces, on a loaded machine; and none that it should not.
+"""Scans confirmed within the time that a gait announces, on a loaded machine, and scans that must not be.
 
 Usage: python -m benchmarks pauses [--pauses 20] [--quick]
 
@@ -36,7 +36,7 @@ from transport import PausePhase, StancePause, StancePublisher, open_client
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "gait_side.py"
 TIMEOUT = 60.0
 HOLD_PERIOD = 0.02
-# Announced time [s], how the gait speaks, and how much later than announced it says END [s].
+# Announced time [s], kind of gait, and delay of END relative to the announced time [s].
 CASES = (
     (4.0, "example", 0.0),
     (3.0, "example", 0.0),
@@ -112,7 +112,7 @@ def run_gait(endpoint: str, pauses: str, announced: str, late: str, *, holds: bo
             announce(step, PausePhase.END)
             time.sleep(SWING)
         publisher.flush(TIMEOUT)
-        # It lives on, as a gait does: its last END must be confirmed.
+        # The process must outlast the confirmation of its last END.
         time.sleep(1.0)
 
 

@@ -1,4 +1,4 @@
-"""Stripe extraction on photographs of real laser lines, beside what a user would write instead.
+"""Stripe extraction on photographs of real laser lines, compared with textbook methods.
 
 `python -m benchmarks.photographs FOLDER`: FOLDER holds index.json (set, name, on, off, along, colour) and truth.npz,
 per picture where a stripe is seen (must), where one may be returned (may) and where none may be (gap). Families of one
@@ -100,7 +100,7 @@ def judge(folder: Path, method: Method, *, with_off: bool) -> dict[str, Counts]:
     Args:
         folder: folder of the photographs.
         method: gives a position for each column (row) of a picture, NaN where there is none.
-        with_off: whether only the pairs are judged, with their laser-off pictures.
+        with_off: judge only pictures with a laser-off picture, and use it.
     """
     families: dict[str, Counts] = {}
     with np.load(folder / "truth.npz") as truth:
@@ -158,11 +158,11 @@ def fitted_plane(points: Float) -> tuple[Float, float]:
 
 
 def board_points(folder: Path, *, with_off: bool) -> list[tuple[Float, npt.NDArray[np.bool_]]]:
-    """Points (n, 3) of the line on the board of each picture [m], and whether a scan would use them (`run_ends`).
+    """Points (n, 3) of the line on the board of each picture [m], and a mask of those that a scan uses (`run_ends`).
 
     Args:
         folder: folder of the pictures.
-        with_off: whether the pictures without the laser are given to the extraction too.
+        with_off: also pass the pictures without the laser to the extraction.
     """
     marks = np.array([(x, y, 0) for y in range(DOTS) for x in range(DOTS)], np.float32) * DOT_PITCH_M
     names = [[f"{kind}{i}.jpg" for kind in ("light", "calib")] for i in BOARD_PICTURES]

@@ -1,4 +1,4 @@
-"""Nodes that record, killed again and again: how many come up, and which of their files open.
+"""Recording nodes that are killed repeatedly: how many restart, and which of their files can be opened.
 
 Usage: python -m benchmarks.record_restarts [--restarts 20] [--pauses 3] [--limit 200MB]
 
@@ -31,9 +31,9 @@ PATIENCE_S = 120.0
 
 
 def run_once(arguments: list[str], pauses: int, moment: float, end: signal.Signals) -> str:
-    """Start a node and end it `moment` [s] after some pauses; empty, or why it did not come up."""
+    """Start a node and end it `moment` [s] after some pauses; return its output if it did not come up, else ""."""
     command = [sys.executable, "-m", "guara_perception.app.main", "run", "--simulated", *arguments]
-    # Its lines go to a file: nobody reads a pipe while it is waited for.
+    # The output goes to a file, because a pipe that is not read would block the node.
     with tempfile.TemporaryFile("w+") as said, subprocess.Popen(command, stdout=said, stderr=said) as node:
         until = time.monotonic() + PATIENCE_S * pauses
         printed = ""

@@ -1,4 +1,4 @@
-"""Grids that a client hands out although the truth contradicts them, over a matrix of restarts and losses.
+"""Grids handed out although the truth contradicts them, over a matrix of restarts and losses.
 
 `python -m benchmarks.restarts [--json]`: every moment of a pause x what happens to node, router or link x what the gait
 does meanwhile, on an emulated clock; the planner asks 20 times a second. Counted are the cases, the asks, and those of

@@ -1,4 +1,4 @@
-"""Processor time of whole scans and of their stripes, with the code of this checkout and of another one.
+"""Processor time of whole scans and of their stripes, with this checkout and with another one.
 
 `python -m benchmarks.scan_cost [--against FOLDER] [--scans DATA/scans/NAME ...] [--rounds N]`: FOLDER is a checkout of
 another revision (`git worktree add --detach FOLDER REVISION`). Each checkout has a process; they scan alternately, and

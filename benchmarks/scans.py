@@ -1,4 +1,4 @@
-"""Whole scans: time beside error, stages, latency from the last frame, and the product's own share of each."""
+"""Whole scans: time and errors of contenders, stages of the product's scan, and latency from the last frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A long run with real processes: a router, a node and planners, the last two killed again and again; prints counts.
+"""Long run of real processes: a router, a node and planners; node and planners are killed repeatedly.
 
 `python -m benchmarks.soak [--minutes 20] [--period 15]`
 """
@@ -76,7 +76,7 @@ def main() -> None:
     router = Child("router", endpoint)
     scanner = "scanner", endpoint, "connect", *map(str, SHAPE)
     node = Child(*scanner)
-    # The first planner lives through all; the second is killed.
+    # The first planner is never killed.
     lasting, other = (Child("planner", endpoint, module="soak") for _ in range(2))
     memory: list[float] = []
     end = time.monotonic() + 60.0 * min(asked.minutes, 120.0)

@@ -1,4 +1,4 @@
-"""Stillness of a pause by noisy joints: still pauses that are withdrawn and motions that are missed.
+"""Detection of motion during a pause with noisy joints: still pauses withdrawn and motions missed.
 
 `python -m benchmarks.stillness [--pauses 1000]`. Joints have a bias of 0.2 degrees, white noise and an encoder's step.
 Go2 is made from its stock URDF (extra `robots-test`). Some three minutes on two free cores; motions with HOLD have a
@@ -34,7 +34,7 @@ ENCODERS = {
     "12 bits, 0": (0.0, math.tau / 2**12),
     "14 bits, 0": (0.0, math.tau / 2**14),
 }
-# With HOLD or not, motion, and its size [m, rad]; all that is asked for is in this table.
+# With or without HOLD, kind of motion, and its size [m, rad].
 HOLD_SIZES, END_SIZES = (1.0e-3, math.radians(0.1)), (1.5e-3, math.radians(0.15))
 CASES = [
     (True, "none", (0.0, 0.0)),

@@ -1,8 +1,8 @@
-"""Light that is not ours and frames of another instant: free cells that are wrong, and the health of the grid.
+"""Foreign light and frames of another instant: wrong free cells, and health of the grid.
 
 `python -m benchmarks strange_light [--scans NAME ...]`: three recorded scans and a simulated one, each taken again by
-the real driver with one fault at a time. Unsafe cells are free, and truth calls them dark, unseen, a hole or a drop;
-wrong ones are free and off their true heights by more than 5 mm. It takes some minutes of processor time. `--clean 5`
+the real driver with one fault at a time. Unsafe cells are free although they are dark, unseen, a hole or a drop;
+wrong cells are free and more than 5 mm off their true heights. It takes some minutes of processor time. `--clean 5`
 compares clean scans instead, five of each with dark flashes and five with plain laser-off frames alone.
 """
 

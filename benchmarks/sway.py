@@ -1,4 +1,4 @@
-"""A body that sways while it is scanned: heights with a stream of its joints, and without.
+"""Heights scanned by a swaying body, with and without a stream of its joints.
 
 `python -m benchmarks.sway [--scans 10] [--rows must guara dim standard swept physical go2 go2-physical]`. Guará over
 the demo's ground; each stripe is rendered from where the body is at its flash. Joints have a bias of 0.2 degrees, new
@@ -43,7 +43,7 @@ STILL = Sway(0.0, 0.0, 1.0)
 MUST = Sway(math.radians(0.5), 0.005, 1.0)
 # Without a stream a tenth of the ground may be lost.
 LITTLE = Sway(math.radians(0.1), 0.001, 1.0)
-# The body goes on while its feet stand, as in the support phase of a slow walk.
+# The body moves forward while its feet stand, as in the support phase of a slow walk.
 WALKS = Sway(0.0, 0.0, 1.0, speed=0.020)
 # [rad] Sigma of the IMU's bias.
 IMU_BIAS = math.radians(0.1)

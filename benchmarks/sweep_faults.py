@@ -1,4 +1,4 @@
-"""Triggers missed, doubled and late in emulated sweeps: how many are found, and whether one leads to a wrong stripe."""
+"""Detection of missed, doubled and late triggers in emulated sweeps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sweep: triggered by the board and free-running, against the bound of its motion; faults of the trigger, found.
+"""Triggered and free-running sweeps against the bound of the motion; detection of faulty triggers.
 
 `python -m benchmarks.sweeps [--json]`. Emulated devices in emulated time: seconds of sweeps are the devices' own, and
 the host is taken to be quick; only the work on the pictures is measured, as processor time of this machine.

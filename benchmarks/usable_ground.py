@@ -1,4 +1,4 @@
-"""Share of the truly safe ground that planners get, dangerous ground among it, and bounds of unknown ground.
+"""Usable ground: share of the truly safe ground in maps, unsafe ground among it, and bounds of unknown ground.
 
 Walks over random worlds, scanned frame by frame, against the oracle: the same limits and sole on complete true heights.
 With --rendered single scans of rendered pictures in place of walks; with --recall walks over one kind of ground each;
@@ -147,7 +147,7 @@ def bounds(counts: Counter[str], pause: JudgedPause) -> None:
 
 
 def swings(counts: Counter[str], robot: RobotModel, judged: JudgedPause) -> None:
-    """The next swing: whether there is a place, whether the planner finds it, whether the way there is accepted."""
+    """Count the next swing: existing footholds, the one that the planner finds, and acceptance of the path to it."""
     pause, fused, oracle = judged.item.pause, judged.fused, judged.oracle
     leg, wish = pause.next_leg, pause.nominal
     counts["swings"] += 1

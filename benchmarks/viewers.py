@@ -1,4 +1,4 @@
-"""A local planner beside a viewer on a slow link: its delay from the end of a scan to the grid's arrival, and failures.
+"""Delay of grids at a local planner, and its failures, while a viewer uses a slow link.
 
 Usage: python -m benchmarks transport viewers [--scans 50]
 

@@ -1,4 +1,4 @@
-"""Maps of walks beside the true ground: drift aside, heights under the feet; what maps cost; coarse scans refined.
+"""Maps of walks compared with the true ground: drift, heights under the feet; cost of maps; refinement of coarse scans.
 
 `python -m benchmarks walks PART ...`; without a part: a list of them.
 
@@ -156,7 +156,7 @@ def walk_figures(robot: RobotModel, pauses: list[WalkedPause], *, registered: bo
 
 
 def free_in_the_dark(ground: Ground, fused: gp.TerrainGrid, to_world: Float) -> int:
-    """Number of traversable cells whose ground returns no light: nobody can have seen them."""
+    """Number of traversable cells whose ground returns no light, so that it cannot have been seen."""
     x, y = (a.ravel() for a in np.meshgrid(*fused.geometry.centres()))
     free = (fused.traversability > 0).ravel()
     _, world = seen_height(ground, to_world, x[free], y[free])
