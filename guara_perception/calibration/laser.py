@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Float, Interval
+from guara_perception.arrays import Float, Index, Interval
 from guara_perception.calibration.bundle import CameraFit
 from guara_perception.calibration.calibration import CameraModel, plane_in_frame
 from guara_perception.calibration.calibration_input import Plate
@@ -124,22 +124,45 @@ def height_sigmas(
         transform_base_to_footprint: (4, 4) pose of the body.
         x: x range of the area in base_footprint [m].
     """
-    transform = fit.transform_camera_to_footprint
-    to_base = inverse(transform_base_to_footprint) @ transform
-    stripe_sigma = float(np.median([line.sigma_px for line in lines]))
     on_floor = -laser.stripes.planes[:, 3] / laser.stripes.planes[:, 0]
-    sigmas = []
-    for edge in x:
-        k = int(np.argmin(np.abs(on_floor - edge)))
-        plane = laser.stripes.planes[k]
-        point = np.array([[on_floor[k], 0.0, 0.0]])
-        pixel = level_pixels(fit.camera, transform, point[:, :2], 0.0)
-        moved = heights_through(pixel + np.array([0.0, 1.0]), fit.camera, transform, plane)
-        here = heights_through(pixel, fit.camera, transform, plane)
-        stripe, plane_in_camera = laser.stripes.indices[k : k + 1], laser.planes_in_camera[k : k + 1]
-        systematic = laser.uncertainty.variance(stripe, plane_in_camera, point.T[:, None], transform, to_base)
-        sigmas.append(float(np.sqrt(((moved - here)[0] * stripe_sigma) ** 2 + systematic[0, 0])))
-    return sigmas[0], sigmas[1]
+    nearest = np.array([np.argmin(np.abs(on_floor - edge)) for edge in x])
+    points = np.column_stack((on_floor[nearest], np.zeros(len(nearest))))
+    to_base = inverse(transform_base_to_footprint) @ fit.transform_camera_to_footprint
+    near, far = floor_sigmas(fit, laser, lines, to_base, points, nearest)[0].tolist()
+    return near, far
+
+
+def floor_sigmas(
+    fit: CameraFit,
+    laser: LaserFit,
+    lines: Sequence[PlateLine],
+    transform_camera_to_base: Float,
+    points: Float,
+    stripes: Index,
+) -> tuple[Float, Float]:
+    """Predicted sigmas (n,) of single heights on the floor [m]: in total, and due to the calibration alone.
+
+    Args:
+        fit: camera and mount.
+        laser: mirror model and laser planes.
+        lines: lines on plates; the median of their `sigma_px` is assumed for a scan.
+        transform_camera_to_base: (4, 4) mount of the camera.
+        points: (n, 2) x and y on the floor, in base_footprint [m].
+        stripes: (n,) row in `laser.stripes` of the stripe that measures each point.
+    """
+    transform = fit.transform_camera_to_footprint
+    pixels, height_by_row = level_pixels(fit.camera, transform, points, 0.0), np.empty(len(points))
+    for k in np.unique(stripes):
+        of_stripe, plane = stripes == k, laser.stripes.planes[k]
+        below = heights_through(pixels[of_stripe] + (0.0, 1.0), fit.camera, transform, plane)
+        height_by_row[of_stripe] = below - heights_through(pixels[of_stripe], fit.camera, transform, plane)
+    row_sigma = float(np.median([line.sigma_px for line in lines]))
+    on_floor = np.vstack((points.T, np.zeros(len(points))))
+    poses = transform, transform_camera_to_base
+    systematic = laser.uncertainty.variance(
+        laser.stripes.indices, laser.planes_in_camera, on_floor, *poses, rows=stripes
+    )
+    return np.sqrt((height_by_row * row_sigma) ** 2 + systematic), np.sqrt(systematic)
 
 
 def _line_heights(lines: Sequence[PlateLine], points: Sequence[Float], stripes: StripeFit, transform: Float) -> Float:

@@ -11,10 +11,9 @@ import cv2
 import numpy as np
 
 from guara_perception.app.figures.figures import corrected_image
-from guara_perception.arrays import Image
+from guara_perception.arrays import Float, Image
 from guara_perception.calibration.calibration import floor_pixels
-from guara_perception.calibration.laser import heights_through
-from guara_perception.calibration.plates import level_pixels
+from guara_perception.calibration.laser import floor_sigmas
 from guara_perception.calibration.quality import COVERAGE_CELLS, GRID
 from guara_perception.calibration.result import CalibrationResult
 from guara_perception.images import eight_bits
@@ -118,12 +117,17 @@ def coverage_and_sigma(result: CalibrationResult) -> bytes:
     cells.set_title("board corners seen in each part of the picture")
     _picture_axes(cells, result)
     pixels, floor_sigma = result.floor_sigma
-    image = 1e3 * floor_sigma.reshape(GRID[1], GRID[0])
-    shown = sigma.contourf(pixels[: GRID[0], 0], pixels[:: GRID[0], 1], image, levels=12, cmap="viridis")
-    figure.colorbar(shown, ax=sigma, label="sigma of the floor point [mm]", shrink=0.85)
+    _contours(figure, sigma, pixels, 1e3 * floor_sigma, "sigma of the floor point [mm]")
     sigma.set_title("standard deviation of floor points")
     _picture_axes(sigma, result)
     return to_png(figure)
+
+
+def _contours(figure: Figure, axes: Any, pixels: Float, values: Float, label: str) -> None:
+    """Draw contours of the values at the pixels of `picture_grid`, with a colour bar."""
+    image = values.reshape(GRID[1], GRID[0])
+    shown = axes.contourf(pixels[: GRID[0], 0], pixels[:: GRID[0], 1], image, levels=12, cmap="viridis")
+    figure.colorbar(shown, ax=axes, label=label, shrink=0.85)
 
 
 def halves(result: CalibrationResult) -> bytes | None:
@@ -135,11 +139,7 @@ def halves(result: CalibrationResult) -> bytes | None:
         return None
     pixels, difference = result.cross_validation
     figure, (axes,) = new_figure(6.5, 4.0)
-    size = np.sqrt((difference**2).sum(axis=1))
-    shown = axes.contourf(
-        pixels[: GRID[0], 0], pixels[:: GRID[0], 1], size.reshape(GRID[1], GRID[0]), levels=12, cmap="viridis"
-    )
-    figure.colorbar(shown, ax=axes, label="difference [px]", shrink=0.85)
+    _contours(figure, axes, pixels, np.linalg.norm(difference, axis=1), "difference [px]")
     axes.quiver(*pixels.T, *difference.T, angles="xy", color="white", width=0.003)
     axes.set_title("difference between lens models fitted to the even- and to the odd-numbered pictures")
     _picture_axes(axes, result)
@@ -276,34 +276,14 @@ def height_sigma(result: CalibrationResult) -> bytes:
     """Draw the predicted sigma of heights across the floor area, in total and from the calibration alone."""
     x, y = np.linspace(*result.area[0], 46), np.linspace(*result.area[1], 55)
     point = np.column_stack((np.repeat(x, y.size), np.tile(y, x.size)))
-    stripes, transform = result.laser.stripes, result.fit.transform_camera_to_footprint
-    pixels = level_pixels(result.fit.camera, transform, point, 0.0)
-    below = pixels + np.array([0.0, 1.0])
-    on_ground = np.vstack((point.T, np.zeros(len(point))))[:, None]
-    to_base = np.asarray(result.calibration.transform_camera_to_base)
-    on_floor = -(stripes.planes[:, 3] + np.outer(y, stripes.planes[:, 1]).mean(axis=0)) / stripes.planes[:, 0]
+    planes, to_base = result.laser.stripes.planes, np.asarray(result.calibration.transform_camera_to_base)
+    on_floor = -(planes[:, 3] + np.outer(y, planes[:, 1]).mean(axis=0)) / planes[:, 0]
     nearest = np.abs(point[:, :1] - on_floor).argmin(axis=1)
-    noise = float(np.median([line.sigma_px for line in result.lines]))
-    by_row, systematic = np.full(len(point), np.nan), np.full(len(point), np.nan)
-    for k in np.unique(nearest):
-        is_near = nearest == k
-        plane = stripes.planes[k]
-        moved = heights_through(below[is_near], result.fit.camera, transform, plane)
-        by_row[is_near] = moved - heights_through(pixels[is_near], result.fit.camera, transform, plane)
-        systematic[is_near] = result.laser.uncertainty.variance(
-            stripes.indices[k : k + 1],
-            result.laser.planes_in_camera[k : k + 1],
-            on_ground[..., is_near],
-            transform,
-            to_base,
-        )[0]
-    both = 1e3 * np.sqrt((by_row * noise) ** 2 + systematic).reshape(x.size, y.size)
-    alone = 1e3 * np.sqrt(systematic).reshape(x.size, y.size)
+    sigmas = floor_sigmas(result.fit, result.laser, result.lines, to_base, point, nearest)
+    titles = "one return: noise and calibration together", "calibration alone"
     figure, axes = new_figure(10.5, 4.2, columns=2)
-    for axis, image, title in (
-        (axes[0], both, "one return: noise and calibration together"),
-        (axes[1], alone, "calibration alone"),
-    ):
+    for axis, sigma, title in zip(axes, sigmas, titles, strict=True):
+        image = 1e3 * sigma.reshape(x.size, y.size)
         shown = axis.imshow(image[::-1, ::-1], extent=_floor_extent(result), cmap="viridis", vmin=0)
         figure.colorbar(shown, ax=axis, label="sigma of height [mm]", shrink=0.85)
         axis.set(title=title, **FLOOR_LABELS)
