@@ -24,8 +24,7 @@ def command(out: Path, robot: str, paper: str, board: str, pattern: str, square:
       guara targets -o targets.pdf --paper a3
       guara targets -o targets.pdf --paper a3 --pattern charuco
     """
-    from guara_perception.app.targets.drawings import cross_points, parse_board, parse_heights
-    from guara_perception.app.targets.write import write_targets
+    from guara_perception.app.targets.drawings import cross_points, parse_board, parse_heights, write_targets
     from kinematics import load_robot
 
     model = load_robot(robot)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.app.robot_folder.leg_solver import LegSolver
+from guara_perception.app.robot_folder.legs import LegSolver
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from kinematics.leg import NumericLeg

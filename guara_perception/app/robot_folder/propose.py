@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from guara_perception.app.robot_folder.find_legs import FoundLeg, find_legs
-from guara_perception.app.robot_folder.leg_solver import Foot, LegSolver, find_foot, tree_of, with_frame
+from guara_perception.app.robot_folder.legs import Foot, FoundLeg, LegSolver, find_foot, find_legs, tree_of, with_frame
 from guara_perception.app.robot_folder.mounts import FoundMounts, find_mounts
 from guara_perception.app.robot_folder.postures import FoundPosture, choose_height, raised, stand
 from guara_perception.exceptions import InvalidInput

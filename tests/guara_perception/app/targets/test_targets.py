@@ -10,9 +10,8 @@ import pypdfium2
 import pytest
 
 import guara_perception as gp
-from guara_perception.app.targets.drawings import calibration_board, cross_points, mat, ruler
+from guara_perception.app.targets.drawings import calibration_board, cross_points, mat, ruler, write_targets
 from guara_perception.app.targets.sheet import OVERLAP_MM, PAPERS_MM, pages_of
-from guara_perception.app.targets.write import write_targets
 from guara_perception.calibration.board import CHARUCO, BoardSpec
 from guara_perception.calibration.crosses import ARM_M, BAR_M
 from guara_perception.calibration.find_board import find_board
