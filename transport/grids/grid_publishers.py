@@ -88,10 +88,9 @@ class GridPublishers:
 
     def close(self) -> None:
         """Undeclare the keys."""
-        for publisher in (*self._terrain.values(), *self._compact.values(), self._occupancy, self._grid_map):
+        others = self._occupancy, self._grid_map, self._summary, self._regions
+        for publisher in (*self._terrain.values(), *self._compact.values(), *others):
             publisher.close()
-        self._summary.close()
-        self._regions.close()
 
     def post_derived(self, terrain: TerrainMessage, occupancy: Percent, bridge: Ros2Bridge | None) -> None:
         """Publish occupancy and grid map of a footprint grid, also on ROS 2 topics if there is a `bridge`."""

@@ -108,8 +108,7 @@ class Recording(AbstractContextManager["Recording"]):
 
     def stance_stream(self, since: int = 0, until: int | None = None) -> Iterator[StanceStream]:
         """Iterate over the stance batches written between two log times [ns]; MessageError if one is damaged."""
-        for found in self._messages(self._topics("stance_stream"), since=since, until=until):
-            yield decode_stance_stream(found.payload)
+        return map(decode_stance_stream, self._payloads("stance_stream", since, until))
 
     def messages(self, short: str) -> Iterator[Any]:
         """Iterate over the message objects of a topic in order; `short` is its short name, without the robot.
@@ -135,9 +134,8 @@ class Recording(AbstractContextManager["Recording"]):
         channels = self._summary.channels.values() if self._summary else ()
         return [channel.topic for channel in channels if short_name(channel.topic) in short_names]
 
-    def _payloads(self, short: str) -> Iterator[bytes]:
-        for found in self._messages(self._topics(short)):
-            yield found.payload
+    def _payloads(self, short: str, since: int = 0, until: int | None = None) -> Iterator[bytes]:
+        return (found.payload for found in self._messages(self._topics(short), since=since, until=until))
 
     def _messages(
         self, topics: list[str], chunk: int | None = None, *, since: int = 0, until: int | None = None
@@ -231,9 +229,12 @@ class Recording(AbstractContextManager["Recording"]):
             yield _make_scan(start, stripes, None)
 
 
+def _reference(topic: str, stamp: Any) -> FrameReference | None:
+    return FrameReference(topic, read_time(stamp)) if topic else None
+
+
 def _dark_of(body: Any) -> dict[str, Any]:
-    dark = FrameReference(body.off_topic, read_time(body.off_stamp))
-    return {"dark": dark if dark.topic else None, "is_dark_due": True}
+    return {"dark": _reference(body.off_topic, body.off_stamp), "is_dark_due": True}
 
 
 def _flash_of(body: Any) -> dict[str, Any]:
@@ -242,9 +243,8 @@ def _flash_of(body: Any) -> dict[str, Any]:
 
 
 def _make_stripe(body: Any) -> StripeRecord:
-    on = FrameReference(body.on_topic, read_time(body.on_stamp))
-    off = FrameReference(body.off_topic, read_time(body.off_stamp))
-    return from_ros(StripeRecord, body, on=on if on.topic else None, off=off if off.topic else None)
+    on, off = _reference(body.on_topic, body.on_stamp), _reference(body.off_topic, body.off_stamp)
+    return from_ros(StripeRecord, body, on=on, off=off)
 
 
 def _make_scan(start: Any, stripes: list[StripeRecord], end: Any) -> ScanRecord:

@@ -17,12 +17,8 @@ from transport.messages.typestore import COMPRESSED_IMAGE, IMAGE, message_class
 CAMERA_FRAME = "camera_optical_frame"
 COMPRESSED_FORMATS = ("jpeg", "png")
 
-ENCODINGS = {
-    ("uint8", 1): "mono8",
-    ("uint16", 1): "mono16",
-    ("uint8", 3): "bgr8",
-    ("uint16", 3): "bgr16",
-}
+# ROS encodings of pixels by dtype and shape of a pixel.
+ENCODINGS = {("uint8", ()): "mono8", ("uint16", ()): "mono16", ("uint8", (3,)): "bgr8", ("uint16", (3,)): "bgr16"}
 KINDS = {name: kind for kind, name in ENCODINGS.items()}
 
 
@@ -54,7 +50,7 @@ class FrameRecord:
         if self.data is not None:
             check_choice("format of a frame", self.format, COMPRESSED_FORMATS)
         if self.pixels is not None:
-            if _kind(self.pixels) not in ENCODINGS or self.pixels.size == 0:
+            if self.pixels.ndim < 2 or _kind(self.pixels) not in ENCODINGS or self.pixels.size == 0:
                 raise MessageError(
                     f"pixels of a frame are {self.pixels.dtype} of shape {self.pixels.shape}; allowed: "
                     f"uint8 or uint16, (h, w) or (h, w, 3)"
@@ -154,9 +150,8 @@ class ScanRecord:
             finite(stripe.mirror_angle, f"mirror_angle of stripe {stripe.index}")
 
 
-def _kind(pixels: Array) -> tuple[str, int]:
-    channels = {2: 1, 3: pixels.shape[-1]}.get(pixels.ndim, 0)
-    return str(pixels.dtype), channels if (pixels.ndim, channels) != (3, 1) else 0
+def _kind(pixels: Array) -> tuple[str, tuple[int, ...]]:
+    return str(pixels.dtype), pixels.shape[2:]
 
 
 def image_message(pixels: Array, encoding: str, frame_id: str, stamp: int) -> Any:
@@ -198,8 +193,8 @@ def read_frame(message: Any, stamp: int) -> FrameRecord:
             f"encoding of a frame is {message.encoding!r}{' (big-endian)' if message.is_bigendian else ''}; "
             f"allowed: {', '.join(KINDS)} (little-endian)"
         )
-    dtype, channels = KINDS[message.encoding]
-    shape = (message.height, message.width, channels)[: 2 if channels == 1 else 3]
+    dtype, pixel = KINDS[message.encoding]
+    shape = (message.height, message.width, *pixel)
     wanted = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
     if message.data.size != wanted:
         raise MessageError(f"frame of {shape} {dtype} has {message.data.size} bytes; allowed: {wanted}")

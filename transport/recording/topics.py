@@ -77,16 +77,13 @@ def short_name(topic: str) -> str:
 def quality_of_service(short: str) -> str:
     """Return the quality of service of a topic for `ros2 bag play`, as YAML of rosbag2."""
     depth, durability = (10, "volatile") if short in STREAMED else (1, "transient_local")
-    return "\n".join(
-        (
-            "- history: keep_last",
-            f"  depth: {depth}",
-            "  reliability: reliable",
-            f"  durability: {durability}",
-            f"  deadline: {_ENDLESS}",
-            f"  lifespan: {_ENDLESS}",
-            "  liveliness: automatic",
-            f"  liveliness_lease_duration: {_ENDLESS}",
-            "  avoid_ros_namespace_conventions: false",
-        )
-    )
+    return f"""\
+- history: keep_last
+  depth: {depth}
+  reliability: reliable
+  durability: {durability}
+  deadline: {_ENDLESS}
+  lifespan: {_ENDLESS}
+  liveliness: automatic
+  liveliness_lease_duration: {_ENDLESS}
+  avoid_ros_namespace_conventions: false"""

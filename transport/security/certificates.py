@@ -21,6 +21,7 @@ from transport.security.folder import (
     RESERVED,
     check_robot,
     configured_robot,
+    json_text,
     read_configuration,
     tls_links,
     write_member,
@@ -35,10 +36,10 @@ from transport.security.members import (
     replace_file,
     take_in,
 )
-from transport.security.whole_folder import write_file
 
 # Remaining validity at or below which a certificate causes a warning [days].
 WARNING_DAYS = 30
+RENEW = "run `guara security renew`, then copy the folder again"
 
 
 def days_left(certificate: str | Path) -> float:
@@ -71,24 +72,18 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
         raise SecurityError(f"{folder} contains no certificate; give a folder that `guara security init` made")
     readable = [path for path in _files(root, "key") if _is_open(path)]
     if readable:
-        return (
-            Health.ERROR,
-            f"{readable[0].relative_to(root)} can be read by others on this machine; run chmod 600 on it",
-        )
+        name = str(readable[0].relative_to(root))
+        return Health.ERROR, f"{name} can be read by others on this machine; run chmod 600 on it"
     name, days = min(left.items(), key=lambda item: item[1])
     if days <= 0:
-        return (
-            Health.ERROR,
-            f"{name} expired {-days:.0f} days ago; run `guara security renew`, then copy the folder again",
-        )
+        return Health.ERROR, f"{name} expired {-days:.0f} days ago; {RENEW}"
     if days <= WARNING_DAYS:
-        return Health.WARN, f"{name} expires in {days:.0f} days; run `guara security renew`, then copy the folder again"
+        return Health.WARN, f"{name} expires in {days:.0f} days; {RENEW}"
     for node in (root, root / "node", *sorted(root.glob("*/node"))):
         if (node / "node.pem").is_file() and (node / CONFIGURATION).is_file() and not _has_current_rules(node):
             return Health.WARN, (
                 "the access rules were made by another version: planners may have to compute ages by wall clocks, and "
-                "the gait may not be allowed to report its clock, without which no scan is confirmed; "
-                "run `guara security renew`, then copy the folder again"
+                f"the gait may not be allowed to report its clock, without which no scan is confirmed; {RENEW}"
             )
     return Health.OK, f"{len(left)} certificates, the first expires in {days:.0f} days ({name})"
 
@@ -218,14 +213,8 @@ def add(folder: str | Path, name: str, role: str) -> Path:
     text = (own.folder / role / CONFIGURATION).read_text(encoding="utf-8")
     for ending in ("key", "pem"):
         text = text.replace(f'"{role}.{ending}"', f'"{own_name}.{ending}"')
-
-    def write(member: Path) -> None:
-        write_file(member / CONFIGURATION, text.encode())
-        write_file(member / "ca.pem", authority.certificate)
-        _write_certificate(member, make_certificate(authority, full, [full]))
-
     larger = members.with_robot(robot, dataclasses.replace(own, added={**own.added, own_name: role}))
-    return take_in(target, write, lambda: larger)
+    return take_in(target, lambda member: write_member(member, authority, full, [full], text), lambda: larger)
 
 
 def _split(members: Members, name: str) -> tuple[str, str]:
@@ -241,15 +230,14 @@ def _split(members: Members, name: str) -> tuple[str, str]:
 
 
 def _add_fleet_member(members: Members, authority: Credentials, name: str) -> Path:
-
     target = members.root / check_name(name, "member")
     check_free(members, name, target)
-    _check_length(f"{name}.{FLEET}")
+    full = f"{name}.{FLEET}"
+    _check_length(full)
     configuration = client_configuration(DEFAULT_ENDPOINT.replace("tcp/127.0.0.1", "tls/localhost"))
     configuration["transport"]["link"] |= tls_links(name, listens=False)
-    full = f"{name}.{FLEET}"
-    larger = dataclasses.replace(members, fleet=(*members.fleet, name))
-    return take_in(target, lambda member: write_member(member, authority, full, [full], configuration), lambda: larger)
+    text, larger = json_text(configuration), dataclasses.replace(members, fleet=(*members.fleet, name))
+    return take_in(target, lambda member: write_member(member, authority, full, [full], text), lambda: larger)
 
 
 def _check_length(full: str) -> None:

@@ -157,7 +157,8 @@ def write_roles(folder: Path, authority: Credentials, robot: str, *, hosts: Sequ
         own.mkdir()
         names = own_hosts(hosts) if role == "node" else [f"{robot}.{role}"]
         connect = tls_endpoint(hosts[0] if hosts else "localhost", listen.rpartition(":")[2])
-        write_member(own, authority, f"{robot}.{role}", names, _role_configuration(role, robot, listen, connect))
+        configuration = _role_configuration(role, robot, listen, connect)
+        write_member(own, authority, f"{robot}.{role}", names, json_text(configuration))
 
 
 def own_hosts(hosts: Sequence[str]) -> list[str]:
@@ -165,10 +166,8 @@ def own_hosts(hosts: Sequence[str]) -> list[str]:
     return list(dict.fromkeys([*hosts, "localhost", "127.0.0.1", "::1", socket.gethostname()]))
 
 
-def write_member(
-    own: Path, authority: Credentials, common_name: str, hosts: Sequence[str], configuration: dict[str, Any]
-) -> None:
-    """Write certificate, key and configuration of a member into its folder, which must be empty.
+def write_member(own: Path, authority: Credentials, common_name: str, hosts: Sequence[str], configuration: str) -> None:
+    """Write certificate, key and configuration (JSON) of a member into its folder, which must be empty.
 
     The certificate and key files are named after the folder.
     """
@@ -176,7 +175,12 @@ def write_member(
     write_file(own / "ca.pem", authority.certificate)
     write_file(own / f"{own.name}.pem", credentials.certificate)
     write_file(own / f"{own.name}.key", credentials.key, private=True)
-    write_file(own / CONFIGURATION, (json.dumps(configuration, indent=2) + "\n").encode())
+    write_file(own / CONFIGURATION, configuration.encode())
+
+
+def json_text(value: Any) -> str:
+    """Return a value as the text of a JSON file."""
+    return json.dumps(value, indent=2) + "\n"
 
 
 def role_folder(folder: str | Path, role: str) -> Path:

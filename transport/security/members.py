@@ -13,7 +13,7 @@ from typing import Any
 from transport.exceptions import SecurityError, errors_as
 from transport.security.access_rules import FLEET, ROLES, ROUTER, Neighbours, access_control, router_access_control
 from transport.security.authority import Credentials, read_certificate
-from transport.security.folder import CONFIGURATION, configured_robot, read_configuration
+from transport.security.folder import CONFIGURATION, configured_robot, json_text, read_configuration
 from transport.security.whole_folder import create_folder, write_file
 
 # File in `ca` that lists routers, fleet members, added members with their roles, and revoked members.
@@ -183,7 +183,7 @@ class Members:
         }
         path = self.root / "ca" / MEMBERS
         with errors_as(SecurityError, f"cannot write {path}"):
-            replace_file(path, (json.dumps(data, indent=2) + "\n").encode())
+            replace_file(path, json_text(data).encode())
         return tuple(changed)
 
     def with_robot(self, robot: str, own: Robot) -> Members:
@@ -284,7 +284,7 @@ def edit_configuration(path: Path, change: Callable[[dict[str, Any]], bool]) -> 
         configuration = json.loads(path.read_text(encoding="utf-8"))
         is_changed = change(configuration)
         if is_changed:
-            replace_file(path, (json.dumps(configuration, indent=2) + "\n").encode())
+            replace_file(path, json_text(configuration).encode())
         return is_changed
 
 

@@ -17,6 +17,7 @@ from transport.security.folder import (
     check_robot,
     configured_endpoints,
     init_security,
+    json_text,
     own_hosts,
     tls_links,
     write_member,
@@ -85,20 +86,14 @@ def make_router(
     configuration["adminspace"] = {"enabled": False}
     path = str(target.resolve()) if place is None else place.rstrip("/")
     configuration["transport"]["link"] |= tls_links(name, listens=True, prefix=f"{path}/")
-    larger = dataclasses.replace(
-        members,
-        routers={
-            **members.routers,
-            name: Router(tuple(dict.fromkeys(robots)), uplink, scans=scans, summary_only=summary_only),
-        },
-    )
+    router = Router(tuple(dict.fromkeys(robots)), uplink, scans=scans, summary_only=summary_only)
+    larger = dataclasses.replace(members, routers={**members.routers, name: router})
     configuration["access_control"] = larger.rules_of_router(name)
-    names = own_hosts(hosts)
-    return take_in(
-        target,
-        lambda made: write_member(made, authority, f"{name}.{ROUTER}", names, configuration),
-        lambda: larger,
-    )
+
+    def write(made: Path) -> None:
+        write_member(made, authority, f"{name}.{ROUTER}", own_hosts(hosts), json_text(configuration))
+
+    return take_in(target, write, lambda: larger)
 
 
 def _check(members: Members, name: str, robots: Sequence[str], uplink: str, *, summary_only: bool) -> None:
