@@ -52,9 +52,8 @@ class Answerer(Resource):
         self._answer, self._limit, self._is_in_order = answer, limit, in_order
         self._numbers = itertools.count()
         self._outbox = Outbox()
-        self._raw: Any = session.attempt(
-            lambda: zenoh_api.declare_queryable(session.raw, key, self._on_query), f"cannot serve {key!r}"
-        )
+        what = f"cannot serve {key!r}"
+        self._raw = session.attempt(what, zenoh_api.declare_queryable, session.raw, key, self._on_query)
         super().__init__(session)
 
     def _on_query(self, query: Any) -> None:

@@ -254,8 +254,8 @@ class Fetcher:
                 on_piece(reply.key, PIECE.unpack(attachment), content)
 
         selector = f"{key}?piece={begin};size={size};number={number}"
-        query = partial(zenoh_api.get_replies, self._session.raw, selector, timeout, take, finished.set)
-        self._session.attempt(lambda: query(priority="DATA_HIGH", is_dropped=True), f"cannot ask {key!r}")
+        query = partial(zenoh_api.get_replies, priority="DATA_HIGH", is_dropped=True)
+        self._session.attempt(f"cannot ask {key!r}", query, self._session.raw, selector, timeout, take, finished.set)
         deadline = time.monotonic() + timeout
         while not finished.wait(0.1) and not self._is_closed and time.monotonic() < deadline:
             pass

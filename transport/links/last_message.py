@@ -19,7 +19,6 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 from transport import zenoh_api
@@ -99,7 +98,7 @@ class LastMessage:
                 after each message, so that subscribers query the last one.
         """
         self._session, self._key, self._encoding = session, key, encoding
-        self._pieces = pieces_key(key, source)
+        self._pieces, self._failure = pieces_key(key, source), f"cannot announce the last message on {key!r}"
         self._lock = threading.Lock()
         self._kept: OrderedDict[int, tuple[MadeOnce, bytes | None, float]] = OrderedDict()
         self._last, self._renewed, self._stamp = -1, -1, None
@@ -139,8 +138,7 @@ class LastMessage:
         """
         if self._last < 0 or self._is_closing or self._is_stamped:
             return
-        number = (self._last & 0xFFFFFFFF).to_bytes(4, "little")
-        self._session.attempt(partial(self._beat.put, number), f"cannot announce the last message on {self._key!r}")
+        self._session.attempt(self._failure, self._beat.put, (self._last & 0xFFFFFFFF).to_bytes(4, "little"))
 
     def _repeat(self) -> None:
         try:
@@ -158,10 +156,8 @@ class LastMessage:
                 return
             self._renewed = self._last
             self._session.undeclare(self._token)
-            self._token = self._session.attempt(
-                lambda: zenoh_api.declare_token(self._session.raw, self._announcements),
-                f"cannot announce the last message on {self._key!r}",
-            )
+            declare, raw = zenoh_api.declare_token, self._session.raw
+            self._token = self._session.attempt(self._failure, declare, raw, self._announcements)
 
     def _answer_history(self, query: Any) -> None:
         if self._last >= 0 and _is_within(self._last, query.parameters.get("_sn")):

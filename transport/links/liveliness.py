@@ -11,8 +11,7 @@ from transport.links.session import Resource, Session
 
 def alive_keys(session: Session, keys: str, timeout: float = 1.0) -> list[str]:
     """Return the keys of the live tokens that match `keys`, a key expression; waits up to `timeout` [s] for replies."""
-    what = f"cannot look for {keys!r}"
-    found: list[str] = session.attempt(lambda: zenoh_api.tokens(session.raw, keys, timeout), what)
+    found: list[str] = session.attempt(f"cannot look for {keys!r}", zenoh_api.tokens, session.raw, keys, timeout)
     return found
 
 
@@ -22,7 +21,7 @@ class AliveToken(Resource):
     def __init__(self, session: Session, key: str) -> None:
         """Declare the token on `key`, such as `keys.alive_key(robot)`."""
         self.key = key
-        self._raw = session.attempt(lambda: zenoh_api.declare_token(session.raw, key), f"cannot declare {key!r}")
+        self._raw = session.attempt(f"cannot declare {key!r}", zenoh_api.declare_token, session.raw, key)
         super().__init__(session)
 
 
@@ -38,9 +37,8 @@ class TokenWatcher(Resource):
         self._lock = threading.Lock()
         self.names: frozenset[str] = frozenset()
         self._on_change = on_change
-        self._raw = session.attempt(
-            lambda: zenoh_api.watch_tokens(session.raw, keys, self._on_token), f"cannot watch {keys!r}"
-        )
+        what = f"cannot watch {keys!r}"
+        self._raw = session.attempt(what, zenoh_api.watch_tokens, session.raw, keys, self._on_token)
         super().__init__(session)
 
     def _on_token(self, key: str, alive: bool) -> None:

@@ -62,14 +62,13 @@ class Publisher(Resource):
         self._lock, self._attach = threading.Lock(), attach
         self.count = 0
         what = f"cannot publish on {key!r}"
-        self._raw = session.attempt(lambda: zenoh_api.declare_publisher(session.raw, key, priority, encoding), what)
+        self._raw = session.attempt(what, zenoh_api.declare_publisher, session.raw, key, priority, encoding)
         self._last: LastMessage | None = None
         self._stamps = zenoh_api.Stamps() if stamped else None
         source = zenoh_api.source_of(self._raw.id) if self._stamps is None else self._stamps.source
         if latched:
-            self._last = session.attempt(
-                lambda: LastMessage(session, key, source, encoding, answers=answers, stamped=stamped), what
-            )
+            kinds = {"answers": answers, "stamped": stamped}
+            self._last = session.attempt(what, LastMessage, session, key, source, encoding, **kinds)
         super().__init__(session)
 
     def put(self, payload: Payload | Callable[[], Payload]) -> None:
@@ -90,10 +89,8 @@ class Publisher(Resource):
             if self._last is not None:
                 self._last.keep(number, made, attachment, stamp)
             if not callable(payload) or zenoh_api.has_subscribers(self._raw):
-                content = made()
-                self._session.attempt(
-                    lambda: zenoh_api.put(self._raw, content, attachment, number, stamp), f"cannot send on {self.key!r}"
-                )
+                what = f"cannot send on {self.key!r}"
+                self._session.attempt(what, zenoh_api.put, self._raw, made(), attachment, number, stamp)
             self.count += 1
             if self._last is not None:
                 self._last.announce()

@@ -71,7 +71,7 @@ class NewestReceiver(Resource, Generic[T]):
         self._raw: Any = None
         self._fetcher: Fetcher | None = None
         super().__init__(session)
-        session.attempt(lambda: self._begin(latched), f"cannot receive {key!r}")
+        session.attempt(f"cannot receive {key!r}", self._begin, latched)
 
     def _begin(self, latched: bool) -> None:
         if latched:

@@ -132,15 +132,15 @@ class Session(AbstractContextManager["Session"]):
             self._cause = f"{failure}. Open a new one"
             self.close()
 
-    def attempt(self, action: Callable[[], Any], what: str) -> Any:
-        """Call `action` and convert Zenoh's errors to errors of this package.
+    def attempt(self, what: str, action: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        """Call `action` with the further arguments, and convert Zenoh's errors to errors of this package.
 
         Raises:
             SessionClosed: the session is closed.
             TransportError: Zenoh reported another error; the error message begins with `what`.
         """
         try:
-            return action()
+            return action(*arguments, **options)
         except zenoh_api.zenoh_error() as error:
             if self.is_closed or self._raw.is_closed():
                 raise SessionClosed(f"{what}: the Zenoh session is closed") from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 
 from transport import zenoh_api
 from transport.links.session import Session
@@ -54,19 +55,9 @@ def ask(
         answers.put(TIMED_OUT if reply.error == ZENOH_TIMEOUT else reply)
 
     deadline = time.monotonic() + timeout + GRACE
-    session.attempt(
-        lambda: zenoh_api.get_replies(
-            session.raw,
-            key,
-            timeout + GRACE,
-            on_reply,
-            lambda: answers.put(ENDED),
-            payload=payload,
-            priority=priority,
-            encoding=encoding,
-        ),
-        f"cannot ask {key!r}",
-    )
+    query = partial(zenoh_api.get_replies, payload=payload, priority=priority, encoding=encoding)
+    on_end = partial(answers.put, ENDED)
+    session.attempt(f"cannot ask {key!r}", query, session.raw, key, timeout + GRACE, on_reply, on_end)
     while True:
         remaining = deadline - time.monotonic()
         if remaining <= 0.0:

@@ -128,7 +128,9 @@ def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
             raise SecurityError(f"{name} was revoked; add a member with another name instead")
     for member in chosen.values():
         certificate = member / f"{member.name}.pem"
-        _write_certificate(member, make_certificate(authority, common_name(certificate), hosts_of(certificate)))
+        credentials = make_certificate(authority, common_name(certificate), hosts_of(certificate))
+        replace_file(member / f"{member.name}.key", credentials.key, private=True)
+        replace_file(certificate, credentials.certificate)
         edit_configuration(member / CONFIGURATION, _complete_queues)
     if any(member.name == "node" or name.endswith(f".{ROUTER}") for name, member in chosen.items()):
         members.save()
@@ -278,8 +280,3 @@ def hosts_of(certificate: Path) -> list[str]:
     kind = x509.SubjectAlternativeName
     names = read_certificate(certificate, lambda read: read.extensions.get_extension_for_class(kind).value)
     return [str(entry.value) for entry in names]
-
-
-def _write_certificate(member: Path, credentials: Credentials) -> None:
-    replace_file(member / f"{member.name}.key", credentials.key, private=True)
-    replace_file(member / f"{member.name}.pem", credentials.certificate)
