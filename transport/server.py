@@ -14,8 +14,7 @@ import numpy as np
 from transport import clock
 from transport.arrays import Percent
 from transport.exceptions import MessageError, ReceiveTimeout, check_choice
-from transport.grids.grid_publishers import GridPublishers
-from transport.grids.views import ViewSender
+from transport.grids.grid_publishers import GridPublishers, ViewSender
 from transport.keys import (
     DEFAULT_ROBOT,
     alive_key,

@@ -9,7 +9,7 @@ import errno
 from array import array
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
-from typing import TypeVar
+from typing import ParamSpec, TypeVar
 
 import usb.backend
 import usb.core
@@ -19,6 +19,7 @@ from drivers.emulator.board import EmulatedBoard
 from drivers.emulator.bus import CLEAR_FEATURE, SET_CONFIGURATION, TO_DEVICE, TO_ENDPOINT, Bus, BusError, LocalBus
 
 _T = TypeVar("_T")
+_P = ParamSpec("_P")
 
 # Timeout of standard requests, such as reading a descriptor [s].
 DESCRIPTOR_TIMEOUT = 1.0
@@ -72,8 +73,7 @@ class EmulatedBackend(usb.backend.IBackend):
         return descriptors.parse(self._configuration(dev), descriptors.ENDPOINT_KIND, **further)
 
     def _descriptor(self, dev: int, kind: int, length: int) -> bytes:
-        bus = self._buses[dev]
-        return _translated(lambda: bus.control(0x80, 6, kind << 8, 0, length, DESCRIPTOR_TIMEOUT))
+        return _translated(self._buses[dev].control, 0x80, 6, kind << 8, 0, length, DESCRIPTOR_TIMEOUT)
 
     def _configuration(self, dev: int) -> bytes:
         return self._descriptor(dev, descriptors.CONFIGURATION, 255)
@@ -92,11 +92,11 @@ class EmulatedBackend(usb.backend.IBackend):
         """Set configuration 1, the only one."""
         if config_value != 1:
             raise usb.core.USBError("Entity not found", -5, errno.ENOENT)
-        _translated(lambda: dev_handle.command(TO_DEVICE, SET_CONFIGURATION, config_value, 0, DESCRIPTOR_TIMEOUT))
+        _translated(dev_handle.command, TO_DEVICE, SET_CONFIGURATION, config_value, 0, DESCRIPTOR_TIMEOUT)
 
     def get_configuration(self, dev_handle: Bus) -> int:
         """Return the number of the current configuration."""
-        return _translated(lambda: dev_handle.control(0x80, 8, 0, 0, 1, DESCRIPTOR_TIMEOUT))[0]
+        return _translated(dev_handle.control, 0x80, 8, 0, 0, 1, DESCRIPTOR_TIMEOUT)[0]
 
     def claim_interface(self, dev_handle: Bus, intf: int) -> None:
         """Claim the interface."""
@@ -108,7 +108,7 @@ class EmulatedBackend(usb.backend.IBackend):
 
     def clear_halt(self, dev_handle: Bus, ep: int) -> None:
         """Clear a stall of an endpoint and reset its data toggle."""
-        _translated(lambda: dev_handle.command(TO_ENDPOINT, CLEAR_FEATURE, 0, ep, DESCRIPTOR_TIMEOUT))
+        _translated(dev_handle.command, TO_ENDPOINT, CLEAR_FEATURE, 0, ep, DESCRIPTOR_TIMEOUT)
 
     def ctrl_transfer(
         self,
@@ -121,19 +121,17 @@ class EmulatedBackend(usb.backend.IBackend):
         timeout: int,
     ) -> int:
         """Make a control transfer. A transfer with data from the host stalls, because the board has no such request."""
-        if not bmRequestType & 0x80:
-            if len(data):
-                raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
-            _translated(lambda: dev_handle.command(bmRequestType, bRequest, wValue, wIndex, timeout / 1e3))
-            return 0
-        answer = _translated(
-            lambda: dev_handle.control(bmRequestType, bRequest, wValue, wIndex, len(data), timeout / 1e3)
-        )
-        return _fill(data, answer)
+        setup = bmRequestType, bRequest, wValue, wIndex
+        if bmRequestType & 0x80:
+            return _fill(data, _translated(dev_handle.control, *setup, len(data), timeout / 1e3))
+        if len(data):
+            raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
+        _translated(dev_handle.command, *setup, timeout / 1e3)
+        return 0
 
     def intr_read(self, dev_handle: Bus, ep: int, intf: int, buff: array[int], timeout: int) -> int:
         """Read a record from the interrupt endpoint; overflow error if the record is longer than the buffer."""
-        return _fill(buff, _translated(lambda: dev_handle.interrupt(len(buff), timeout / 1e3)))
+        return _fill(buff, _translated(dev_handle.interrupt, len(buff), timeout / 1e3))
 
 
 def emulated_backend(*boards: EmulatedBoard) -> EmulatedBackend:
@@ -153,9 +151,9 @@ def _only_zero(*numbers: int) -> None:
         raise IndexError(f"the emulated board has only index 0 of each kind of descriptor; asked for {numbers}")
 
 
-def _translated(transfer: Callable[[], _T]) -> _T:
+def _translated(transfer: Callable[_P, _T], *arguments: _P.args, **options: _P.kwargs) -> _T:
     try:
-        return transfer()
+        return transfer(*arguments, **options)
     except BusError as error:
         code = LIBUSB_CODES.get(error.errno or errno.EIO, -99)
         kind = usb.core.USBTimeoutError if error.errno == errno.ETIMEDOUT else usb.core.USBError

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from transport.recording import open_recording, recover_recording
-from transport.recording.growing_file import GrowingFile
+from transport.recording.topic_file import GrowingFile
 
 
 def test_what_was_acknowledged_around_a_full_disk_survives_a_kill(start, tmp_path: Path) -> None:

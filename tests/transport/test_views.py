@@ -4,7 +4,7 @@ import numpy as np
 
 from tests import ports
 from transport import open_client, open_node, point_cloud_message
-from transport.grids.views import ViewSender
+from transport.grids.grid_publishers import ViewSender
 from transport.keys import picture_key, points_key
 from transport.links.receiver import NewestReceiver
 from transport.messages.codec import decode, read_time

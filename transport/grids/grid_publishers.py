@@ -1,24 +1,47 @@
-"""Publishers of a node's grids and of all messages derived from them."""
+"""Publishers of a node's grids, of all messages derived from them, and of what viewers show of the last scan."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from transport.arrays import Percent
-from transport.keys import grid_map_key, occupancy_key, regions_key, summary_key, terrain_key
+from transport.keys import (
+    DEFAULT_ROBOT,
+    RANGE_IMAGES,
+    grid_map_key,
+    occupancy_key,
+    perception_key,
+    picture_key,
+    points_key,
+    regions_key,
+    summary_key,
+    terrain_key,
+)
 from transport.links.last_message import MadeOnce, Payload
 from transport.links.outbox import Outbox
-from transport.links.publisher import LARGE, LARGEST, SMALL, Publisher
+from transport.links.publisher import LARGE, LARGEST, SMALL, Publisher, Sender
 from transport.links.ros2 import Ros2Bridge
 from transport.links.session import Session
 from transport.messages.codec import encode
 from transport.messages.map_messages import RegionsMessage, encode_regions
 from transport.messages.standard import grid_map_message, occupancy_message
 from transport.messages.terrain_message import EXTENTS, LAYERS, TerrainMessage, encode_compact, encode_terrain
-from transport.messages.typestore import GRID_MAP, OCCUPANCY, REGIONS, SUMMARY, TERRAIN, cdr, compact
+from transport.messages.typestore import (
+    COMPRESSED_IMAGE,
+    GRID_MAP,
+    IMAGE,
+    OCCUPANCY,
+    POINT_CLOUD,
+    REGIONS,
+    SUMMARY,
+    TERRAIN,
+    cdr,
+    compact,
+)
 
 # Layers of the GridMap, whose values are all float32: the float32 layers except `ceiling`, and the hazard flags, which
 # are exact in float32 because they are below 2^24.
@@ -110,3 +133,53 @@ def _send(publisher: Publisher, made: MadeOnce, bridge: Ros2Bridge | None, name:
     publisher.put(made)
     if bridge is not None:
         bridge.put(name, kind, made())
+
+
+class ViewSender(Sender):
+    """Publisher of points, camera image and range images at the lowest priority; the last message of each is kept."""
+
+    def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT) -> None:
+        """Declare the keys.
+
+        Raises:
+            KeyNameError: the robot name cannot be part of a key.
+            SessionClosed: the session is closed.
+        """
+        keys = {
+            POINT_CLOUD: (points_key(robot), POINT_CLOUD),
+            COMPRESSED_IMAGE: (picture_key(robot), COMPRESSED_IMAGE),
+            **{name: (perception_key(name, robot), IMAGE) for name in RANGE_IMAGES},
+        }
+        self._publishers = {
+            name: Publisher(session, key, priority=LARGEST, encoding=cdr(kind)) for name, (key, kind) in keys.items()
+        }
+        super().__init__(session, *self._publishers.values())
+
+    def send(self, make: Callable[[], Iterable[Any]]) -> None:
+        """Send sensor_msgs/PointCloud2 and sensor_msgs/CompressedImage message objects; returns immediately.
+
+        Args:
+            make: returns the message objects; called on a thread of the outbox. A newer call replaces a waiting one.
+        """
+
+        def put() -> None:
+            for message in make():
+                self._publishers[message.__msgtype__].put(encode(message))
+
+        self._outbox.post("views", put)
+
+    def send_range_images(self, make: Callable[[], Mapping[str, Any]]) -> None:
+        """Send the sensor_msgs/Image message objects of RANGE_IMAGES; returns immediately.
+
+        Args:
+            make: returns the message objects by name; called once for each image that has subscribers or is queried.
+        """
+
+        def payload(name: str) -> bytearray:
+            return encode(make()[name])
+
+        def put() -> None:
+            for name in RANGE_IMAGES:
+                self._publishers[name].put(partial(payload, name))
+
+        self._outbox.post("range images", put)

@@ -196,7 +196,7 @@ class TerrainMessage:
         check_name(self.robot)
         for name, allowed in (("extent", EXTENTS), ("mode", MODES), ("attitude_source", ATTITUDE_SOURCES)):
             check_choice(name, getattr(self, name), allowed)
-        for name in ("sequence", "valid_for", "valid_pauses", "coverage"):
+        for name in ("sequence", "valid_for", "valid_pauses", "coverage", "health"):
             check_value(TERRAIN, name, getattr(self, name))
         if self.scan_end < self.scan_start:
             raise MessageError(f"scan_end {self.scan_end} ns is before scan_start {self.scan_start} ns")
@@ -227,10 +227,7 @@ class TerrainMessage:
             raise MessageError(f"point_counts are {counts}; allowed: 0 to 2^64 - 1")
         stages = {str(name): finite(ms, f"time of stage {name!r}") for name, ms in self.stage_ms.items()}
         set_fields(self, point_counts=MappingProxyType(counts), stage_ms=MappingProxyType(stages))
-        try:
-            set_fields(self, health=Health(self.health))
-        except ValueError as error:
-            raise MessageError(f"health is {self.health}; allowed: 0 to 3") from error
+        set_fields(self, health=Health(int(self.health)))
         try:
             data = json.loads(self.metadata)
         except (TypeError, ValueError, RecursionError) as error:

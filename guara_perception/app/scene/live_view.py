@@ -13,7 +13,7 @@ from guara_perception.arrays import Image
 from guara_perception.images import for_screen
 from kinematics import BASE_FOOTPRINT
 from transport import point_cloud_message
-from transport.grids.views import ViewSender
+from transport.grids.grid_publishers import ViewSender
 from transport.recording import FrameRecord
 from transport.recording.records import make_frame
 

@@ -36,7 +36,7 @@ from transport.messages.typestore import message_class
         ({"origin": (0.0,)}, "origin has 1 numbers"),
         ({"origin": (0.0, math.nan)}, "origin y is nan"),
         ({"coverage": 1.5}, "coverage of Terrain is 1.5"),
-        ({"health": 9}, "health is 9"),
+        ({"health": 9}, "health of Terrain is 9"),
         ({"health_reasons": "text"}, "a list of strings is needed"),
         ({"point_counts": {"in": -1}}, "point_counts are {'in': -1}; allowed: 0 to 2\\^64 - 1"),
         ({"point_counts": {"in": 2**64}}, "allowed: 0 to 2\\^64 - 1"),

@@ -9,7 +9,7 @@ from guara_perception.app.files import recording_files as module
 from guara_perception.app.files.recording_files import MAGIC, RecordingFiles, read_limit
 from guara_perception.exceptions import InvalidInput
 from transport.exceptions import RecordingError
-from transport.recording.growing_file import GrowingFile
+from transport.recording.topic_file import GrowingFile
 
 MB = 10**6
 
