@@ -93,7 +93,7 @@ def _leg_points(pose: StancePose, state: RobotState, leg: str) -> Float:
     centre = _in_footprint(pose, state, config.sole, np.zeros((1, 3)))
     points, link = [np.zeros((0, 3))], config.sole
     while True:
-        points += [_in_footprint(pose, state, link, _shape_points(shape)) for shape in state.tree.links[link].shapes]
+        points += [_in_footprint(pose, state, link, shape_points(shape)) for shape in state.tree.links[link].shapes]
         if above[link].name == config.joints[0]:
             break
         link = above[link].parent
@@ -112,7 +112,7 @@ def _above_ground(points: Float, height_at: HeightFunction) -> Float:
     return np.asarray(points[:, 2] - heights)
 
 
-def _shape_points(shape: Shape) -> Float:
+def shape_points(shape: Shape) -> Float:
     """Points (n, 3) on the surface of a shape, in the frame of its link; end faces of cylinders only at their rims."""
     if shape.kind == "box":
         points = _box_points(np.asarray(shape.size) / 2.0)

@@ -1,38 +1,20 @@
-"""Coloured triangle meshes of the links of a robot, from its URDF."""
+"""Visible shapes and colours of the links of a robot, from its URDF."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from xml.etree import ElementTree
 
 import numpy as np
 
-from guara_perception.arrays import Float, Index
 from kinematics import RobotModel
-from kinematics.transforms import transform_points
 from kinematics.urdf import Shape, rotation_from_rpy
 
+# Red, green, blue 0 ... 1.
 Colour = tuple[float, float, float]
 BODY_COLOUR: Colour = (0.47, 0.51, 0.57)
 LEG_COLOUR: Colour = (0.37, 0.41, 0.48)
-Faces = Index
-# Sides of the polygon that approximates a circle.
-ROUND_SIDES = 24
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class VisualShape:
-    """Visible shape of a link.
-
-    Attributes:
-        vertices: (n, 3) in the link's frame [m].
-        faces: (m, 3) indices of the vertices of each triangle, facing outwards.
-        colour: red, green, blue 0 ... 1.
-    """
-
-    vertices: Float
-    faces: Index
-    colour: Colour
+# Visible shape of a link, and its colour.
+VisualShape = tuple[Shape, Colour]
 
 
 def visual_shapes(robot: RobotModel) -> dict[str, tuple[VisualShape, ...]]:
@@ -51,13 +33,12 @@ def visual_shapes(robot: RobotModel) -> dict[str, tuple[VisualShape, ...]]:
             shown = [_visual(found, named, colour) for found in element.findall("visual")]
         except (KeyError, TypeError, ValueError):
             shown = []
-        shapes = shown or [(shape, colour) for shape in robot.tree.links[name].shapes]
-        if shapes:
-            by_link[name] = tuple(_visual_shape(*item) for item in shapes)
+        if shapes := shown or [(shape, colour) for shape in robot.tree.links[name].shapes]:
+            by_link[name] = tuple(shapes)
     return by_link
 
 
-def _visual(element: ElementTree.Element, named: dict[str, Colour], default: Colour) -> tuple[Shape, Colour]:
+def _visual(element: ElementTree.Element, named: dict[str, Colour], default: Colour) -> VisualShape:
     """Shape and colour of a <visual>; raises ValueError, TypeError or KeyError if it is not a primitive shape."""
     (geometry,) = element.findall("geometry")
     (found,) = geometry
@@ -83,40 +64,3 @@ def _colour(material: ElementTree.Element) -> Colour | None:
     except ValueError:
         return None
     return red, green, blue
-
-
-def _visual_shape(shape: Shape, colour: Colour) -> VisualShape:
-    vertices, faces = primitive(shape.kind, shape.size)
-    transform = shape.transform_shape_to_link
-    return VisualShape(transform_points(transform, vertices), faces, colour)
-
-
-def primitive(kind: str, size: tuple[float, ...]) -> tuple[Float, Faces]:
-    """Vertices (n, 3) [m] and outward-facing triangles (m, 3) of a primitive shape centred on the origin.
-
-    Args:
-        kind: "box", "cylinder" (axis z) or "sphere".
-        size: as in `kinematics.urdf.Shape` [m].
-    """
-    if kind == "box":
-        corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size
-        quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
-        return corners, np.vstack((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]))
-    if kind == "cylinder":
-        return _revolved([(0.0, -size[1] / 2), (size[0], -size[1] / 2), (size[0], size[1] / 2), (0.0, size[1] / 2)])
-    angles = np.linspace(-np.pi / 2, np.pi / 2, ROUND_SIDES // 2 + 1)
-    return _revolved([(float(size[0] * np.cos(a)), float(size[0] * np.sin(a))) for a in angles])
-
-
-def _revolved(outline: list[tuple[float, float]]) -> tuple[Float, Faces]:
-    """Vertices and triangles of the surface of revolution of an outline, given as points (radius, z), about z."""
-    angles = np.arange(ROUND_SIDES) * (2 * np.pi / ROUND_SIDES)
-    rings = [np.column_stack((r * np.cos(angles), r * np.sin(angles), np.full(ROUND_SIDES, z))) for r, z in outline]
-    index = np.arange(ROUND_SIDES)
-    following = (index + 1) % ROUND_SIDES
-    faces = []
-    for ring in range(len(outline) - 1):
-        low, high = ring * ROUND_SIDES, (ring + 1) * ROUND_SIDES
-        faces.append(np.column_stack((low + index, low + following, high + following)))
-        faces.append(np.column_stack((low + index, high + following, high + index)))
-    return np.vstack(rings), np.vstack(faces)

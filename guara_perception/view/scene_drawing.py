@@ -12,9 +12,10 @@ from guara_perception.terrain.drawing.style import HAZARD_COLOURS, rgb
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.view.moment import Moment, pose_of
-from guara_perception.view.robot_looks import visual_shapes
+from guara_perception.view.robot_looks import Colour, visual_shapes
 from guara_perception.view.terrain_mesh import TerrainMesh
 from kinematics import RobotModel
+from kinematics.urdf import Shape
 
 STRIPE_COLOUR, FOOTHOLD_COLOUR, TRAIL_COLOUR, CELL_COLOUR = (230, 20, 60), (0, 114, 178), (120, 40, 120), (0, 0, 0)
 REGION_COLOUR = (0, 89, 61)
@@ -73,15 +74,7 @@ class SceneDrawing:
         for link, visuals in visual_shapes(robot).items():
             self._links[link] = scene.add_frame(f"/odom/footprint/robot/{link}", show_axes=False)
             for number, visual in enumerate(visuals):
-                scene.add_mesh_simple(
-                    f"/odom/footprint/robot/{link}/{number}",
-                    visual.vertices,
-                    visual.faces,
-                    color=tuple(round(255 * value) for value in visual.colour),
-                    flat_shading=True,
-                    cast_shadow=False,
-                    receive_shadow=False,
-                )
+                self._add_shape(f"/odom/footprint/robot/{link}/{number}", *visual)
 
     def robot(self, moment: Moment) -> None:
         """Draw the robot in its stance, at its pose in odom; hide it if the moment has no joint positions."""
@@ -164,6 +157,18 @@ class SceneDrawing:
         pin = np.array([[(x, y, z), (x, y, z + 0.06)]])
         lines = np.concatenate((prism(corners, z + LIFT_M, z + 2 * LIFT_M), pin))
         self._lines(f"{name}/pin", lines, CELL_COLOUR)
+
+    def _add_shape(self, name: str, shape: Shape, colour: Colour) -> None:
+        """Add a shape of a link below the frame of the link."""
+        size, looks = shape.size, {"color": tuple(round(255 * value) for value in colour), "flat_shading": True}
+        shadows = {"cast_shadow": False, "receive_shadow": False}
+        if shape.kind == "box":
+            handle = self._scene.add_box(name, dimensions=size, **looks, **shadows)
+        elif shape.kind == "cylinder":
+            handle = self._scene.add_cylinder(name, *size, **looks, **shadows)
+        else:
+            handle = self._scene.add_icosphere(name, *size, **looks, **shadows)
+        _set_pose(handle, shape.transform_shape_to_link)
 
     def _renew(self, name: str, terrain: TerrainGrid) -> None:
         """Replace a node by an empty frame at the pose of a grid."""

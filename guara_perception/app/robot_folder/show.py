@@ -18,6 +18,7 @@ from guara_perception.view.browser import BrowserView
 from guara_perception.view.moment import Moment
 from guara_perception.view.robot_looks import visual_shapes
 from kinematics import RobotModel
+from kinematics.clearance import shape_points
 from kinematics.stance_pose import StancePose
 from kinematics.transforms import transform_points
 
@@ -115,7 +116,7 @@ def _draw_links(axes: Axes, robot: RobotModel, pose: StancePose, up: int) -> Non
     shapes = []
     for link, visuals in visual_shapes(robot).items():
         transform = pose.transform_base_to_footprint @ pose.state.transform_to_base(link)
-        shapes += [(transform_points(transform, item.vertices), item.colour) for item in visuals]
+        shapes += [(transform_points(transform, shape_points(shape)), colour) for shape, colour in visuals]
     # Draw shapes farther from the viewer first. The side view is from the right.
     shapes.sort(key=lambda item: -item[0][:, 1].mean() if up == 2 else item[0][:, 2].mean())
     for placed, colour in shapes:
