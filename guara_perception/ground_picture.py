@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
-import numpy as np
-
-from guara_perception.arrays import Float, Grey, Image
+from guara_perception.arrays import Float, Grey
 from guara_perception.calibration.calibration import CameraModel
 from kinematics.arrays import FrozenArrays
 
@@ -25,12 +22,3 @@ class GroundPicture(FrozenArrays):
     grey: Grey
     camera: CameraModel
     transform_camera_to_footprint: Float
-
-
-def grey_picture(picture: Image) -> Grey:
-    """Convert a camera image to 8-bit grey levels (h, w); always a copy."""
-    if picture.ndim == 3 and picture.shape[2] == 3:
-        grey: Image = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
-    else:
-        grey = picture.reshape(picture.shape[:2]).copy()
-    return np.asarray(grey if grey.dtype == np.uint8 else grey // 256, np.uint8)

@@ -7,7 +7,7 @@ import io
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Image
+from guara_perception.arrays import Float, Grey, Image
 from guara_perception.exceptions import FileFormatError
 
 # Largest image file [byte], and largest number of pixels of an image: the largest suitable cameras have 12 Mpx.
@@ -78,6 +78,19 @@ def _decode(content: bytes, flags: int) -> Image | None:
 def eight_bits(picture: Image) -> Image:
     """Reduce a 16-bit image to its upper eight bits; an 8-bit image is returned unchanged."""
     return (picture >> 8).astype(np.uint8) if picture.dtype == np.uint16 else picture
+
+
+def to_grey(picture: Image) -> Grey:
+    """Convert an image of 8 or 16 bits, grey or BGR, to 8-bit grey (h, w); always a copy."""
+    picture = eight_bits(picture)
+    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 and picture.shape[2] == 3 else picture
+    return np.array(grey.reshape(grey.shape[:2]), dtype=np.uint8, order="C")
+
+
+def to_rgb(picture: Image) -> Image:
+    """Convert an image of 8 or 16 bits, grey or BGR, to 8-bit RGB."""
+    picture = eight_bits(picture)
+    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB if picture.ndim == 2 else cv2.COLOR_BGR2RGB))
 
 
 def for_screen(picture: Image, width: int) -> Image:

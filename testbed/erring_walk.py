@@ -12,7 +12,7 @@ import guara_perception as gp
 from guara_perception.arrays import Float, Float32
 from guara_perception.calibration.calibration import StripePlane
 from guara_perception.calibration.height_sigma import HeightUncertainty
-from guara_perception.ground_picture import grey_picture
+from guara_perception.images import to_grey
 from guara_perception.settings import Settings
 from guara_perception.simulation import SimulatedRangefinder, World, specimen
 from guara_perception.simulation.features import Box, Ramp
@@ -240,7 +240,7 @@ def pictured(
             known_ground=pause.known_ground,
             picture=picture,
             floors=tuple(
-                picture if isinstance(picture, str) else replace(picture, grey=grey_picture(each.frame(laser=0.0)))
+                picture if isinstance(picture, str) else replace(picture, grey=to_grey(each.frame(laser=0.0)))
                 for each in others
             ),
             slips=tuple(

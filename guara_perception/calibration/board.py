@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Self
 
-import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Grey, Image, Index
-from guara_perception.images import eight_bits
+from guara_perception.arrays import Float, Index
 from kinematics.arrays import FrozenArrays
 
 CHECKERBOARD: Final = "checkerboard"
@@ -88,10 +86,3 @@ class BoardView(FrozenArrays):
     def points(self, board: BoardSpec) -> Float:
         """Visible corners (n, 3) in the frame of the board [m], in the order of `corners_px`."""
         return np.asarray(board.points[self.corners])
-
-
-def to_grey(picture: Image) -> Grey:
-    """Convert an image of 8 or 16 bits, grey or BGR, to 8-bit grey."""
-    picture = eight_bits(picture)
-    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 and picture.shape[2] == 3 else picture
-    return np.ascontiguousarray(grey.reshape(grey.shape[:2]), dtype=np.uint8)

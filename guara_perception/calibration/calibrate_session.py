@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from guara_perception.calibration.board import CHECKERBOARD, MIRRORED, BoardView, to_grey
+from guara_perception.calibration.board import CHECKERBOARD, MIRRORED, BoardView
 from guara_perception.calibration.bundle import CameraFit, fit_camera
 from guara_perception.calibration.calibration import Calibration, CameraModel
 from guara_perception.calibration.calibration_input import CalibrationSession, check_size
@@ -65,6 +65,7 @@ from guara_perception.calibration.result import (
 from guara_perception.calibration.surface_map import surface_map
 from guara_perception.calibration.sweep import line_points
 from guara_perception.exceptions import CalibrationMismatch, CalibrationRefused, InvalidInput
+from guara_perception.images import to_grey
 from guara_perception.progress import Progress
 from guara_perception.settings import Settings
 from kinematics import RobotModel

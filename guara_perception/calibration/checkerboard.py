@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Grey, Image
-from guara_perception.calibration.board import BLACK, MIRRORED, BoardSpec, BoardView, to_grey
+from guara_perception.calibration.board import BLACK, MIRRORED, BoardSpec, BoardView
+from guara_perception.images import to_grey
 
 # Width of a border added to the image, without which the sector-based detector misses boards at the edge.
 BORDER_PX = 40

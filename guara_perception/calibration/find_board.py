@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from guara_perception.arrays import Image, Mask
-from guara_perception.calibration.board import CHARUCO, BoardSpec, BoardView, to_grey
+from guara_perception.calibration.board import CHARUCO, BoardSpec, BoardView
 from guara_perception.calibration.charuco import find_charuco, ink_of_charuco
 from guara_perception.calibration.checkerboard import find_checkerboard
+from guara_perception.images import to_grey
 
 # Contrast below which an image counts as blank [grey levels].
 BLANK_CONTRAST = 12

@@ -15,7 +15,8 @@ from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.calibration.drift import Drift
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
-from guara_perception.ground_picture import GroundPicture, grey_picture
+from guara_perception.ground_picture import GroundPicture
+from guara_perception.images import to_grey
 from guara_perception.ranging.locate import Triangulator, locator
 from guara_perception.ranging.scan_geometry import StripePlace, StripeRanger, scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints
@@ -390,7 +391,7 @@ class ScanProcessor:
                     share = second_line_in_motion(share, pair, profile)
                 self._proof.add_second_line(pair.index, share)
                 if pair.off is not None and (self._off is None or pair.index < self._off[0]):
-                    self._off = pair.index, grey_picture(pair.off)
+                    self._off = pair.index, to_grey(pair.off)
             if pair.dark is not None:
                 self._proof.add_dark(pair.index, pair.dark, pair.off)
         good = {index: profile for index, profile in profiles.items() if not profile.is_frame_bad}

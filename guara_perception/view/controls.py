@@ -6,11 +6,10 @@ import html
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import cv2
 import numpy as np
 
 from guara_perception.arrays import Image
-from guara_perception.images import for_screen
+from guara_perception.images import for_screen, to_rgb
 from guara_perception.terrain.drawing.style import UNKNOWN_COLOUR, rgb
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import MEANING, UNKNOWN_MASK, Hazard
@@ -117,8 +116,7 @@ class Controls:
 
 def for_page(image: Image) -> Image:
     """Convert a camera image for the page: 8-bit RGB, at most `PICTURE_WIDTH_PX` wide."""
-    small = for_screen(image, PICTURE_WIDTH_PX)
-    return np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2RGB if small.ndim == 2 else cv2.COLOR_BGR2RGB))
+    return to_rgb(for_screen(image, PICTURE_WIDTH_PX))
 
 
 def legend_html(mesh: TerrainMesh) -> str:

@@ -7,7 +7,6 @@ import io
 import math
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 
 from guara_perception.app.figures.figures import corrected_image
@@ -16,7 +15,7 @@ from guara_perception.calibration.calibration import floor_pixels
 from guara_perception.calibration.laser import floor_sigmas
 from guara_perception.calibration.quality import COVERAGE_CELLS, GRID
 from guara_perception.calibration.result import CalibrationResult
-from guara_perception.images import eight_bits
+from guara_perception.images import to_rgb
 from guara_perception.terrain.drawing import style
 
 if TYPE_CHECKING:
@@ -51,7 +50,7 @@ def data_url(png: bytes) -> str:
 
 def for_show(picture: Image) -> Image:
     """Convert a camera image to 8-bit RGB with normalised brightness, so that details of dark images are visible."""
-    rgb = cv2.cvtColor(eight_bits(picture), cv2.COLOR_GRAY2RGB if picture.ndim == 2 else cv2.COLOR_BGR2RGB)
+    rgb = to_rgb(picture)
     high = max(float(np.percentile(rgb, 99.8)), 1.0)
     return np.clip(rgb * (235.0 / high), 0, 255).astype(np.uint8)
 

@@ -270,7 +270,7 @@ def command(
             stack.enter_context(metrics_served(metrics, instance, server.status_items))
         on_pause = node.on_pause
         if gait == "external" and rig.simulation is not None:
-            from guara_perception.app.node.external_gait import ExternalGait
+            from guara_perception.app.node.simulated_gaits import ExternalGait
 
             on_pause = ExternalGait(rig.simulation, node, say).on_pause
         StanceReceiver(session, robot=instance, on_pause=on_pause, on_refused=node.on_refused)
@@ -300,7 +300,7 @@ def command(
         if gait == "external":
             say(f"{instance}: waiting for your gait to announce stance pauses on {stance_key(instance)}")
         elif rig.simulation is not None:
-            from guara_perception.app.node.simulated_walk import walk_until_stopped
+            from guara_perception.app.node.simulated_gaits import walk_until_stopped
 
             walk_until_stopped(rig.simulation, node, session, instance, stop, say)
         stop.wait()

@@ -12,6 +12,7 @@ from guara_perception.simulation.world import World
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.questions.path import PathVerdict
+from kinematics.transforms import transform_points
 
 # Required number of hind footholds on scanned ground in a walk of at least WHOLE_WALK_PAUSES pauses. Hind feet reach
 # scanned ground after 0.73 m of walking.
@@ -139,8 +140,7 @@ class DemoCheck:
 
 def true_elevation(world: World, pause: WalkPause, grid: TerrainGrid) -> Float:
     """True height (ny, nx) of the ground at every cell centre, in base_footprint of the pause [m]."""
-    x, y = (axis.ravel() for axis in np.meshgrid(*grid.geometry.centres()))
-    points = np.column_stack((x, y, np.zeros(x.size), np.ones(x.size))) @ pause.transform_footprint_to_world.T
-    heights = world.height(points[:, 0], points[:, 1])
-    # points[:, 2] is the height of the z = 0 plane of base_footprint, which is level in the world up to rounding.
-    return np.asarray(heights - points[:, 2], dtype=np.float64).reshape(grid.shape)
+    x, y = np.meshgrid(*grid.geometry.centres())
+    points = transform_points(pause.transform_footprint_to_world, np.stack((x, y, np.zeros(grid.shape)), axis=-1))
+    # points[..., 2] is the height of the plane z = 0 of base_footprint, which is level in the world up to rounding.
+    return np.asarray(world.height(points[..., 0], points[..., 1]) - points[..., 2], dtype=np.float64)

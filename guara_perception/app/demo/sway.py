@@ -23,6 +23,7 @@ from guara_perception.stripes.band import FramePair
 from guara_perception.terrain.drawing.style import draw_hazards, draw_layer, new_figure, save_figure, styled
 from guara_perception.terrain.grid import TerrainGrid
 from kinematics import BodyTrack, RobotModel, Stance, load_robot
+from kinematics.transforms import inverse, transform_points
 
 # [s] Interval between the stripes; largest random error of a flash's time; duration of the stream before and after the
 # scan.
@@ -118,43 +119,33 @@ def swaying_scans(
         view.set_pose(standing @ sway.at(phase + instant))
         on = view.frame(mirror_angle=stripe.mirror_angle, mirror_travel=travel)
         pairs.append(FramePair(stripe.index, on, view.frame(laser=0.0), instant=instant))
-    return [_processed(robot, world, calibration, sway, each, seed, mode, pairs, standing) for each in streams]
+    begin, scans = standing @ sway.at(phase), []
+    for stream in streams:
+        rng = np.random.default_rng(seed)
+        rng.uniform()  # the phase
+        times = np.arange(-AROUND, pairs[-1].instant + AROUND, 1.0 / (stream.rate or STREAM_HZ))
+        readings, stance = stream_of(robot, sway, times + phase, rng, begin=phase)
+        if stream.imu_bias is not None:
+            off = Rotation.from_rotvec(rng.normal(0.0, math.hypot(IMU_RAD, stream.imu_bias), 3))
+            stance = replace(stance, gravity_in_base=tuple(off.apply(-begin[2, :3]).tolist()))
+        track = None
+        if stream.rate:
+            track = BodyTrack(robot, stance, transform_camera_to_base=calibration.transform_camera_to_base)
+            track.add(times, readings, np.ones((len(times), len(robot.legs)), dtype=bool))
+        processor = ScanProcessor(calibration, robot, stance, mode, track=track)
+        late = stream.clock_sigma * math.sqrt(3.0) * rng.uniform(-1.0, 1.0)
+        for pair in pairs:
+            instant = pair.instant + late + rng.uniform(-INSTANT_ERROR, INSTANT_ERROR)
+            processor.add_all([replace(pair, instant=instant, instant_sigma=stream.clock_sigma)])
+        scans.append(_placed(processor.finish(), begin @ inverse(processor.pose.transform_base_to_footprint), world))
+    return scans
 
 
-def _processed(
-    robot: RobotModel,
-    world: World,
-    calibration: Calibration,
-    sway: Sway,
-    stream: Stream,
-    seed: int,
-    mode: str,
-    pairs: Sequence[FramePair],
-    standing: Float,
-) -> SwayingScan:
-    rng = np.random.default_rng(seed)
-    phase, duration = rng.uniform(0.0, 1.0 / sway.frequency), pairs[-1].instant
-    times = np.arange(-AROUND, duration + AROUND, 1.0 / (stream.rate or STREAM_HZ))
-    readings, stance = stream_of(robot, sway, times + phase, rng, begin=phase)
-    begin = standing @ sway.at(phase)
-    if stream.imu_bias is not None:
-        off = Rotation.from_rotvec(rng.normal(0.0, math.hypot(IMU_RAD, stream.imu_bias), 3))
-        stance = replace(stance, gravity_in_base=tuple(off.apply(-begin[2, :3]).tolist()))
-    track = None
-    if stream.rate:
-        track = BodyTrack(robot, stance, transform_camera_to_base=calibration.transform_camera_to_base)
-        track.add(times, readings, np.ones((len(times), len(robot.legs)), dtype=bool))
-    processor = ScanProcessor(calibration, robot, stance, mode, track=track)
-    late = stream.clock_sigma * math.sqrt(3.0) * rng.uniform(-1.0, 1.0)
-    for pair in pairs:
-        told = pair.instant + late + rng.uniform(-INSTANT_ERROR, INSTANT_ERROR)
-        processor.add_all([replace(pair, instant=told, instant_sigma=stream.clock_sigma)])
-    grid = processor.finish()
-    to_world = begin @ np.linalg.inv(processor.pose.transform_base_to_footprint)
-    x, y = np.meshgrid(*grid.geometry.centres())
-    points = np.stack((x, y, grid.elevation), axis=-1) @ to_world[:3, :3].T + to_world[:3, 3]
-    across, along, heights = (np.asarray(points[..., axis], np.float64) for axis in range(3))
-    return SwayingScan(grid, across, along, heights - world.height(across, along))
+def _placed(grid: TerrainGrid, transform_footprint_to_world: Float, world: World) -> SwayingScan:
+    """Compare a grid with the world, in which base_footprint has the given pose (4, 4)."""
+    points = np.stack((*np.meshgrid(*grid.geometry.centres()), grid.elevation), axis=-1)
+    x, y, heights = np.moveaxis(transform_points(transform_footprint_to_world, points), -1, 0)
+    return SwayingScan(grid, x, y, heights - world.height(x, y))
 
 
 def scans_beside(robot_name: str | Path, world: str | Path, degrees: float) -> Iterator[tuple[str, SwayingScan]]:

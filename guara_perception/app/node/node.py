@@ -8,18 +8,17 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Self
 
-from guara_perception.app.node.declared_ground import declared_ground
+from guara_perception.app.node.announcements import Walks, declared_ground, stance_of
 from guara_perception.app.node.heap import Heap
 from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.node_status import NodeStatus, pause_item
-from guara_perception.app.node.pause import Pause, stance_of
+from guara_perception.app.node.pause import Pause
 from guara_perception.app.node.pause_scanner import PauseScanner
 from guara_perception.app.node.pause_stream import PauseStream
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.stream_watch import StreamWatch
 from guara_perception.app.node.sweep import SWEEPS
-from guara_perception.app.node.walks import Walks
 from guara_perception.app.scene.mirror import SceneMirror
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput, PerceptionError

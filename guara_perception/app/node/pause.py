@@ -7,20 +7,11 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from guara_perception.app.messages import message_to_stance
 from guara_perception.app.node.pause_stream import PauseStream
 from guara_perception.terrain.map.known_ground import KnownGround
-from kinematics import KinematicsError, RobotModel, Stance, StanceError, Stillness
+from kinematics import KinematicsError, Stance, Stillness
 from kinematics.robot_settings import PauseLimits
-from kinematics.tree import checked_positions
-from transport import StancePause
 
-# Largest plausible excess of a position over a joint's limits; encoder offsets are only a few degrees.
-BEYOND_LIMITS_RAD = 0.5
-# Largest plausible position of any joint: sixteen turns.
-LARGEST_POSITION_RAD = 100.0
 # Upper bound of an announced length [s]; a longer length is clipped. HOLD renews the announcement much earlier.
 LONGEST_S = 3600.0
 # Largest time by which rounding can put a stamp ahead of its arrival [s]; a larger time means another clock.
@@ -220,30 +211,3 @@ class Pause:
 def _sound(time_available: float) -> float:
     """Length of a pause [s], at most LONGEST_S; 0 (not known) for an impossible length."""
     return min(time_available, LONGEST_S) if 0.0 < time_available < math.inf else 0.0
-
-
-def stance_of(announcement: StancePause, robot: RobotModel) -> Stance:
-    """Convert an announcement to the stance of the robot.
-
-    Raises:
-        kinematics.KinematicsError: the stance is not one of this robot, or a joint is at an impossible position.
-    """
-    stance = message_to_stance(announcement.stance)
-    for foot in stance.support_feet:
-        robot.tree.leg(foot)
-    _check_plausible(robot, stance.joint_positions)
-    return stance
-
-
-def _check_plausible(robot: RobotModel, joint_positions: Mapping[str, float]) -> None:
-    positions, tree = checked_positions(robot.tree, joint_positions), robot.tree
-    lower = np.maximum(tree.lower_limits - BEYOND_LIMITS_RAD, -LARGEST_POSITION_RAD)
-    upper = np.minimum(tree.upper_limits + BEYOND_LIMITS_RAD, LARGEST_POSITION_RAD)
-    impossible = np.flatnonzero((positions < lower) | (positions > upper))
-    if impossible.size:
-        first = impossible[0]
-        raise StanceError(
-            f"joints at impossible positions: {impossible.size}, such as {tree.joint_names[first]} at "
-            f"{positions[first]:g} rad; "
-            f"allowed: {lower[first]:.3g} ... {upper[first]:.3g} rad"
-        )

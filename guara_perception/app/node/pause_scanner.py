@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 
 from drivers import DriverError
-from guara_perception.app.node.joint_watch import JointWatch
+from guara_perception.app.node.consistency import JointWatch
 from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause import Pause

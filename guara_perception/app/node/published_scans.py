@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 
 from guara_perception.app.messages import terrain_to_message
-from guara_perception.app.node.contact_watch import ContactWatch
+from guara_perception.app.node.consistency import ContactWatch
 from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.live_scan import LiveScan
 from guara_perception.app.node.node_status import NodeStatus

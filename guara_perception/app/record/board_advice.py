@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Image
-from guara_perception.calibration.board import BoardSpec, BoardView, to_grey
+from guara_perception.calibration.board import BoardSpec, BoardView
 from guara_perception.calibration.find_board import find_board
+from guara_perception.images import to_grey
 
 ZONES: Final = 3
 WANTED_PICTURES: Final = 12

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Image
-from guara_perception.calibration.board import BoardSpec, to_grey
+from guara_perception.calibration.board import BoardSpec
 from guara_perception.calibration.calibration import CameraModel, floor_pixels
 from guara_perception.calibration.crosses import find_crosses
 from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.plates import level_pixels
-from guara_perception.images import eight_bits
+from guara_perception.images import eight_bits, to_grey
 from guara_perception.settings import Settings
 from transport.supervision import supervised
 

@@ -19,7 +19,6 @@ from guara_perception.app.record.plate_scan import nominal_order, scan_uncalibra
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, FLOOR_PICTURE, SessionWriter
 from guara_perception.app.targets.drawings import cross_points
 from guara_perception.arrays import Float, Image
-from guara_perception.calibration.board import to_grey
 from guara_perception.calibration.calibration import CameraModel, check_identity
 from guara_perception.calibration.calibration_input import Fiducials
 from guara_perception.calibration.find_board import find_board
@@ -27,6 +26,7 @@ from guara_perception.calibration.intrinsics import calibrate_intrinsics
 from guara_perception.calibration.mount import MOUNTS, check_extent, locate_camera
 from guara_perception.exceptions import CalibrationRefused, InvalidInput, PerceptionError, errors_as
 from guara_perception.fields import read_json
+from guara_perception.images import to_grey
 from guara_perception.settings import Settings
 from kinematics import RobotModel
 

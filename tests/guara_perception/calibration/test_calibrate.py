@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.calibration.board import to_grey
 from guara_perception.calibration.bundle import fit_camera
 from guara_perception.calibration.calibrate_session import calibrate_session
 from guara_perception.calibration.calibration import plane_in_frame
@@ -22,6 +21,7 @@ from guara_perception.calibration.mirror_model import nominal_mirror
 from guara_perception.calibration.mount import locate_camera
 from guara_perception.calibration.plates import PlateLine, level_pixels
 from guara_perception.calibration.result import CalibrationResult
+from guara_perception.images import to_grey
 from kinematics import RobotModel
 from testbed.calibration_errors import BEYOND_MM, IN_RANGE_MM, height_errors, worst_rms
 from tests.guara_perception.calibration.breaking import with_frames, with_pictures, with_plate

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from guara_perception.app.record.simulated import SimulatedWorkshop
 from guara_perception.app.targets.drawings import cross_points
-from guara_perception.calibration.board import to_grey
 from guara_perception.calibration.calibration_input import Fiducials
 from guara_perception.calibration.crosses import MOST_FITS, _cross_derivatives, _cross_model, find_crosses
 from guara_perception.calibration.mount import locate_camera
 from guara_perception.exceptions import CalibrationRefused
+from guara_perception.images import to_grey
 from guara_perception.simulation.target_pictures import TargetCamera
 from kinematics import load_robot
 from tests.thorough import examples

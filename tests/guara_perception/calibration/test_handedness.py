@@ -8,13 +8,14 @@ import pytest
 
 from guara_perception.app.record.simulated import SimulatedWorkshop
 from guara_perception.app.targets.drawings import cross_points, parse_board
-from guara_perception.calibration.board import MIRRORED, BoardSpec, to_grey
+from guara_perception.calibration.board import MIRRORED, BoardSpec
 from guara_perception.calibration.calibrate_session import calibrate_session
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.calibration_input import CalibrationSession, Fiducials
 from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.mount import locate_camera, looks_mirrored
 from guara_perception.exceptions import CalibrationRefused
+from guara_perception.images import to_grey
 from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.target_pictures import TargetCamera
 from kinematics import RobotModel, Stance

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.app.node.contact_watch import ContactWatch
+from guara_perception.app.node.consistency import ContactWatch
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.terrain.layers.record import MapRecord
 from transport import Health, StatusItem

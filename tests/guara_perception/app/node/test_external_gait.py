@@ -14,9 +14,9 @@ import guara_perception as gp
 from guara_perception.app.demo.check import true_elevation
 from guara_perception.app.main import run
 from guara_perception.app.messages import stance_to_message
-from guara_perception.app.node.external_gait import ExternalGait, stand_on_ground
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.simulated import SimulatedRobot
+from guara_perception.app.node.simulated_gaits import ExternalGait, stand_on_ground
 from guara_perception.simulation.walk import WalkNoise, WalkPause, simulate_walk
 from guara_perception.simulation.world import parse_world
 from kinematics import RobotModel, Stance, load_robot

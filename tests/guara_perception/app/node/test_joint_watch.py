@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import pytest
 
-from guara_perception.app.node.joint_watch import JointWatch
+from guara_perception.app.node.consistency import JointWatch
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause import Pause
 from kinematics import RobotModel, Stance

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from guara_perception.app.node.announcements import Walks
 from guara_perception.app.node.pause import Pause
-from guara_perception.app.node.walks import Walks
 from kinematics import RobotModel, Stance, Stillness
 from kinematics.robot_settings import PauseLimits
 from tests.thorough import examples

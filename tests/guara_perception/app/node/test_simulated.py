@@ -16,7 +16,7 @@ from guara_perception.app.node import simulated_walk
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
-from guara_perception.app.node.simulated_walk import walk_until_stopped
+from guara_perception.app.node.simulated_gaits import walk_until_stopped
 from guara_perception.app.record.simulated import SimulatedWorkshop
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
@@ -108,8 +108,8 @@ def test_an_obstacle_brings_the_stripes_between_within_the_pause(free_endpoint: 
 
 def test_the_simulated_walk_goes_on_until_it_is_stopped(free_endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Walk after walk, each with an epoch of its own, its pauses in order, and a map that begins anew."""
-    monkeypatch.setattr("guara_perception.app.node.simulated_walk.REST_S", 0.0)
-    monkeypatch.setattr("guara_perception.app.node.simulated_walk.CYCLES", 0.5)
+    monkeypatch.setattr("guara_perception.app.node.simulated_gaits.REST_S", 0.0)
+    monkeypatch.setattr("guara_perception.app.node.simulated_gaits.CYCLES", 0.5)
     robot = SimulatedRobot(size=SIZE, fps=120.0)
     stop = threading.Event()
     seen: list[tuple[str, int]] = []
@@ -135,7 +135,7 @@ def test_a_walk_that_finds_no_foothold_is_followed_by_another(
     free_endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The planner refuses once: why is told, and the next walk begins."""
-    monkeypatch.setattr("guara_perception.app.node.simulated_walk.REST_S", 0.0)
+    monkeypatch.setattr("guara_perception.app.node.simulated_gaits.REST_S", 0.0)
     refusals = iter([None])
     planned = simulated_walk.plan_swing
     monkeypatch.setattr(simulated_walk, "plan_swing", lambda *a, **k: next(refusals, 1) and planned(*a, **k))
@@ -156,7 +156,7 @@ def test_a_scan_that_is_asked_for_ends_before_the_robot_goes_on(
     free_endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Though it takes longer than the robot rests."""
-    monkeypatch.setattr("guara_perception.app.node.simulated_walk.REST_S", 0.2)
+    monkeypatch.setattr("guara_perception.app.node.simulated_gaits.REST_S", 0.2)
     robot = SimulatedRobot(size=SIZE, fps=120.0)
     stop = threading.Event()
     with walking(robot, free_endpoint) as (node, _, client, session):

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.ground_picture import GroundPicture, grey_picture
+from guara_perception.ground_picture import GroundPicture
+from guara_perception.images import to_grey
 from guara_perception.simulation import specimen
 from guara_perception.terrain.map.seen_texture import seen_after, view_of, visual_motion
 from kinematics import PoseInOdom, RobotModel
@@ -317,6 +318,6 @@ def test_pictures_of_every_kind_become_grey() -> None:
     grey = np.arange(12, dtype=np.uint8).reshape(3, 4)
     kinds = [grey, grey[..., None], np.dstack([grey] * 3), grey.astype(np.uint16) * 256]
     for picture in kinds:
-        found = grey_picture(picture)
+        found = to_grey(picture)
         np.testing.assert_array_equal(found, grey)
         assert not np.shares_memory(found, picture)
