@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import chebyshev
 
-from guara_perception.arrays import Float, Index
+from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder
 from guara_perception.stripes.kernel.library import address, addresses, kernel
@@ -39,15 +39,16 @@ class Triangulator:
             camera: intrinsic model.
             transform_camera_to_footprint: (4, 4) pose of the camera.
         """
-        self._rays = ColumnRays(camera)
+        self._camera = camera
         self._per_row = 1.0 / camera.matrix[1, 1]
+        # Polynomials take rows scaled by this one: 0 and twice this row become -1 and 1.
+        self._centre_row = (camera.size[1] - 1) / 2
+        self._coefficients = _coefficients(camera.size, camera.matrix.tobytes(), camera.distortion.tobytes())
         self._place(transform_camera_to_footprint)
 
     def _place(self, transform_camera_to_footprint: Float) -> None:
-        self._rotation = transform_camera_to_footprint[:3, :3]
-        self._translation = transform_camera_to_footprint[:3, 3]
         self._pose = np.ascontiguousarray(transform_camera_to_footprint[:3], np.float64)
-        self.view_point = np.array(self._translation)
+        self.view_point = np.array(transform_camera_to_footprint[:3, 3])
 
     def at(self, transform_camera_to_footprint: Float) -> Triangulator:
         """Return a triangulator for the same camera at another pose (4, 4)."""
@@ -55,73 +56,43 @@ class Triangulator:
         other._place(transform_camera_to_footprint)
         return other
 
-    def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Index | None = None) -> Float:
-        """Points (3, ..., n) in base_footprint of stripes at the given rows; NaN where there is no point.
-
-        Args:
-            plane_in_camera: (..., 4) calibrated laser planes, one for each set of n rows.
-            position_px: (..., n) rows at which the stripes were found.
-            columns: (..., n) image column of each of these rows; None = all columns of the image, in order.
-        """
-        rays = self._rays.at(position_px, columns)
-        return self._at_depth(self._directions(rays), plane_depth(rays, plane_in_camera))
-
     def measure(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
     ) -> tuple[Float, Float]:
-        """Points as from `points`, and standard deviations (..., n) of their heights [m], propagated to first order."""
+        """Locate stripes found at given rows of all image columns.
+
+        Args:
+            plane_in_camera: (..., 4) calibrated laser planes, one for each set of w rows.
+            position_px: (..., w) row in each column; NaN where the stripe was not found.
+            sigma_px: (..., w) standard deviations of these rows.
+
+        Returns:
+            Points (3, ..., w) in base_footprint [m], NaN where there is no row, or where the ray meets the plane at a
+            grazing angle or behind the camera; and standard deviations (..., w) of their heights [m], propagated to
+            first order.
+        """
         # d(depth R r)_z / dv = depth / fy * (R_zy - (R r)_z n_y / (n . r)); the lens changes 1 / fy by a few per cent.
         rows, sigma, planes = (np.ascontiguousarray(v, np.float64) for v in (position_px, sigma_px, plane_in_camera))
         points, deviation = np.empty((3, *rows.shape)), np.empty(rows.shape)
         size = rows.size // rows.shape[-1], rows.shape[-1]
-        rays, terms = self._rays.polynomials(rows)
-        given = *addresses(rows, sigma), *size, address(rays), terms, self._rays.centre_row, address(planes)
+        rays, terms = self._rays(rows)
+        given = *addresses(rows, sigma), *size, address(rays), terms, self._centre_row, address(planes)
         pose = address(self._pose), self._per_row, MIN_SINE_TO_PLANE
         kernel().locate(*given, *pose, *addresses(points, deviation))
         return points, deviation
 
-    def _directions(self, rays: Float) -> Float:
-        """Rays (3, ..., n) rotated into base_footprint.
+    def _rays(self, rows: Float) -> tuple[Float, int]:
+        """Coefficients (terms, 2, w) of the rays of all columns, and their number, as the kernel takes them.
 
-        Computed term by term, because the rounding of a matrix product may depend on the number of points.
+        If no polynomials fit the lens, the exact rays (2, ..., w) at rows (..., w), and 0.
         """
-        x, y = rays
-        along_x, along_y, along_z = self._rotation.T.reshape(3, 3, *(1 for _ in x.shape))
-        directions = along_x * x
-        directions += along_y * y
-        directions += along_z
-        return np.asarray(directions)
-
-    def _at_depth(self, directions: Float, depth: Float) -> Float:
-        """Points (3, ..., n) in base_footprint at depths along directions; overwrites the directions."""
-        directions *= depth
-        directions += self._translation.reshape(3, *(1 for _ in depth.shape))
-        return directions
-
-
-def plane_depth(rays: Float, plane_in_camera: Float) -> Float:
-    """Depths at which rays intersect laser planes: -d / (n . r) for ray r and plane (n, d).
-
-    Args:
-        rays: (2, n) or (2, s, n) x and y in the camera frame at z = 1, NaN where there is no ray.
-        plane_in_camera: (4,) or (s, 4) planes n . X + d = 0.
-
-    Returns:
-        Depth (n,) or (s, n) along the camera's z [m], NaN where the ray meets the plane at a grazing angle or behind
-        the camera.
-    """
-    x, y = rays
-    nx, ny, nz, d = plane_in_camera.T[..., None]
-    along_normal = nx * x
-    along_normal += ny * y
-    along_normal += nz
-    with np.errstate(divide="ignore", invalid="ignore"):
-        depth = -d / along_normal
-        is_grazing = along_normal * along_normal < MIN_SINE_TO_PLANE**2 * (x * x + y * y + 1)
-        unusable = is_grazing | (depth <= 0)
-    if unusable.any():
-        depth[unusable] = np.nan
-    return np.asarray(depth)
+        if self._coefficients is not None:
+            return self._coefficients, len(self._coefficients)
+        known = np.isfinite(rows)
+        rays = np.full((2, *rows.shape), np.nan)
+        columns = np.broadcast_to(np.arange(rows.shape[-1]), rows.shape)
+        rays[:, known] = self._camera.rays(np.column_stack((columns[known], rows[known])))[:, :2].T
+        return rays, 0
 
 
 Locator = Triangulator | PaperRangefinder
@@ -137,57 +108,6 @@ def locator(
     if literal is None:
         return Triangulator(camera, transform_camera_to_footprint)
     return PaperRangefinder(camera, transform_camera_to_footprint, area, literal)
-
-
-class ColumnRays:
-    """Fast polynomial approximation of `CameraModel.rays` in every column, accurate to TOLERANCE_PX.
-
-    Attributes:
-        centre_row: row to which rows are scaled: 0 and twice this row become -1 and 1.
-    """
-
-    def __init__(self, camera: CameraModel) -> None:
-        """Fit the polynomials; if none fits the lens, `at` uses the camera model."""
-        self._camera = camera
-        self.centre_row = (camera.size[1] - 1) / 2
-        self._coefficients = _coefficients(camera.size, camera.matrix.tobytes(), camera.distortion.tobytes())
-
-    def at(self, rows: npt.ArrayLike, columns: Index | None = None) -> Float:
-        """Rays (2, ..., n): x and y in the camera frame at z = 1, NaN where the row is NaN.
-
-        Args:
-            rows: (..., n) sub-pixel rows.
-            columns: (..., n) integer columns; None = every column of the image, in order.
-        """
-        rows = np.asarray(rows, dtype=np.float64)
-        if self._coefficients is None:
-            return self._exact(rows, np.arange(rows.shape[-1]) if columns is None else columns)
-        scaled = rows / self.centre_row - 1
-        coefficients = self._coefficients if columns is None else self._coefficients.take(columns, axis=2)
-        coefficients = np.expand_dims(coefficients, tuple(range(2, 4 + scaled.ndim - coefficients.ndim)))
-        # Horner's scheme.
-        rays = coefficients[0] * scaled
-        for coefficient in coefficients[1:-1]:
-            rays += coefficient
-            rays *= scaled
-        rays += coefficients[-1]
-        return np.asarray(rays)
-
-    def polynomials(self, rows: Float) -> tuple[Float, int]:
-        """Coefficients (terms, 2, w) of the rays, and their number, as the kernel takes them.
-
-        If no polynomials fit the lens, the exact rays (2, ..., w) at rows (..., w) of all columns, and 0.
-        """
-        if self._coefficients is None:
-            return self._exact(rows, np.arange(rows.shape[-1])), 0
-        return self._coefficients, len(self._coefficients)
-
-    def _exact(self, rows: Float, columns: Index) -> Float:
-        known = np.isfinite(rows)
-        rays = np.full((2, *rows.shape), np.nan)
-        pixels = np.column_stack((np.broadcast_to(columns, rows.shape)[known], rows[known]))
-        rays[:, known] = self._camera.rays(pixels)[:, :2].T
-        return rays
 
 
 @lru_cache(maxsize=2)
@@ -210,7 +130,7 @@ def _fitted(camera: CameraModel, count: int) -> Float | None:
     error = np.abs(check @ terms @ check.T - _rays(camera, between)).max()
     if not error * max(camera.matrix[0, 0], camera.matrix[1, 1]) < TOLERANCE_PX:
         return None
-    # From Chebyshev polynomials to powers, for Horner's scheme in `at`.
+    # From Chebyshev polynomials to powers, for Horner's scheme in the kernel.
     powers = np.linalg.solve(np.vander(nodes, count), chebyshev.chebvander(nodes, count - 1))
     per_column = (powers @ terms) @ chebyshev.chebvander(np.linspace(-1, 1, camera.size[0]), count - 1).T
     return np.ascontiguousarray(per_column.swapaxes(0, 1))

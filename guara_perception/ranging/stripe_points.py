@@ -152,11 +152,11 @@ def _doubtful(
     found = points.reshape(3, -1).take(indices, axis=1)
     doubted = np.flatnonzero(~mixed.take(indices))
     if doubted.size:
-        stripes, columns = np.divmod(indices[doubted, None], rows.shape[1])
-        located = locator.points(planes_in_camera[stripes[:, 0]], rows[stripes, columns], columns)
+        located, _ = locator.measure(planes_in_camera, rows, np.zeros_like(rows))
+        located = located.reshape(3, -1).take(indices[doubted], axis=1)
         if on_robot is not None:
             _drop(located, on_robot)
-        found[:, doubted] = located[:, :, 0]
+        found[:, doubted] = located
     with np.errstate(invalid="ignore"):
         usable = (found[2] >= height_limits[0]) & (found[2] <= height_limits[1])
     return _by_stripe(points, indices[usable], found[:, usable])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Float, Index
+from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import CameraModel, plane_in_frame
 from guara_perception.calibration.surface_map import surface_map
 from guara_perception.ranging.paper.equations import (
@@ -105,17 +105,15 @@ class PaperRangefinder:
         ]
         return stripe_constants(v[0], z[0], v[1], z[1]), across
 
-    def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Index | None = None) -> Float:
-        """Points (3, ..., n) in base_footprint of stripes at the given rows; NaN where there is no point.
+    def points(self, plane_in_camera: Float, rows: Float) -> Float:
+        """Points (3, ..., w) in base_footprint of stripes at rows (..., w) of all image columns; NaN without a point.
 
         Args:
-            plane_in_camera: (..., 4) calibrated laser planes, one for each set of n rows.
-            position_px: (..., n) rows at which the stripes were found.
-            columns: (..., n) image column of each of these rows; None = all columns of the image, in order.
+            plane_in_camera: (..., 4) calibrated laser planes, one for each set of w rows.
+            rows: (..., w) row at which the stripe was found in each column.
         """
-        rows = np.asarray(position_px, dtype=np.float64)
         matrix = self._camera.matrix
-        u_r = ((np.arange(rows.shape[-1]) if columns is None else columns) - matrix[0, 2]) / matrix[0, 0]
+        u_r = (np.arange(rows.shape[-1]) - matrix[0, 2]) / matrix[0, 0]
         v_r = (rows - matrix[1, 2]) / matrix[1, 1]
         u, v = undistort(u_r, v_r, self._lens_k, literal=self._literal.lens)
         x, y = surface_x(self._coefficients, u, v), surface_y(self._coefficients, u, v)
@@ -127,7 +125,7 @@ class PaperRangefinder:
     def measure(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
     ) -> tuple[Float, Float]:
-        """Points as from `points`, and standard deviations (..., n) of their heights [m] due to `sigma_px`."""
+        """Points as from `points`, and standard deviations (..., w) of their heights [m] due to `sigma_px`."""
         rows = np.asarray(position_px, dtype=np.float64)
         above = self.points(plane_in_camera, rows - DIFFERENCE_PX)[2]
         below = self.points(plane_in_camera, rows + DIFFERENCE_PX)[2]

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.calibration.calibration import CameraModel
-from guara_perception.ranging.locate import TOLERANCE_PX, ColumnRays, Triangulator, locator
+from guara_perception.ranging.locate import TOLERANCE_PX, Locator, Triangulator, locator
 from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder, radial_coefficient
 from guara_perception.ranging.scan_geometry import laser_origin
 from tests.thorough import examples
@@ -52,12 +52,17 @@ def seen(plane: np.ndarray, transform: np.ndarray, h: np.ndarray, lens: CameraMo
     return points, lens.project((points - transform[:3, 3]) @ transform[:3, :3])
 
 
-def locate_at(method: object, plane: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+def points_of(method: Locator, plane: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Points (3, w) of a stripe at a row of every column."""
+    return method.measure(plane, rows, np.zeros_like(rows))[0]
+
+
+def locate_at(method: Locator, plane: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Points at sub-pixel columns: between the points of the two neighbouring columns on the same image line."""
     found = []
     for u, v in pixels:
         rows = np.full(SIZE[0], v)
-        points = method.points(plane, rows).T  # type: ignore[attr-defined]
+        points = points_of(method, plane, rows).T
         low = int(np.floor(u))
         found.append(points[low] * (low + 1 - u) + points[low + 1] * (u - low))
     return np.array(found)
@@ -83,7 +88,7 @@ def test_the_papers_chain_is_exact_where_its_lens_is(lean: float, turn: float, p
     plane = laser_plane(lean, turn, transform)
     rows = np.linspace(60, 450, SIZE[0])
     paper = PaperRangefinder(lens, transform, AREA, Literal())
-    exact = Triangulator(lens, transform).points(plane, rows).T
+    exact = points_of(Triangulator(lens, transform), plane, rows).T
     usable = np.isfinite(exact[:, 2]) & (exact[:, 2] > -0.1) & (exact[:, 2] < 0.2)
     np.testing.assert_allclose(paper.points(plane, rows).T[usable], exact[usable], atol=2e-6)
 
@@ -116,8 +121,8 @@ def test_sigma_of_the_height_is_its_finite_difference(literal: Literal | None) -
     method = locator(literal, lens, transform, AREA)
     rows = np.full(SIZE[0], 300.0)
     points, sigma = method.measure(plane, rows, np.ones(SIZE[0]))
-    np.testing.assert_array_equal(points, method.points(plane, rows))
-    moved = np.abs(method.points(plane, rows + 0.05)[2] - method.points(plane, rows - 0.05)[2]) / 0.1
+    np.testing.assert_array_equal(points, points_of(method, plane, rows))
+    moved = np.abs(points_of(method, plane, rows + 0.05)[2] - points_of(method, plane, rows - 0.05)[2]) / 0.1
     np.testing.assert_allclose(sigma, moved, rtol=0.06)
 
 
@@ -126,7 +131,7 @@ def test_no_position_no_point_and_no_grazing_ray() -> None:
     transform, lens = pose(), camera()
     rows = np.full(SIZE[0], np.nan)
     rows[7] = 200.0
-    points = Triangulator(lens, transform).points(laser_plane(0.2, 0, transform), rows).T
+    points = points_of(Triangulator(lens, transform), laser_plane(0.2, 0, transform), rows).T
     assert np.isfinite(points[7]).all() and np.isnan(np.delete(points, 7, axis=0)).all()
     ray = lens.rays([[7.0, 200.0]])[0]
     along = np.cross(ray, [1.0, 0, 0])
@@ -138,7 +143,7 @@ def test_no_position_no_point_and_no_grazing_ray() -> None:
 def test_laser_plane_behind_the_camera_gives_no_point() -> None:
     """A negative depth is no point."""
     lens = camera()
-    points = Triangulator(lens, np.eye(4)).points(np.array([0.0, 0, 1.0, 1.0]), np.full(SIZE[0], 200.0))
+    points = points_of(Triangulator(lens, np.eye(4)), np.array([0.0, 0, 1.0, 1.0]), np.full(SIZE[0], 200.0))
     assert np.isnan(points).all()
 
 
@@ -154,29 +159,29 @@ def test_laser_plane_origin_is_on_the_mirror_axis() -> None:
 
 @pytest.mark.parametrize("literal", [None, Literal()])
 def test_stripes_together_are_the_stripes_alone(literal: Literal | None) -> None:
-    """Several laser planes together, all columns or some: each gives what it gives alone, bit for bit."""
+    """Several laser planes together: each gives what it gives alone, bit for bit."""
     transform, lens = pose(), camera()
     method = locator(literal, lens, transform, AREA)
     planes = np.array([laser_plane(lean, turn, transform) for lean, turn in ((-0.1, 0.0), (0.2, 0.01), (0.4, -0.02))])
     rows = np.random.default_rng(4).uniform(100, 400, (3, SIZE[0]))
     rows[1, 30:60] = np.nan
     points, sigma = method.measure(planes, rows, np.full(rows.shape, 0.1))
-    columns = np.array([5, 40, 600])
-    at_columns = method.points(planes, rows[:, columns], columns)
-    scattered = method.points(planes, rows[np.arange(3), columns][:, None], columns[:, None])
     for k in range(3):
         alone, sigma_alone = method.measure(planes[k], rows[k], np.full(SIZE[0], 0.1))
         np.testing.assert_array_equal(points[:, k], alone)
         np.testing.assert_array_equal(sigma[k], sigma_alone)
-        np.testing.assert_array_equal(at_columns[:, k], alone[:, columns])
-        np.testing.assert_array_equal(scattered[:, k, 0], alone[:, columns[k]])
+
+
+def rays_of(camera: CameraModel, rows: np.ndarray) -> np.ndarray:
+    """Rays (2, w) of a triangulator at a row of every column: where they meet the plane z = 1 of the camera."""
+    return points_of(Triangulator(camera, np.eye(4)), np.array([0.0, 0.0, 1.0, -1.0]), rows)[:2]
 
 
 def worst_error_px(camera: CameraModel, seed: int = 0) -> float:
     """Largest difference from the exact rays at a random row of every column."""
     rows = np.random.default_rng(seed).uniform(0, SMALL[1] - 1, SMALL[0])
     exact = camera.rays(np.column_stack((np.arange(SMALL[0]), rows)))[:, :2].T
-    return float(np.abs(ColumnRays(camera).at(rows) - exact).max() * SMALL_MATRIX[0, 0])
+    return float(np.abs(rays_of(camera, rows) - exact).max() * SMALL_MATRIX[0, 0])
 
 
 @given(
@@ -195,18 +200,14 @@ def test_rays_are_those_of_the_camera(k1: float, k2: float, p: tuple[float, floa
 def test_lens_that_no_polynomial_fits_is_computed_exactly(k1: float) -> None:
     """Polynomials fit usual lenses; rays of a strong one, which folds inside the picture, are computed exactly."""
     camera = CameraModel(SMALL, SMALL_MATRIX, np.array([k1, 0, 0, 0, 0]))
-    rays = ColumnRays(camera)
-    assert (rays._coefficients is None) == (k1 == -0.6)
+    assert (Triangulator(camera, np.eye(4))._coefficients is None) == (k1 == -0.6)
     assert worst_error_px(camera) < TOLERANCE_PX
 
 
 @pytest.mark.parametrize("k1", [-0.2, -0.6])
-def test_chosen_columns_and_missing_rows(k1: float) -> None:
-    """Rays of some columns are those among all columns; a NaN row has no ray."""
-    rays = ColumnRays(CameraModel(SMALL, SMALL_MATRIX, np.array([k1, 0, 0, 0, 0])))
+def test_missing_rows(k1: float) -> None:
+    """A NaN row has no ray, with and without polynomials."""
     rows = np.linspace(100.0, 140.0, SMALL[0])
     rows[40:50] = np.nan
-    every = rays.at(rows)
-    assert np.isnan(every[:, 40:50]).all() and np.isfinite(np.delete(every, np.s_[40:50], axis=1)).all()
-    columns = np.array([3, 39, 45, 200])
-    np.testing.assert_array_equal(rays.at(rows[columns], columns), every[:, columns])
+    rays = rays_of(CameraModel(SMALL, SMALL_MATRIX, np.array([k1, 0, 0, 0, 0])), rows)
+    assert np.isnan(rays[:, 40:50]).all() and np.isfinite(np.delete(rays, np.s_[40:50], axis=1)).all()
