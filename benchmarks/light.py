@@ -157,7 +157,7 @@ def cost() -> None:
     for name, size in itertools.product(("clean", *HARD), ((1280, 1024), SIZE)):
         scan = simulated(size, COST_STRIPES, real_light({} if name == "clean" else {name: 1.0}))
         pairs = scan.bands()[::2]
-        ours, theirs = partial(extract_precise, [Band(*pair) for pair in pairs]), over(reference, pairs)
+        ours, theirs = over(lambda on, off: extract_precise(Band(on, off)), pairs), over(reference, pairs)
         timings = alternate({"ours": ours, REFERENCE: theirs}, asked.rounds)
         table.row(name, *size, str(timings.ratio("ours", REFERENCE)))
 

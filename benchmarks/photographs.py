@@ -23,7 +23,7 @@ import guara_perception as gp
 from benchmarks.command import options
 from benchmarks.photograph_peers import PEERS, read
 from guara_perception.arrays import Float, Image
-from guara_perception.ranging.stripe_points import run_ends
+from testbed.run_ends import run_ends
 
 Method = Callable[[Image, Image | None, str, int], Float]
 

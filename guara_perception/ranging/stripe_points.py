@@ -12,7 +12,7 @@ import numpy.typing as npt
 from guara_perception.arrays import Array, Codes, Float, Index, Mask
 from guara_perception.ranging.locate import Locator
 from guara_perception.stripes.band import StripeProfile, StripeStatus
-from guara_perception.stripes.kernel.library import address, addresses, kernel
+from guara_perception.stripes.kernel.library import addresses, kernel
 from kinematics.arrays import read_only
 
 MIXED_EDGE, OUT_OF_BAND = int(StripeStatus.MIXED_EDGE), int(StripeStatus.OUT_OF_BAND)
@@ -174,24 +174,3 @@ def _by_stripe(points: Float, indices: Index, found: Float | None = None) -> lis
         ColumnPoints(indices[first:end] - k * width, found[:, first:end].T) if end > first else NO_POINTS
         for k, (first, end) in enumerate(itertools.pairwise(bounds))
     ]
-
-
-def run_ends(height: Float, strength: Float) -> Mask:
-    """Mask of the returns that are unusable because a run of returns ends there.
-
-    The borders of the image do not end a run.
-
-    Args:
-        height: (s, w) heights of the ground along stripes [m], NaN where there is no return.
-        strength: (s, w) heights of the returns above background [grey levels].
-
-    Returns:
-        (s, w) bool: returns close to a gap or a jump, in the faded end of a run, in a short and weak run, or in a dim
-        and displaced end of the remaining run.
-    """
-    height, strength = (np.ascontiguousarray(values, np.float64) for values in (height, strength))
-    ends, work = np.empty(height.shape, np.bool_), np.empty(4 * (height.shape[1] + 1))
-    for row in zip(height, strength, ends, strict=True):
-        heights, strengths, is_end = addresses(*row)
-        kernel().run_ends(heights, strengths, height.shape[1], address(work), is_end)
-    return ends

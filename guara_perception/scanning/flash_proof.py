@@ -12,9 +12,15 @@ import numpy as np
 
 from guara_perception.arrays import Float32, Image, Mask
 from guara_perception.scanning.background import aligned
-from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus, full_scale, pictures_of
+from guara_perception.stripes.band import (
+    FramePair,
+    StripeProfile,
+    StripeStatus,
+    full_scale,
+    pictures_of,
+    upper_median,
+)
 from guara_perception.stripes.kernel.library import address, kernel, memory
-from guara_perception.stripes.peaks import upper_median
 
 DROPOUT = np.uint8(StripeStatus.DROPOUT)
 SECOND_LINE = "two lines in one picture"

@@ -16,8 +16,8 @@ from guara_perception.stripes.band import (
     StripeProfile,
     bad_frame,
     channel_of,
+    clearest_channel,
     is_raw_bayer,
-    judge,
     picture_fault,
     unusable_frame,
 )
@@ -39,7 +39,7 @@ class StripeFinder:
             method: one of `guara_perception.scanning.stripe_finder.METHODS`.
             size: width and height of the calibrated camera's images [px].
             stride: index difference of neighbouring stripes.
-            threshold: threshold of the paper's binarisation, as in `paper_stripe`; not used by the method "precise".
+            threshold: threshold of the paper's binarisation, as in `extract_paper`; not used by the method "precise".
         """
         self._extract = extract_precise if METHODS[method] is None else partial(extract_paper, threshold=threshold)
         self._size = size
@@ -48,7 +48,7 @@ class StripeFinder:
     def find(self, pair: FramePair, rows: tuple[int, int]) -> StripeProfile:
         """Find the stripe of a frame pair, between the image rows (first, end) in which it can appear."""
         band = self._band(pair, rows)
-        return bad_frame(self._size[0], band) if isinstance(band, str) else self._extract([band])[0]
+        return bad_frame(self._size[0], band) if isinstance(band, str) else self._extract(band)
 
     def _band(self, pair: FramePair, rows: tuple[int, int]) -> Band | str:
         """Band of a stripe, or the reason why it has none."""
@@ -103,7 +103,7 @@ class SweepBackground:
         """
         band = slice(*rows)
         if self._channel is None or self._first is None:
-            self._channel = judge(on[band], None).channel
+            self._channel = clearest_channel(on[band])
             self._first = index
         kept = channel_of(on, self._channel)
         if np.may_share_memory(kept, on):

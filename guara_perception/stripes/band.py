@@ -10,7 +10,7 @@ from enum import IntEnum
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Codes, Float, Float32, Image, Mask
+from guara_perception.arrays import Array, Codes, Float, Float32, Image, Mask
 from guara_perception.stripes.kernel.library import Picture, addresses, kernel
 from kinematics.arrays import FrozenArrays
 
@@ -250,37 +250,12 @@ def nothing(n: int) -> Float32:
     return np.broadcast_to(one, n)
 
 
-@dataclass(frozen=True, slots=True)
-class Judgement:
-    """Assessment of a frame pair from some columns of a band, made by the kernel.
-
-    Attributes:
-        channel: number of the channel in which the stripe stands out most from the noise; 0 for mono.
-        is_swapped: True if the stripe is a dip of `on - off` instead of a peak, as if the images were swapped.
-        change: median of `on - off` in that channel [grey levels]; near 0 for a valid pair.
-        is_uneven: True if the brightness beside the stripe differs between `on` and `off` in any channel.
-        is_core_clipped: True if the core is clipped in that channel in more than a fifth of the columns in which the
-            stripe stands out.
-    """
-
-    channel: int
-    is_swapped: bool
-    change: float
-    is_uneven: bool
-    is_core_clipped: bool
-
-
-def judge(on: Image, off: Image | None) -> Judgement:
-    """Assess a frame pair from some of its columns.
-
-    Args:
-        on: (rows, columns[, channels]) uint8 or uint16 laser-on image.
-        off: laser-off image; None = subtract the median of each column instead.
-    """
-    first, second = pictures_of(on, off)
-    found, work = np.empty(5), np.empty(kernel().judge_size(*first.shape), np.float32)
-    kernel().judge(first, second, *addresses(work, found))
-    return Judgement(int(found[0]), bool(found[1]), float(found[2]), bool(found[3]), bool(found[4]))
+def clearest_channel(on: Image) -> int:
+    """Number of the channel in which a stripe stands out most from the noise in some columns of a band; 0 for mono."""
+    picture, _ = pictures_of(on, None)
+    found, work = np.empty(5), np.empty(kernel().judge_size(*picture.shape), np.float32)
+    kernel().judge(picture, None, *addresses(work, found))
+    return int(found[0])
 
 
 def pictures_of(on: Image, off: Image | None) -> tuple[Picture, Picture | None]:
@@ -294,6 +269,11 @@ def pictures_of(on: Image, off: Image | None) -> tuple[Picture, Picture | None]:
     if off is not None and (off.shape != on.shape or off.dtype != on.dtype):
         raise ValueError(f"the laser-off picture is {off.dtype} {off.shape}, allowed: {on.dtype} {on.shape}")
     return Picture(on), None if off is None else Picture(off)
+
+
+def upper_median(values: Array) -> float:
+    """Upper median of one or more values without NaN."""
+    return float(np.partition(values, values.size // 2, axis=None)[values.size // 2])
 
 
 def opening(picture: Image) -> Image:

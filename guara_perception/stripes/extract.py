@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -13,8 +13,7 @@ from guara_perception.stripes.band import Band, StripeProfile, bad_frame, pictur
 from guara_perception.stripes.paper import check_threshold, extract_paper
 from guara_perception.stripes.precise import extract_precise
 
-Extract = Callable[[Sequence[Band]], list[StripeProfile]]
-METHODS: dict[str, Extract] = {"precise": extract_precise, "paper": extract_paper}
+METHODS: dict[str, Callable[[Band], StripeProfile]] = {"precise": extract_precise, "paper": extract_paper}
 
 
 def extract_stripe(
@@ -61,8 +60,8 @@ def extract_stripe(
     reason = unusable_frame(on[first:end], None if off is None else off, on.shape)
     if reason:
         return bad_frame(width, reason)
-    bands = [Band(on[first:end], None if off is None else off[first:end], first)]
-    return (METHODS[method](bands) if threshold is None else extract_paper(bands, threshold))[0]
+    rows = Band(on[first:end], None if off is None else off[first:end], first)
+    return METHODS[method](rows) if threshold is None else extract_paper(rows, threshold)
 
 
 def _turned(picture: Image) -> Image:

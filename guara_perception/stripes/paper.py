@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import cv2
@@ -20,8 +19,8 @@ from guara_perception.stripes.band import (
     channel_of,
     has_colour,
     opening,
+    upper_median,
 )
-from guara_perception.stripes.peaks import upper_median
 
 # Weights of the channels in the red-enhanced grey; the paper gives no numbers. Red contains the laser light, and the
 # other channels stabilise the grey level.
@@ -42,11 +41,6 @@ MOST_EXTENT_PX = 4
 MOST_DIFFERENCE_PX = 1
 # Largest number of passes of the thinning, each of which removes one layer of pixels on each side.
 MOST_PASSES = 200
-
-
-def extract_paper(bands: Sequence[Band], threshold: float | None = None) -> list[StripeProfile]:
-    """Find the stripes of several bands with `paper_stripe`."""
-    return [paper_stripe(band, threshold) for band in bands]
 
 
 def check_threshold(threshold: float | None, method: str, *, has_threshold: bool) -> None:
@@ -70,7 +64,7 @@ def check_threshold(threshold: float | None, method: str, *, has_threshold: bool
         raise InvalidInput(f"threshold is {threshold}, allowed: 0 ... 255 grey levels")
 
 
-def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
+def extract_paper(band: Band, threshold: float | None = None) -> StripeProfile:
     """Find one stripe with the method of the paper.
 
     Args:

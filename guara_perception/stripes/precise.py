@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,20 +35,8 @@ REMARKS = (
 )
 
 
-def extract_precise(bands: Sequence[Band]) -> list[StripeProfile]:
-    """Find the stripe in each band, independently of the other bands.
-
-    Args:
-        bands: one band per stripe.
-
-    Returns:
-        Profile of each band, with positions in rows of the whole image.
-    """
-    return [_extract(band) for band in bands]
-
-
-def _extract(band: Band) -> StripeProfile:
-    """Profile of one band."""
+def extract_precise(band: Band) -> StripeProfile:
+    """Find the stripe in a band; positions are rows of the whole image."""
     if band.off is None:
         return extract_in_any_light(band)
     first, second = pictures_of(band.on, band.off)

@@ -37,7 +37,7 @@ class Picture(ctypes.Structure):
         return self.rows, self.columns, self.channels
 
 
-P, D, F, PICTURE = ctypes.c_void_p, ctypes.c_double, ctypes.c_float, ctypes.POINTER(Picture)
+P, D, PICTURE = ctypes.c_void_p, ctypes.c_double, ctypes.POINTER(Picture)
 # Types of the arguments and the result of each function. The global interpreter lock is released during each call.
 FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "any_light_size": ([N] * 5, N),
@@ -63,11 +63,9 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "merge_cells": ([P] * 6 + [N] * 4 + [P] * 3, None),
     "nearest_planes": ([P, N, P, N, P, P], None),
     "parts_of_stripes": ([P, N, P, N, N, N, P, P], None),
-    "run_ends": ([P, P, N, P, P], None),
     "sample_surface": ([P, P, N, N, P, P, P, P, P, P, D, N, P, P, P], None),
     "second_line": ([PICTURE, PICTURE, P, D, P], D),
     "second_line_size": ([N], N),
-    "select_value": ([P, N, N], F),
     "settle_points": ([P] * 3 + [N, N, D, D, N, N] + [P] * 6, None),
     "shrink": ([PICTURE, N, N, D, P, P, P], None),
     "sources": ([], ctypes.c_char_p),

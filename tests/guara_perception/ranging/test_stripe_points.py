@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.ranging.stripe_points import StripePoints, run_ends, stripe_points
+from guara_perception.ranging.stripe_points import StripePoints, stripe_points
 from guara_perception.stripes.band import StripeProfile, StripeStatus
+from testbed.run_ends import run_ends
 from tests.guara_perception.ranging import plain_run_ends
 from tests.guara_perception.ranging.plain_run_ends import (
     END_COLUMNS,

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from guara_perception.stripes.band import pictures_of
 from guara_perception.stripes.kernel.library import PICTURE, address, addresses, kernel
 
 N, P, D, F = ctypes.c_int64, ctypes.c_void_p, ctypes.c_double, ctypes.c_float
@@ -18,6 +20,7 @@ PARTS: dict[str, tuple[list[Any], Any]] = {
     "follow_candidates": ([P, P, N, N, P, P, P], None),
     "pair_relief": ([P, P, P, P, N, P, P], None),
     "responses": ([P, N, N, N, P, P, N, P], None),
+    "select_value": ([P, N, N], F),
     "smooth_line": ([P, P, N, P, P], None),
     "stripe_sigma": ([P, N, N, N, P, P, P, N, D, P], D),
 }
@@ -28,6 +31,34 @@ def part(name: str) -> Callable[..., Any]:
     function = getattr(kernel(), name)
     function.argtypes, function.restype = PARTS[name]
     return function
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Assessment of a frame pair by some of its columns.
+
+    Attributes:
+        channel: number of the channel in which the stripe stands out most from the noise; 0 for mono.
+        is_swapped: True if the stripe is a dip of `on - off` instead of a peak, as if the images were swapped.
+        change: median of `on - off` in that channel [grey levels]; near 0 for a valid pair.
+        is_uneven: True if the brightness beside the stripe differs between `on` and `off` in any channel.
+        is_core_clipped: True if the core is clipped in that channel in more than a fifth of the columns in which the
+            stripe stands out.
+    """
+
+    channel: int
+    is_swapped: bool
+    change: float
+    is_uneven: bool
+    is_core_clipped: bool
+
+
+def judge(on: np.ndarray, off: np.ndarray | None) -> Judgement:
+    """Assess a frame pair; without `off`, the median of each column is subtracted instead."""
+    first, second = pictures_of(on, off)
+    found, work = np.empty(5), np.empty(kernel().judge_size(*first.shape), np.float32)
+    kernel().judge(first, second, *addresses(work, found))
+    return Judgement(int(found[0]), bool(found[1]), float(found[2]), bool(found[3]), bool(found[4]))
 
 
 class Path(ctypes.Structure):

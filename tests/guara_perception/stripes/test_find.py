@@ -68,7 +68,7 @@ def _highest_peaks_alone(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def found_in(on: np.ndarray, off: np.ndarray) -> precise.ClearStripe:
     """What the kernel found of a pair, which the next one overwrites."""
-    precise.extract_precise([Band(on, off)])
+    precise.extract_precise(Band(on, off))
     return precise.ClearStripe(memory(0), on.shape[1])
 
 

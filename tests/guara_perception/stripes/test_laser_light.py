@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guara_perception.stripes.band import judge
+from guara_perception.stripes.band import clearest_channel
 from guara_perception.stripes.kernel.library import Picture, addresses
-from tests.guara_perception.stripes.kernel_parts import part
+from tests.guara_perception.stripes.kernel_parts import judge, part
 
 
 @pytest.mark.parametrize("channel", [0, 1, 2])
@@ -22,6 +22,7 @@ def test_strongest_channel_is_that_of_the_line(channel: int) -> None:
     on, off = on.clip(0, 255).astype(np.uint8), off.clip(0, 255).astype(np.uint8)
     assert judge(on, off).channel == channel
     assert judge(on[:, :, channel], None).channel == 0
+    assert clearest_channel(on) == judge(on, None).channel
     for strips in (np.s_[:, :, :], np.s_[::-1, ::-1], np.s_[:, ::2]):
         assert judge(on[strips], off[strips]).channel == channel
 

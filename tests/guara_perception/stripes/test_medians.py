@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from guara_perception.stripes.peaks import upper_median
+from guara_perception.stripes.band import upper_median
 
 
 def test_the_upper_median_of_an_odd_number_of_values_is_the_median() -> None:

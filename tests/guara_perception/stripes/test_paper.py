@@ -13,8 +13,8 @@ import guara_perception as gp
 from guara_perception.stripes.band import Band
 from guara_perception.stripes.paper import (
     binarise,
+    extract_paper,
     mean_rows,
-    paper_stripe,
     red_enhanced_grey,
     remove_background,
     skeleton,
@@ -119,7 +119,7 @@ def test_two_lines_in_one_column_are_ambiguous(threshold: float | None) -> None:
     off = on.copy()
     on[14:17] = 150
     on[40:43, 30:50] = 150
-    profile = paper_stripe(Band(on, off), threshold)
+    profile = extract_paper(Band(on, off), threshold)
     assert (profile.status[33:47] == gp.StripeStatus.AMBIGUOUS).all()
     np.testing.assert_allclose(profile.position_px[5:25], 15, atol=0.01)
 
@@ -130,7 +130,7 @@ def test_the_centre_of_a_line_has_no_bias_whatever_its_thickness(thickness: int)
     on = np.full((60, 80), 20, np.uint8)
     off = on.copy()
     on[20 : 20 + thickness] = 150
-    position = paper_stripe(Band(on, off)).position_px
+    position = extract_paper(Band(on, off)).position_px
     np.testing.assert_allclose(position[10:-10], 20 + (thickness - 1) / 2, atol=0.01)
 
 
@@ -139,7 +139,7 @@ def test_a_weak_part_of_a_stripe_is_found_beside_a_bright_one() -> None:
     on = np.full((60, 80), 5, np.uint8)
     off = on.copy()
     on[28:31, :60], on[28:31, 60:] = 190, 80
-    assert (paper_stripe(Band(on, off)).status[62:78] == gp.StripeStatus.OK).all()
+    assert (extract_paper(Band(on, off)).status[62:78] == gp.StripeStatus.OK).all()
     strict = gp.extract_stripe(on, off, method="paper", threshold=94)
     assert (strict.status[62:78] == gp.StripeStatus.DROPOUT).all() and (strict.status[2:58] == gp.StripeStatus.OK).all()
 
