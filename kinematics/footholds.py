@@ -72,10 +72,10 @@ class Footholds:
         covariance: (4 n, 4 n) covariance of all positions.
         with_footprint: (4, 4 n) cross-covariance of the last footprint's x, y, z and heading with the positions.
         of_footprint: (4, 4) covariance of the last footprint's x, y, z and heading.
-        by_slides: (4, 4) covariance of the displacement of all that came after feet which may have slid: x, y, z and
-            heading of a motion of `odom` about its origin. All footholds share it, so that no reading can reduce it. In
-            `covariance` it would seem to shrink, because a filter that is linearised anew at each pause takes noise for
-            knowledge of the heading.
+        by_slides: (4, 4) covariance of x, y, z and heading of a motion of `odom` about its origin, by which possible
+            slides of the feet have displaced everything since. All footholds share it, so no reading can reduce it. As
+            part of `covariance` it would shrink, because a filter that is linearised again at each pause mistakes
+            noise for information about the heading.
     """
 
     legs: tuple[str, ...]
@@ -101,8 +101,8 @@ class Footholds:
             legs: all feet that carry the body now, including those that stayed.
             readings: (n, 4) sole centres and pitches of all these feet in the new footprint [m, rad].
             covariances: (n, 4, 4) covariance of each reading.
-            instead: other sets of feet that may have stayed. `Fit.by_slides` has the displacements of the footprint by
-                which these feet would be in place. A foot alone shows no turn.
+            instead: other sets of feet that may have stayed. `Fit.by_slides` contains the displacements of the
+                footprint that would keep these feet in place. A single foot determines no rotation.
         """
         now = [legs.index(leg) for leg in stayed]
         kept = np.concatenate([np.arange(4) + 4 * self.legs.index(leg) for leg in stayed])
@@ -134,7 +134,7 @@ class Footholds:
         residual_weight = inverse - inverse @ by_pose @ pose_covariance @ by_pose.T @ inverse
         transform = np.eye(4)
         transform[:3, :3], transform[:3, 3] = _turn(angle)[:3, :3], shift[:3]
-        # The residuals do not show these displacements: any of the sets fits.
+        # The residuals do not reveal these displacements, because any of the sets fits.
         by_slides = np.zeros((4, 4))
         for feet in instead:
             there = np.array([self.positions[self.legs.index(leg), :3] for leg in feet])
@@ -207,7 +207,7 @@ class Footholds:
         )
 
     def slides_at(self, position: Float) -> Float:
-        """Covariance (4, 4) of the displacement of a footprint at a position (2,) or longer in `odom` by slides."""
+        """Covariance (4, 4) of the displacement by slides of a footprint at a position (2,) or longer in `odom`."""
         carried = _carried(position)
         return np.asarray(carried @ self.by_slides @ carried.T)
 
@@ -257,7 +257,7 @@ def _by_pose(rotated: Float) -> Float:
 
 
 def _carried(way: Float) -> Float:
-    """Matrix (4, 4) that maps a small motion about a point to that of a place further by a way (2,) or longer."""
+    """Matrix (4, 4) that converts a small motion about a point to one about a point at an offset (2,) or longer."""
     matrix = np.eye(4)
     matrix[:2, 3] = -way[1], way[0]
     return matrix

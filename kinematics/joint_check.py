@@ -428,7 +428,7 @@ class JointCheck:
                 left = chains.chi2 - before.chi2 - (error / sigma) ** 2
                 sigma *= math.sqrt(scale)
                 is_explained = left < _most(chains.degrees - before.degrees)
-                if _is_error(error, sigma) and abs(error) < LARGEST_JUMP and is_explained:
+                if max(LEAST_ERROR, LEAST_SIGMAS * sigma) < abs(error) < LARGEST_JUMP and is_explained:
                     found[name] = min(found.get(name, (math.inf, 0.0, 0.0)), (left, error, sigma))
         return _likeliest(found, "jump")
 
@@ -439,10 +439,6 @@ class JointCheck:
         before = last.reading.soles_of(legs) @ last.rotation.T + last.origin
         most = MOST_SWING * self._robot.odometry_limits.swing_least
         return bool((np.linalg.norm(here - before, axis=1) < most).all())
-
-
-def _is_error(error: float, sigma: float) -> bool:
-    return abs(error) > max(LEAST_ERROR, LEAST_SIGMAS * sigma)
 
 
 def _likeliest(found: Mapping[str, tuple[float, float, float]], kind: str) -> JointFault | None:

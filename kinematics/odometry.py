@@ -265,19 +265,17 @@ class LegOdometry:
         # the other feet change.
         may_stand = stance.support_feet if standing is None else set(standing).intersection(stance.support_feet)
         common = [leg for leg in _named_feet(last.pose) if leg in may_stand]
-        return common, self._stayed(state, last.pose.state, common)
-
-    def _stayed(self, now: RobotState, before: RobotState, common: list[str]) -> list[tuple[str, ...]]:
+        before = last.pose.state
         # Soles in base_link suffice, because the distances between them do not depend on the vertical.
         sets = find_stayed_feet(
-            now.soles_in_base(common),
-            sole_covariances(now, common, self._robot.noise),
+            state.soles_in_base(common),
+            sole_covariances(state, common, self._robot.noise),
             before.soles_in_base(common),
             sole_covariances(before, common, self._robot.noise),
             slip_sigmas=self._limits.slip_sigmas,
             turn_limit=self._limits.turn_limit,
         )
-        return [tuple(common[row] for row in rows) for rows in sets] or [()]
+        return common, [tuple(common[row] for row in rows) for rows in sets] or [()]
 
     def _instead(
         self, common: Sequence[str], stayed: Sequence[str], moved: Mapping[str, float]

@@ -68,7 +68,7 @@ class SelfFilter:
         self._lowest, self._highest = centres - reaches[:, None], centres + reaches[:, None]
         # |p - c|^2 <= r^2 reads |p|^2 - 2 p . c <= r^2 - |c|^2.
         self._twice_centres = 2.0 * centres.T
-        # Single origins that `_check_outside` has passed: a scan asks for its camera and laser again and again.
+        # Single origins that passed `_check_outside`; a scan tests those of its camera and laser many times.
         self._outside = set[bytes]()
         self._powers = reaches**2 - np.einsum("ni,ni->n", centres, centres) + ROUNDING
 

@@ -114,7 +114,11 @@ def _checked_feet(feet: object) -> tuple[str, ...]:
 
 
 def checked_gravity(gravity: object) -> tuple[float, float, float]:
-    """Direction of gravity in `base_link` as a tuple; refused unless it is three numbers that point down."""
+    """Check a direction of gravity in `base_link`, and return it as a tuple.
+
+    Raises:
+        StanceError: the direction is not three finite numbers, or does not point down.
+    """
     if isinstance(gravity, str) or not isinstance(gravity, Iterable):
         raise StanceError(f"gravity_in_base: {gravity!r} is not a list of three numbers")
     values = [_number(value, "gravity_in_base") for value in gravity]

@@ -25,7 +25,7 @@ from kinematics.urdf_checks import root_link
 
 # Tolerance of joint limits [rad or m]: a position exactly at a limit is not beyond it.
 LIMIT_TOLERANCE = 1e-9
-# Way of a foot per radian of a leg's joint [m], by which what is given in radians applies to prismatic joints.
+# Distance moved by a foot per radian of a leg's joint [m]: prismatic joints take values given in radians times this.
 LEVER_M = 0.2
 # Number of joints named in one warning; further ones are only counted.
 NAMED = 3
@@ -42,8 +42,8 @@ class KinematicTree:
         links: link name -> the link with its inertia and shapes.
         lower_limits, upper_limits: (n,) [rad], for prismatic joints [m], in the order of `joint_names`.
         is_prismatic: (n,) mask of the prismatic joints.
-        joint_scales: (n,) what noise, limits and speeds given in radians are in the unit of each joint: 1, of prismatic
-            joints `LEVER_M` [m/rad].
+        joint_scales: (n,) factors that convert noise, limits and speeds from radians to the unit of each joint: 1, for
+            prismatic joints `LEVER_M` [m/rad].
         pinocchio_model: Pinocchio's model; do not modify it.
         velocity_indices: (n,) columns of Pinocchio's Jacobians, in the order of `joint_names`.
         nominal: (n,) joint positions of a standing posture, in the order of `joint_names`; defines the side to which

@@ -94,13 +94,11 @@ class ScanGeometry:
         ]
         middle = sorted(places)[len(places) // 2]
         transform = poses[middle]
-        every_plane = plane_in_frame(np.array([stripe.plane for stripe in self.calibration.stripes]), transform)
-        camera = transform[:3, 3]
         return replace(
             self,
             transform_camera_to_footprint=transform,
             planes_in_footprint=np.concatenate(planes),
-            sensor_origins=(camera, laser_origin(every_plane, camera)),
+            sensor_origins=_sensor_origins(self.calibration, transform),
         )
 
 
@@ -122,10 +120,14 @@ def scan_geometry(
     height_limits = np.array([settings.minimum_height - LIMIT_MARGIN_M, settings.maximum_height + LIMIT_MARGIN_M])
     bands = row_bands(calibration.camera, transform, planes, height_limits, ROW_MARGIN_PX)
     stripes = {each.index: StripeGeometry(each.plane, band) for each, band in zip(planned, bands, strict=True)}
-    camera = transform[:3, 3]
-    every_plane = plane_in_frame(np.array([stripe.plane for stripe in calibration.stripes]), transform)
-    origins = camera, laser_origin(every_plane, camera)
+    origins = _sensor_origins(calibration, transform)
     return ScanGeometry(calibration, transform, stripes, plane_in_frame(planes, transform), origins)
+
+
+def _sensor_origins(calibration: Calibration, transform: Float) -> tuple[Float, Float]:
+    """Positions (3,) of camera and laser for a pose (4, 4) of the camera, from the planes of all calibrated stripes."""
+    planes = plane_in_frame(np.array([stripe.plane for stripe in calibration.stripes]), transform)
+    return transform[:3, 3], laser_origin(planes, transform[:3, 3])
 
 
 def laser_origin(planes: Float, near: Float) -> Float:

@@ -7,28 +7,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from guara_perception.arrays import Array, Codes, Float, Index, Mask
 from guara_perception.ranging.locate import Locator
 from guara_perception.stripes.band import StripeProfile, StripeStatus
 from guara_perception.stripes.kernel.library import addresses, kernel
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 MIXED_EDGE, OUT_OF_BAND = int(StripeStatus.MIXED_EDGE), int(StripeStatus.OUT_OF_BAND)
 
 
-def _stored(values: npt.ArrayLike, kind: npt.DTypeLike) -> Array:
-    """Read-only array of a type; not copied if the values are such an array already."""
-    array = np.asarray(values, dtype=kind)
-    if array is not values and array.base is None:
-        # A new array, to which there is no other reference.
-        array.setflags(write=False)
-    return read_only(array)
-
-
 @dataclass(frozen=True, slots=True)
-class ColumnPoints:
+class ColumnPoints(FrozenArrays):
     """Points of some image columns of a stripe, at most one per column.
 
     Attributes:
@@ -39,13 +29,9 @@ class ColumnPoints:
     columns: Array
     points: Array
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "columns", _stored(self.columns, np.int32))
-        object.__setattr__(self, "points", _stored(self.points, np.float32))
-
 
 @dataclass(frozen=True, slots=True)
-class StripePoints:
+class StripePoints(FrozenArrays):
     """Points of one stripe, one entry per image column; float32, because a scan keeps all its stripes.
 
     Attributes:
@@ -65,11 +51,6 @@ class StripePoints:
     status: Codes
     out_of_range: ColumnPoints
     doubtful: ColumnPoints
-
-    def __post_init__(self) -> None:
-        for name in ("points", "variance", "strength"):
-            object.__setattr__(self, name, _stored(getattr(self, name), np.float32))
-        object.__setattr__(self, "status", read_only(self.status))
 
 
 # Shared by the stripes without out-of-range or doubtful points, which are the majority.
@@ -171,6 +152,8 @@ def _by_stripe(points: Float, indices: Index, found: Float | None = None) -> lis
         found = points.reshape(3, -1).take(indices, axis=1)
     bounds = np.searchsorted(indices, width * np.arange(count + 1)).tolist()
     return [
-        ColumnPoints(indices[first:end] - k * width, found[:, first:end].T) if end > first else NO_POINTS
+        ColumnPoints((indices[first:end] - k * width).astype(np.int32), found[:, first:end].T.astype(np.float32))
+        if end > first
+        else NO_POINTS
         for k, (first, end) in enumerate(itertools.pairwise(bounds))
     ]

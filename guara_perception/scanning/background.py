@@ -165,7 +165,7 @@ class _Seen:
         sigma: (4,) standard deviations of `rise` due to the noise of the images, without that of the reference image,
             which all estimates share [m].
         shift: median motion of the corners of the image [px of the reduced image].
-        largest_sigma: the largest of `sigma`, kept because it is asked for often [m].
+        largest_sigma: the largest of `sigma`, stored because it is needed often [m].
     """
 
     rise: Float
@@ -257,12 +257,12 @@ class BackgroundWitness:
         """
         self._camera, self._pose, self._ends = camera, transform_camera_to_footprint, ends
         self._reference: Image | None = None
-        # Of a dim scan: stripe (none of the reference), reduced image, and first and end row of the laser line of each
-        # image; and the last laser-off image of these.
+        # Images of a dim scan: stripe (None for the reference), reduced image, first and end row of the laser line. And
+        # the last laser-off image among them.
         self._dim: list[tuple[int | None, Image, tuple[float, float]]] = []
         self._dark: Image | None = None
         self._points = self._rays = np.zeros((0, 2))
-        # What the kernel takes besides an image: of the reference image, and to fit the motion, with work memory.
+        # Arguments of the kernel that follow an image: the reference image with its corners; the fit and its memory.
         self._work = np.empty(6 * FEW_CORNERS)
         self._of_scan: tuple[int, ...] = ()
         self._of_fit: tuple[float, ...] = ()
@@ -445,7 +445,7 @@ class BackgroundWitness:
     def is_blind(self) -> bool:
         """True if a motion that makes heights wrong by `WRONG_M` could be missed.
 
-        There is no texture, too little light, or no laser-off image, without which motion is not looked for.
+        Then there is no texture, too little light, or no laser-off image, without which motion cannot be estimated.
         """
         found = self._standing()[1]
         sigmas = [found[index].largest_sigma if index in found else np.inf for index in self._seen]
@@ -461,7 +461,7 @@ class BackgroundWitness:
         return self._stood
 
     def _told(self) -> dict[int, list[_Seen]]:
-        """Estimates that are sure; none if at most half of all are, since they are then accidental, as in the dark."""
+        """Reliable estimates; none if at most half of all are, because these are then accidental, as in the dark."""
         if all(look.is_sure for looks in self._seen.values() for look in looks):
             return self._seen
         told = {index: [look for look in looks if look.is_sure] for index, looks in self._seen.items()}
@@ -483,7 +483,7 @@ class BackgroundWitness:
         lost = self._elsewhere.intersection(stripes)
         if places is not None:
             looks = {
-                index: [replace(look, rise=look.rise - self._claimed(places[index])) for look in seen]
+                index: [replace(look, rise=look.rise - self._displaced(places[index])[:, 2]) for look in seen]
                 for index, seen in self._told().items()
                 if index in places
             }
@@ -517,9 +517,6 @@ class BackgroundWitness:
         """Sigma (4,) of the rises due to the noise of the reference image, taken as that of a typical other image."""
         sigmas = [look.sigma for looks in self._seen.values() for look in looks] or [np.zeros(len(self._ends))]
         return _middle(_rows(sigmas))
-
-    def _claimed(self, transform_camera_to_footprint: Float) -> Float:
-        return np.asarray(self._displaced(transform_camera_to_footprint)[:, 2])
 
     def _displaced(self, transform_camera_to_footprint: Float) -> Float:
         """Displacement (4, 3) of the corners of the scanned area for a pose of the camera [m]."""

@@ -30,7 +30,8 @@ STEPS = 2
 MARGIN_PX, SMOOTH_PX = 4, 0.8
 # Side of the tiles of a chessboard whose two colours give an estimate each; their difference shows the noise [px].
 TILE_PX = 8
-# Differences are clipped at this multiple of their rms: what moves by itself, as the legs do, counts little.
+# Differences are clipped at this multiple of their rms, so that parts that move by themselves, such as the legs, have
+# little weight.
 CLIPPED = 3.0
 # Least share that must be texture in the direction of motion in which it is least, of all images together and of half
 # of the tiles of one image; with less, errors are larger than their sigmas.
@@ -132,10 +133,10 @@ class _Aligner:
         self._colours = np.array([is_black, ~is_black], np.float32)
 
     def aligned(self, motions: Float) -> tuple[Float, Float] | None:
-        """Better motions (n, 6), and their covariances (n, 6, 6); None if there is too little texture.
+        """Refine motions; return them (n, 6) and their covariances (n, 6, 6), or None if there is too little texture.
 
         Args:
-            motions: (n, 6) motions known so far.
+            motions: (n, 6) motions to refine.
         """
         moved = [self._moved(number, motion) for number, motion in enumerate(motions)]
         sums, counts = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -22,7 +23,6 @@ from guara_perception.stripes.band import (
 )
 from guara_perception.stripes.kernel.library import address, kernel, memory
 
-DROPOUT = np.uint8(StripeStatus.DROPOUT)
 SECOND_LINE = "two lines in one picture"
 # Brightness of a second line relative to the stripe, above which it shifts the measured row.
 LEAST_SHARE = 0.45
@@ -131,7 +131,8 @@ class FlashProof:
 
     def add(self, index: int, profile: StripeProfile) -> None:
         """Add the profile of a stripe, in the order in which the stripes were fired."""
-        self._seen[index] = float("nan") if profile.is_frame_bad else _share_of_light(profile)
+        share = np.count_nonzero(profile.status != StripeStatus.DROPOUT) / profile.status.size
+        self._seen[index] = math.nan if profile.is_frame_bad else share
 
     def add_second_line(self, index: int, share: float) -> None:
         """Add the brightness of a second line in the image of a stripe, relative to the stripe."""
@@ -239,10 +240,6 @@ class FlashProof:
             np.count_nonzero(a & b) < LEAST_OVERLAP * min(np.count_nonzero(a), np.count_nonzero(b))
             for a, b in pairwise(spots)
         )
-
-
-def _share_of_light(profile: StripeProfile) -> float:
-    return float(np.count_nonzero(profile.status != DROPOUT) / profile.status.size)
 
 
 def lit_pixels(dark: Image, reference: Image, *, within: int = 0) -> Mask:

@@ -106,7 +106,7 @@ def run_scan(
     if processor.track_fault:
         _check_still(scan, calibration, robot)
         processor.leave_track()
-    # Not before: a refusal is the one thing to say of a scan that is refused.
+    # Last, because a scan that is rejected needs no other warnings.
     _tell_differences(scan, calibration)
     return processor
 

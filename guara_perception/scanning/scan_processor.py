@@ -32,7 +32,7 @@ from guara_perception.scanning.flash_proof import (
     without_spoilt,
 )
 from guara_perception.scanning.light_diagnosis import FrameSamples
-from guara_perception.scanning.scan_report import FloorCheck, scan_drift, scan_record
+from guara_perception.scanning.scan_report import FloorCheck, Proved, planned_record, scan_drift, scan_record
 from guara_perception.scanning.scan_surface import ScanSurface, SharedVariance, sway_variance
 from guara_perception.scanning.stripe_finder import METHODS, StripeFinder, check_method
 from guara_perception.scanning.stripe_places import NO_PLACE, StripePlaces, parted_pairs
@@ -41,9 +41,8 @@ from guara_perception.stripes.band import FramePair, StripeProfile, bad_frame
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry, cell_edge
 from guara_perception.terrain.layers.record import ScanRecord
-from kinematics import BodyTrack, GravityEstimate, Stance, StanceError, Stillness, describe_robot
+from kinematics import BodyTrack, GravityEstimate, Stance, StanceError, Stillness
 from kinematics.self_filter import SelfFilter
-from kinematics.stance_pose import support_soles
 
 
 class ScanProcessor:
@@ -117,8 +116,7 @@ class ScanProcessor:
         self._gravity = gravity
         self.pose = robot.stance_pose(self._stance, odometry=gravity)
         self._stamp, self._step = int(stamp), int(step)
-        self._robot_description = describe_robot(robot)
-        self._soles, self._floor = support_soles(self.pose, robot.noise), FloorCheck(self.pose)
+        self._floor = FloorCheck(self.pose)
         self._cell = cell_edge(resolution, settings.resolution)
         to_footprint = self.pose.transform_base_to_footprint
         self._geometry = scan_geometry(calibration, to_footprint, settings, mode)
@@ -126,6 +124,7 @@ class ScanProcessor:
             raise CalibrationMismatch(
                 f"the calibration holds no stripe of the {mode} pattern; it holds {format_indices(calibration.indices)}"
             )
+        self._planned = planned_record(self._geometry, robot, self._stance, self.pose, mode, method)
         self._locator = locator(
             METHODS[method],
             calibration.camera,
@@ -152,7 +151,7 @@ class ScanProcessor:
         to_camera = self._geometry.transform_camera_to_footprint
         self._witness = BackgroundWitness(calibration.camera, to_camera, self._corners)
         # Cached result of `_what_is_proved`, preceded by the version of the inputs.
-        self._proved: tuple[tuple[object, ...], _Proved] | None = None
+        self._proved: tuple[tuple[object, ...], Proved] | None = None
         # Index and laser-off image of the usable stripe with the lowest index, which is fired first.
         self._off: tuple[int, Grey] | None = None
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
@@ -250,7 +249,7 @@ class ScanProcessor:
         """
         self._proof.add_dark(index, dark, off)
 
-    def _what_is_proved(self) -> _Proved:
+    def _what_is_proved(self) -> Proved:
         """Stripes confirmed by dark flashes, background and track; cached until one of these changes."""
         placed = 0 if self._places is None else self._places.update()
         version = (*self._proof.version, len(self._profiles), placed, "" if self._places is None else self._places.left)
@@ -258,7 +257,7 @@ class ScanProcessor:
             self._proved = version, self._prove(self._proof.judge())
         return self._proved[1]
 
-    def _prove(self, proof: Proof) -> _Proved:
+    def _prove(self, proof: Proof) -> Proved:
         width = self._calibration.camera.size[0]
         unproved = f"{OTHER_INSTANT}: no dark flash came after it"
         forbidden = dict.fromkeys(proof.doubled, SECOND_LINE) | dict.fromkeys(proof.unproved, unproved)
@@ -287,7 +286,7 @@ class ScanProcessor:
             elif proof.spoilt is not None and (new := without_spoilt(profile, proof.spoilt)) is not profile:
                 changed[index] = new
         if not changed and self._places is None:
-            return _Proved(proof, self._profiles, self._surface, motion, may_sway)
+            return Proved(proof, self._profiles, self._surface, motion, may_sway)
         profiles = {**self._profiles, **changed}
         good = {index: each for index, each in profiles.items() if not each.is_frame_bad}
         surface = self._new_surface(places, parted)
@@ -296,7 +295,7 @@ class ScanProcessor:
             surface.add(self._ranger.points({index: each for index, each in good.items() if index in changed}))
         else:
             surface.add(self._ranger.points(good, places))
-        return _Proved(proof, profiles, surface, motion, may_sway, places)
+        return Proved(proof, profiles, surface, motion, may_sway, places)
 
     def _new_surface(
         self, places: Mapping[int, StripePlace] | None = None, parted: Collection[Key] = ()
@@ -517,25 +516,15 @@ class ScanProcessor:
         lost_cells = proved.surface.lost_cells(layers, is_lost, area)
         if record is None:
             record = scan_record(
+                self._planned,
                 geometry=self._geometry,
                 robot=self._robot,
-                robot_description=self._robot_description,
-                stance=self._stance,
-                pose=self.pose,
-                mode=self.mode,
-                method=self._method,
-                profiles=proved.profiles,
-                points=proved.surface.stripes,
-                counts=proved.surface.counts,
+                proved=proved,
                 layers=layers,
                 seconds={**self._seconds, "finish": time.perf_counter() - start},
                 samples=self._samples,
-                soles=self._soles,
                 floor=self._floor,
                 mirrored_points=self._mirrored_points,
-                proof=proved.proof,
-                motion=proved.motion,
-                may_sway=proved.may_sway,
                 lost_cells=lost_cells,
             )
         else:
@@ -556,24 +545,3 @@ class ScanProcessor:
             )
         if index in self._profiles or index in others:
             raise InvalidInput(f"stripe index {index} was added before; a scan takes each stripe once")
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class _Proved:
-    """Stripes of a scan that its dark flashes, background and track confirm.
-
-    Attributes:
-        proof: findings on the light of the scan.
-        profiles: profile of each stripe; those not confirmed are bad.
-        surface: surface of the confirmed stripes.
-        motion: description of detected motion during the scan, and of a track that is not used; may be empty.
-        may_sway: True if neither joint stream nor background can show whether the body sways.
-        places: pose of camera and body at each stripe; None if all stripes have the pose of the stance.
-    """
-
-    proof: Proof
-    profiles: Mapping[int, StripeProfile]
-    surface: ScanSurface
-    motion: str
-    may_sway: bool
-    places: Mapping[int, StripePlace] | None = None

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
 
-from guara_perception.arrays import Array, Float, Index, Mask
+from guara_perception.arrays import Array, Mask
 from guara_perception.calibration.drift import DRIFTING, HOLDS, Drift, check_drift
-from guara_perception.ranging.scan_geometry import ScanGeometry
+from guara_perception.ranging.scan_geometry import ScanGeometry, StripePlace
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.scanning.background import MOVED
 from guara_perception.scanning.coverage_diagnosis import advice, wrong_frames, wrong_pattern
 from guara_perception.scanning.flash_proof import OTHER_INSTANT, Proof
 from guara_perception.scanning.light_diagnosis import STEADY, FrameSamples
+from guara_perception.scanning.scan_surface import ScanSurface
 from guara_perception.settings import Settings
 from guara_perception.stripes.band import StripeProfile, StripeStatus
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
 from guara_perception.terrain.layers.record import Health, Run, ScanRecord
-from kinematics import RobotModel, Stance, StancePose
+from kinematics import RobotModel, Stance, StancePose, describe_robot
+from kinematics.stance_pose import support_soles
 
 # Coverage below which the health states a cause and a remedy.
 LOW_COVERAGE = 0.5
@@ -52,33 +54,74 @@ def regional_coverage(seen: Mask, expected: Mask) -> dict[str, float | None]:
     return result
 
 
+@dataclass(frozen=True, slots=True)
+class Proved:
+    """Stripes of a scan that its dark flashes, background and track confirm.
+
+    Attributes:
+        proof: findings on the light of the scan.
+        profiles: profile of each stripe; those not confirmed are bad.
+        surface: surface of the confirmed stripes.
+        motion: description of detected motion during the scan, and of a track that is not used; may be empty.
+        may_sway: True if neither joint stream nor background can show whether the body sways.
+        places: pose of camera and body at each stripe; None if all stripes have the pose of the stance.
+    """
+
+    proof: Proof
+    profiles: Mapping[int, StripeProfile]
+    surface: ScanSurface
+    motion: str
+    may_sway: bool
+    places: Mapping[int, StripePlace] | None = None
+
+
+def planned_record(
+    geometry: ScanGeometry, robot: RobotModel, stance: Stance, pose: StancePose, mode: str, method: str
+) -> ScanRecord:
+    """Record of a scan before its first frame; docs/files.md describes its fields."""
+    calibration, settings = geometry.calibration, Settings.of(robot)
+    return ScanRecord(
+        robot=robot.name,
+        robot_description=describe_robot(robot),
+        mode=mode,
+        method=method,
+        calibration_hash=calibration.hash,
+        calibration_verdict=calibration.quality.get("verdict"),
+        stance=stance,
+        attitude_source=pose.attitude_source,
+        attitude_sigma=pose.attitude_sigma,
+        support_feet_used=pose.support_feet_used,
+        support_soles=support_soles(pose, robot.noise),
+        transform_base_to_footprint=pose.transform_base_to_footprint,
+        transform_camera_to_base=calibration.transform_camera_to_base,
+        laser_origin=geometry.sensor_origins[1],
+        pose_covariance=pose.covariance,
+        limits=settings.limits,
+        validity_pauses=settings.validity_pauses,
+        validity_seconds=settings.validity_seconds,
+        stripes_planned=len(geometry.stripes),
+        # A calibration without a verdict is recorded as null.
+        extra={"calibration_verdict": None},
+    )
+
+
 def scan_record(
+    planned: ScanRecord,
     *,
     geometry: ScanGeometry,
     robot: RobotModel,
-    robot_description: str,
-    stance: Stance,
-    pose: StancePose,
-    mode: str,
-    method: str,
-    profiles: Mapping[int, StripeProfile],
-    points: Mapping[int, StripePoints],
-    counts: Index,
+    proved: Proved,
     layers: Mapping[str, Array],
     seconds: Mapping[str, float],
     samples: FrameSamples,
-    soles: Mapping[str, Float],
     floor: FloorCheck,
     mirrored_points: Callable[[], Mapping[int, StripePoints]],
-    proof: Proof,
-    motion: str,
-    may_sway: bool,
     lost_cells: tuple[Run, ...],
 ) -> ScanRecord:
-    """Record of a scan; docs/files.md describes its fields."""
-    calibration, planned, settings = geometry.calibration, geometry.stripes, Settings.of(robot)
+    """Record of a scan, from the one before its first frame."""
+    proof, profiles, motion = proved.proof, proved.profiles, proved.motion
+    points, counts = proved.surface.stripes, proved.surface.counts
     bad = {index: profile.reason for index, profile in sorted(profiles.items()) if profile.is_frame_bad}
-    used = int(counts[StripeStatus.OK] + counts[StripeStatus.SATURATED])
     hazard = np.asarray(layers["hazard"], np.uint16)
     unknown = (hazard & UNKNOWN_MASK) != 0
     expected = ~((hazard & np.uint16(Hazard.UNSCANNED | Hazard.OCCLUDED | Hazard.SELF)) != 0)
@@ -86,16 +129,16 @@ def scan_record(
     told = {index: reason for index, reason in bad.items() if index not in proof.unproved and reason != MOVED}
     reasons = [f"stripe {index}: {reason}" for index, reason in told.items()]
     sway = robot.pause_limits.stance_sway
-    if may_sway:
+    if proved.may_sway:
         amplitude = f"it may do so by {np.degrees(sway):.2f} degrees, which the variance of heights includes"
         reasons.append(f"{UNSEEN}; by robot.toml ([pause] stance_sway) {amplitude if sway else 'it does not'}")
     if proof.unproved:
         reasons.append(
             f"{OTHER_INSTANT}, perhaps: {len(proof.unproved)} stripes without a later dark flash are not used"
         )
-    missing = [index for index in planned if index not in profiles]
+    missing = [index for index in geometry.stripes if index not in profiles]
     if missing:
-        reasons.append(f"{len(missing)} of {len(planned)} stripes were not fired")
+        reasons.append(f"{len(missing)} of {planned.stripes_planned} stripes were not fired")
     unused = samples.unused
     if unused:
         index, why = next(iter(unused.items()))
@@ -106,44 +149,26 @@ def scan_record(
     if not expected.any():
         reasons += filter(None, (motion, "no part of the area was scanned"))
     elif coverage < LOW_COVERAGE:
-        wrong = motion or samples.excess() or wrong_pattern(profiles, settings.pattern(mode).step)
-        reasons.append(advice(coverage, counts, wrong or wrong_frames(samples, geometry), samples.lack()))
+        stride = Settings.of(robot).pattern(str(planned.mode)).step
+        wrong = motion or samples.excess() or wrong_pattern(profiles, stride) or wrong_frames(samples, geometry)
+        reasons.append(advice(coverage, counts, wrong, samples.lack()))
     else:
         reasons += filter(None, (motion, floor.mirrored_frames(points, mirrored_points), samples.texture()))
-    if pose.attitude_source == "support_plane":
+    if planned.attitude_source == "support_plane":
         reasons.append(
             "levelled by the plane of the feet, as neither an IMU nor leg odometry gives gravity: level to "
-            f"{np.degrees(pose.attitude_sigma):.1f} degrees (one sigma)"
+            f"{np.degrees(planned.attitude_sigma or 0.0):.1f} degrees (one sigma)"
         )
-    verdict = calibration.quality.get("verdict")
-    if verdict == "refused":
+    if planned.calibration_verdict == "refused":
         reasons.append("the calibration is used although its verdict is 'refused'")
-    return ScanRecord(
-        robot=robot.name,
-        robot_description=robot_description,
-        mode=mode,
-        method=method,
-        calibration_hash=calibration.hash,
-        calibration_verdict=verdict,
-        stance=stance,
-        attitude_source=pose.attitude_source,
-        attitude_sigma=pose.attitude_sigma,
-        support_feet_used=tuple(pose.support_feet_used),
-        support_soles=soles,
-        transform_base_to_footprint=np.asarray(pose.transform_base_to_footprint),
-        transform_camera_to_base=calibration.transform_camera_to_base,
-        laser_origin=geometry.sensor_origins[1],
-        pose_covariance=np.asarray(pose.covariance),
-        limits=settings.limits,
-        validity_pauses=settings.validity_pauses,
-        validity_seconds=settings.validity_seconds,
-        stripes_planned=len(planned),
+    return replace(
+        planned,
         stripes_used=len(points),
         stripes_missing=tuple(missing),
         frames_bad={str(index): reason for index, reason in bad.items()},
         off_pictures_unused={str(index): reason for index, reason in unused.items()},
         points={status.name: int(counts[status]) for status in StripeStatus},
-        points_used=used,
+        points_used=int(counts[StripeStatus.OK] + counts[StripeStatus.SATURATED]),
         lost_cells=lost_cells,
         coverage=coverage,
         coverage_regions=regional_coverage(~unknown, expected),
@@ -152,8 +177,6 @@ def scan_record(
         dark_flashes=proof.darks,
         health=Health("failed", (proof.refused,)) if proof.refused else Health.of(tuple(reasons)),
         seconds={name: round(value, 6) for name, value in seconds.items()},
-        # A calibration without a verdict is recorded as null.
-        extra={"calibration_verdict": None},
     )
 
 
@@ -174,7 +197,7 @@ def scan_drift(
 
 
 class FloorCheck:
-    """Look for mirrored frames by the floor that a scan measured; the last verdict on it is kept."""
+    """Detection of mirrored frames from the floor that a scan measured; the last verdict is cached."""
 
     def __init__(self, pose: StancePose) -> None:
         """Start a scan with the body at a pose over the ground."""

@@ -98,7 +98,144 @@ class SharedVariance:
         return variance
 
 
-class ScanSurface:
+class SurfaceRaster:
+    """Raster of the stripes of a scan, added in any order.
+
+    A swath is the surface on a stripe or between two neighbouring stripes. It is rasterised as soon as no later stripe
+    can change it, and otherwise when `raster` is called.
+
+    Attributes:
+        counts: number of columns of the stripes with each `StripeStatus`.
+    """
+
+    def __init__(
+        self,
+        geometry: GridGeometry,
+        pattern: range,
+        join_height: float,
+        parted: Collection[Key] = (),
+        hidden: Callable[[Float], Mask] | None = None,
+    ) -> None:
+        """Start without stripes.
+
+        Args:
+            geometry: geometry of the raster.
+            pattern: indices of the stripes of the scan's mode.
+            join_height: limit of the height difference between neighbouring points of one surface [m].
+            parted: pairs of neighbouring stripes between which there is no surface.
+            hidden: returns the mask of the points (n, 3) that the robot hides from its own camera or laser. A stripe
+                ends there because of the robot, so an unusable return says nothing about the ground. None = no such
+                points.
+        """
+        self._hidden = hidden
+        self._parted = frozenset(parted)
+        self._geometry = geometry
+        self._pattern = pattern
+        self._stripes: dict[int, StripePoints] = {}
+        self.counts = np.zeros(len(StripeStatus), np.intp)
+        self._join_height = join_height
+        # Columns and samples by swath.
+        self._swaths: dict[Key, tuple[slice, CellSamples]] = {}
+        # Swaths to be rasterised because a stripe that they depend on was added, and columns to be merged.
+        self._to_make: set[Key] = set()
+        self._to_merge = np.zeros(geometry.shape[1], dtype=bool)
+        self._raster = merge((), geometry)
+        self._too_high, self._marks = np.zeros(geometry.shape, dtype=bool), np.zeros(geometry.shape, np.uint16)
+        # Stripes whose unusable returns are in `_marks`.
+        self._marked: set[int] = set()
+
+    @property
+    def stripes(self) -> dict[int, StripePoints]:
+        """Points of the stripes added so far, by ascending index."""
+        return dict(sorted(self._stripes.items()))
+
+    def add(self, stripes: Mapping[int, StripePoints]) -> None:
+        """Add stripes by index. Adding several in one call is faster and gives the same result."""
+        for group in in_groups(list(stripes)):
+            self._stripes.update((index, stripes[index]) for index in group)
+            status = np.concatenate([stripes[index].status for index in group])
+            self.counts += np.bincount(status, minlength=self.counts.size)
+            self._to_make.update(key for index in group for key in self._touched(index) if self._is_there(key))
+            self._make([key for key in self._to_make if self._is_settled(key)])
+            self._mark_out_of_range(group)
+
+    def raster(self) -> Raster:
+        """Raster of all stripes added so far; a cell with a return above the height limits is unknown.
+
+        A return below the limits does not make a cell unknown: below a measured surface it is a stray reflection.
+        Only the columns of swaths made since the last call are merged again.
+        """
+        self._make(list(self._to_make))
+        for columns in runs(self._to_merge):
+            there = [
+                swath
+                for _, (own, swath) in sorted(self._swaths.items(), key=itemgetter(0))
+                if own.start < columns.stop and columns.start < own.stop
+            ]
+            self._raster = self._raster.with_columns(columns, merge(there, self._geometry, columns))
+        self._to_merge.fill(False)
+        return without_cells(self._raster, self._too_high)
+
+    def marks(self) -> Flags:
+        """Flags of the cells with unusable returns, which later stripes extend; those of new stripes are added."""
+        new = [stripe for index, stripe in self._stripes.items() if index not in self._marked]
+        self._marked.update(self._stripes)
+        doubtful = np.concatenate([np.empty((0, 3)), *(stripe.doubtful.points for stripe in new)])
+        if self._hidden is not None and len(doubtful):
+            doubtful = doubtful[~self._hidden(doubtful)]
+        if len(doubtful):
+            self._marks.ravel()[cells_of(doubtful, self._geometry)[0]] |= np.uint16(Hazard.AMBIGUOUS)
+        return self._marks
+
+    def _touched(self, index: int) -> list[Key]:
+        """Keys of the stripes and pairs whose surface depends on a stripe."""
+        stride = self._pattern.step
+        return [
+            *((k, k) for k in (index - stride, index, index + stride)),
+            *((k, k + stride) for k in (index - 2 * stride, index - stride, index, index + stride)),
+        ]
+
+    def _is_there(self, key: Key) -> bool:
+        return key[0] in self._stripes and key[1] in self._stripes
+
+    def _is_settled(self, key: Key) -> bool:
+        """Test that no later stripe can change a swath."""
+        first, second = key
+        around = (first - self._pattern.step, second + self._pattern.step)
+        return all(i in self._stripes or i not in self._pattern for i in around)
+
+    def _make(self, keys: list[Key]) -> None:
+        """Rasterise swaths from the stripes added so far."""
+        cell = self._geometry.resolution
+        low = self._geometry.origin[1] - cell
+        y_range = (low, low + (self._geometry.shape[0] + 2) * cell)
+        for group in in_groups(sorted(keys), 2 * TOGETHER):
+            samples = surface_of(self._stripes, group, self._pattern, self._join_height, cell, y_range, self._parted)
+            found = rasterise_swaths(samples, len(group), self._geometry)
+            for key, swath in zip(group, found, strict=True):
+                columns = swath.columns(self._geometry)
+                before, _ = self._swaths.get(key, (columns, swath))
+                self._to_merge[before] = self._to_merge[columns] = True
+                self._swaths[key] = columns, swath
+        self._to_make.difference_update(keys)
+
+    def _mark_out_of_range(self, group: list[int]) -> None:
+        """Mark the cells of returns beyond the height limits, and the cells between two such returns."""
+        beyond = [index for index in group if self._stripes[index].out_of_range.columns.size]
+        if not beyond:
+            return
+        stride, cell = self._pattern.step, self._geometry.resolution
+        firsts = {first for index in beyond for first in (index - stride, index)}
+        # Ground between two neighbouring returns that are both out of range is out of range too.
+        ends = [(first, first + stride) for first in firsts if self._is_there((first, first + stride))]
+        lines = [line_samples((self._stripes[i].out_of_range, self._stripes[j].out_of_range), cell) for i, j in ends]
+        points = np.concatenate([*(self._stripes[index].out_of_range.points for index in beyond), *lines])
+        cells, inside = cells_of(points, self._geometry)
+        self._marks.ravel()[cells] |= np.uint16(Hazard.OUT_OF_RANGE)
+        self._too_high.ravel()[cells[points[inside, 2] > 0]] = True
+
+
+class ScanSurface(SurfaceRaster):
     """Ground seen by a scan; `layers` merges only the columns that changed since its last call.
 
     Attributes:
@@ -135,7 +272,6 @@ class ScanSurface:
             InvalidInput: `cell` does not divide the footprint.
         """
         self._order = np.array(list(geometry.stripes), dtype=np.int64)
-        self._pattern = pattern
         # The functions below hold no reference to this surface: a cycle would delay the release of its memory.
         self._shared, self._attitude_sigma = shared, attitude_sigma
         self._limits, self._origins = settings.limits, (origins := geometry.sensor_origins)
@@ -149,24 +285,13 @@ class ScanSurface:
             sway = None if sway_variance is None else sway_variance(grid)
             return _Area(rows, plan, ByHeight(grid.size, np.bool_), ByHeight(grid.size, np.float64), DiscTests(), sway)
 
-        self._hidden = hidden
+        self._in_shadow = hidden
         rows = area_rows(settings, cell)
         self.grids = {name: grid for name, (grid, _) in rows.items()}
         # Computed on demand, because most scans need only one area.
         self._area = functools.cache(lambda name: area(*rows[name]))
         self._pooling = max(int(np.ceil(cell / FINEST_CELL_M - 1e-9)), 1)
-        fine = self.grids["wide"].refined(self._pooling)
-        self._raster = SurfaceRaster(fine, pattern, settings.join_height, parted, hidden)
-
-    @property
-    def stripes(self) -> dict[int, StripePoints]:
-        """Points of the stripes added so far, by ascending index."""
-        return self._raster.stripes
-
-    @property
-    def counts(self) -> Index:
-        """Number of columns of the stripes added so far with each `StripeStatus`."""
-        return self._raster.counts
+        super().__init__(self.grids["wide"].refined(self._pooling), pattern, settings.join_height, parted, hidden)
 
     @property
     def pairs(self) -> Index:
@@ -174,10 +299,6 @@ class ScanSurface:
         footprint = self.grids["footprint"]
         pairs = self._area("footprint").plan.pairs(np.arange(footprint.size))
         return np.append(self._order, -1)[pairs].reshape(footprint.shape)
-
-    def add(self, stripes: Mapping[int, StripePoints]) -> None:
-        """Add stripes by index. Adding several in one call takes less time and gives the same result."""
-        self._raster.add(stripes)
 
     def layers(self, area: str, *, may_sway: bool) -> dict[str, Array]:
         """All layers of an area's grid by name, read-only, from the stripes added so far.
@@ -191,18 +312,17 @@ class ScanSurface:
         """
         check_area(area)
         own = self._area(area)
-        raster = pool(self._raster.raster(), self._pooling).window((own.rows, slice(None)))
+        raster = pool(self.raster(), self._pooling).window((own.rows, slice(None)))
         if may_sway and own.sway_variance is not None:
             raster = replace(raster, variance=raster.variance + own.sway_variance)
-        marks = pool_flags(self._raster.marks(), self._pooling)[own.rows]
-        stripes = self._raster.stripes
-        usable = np.array([index in stripes for index in self._order.tolist()])
+        marks = pool_flags(self.marks(), self._pooling)[own.rows]
+        usable = np.array([index in self._stripes for index in self._order.tolist()])
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
 
         def in_own_shadow(cells: Index, points: Float) -> Mask:
             heights = np.full(own.plan.geometry.size, np.nan)
             heights[cells] = points[:, 2]
-            return own.shadowed.of(heights, lambda new: self._hidden(own.plan.points(new, heights[new])))[cells]
+            return own.shadowed.of(heights, lambda new: self._in_shadow(own.plan.points(new, heights[new])))[cells]
 
         causes = unknown_causes(own.plan, self._origins, raster.elevation, pair_usable, marks, in_own_shadow)
         return assess_layers(
@@ -380,143 +500,6 @@ def _runs(mask: Mask) -> tuple[Run, ...]:
     column, first = np.nonzero(change == 1)
     _, end = np.nonzero(change == -1)
     return tuple(zip(column.tolist(), first.tolist(), end.tolist(), strict=True))
-
-
-class SurfaceRaster:
-    """Raster of the stripes of a scan, added in any order.
-
-    A swath is the surface on a stripe or between two neighbouring stripes. It is rasterised as soon as no later stripe
-    can change it, and otherwise when `raster` is called.
-
-    Attributes:
-        counts: number of columns of the stripes with each `StripeStatus`.
-    """
-
-    def __init__(
-        self,
-        geometry: GridGeometry,
-        pattern: range,
-        join_height: float,
-        parted: Collection[Key] = (),
-        hidden: Callable[[Float], Mask] | None = None,
-    ) -> None:
-        """Start without stripes.
-
-        Args:
-            geometry: geometry of the raster.
-            pattern: indices of the stripes of the scan's mode.
-            join_height: limit of the height difference between neighbouring points of one surface [m].
-            parted: pairs of neighbouring stripes between which there is no surface.
-            hidden: returns the mask of the points (n, 3) that the robot hides from its own camera or laser. A stripe
-                ends there because of the robot, so an unusable return says nothing about the ground. None = no such
-                points.
-        """
-        self._hidden = hidden
-        self._parted = frozenset(parted)
-        self._geometry = geometry
-        self._pattern = pattern
-        self._stripes: dict[int, StripePoints] = {}
-        self.counts = np.zeros(len(StripeStatus), np.intp)
-        self._join_height = join_height
-        # Columns and samples by swath.
-        self._swaths: dict[Key, tuple[slice, CellSamples]] = {}
-        # Swaths to be rasterised because a stripe that they depend on was added, and columns to be merged.
-        self._to_make: set[Key] = set()
-        self._to_merge = np.zeros(geometry.shape[1], dtype=bool)
-        self._raster = merge((), geometry)
-        self._too_high, self._marks = np.zeros(geometry.shape, dtype=bool), np.zeros(geometry.shape, np.uint16)
-        # Stripes whose unusable returns are in `_marks`.
-        self._marked: set[int] = set()
-
-    @property
-    def stripes(self) -> dict[int, StripePoints]:
-        """Points of the stripes added so far, by ascending index."""
-        return dict(sorted(self._stripes.items()))
-
-    def add(self, stripes: Mapping[int, StripePoints]) -> None:
-        """Add stripes by index. Adding several in one call is faster and gives the same result."""
-        for group in in_groups(list(stripes)):
-            self._stripes.update((index, stripes[index]) for index in group)
-            status = np.concatenate([stripes[index].status for index in group])
-            self.counts += np.bincount(status, minlength=self.counts.size)
-            self._to_make.update(key for index in group for key in self._touched(index) if self._is_there(key))
-            self._make([key for key in self._to_make if self._is_settled(key)])
-            self._mark_out_of_range(group)
-
-    def raster(self) -> Raster:
-        """Raster of all stripes added so far; a cell with a return above the height limits is unknown.
-
-        A return below the limits does not make a cell unknown: below a measured surface it is a stray reflection.
-        Only the columns of swaths made since the last call are merged again.
-        """
-        self._make(list(self._to_make))
-        for columns in runs(self._to_merge):
-            there = [
-                swath
-                for _, (own, swath) in sorted(self._swaths.items(), key=itemgetter(0))
-                if own.start < columns.stop and columns.start < own.stop
-            ]
-            self._raster = self._raster.with_columns(columns, merge(there, self._geometry, columns))
-        self._to_merge.fill(False)
-        return without_cells(self._raster, self._too_high)
-
-    def marks(self) -> Flags:
-        """Flags of the cells with unusable returns, which later stripes extend; those of new stripes are added."""
-        new = [stripe for index, stripe in self._stripes.items() if index not in self._marked]
-        self._marked.update(self._stripes)
-        doubtful = np.concatenate([np.empty((0, 3)), *(stripe.doubtful.points for stripe in new)])
-        if self._hidden is not None and len(doubtful):
-            doubtful = doubtful[~self._hidden(doubtful)]
-        if len(doubtful):
-            self._marks.ravel()[cells_of(doubtful, self._geometry)[0]] |= np.uint16(Hazard.AMBIGUOUS)
-        return self._marks
-
-    def _touched(self, index: int) -> list[Key]:
-        """Keys of the stripes and pairs whose surface depends on a stripe."""
-        stride = self._pattern.step
-        return [
-            *((k, k) for k in (index - stride, index, index + stride)),
-            *((k, k + stride) for k in (index - 2 * stride, index - stride, index, index + stride)),
-        ]
-
-    def _is_there(self, key: Key) -> bool:
-        return key[0] in self._stripes and key[1] in self._stripes
-
-    def _is_settled(self, key: Key) -> bool:
-        """Test that no later stripe can change a swath."""
-        first, second = key
-        around = (first - self._pattern.step, second + self._pattern.step)
-        return all(i in self._stripes or i not in self._pattern for i in around)
-
-    def _make(self, keys: list[Key]) -> None:
-        """Rasterise swaths from the stripes added so far."""
-        cell = self._geometry.resolution
-        low = self._geometry.origin[1] - cell
-        y_range = (low, low + (self._geometry.shape[0] + 2) * cell)
-        for group in in_groups(sorted(keys), 2 * TOGETHER):
-            samples = surface_of(self._stripes, group, self._pattern, self._join_height, cell, y_range, self._parted)
-            found = rasterise_swaths(samples, len(group), self._geometry)
-            for key, swath in zip(group, found, strict=True):
-                columns = swath.columns(self._geometry)
-                before, _ = self._swaths.get(key, (columns, swath))
-                self._to_merge[before] = self._to_merge[columns] = True
-                self._swaths[key] = columns, swath
-        self._to_make.difference_update(keys)
-
-    def _mark_out_of_range(self, group: list[int]) -> None:
-        """Mark the cells of returns beyond the height limits, and the cells between two such returns."""
-        beyond = [index for index in group if self._stripes[index].out_of_range.columns.size]
-        if not beyond:
-            return
-        stride, cell = self._pattern.step, self._geometry.resolution
-        firsts = {first for index in beyond for first in (index - stride, index)}
-        # Ground between two neighbouring returns that are both out of range is out of range too.
-        ends = [(first, first + stride) for first in firsts if self._is_there((first, first + stride))]
-        lines = [line_samples((self._stripes[i].out_of_range, self._stripes[j].out_of_range), cell) for i, j in ends]
-        points = np.concatenate([*(self._stripes[index].out_of_range.points for index in beyond), *lines])
-        cells, inside = cells_of(points, self._geometry)
-        self._marks.ravel()[cells] |= np.uint16(Hazard.OUT_OF_RANGE)
-        self._too_high.ravel()[cells[points[inside, 2] > 0]] = True
 
 
 def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> Float:

@@ -69,7 +69,7 @@ class Feature:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Patch(Feature):
-    """Area of the ground with a material of its own and unchanged height."""
+    """Area of the ground with another material and unchanged height."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -192,15 +192,8 @@ class Stairs(Step):
 
 AnyFeature = Feature | Step
 
-KINDS: dict[str, type[Feature] | type[Step]] = {
-    "box": Box,
-    "ramp": Ramp,
-    "rock": Rock,
-    "pit": Pit,
-    "patch": Patch,
-    "step": Step,
-    "stairs": Stairs,
-}
+# Features by their names in world files.
+KINDS = {kind.__name__.lower(): kind for kind in (Box, Ramp, Rock, Pit, Patch, Step, Stairs)}
 
 
 def _finite(owner: object, *names: str) -> None:

@@ -1,4 +1,4 @@
-"""What a planner of strides knows of the ground: where a foot may stand, and how high ground may be that it passes."""
+"""Ground around the body for a stride planner: where a foot may stand, and how high the ground may be below a path."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from guara_perception.terrain.grid import TerrainGrid
 from kinematics.transforms import inverse, transform_points
 
 CELL_M = 0.005
-# From the body: ground that the next steps can touch [m].
+# Extent of the ground around the body that the next steps can reach: ahead, behind, and to each side [m].
 BEFORE_M, BEHIND_M, ASIDE_M = 0.75, 0.55, 0.32
-# Half a window over which the highest ground counts for what passes.
+# Half the width of the window whose highest ground counts for a swing or a leg.
 WIDE_CELLS = 3
-# From here on more distance from bad ground is worth nothing [m].
+# Distance from unsafe ground beyond which more distance has no value [m].
 AMPLE_M = 0.045
-# A foot that stands keeps the ground this far around its centre from being higher [m].
+# Radius around the centre of a standing foot within which the ground is no higher than its sole [m].
 UNDER_M = 0.028
-# Unknown ground counts as so deep where legs that stand lean over it, which is the planner's own risk [m].
+# Assumed height of unknown ground below standing legs that lean over it [m]; the planner accepts this risk.
 DEEP_M = -1.0
 
 
 @dataclass(frozen=True)
 class Footing:
-    """Cells around the body, in a frame with a vertical z axis whose x axis is the way to go.
+    """Cells around the body, in a frame whose z axis is vertical and whose x axis is the direction of travel.
 
     Attributes:
         x, y: centres of the cells [m].
         heights: (nx, ny) ground under a foothold [m].
-        safe: (nx, ny) whether a foot may stand there.
-        room: (nx, ny) distance of a foothold from what is not safe, as far as the planner should mind [m].
+        safe: (nx, ny) mask of the cells in which a foot may stand.
+        room: (nx, ny) distance of a foothold from unsafe ground, at most AMPLE_M [m].
         highest: (nx, ny) highest ground near a cell for a swing; inf where nothing may pass [m].
         shins: (nx, ny) the same for the legs that stand [m].
     """
@@ -47,12 +47,12 @@ class Footing:
 
     @classmethod
     def of_map(cls, terrain: TerrainGrid, body: Float, feet: Float, transform_map_to_frame: Float) -> Footing:
-        """Ask a map: a foot stands where it allows it, with its own margins, and passes over what it bounds.
+        """Create from a map: a foot may stand on traversable cells, and pass over cells whose height is bounded.
 
         Args:
             terrain: the map.
-            body: (3,) place of the body in the frame of the plan [m].
-            feet: (n, 3) soles that stand, below which the ground is no higher [m].
+            body: (3,) position of the body in the frame of the plan [m].
+            feet: (n, 3) centres of standing soles, under which the ground is no higher [m].
             transform_map_to_frame: (4, 4) from base_footprint of the map.
         """
         x, y = around(body)
@@ -70,13 +70,13 @@ class Footing:
         return cls(x, y, heights + rise, safe, room, widened(highest), widened(known))
 
     def indices(self, x: Float, y: Float) -> tuple[Index, Index]:
-        """Of the cells at places, the nearest ones for places outside."""
+        """Indices (i, j) of the cells at positions; the nearest cells for positions outside."""
         i = np.clip(np.rint((x - self.x[0]) / CELL_M), 0, len(self.x) - 1).astype(np.intp)
         j = np.clip(np.rint((y - self.y[0]) / CELL_M), 0, len(self.y) - 1).astype(np.intp)
         return i, j
 
     def without(self, place: Float, radius: float) -> Footing:
-        """The same, but no foot may stand within a radius of a place."""
+        """Copy in which no foot may stand within a radius of a position."""
         far = np.hypot(self.x[:, None] - place[0], self.y - place[1]) > radius
         return replace(self, safe=self.safe & far)
 

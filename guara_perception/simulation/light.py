@@ -8,7 +8,8 @@ import numpy as np
 
 from guara_perception.exceptions import InvalidInput
 
-BEST_JPEG = 100
+# Upper bounds of fields.
+MOST = {"skirt": 1, "ghost": 1, "chessboard": 1, "jpeg_quality": 100}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,14 +80,9 @@ class Light:
         if self.stripe_sigma <= 0 or self.fan <= 0:
             given = f"stripe_sigma is {self.stripe_sigma} m, fan is {self.fan} rad"
             raise InvalidInput(f"light: {given}, allowed: values above 0")
-        for name, value, most in (
-            ("skirt", self.skirt, 1),
-            ("ghost", self.ghost, 1),
-            ("chessboard", self.chessboard, 1),
-            ("jpeg_quality", self.jpeg_quality, BEST_JPEG),
-        ):
-            if value > most:
-                raise InvalidInput(f"light: {name} is {value}, allowed: 0 ... {most}")
+        for name, most in MOST.items():
+            if getattr(self, name) > most:
+                raise InvalidInput(f"light: {name} is {getattr(self, name)}, allowed: 0 ... {most}")
         if min(self.drift) <= 0:
             raise InvalidInput(f"light: drift is {self.drift}, allowed: values above 0")
 

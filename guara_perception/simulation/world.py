@@ -74,8 +74,8 @@ class World:
         object.__setattr__(self, "features", tuple(self.features))
         object.__setattr__(self, "_waves", _waves(self.seed))
         for i, feature in enumerate(self.features):
-            x, y = np.array([feature.x]), np.array([0.0 if isinstance(feature, Step) else feature.y])
-            base = float(self._evaluate(x, y, self.features[:i])[0][0])
+            y = 0.0 if isinstance(feature, Step) else feature.y
+            base = float(self._evaluate(feature.x, y, self.features[:i])[0])
             object.__setattr__(self, "_bases", (*self._bases, base))
 
     def check_inside(self, feature: AnyFeature) -> None:
@@ -93,13 +93,11 @@ class World:
 
     def height(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Float:
         """Exact height of the top surface at points of any (broadcast) shape [m]."""
-        px, py = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
-        return self._evaluate(px, py, self.features)[0]
+        return self._evaluate(x, y, self.features)[0]
 
     def material_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Codes:
         """Material of the top surface at points, as an index into MATERIALS."""
-        px, py = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
-        return self._evaluate(px, py, self.features)[1]
+        return self._evaluate(x, y, self.features)[1]
 
     def raster(self, x: tuple[float, float], y: tuple[float, float], cell: float) -> tuple[Float, Codes]:
         """Heights and materials at the cell centres of a grid a[iy, ix] with cells of size `cell` [m] over an area.
@@ -144,16 +142,18 @@ class World:
         rise = np.clip((x - self.flat_until) / 0.2, 0, 1)
         return np.asarray(self.undulation * np.sqrt(2 / len(self._waves)) * rise**2 * (3 - 2 * rise))
 
-    def _evaluate(self, x: Float, y: Float, features: tuple[AnyFeature, ...]) -> tuple[Float, Codes]:
-        x, y = np.clip(x, *self.x), np.clip(y, *self.y)
-        heights = np.zeros(x.shape)
+    def _evaluate(self, x: npt.ArrayLike, y: npt.ArrayLike, features: tuple[AnyFeature, ...]) -> tuple[Float, Codes]:
+        """Height and material of the ground with some features at points."""
+        px, py = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+        px, py = np.clip(px, *self.x), np.clip(py, *self.y)
+        heights = np.zeros(px.shape)
         if self.undulation > 0:
             for kx, ky, phase in self._waves:
-                heights += np.sin(kx * x + ky * y + phase)
-            heights *= self._amplitude(x)
-        materials = np.full(x.shape, material_index(self.material), dtype=np.uint8)
+                heights += np.sin(kx * px + ky * py + phase)
+            heights *= self._amplitude(px)
+        materials = np.full(px.shape, material_index(self.material), dtype=np.uint8)
         for feature, base in zip(features, self._bases, strict=False):
-            heights, mask = feature.shape(x, y, heights, base)
+            heights, mask = feature.shape(px, py, heights, base)
             materials[mask] = material_index(feature.material)
         return heights, materials
 

@@ -16,7 +16,7 @@ from kinematics.arrays import FrozenArrays
 
 # Spacing of the rows, and minimum number of columns, that are sampled to detect blank and white frames.
 CHECKED_ROWS, CHECKED_COLUMNS = 8, 40
-# Types of a picture's samples.
+# Types of pixels.
 KINDS = np.dtype(np.uint8), np.dtype(np.uint16)
 # Fraction of full scale from which a pixel counts as clipped. JPEG and demosaicing make clipped pixels slightly darker.
 CLIPPED = 0.98

@@ -26,7 +26,8 @@ DEEPEST_M = -0.2
 # Largest distance, in addition to half a cell, at which the outermost stripe counts as meeting the last known cell of a
 # row [m]. It allows for the slope of the ground within the cell, and for samples cut off at the end of a stripe.
 END_MARGIN_M = 0.0005
-# Heights above the ground nearby at which a cell may be instead [m]; in a step, the view grows by less than two cells.
+# Heights relative to the assumed ground at which a cell may be instead [m]. From one to the next, the area in view
+# grows by less than two cells.
 ELSEWHERE_M = np.arange(-20, 11) * 0.01
 
 
@@ -183,9 +184,9 @@ def _could_be_met(
 ) -> Mask:
     """Mask of the targets (n, 3) that are in the camera's view, or would be met by light in it at another height.
 
-    The camera sees less of ground that rises towards it than the plan for flat ground expects. What lies beside its
-    view was not looked at, unless the ground there may have fallen or risen to where a stripe meets it in view. Light
-    and sight reach lower ground only where they pass no measured ground at the height of the target.
+    On ground that rises towards the camera, less is in view than the plan for flat ground expects. A target outside
+    the view was not observed, unless the ground there may be so much lower or higher that a stripe meets it in view.
+    Rays of light and lines of sight reach lower ground only if they cross no measured ground at the target's height.
     """
     met = plan.sees(targets)
     for offset in ELSEWHERE_M:

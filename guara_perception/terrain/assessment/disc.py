@@ -20,7 +20,7 @@ from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK
 
 
 def step_slope(disc: Kernel) -> float:
-    """Slope of the plane fitted to a disc across the middle of which its heights differ by 1 [1 / cell]."""
+    """Slope of the plane fitted to a disc whose two halves differ in height by 1 [1 / cell]."""
     half = disc.shape[0] // 2
     x, columns = np.abs(np.arange(-half, half + 1.0)), disc.sum(axis=0)
     return float(columns @ x / (2 * columns @ x**2))

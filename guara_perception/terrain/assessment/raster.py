@@ -184,16 +184,11 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice 
     # Imported here, because guara-client contains this module but not the kernel.
     from guara_perception.stripes.kernel.library import addresses, kernel
 
-    cell, *sums = (_joined(swaths, name) for name in CellSamples.__slots__)
+    cell, *sums = (np.concatenate([getattr(swath, name) for swath in swaths]) for name in CellSamples.__slots__)
     size = (number + 2) * rows
     work, ends, raster = np.empty((3, size)), np.empty((2, size), np.float32), np.empty((4, rows - 2, number))
     kernel().merge_cells(*addresses(cell, *sums), cell.size, first, rows - 2, number, *addresses(work, ends, raster))
     return Raster(*raster)
-
-
-def _joined(swaths: Sequence[CellSamples], name: str) -> Array:
-    """Concatenation of one attribute of all swaths."""
-    return np.concatenate([getattr(swath, name) for swath in swaths])
 
 
 def without_cells(raster: Raster, cells: Mask) -> Raster:

@@ -27,8 +27,8 @@ Sole: TypeAlias = Float
 Run: TypeAlias = tuple[int, int, int]
 LIMITS = TraversabilityLimits.__slots__
 R = TypeVar("R", bound="GridRecord")
-# Fields in the order of the JSON object. A map copies POSE, except the name of the robot, from its scan. STATED is set
-# when a grid is recorded, sent or received.
+# Fields in the order of the JSON object. A map copies those of POSE, except the name of the robot, from its scan. Those
+# of STATED are set when a grid is recorded, sent or received.
 POSE = (
     *("robot", "robot_description", "mode", "method", "calibration_hash", "calibration_verdict", "stance"),
     *("attitude_source", "attitude_sigma", "support_feet_used", "support_soles", "transform_base_to_footprint"),

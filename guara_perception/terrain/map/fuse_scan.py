@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -17,45 +17,13 @@ from guara_perception.terrain.map.odom_cells import OdomCells, Squares
 # Standard deviation of the assumed error of calibration and mount, common to all heights of a scan and independent
 # between scans.
 LOOK_SIGMA_M = 0.0005
-# Distance of neighbours for which the variance of a turned grid is told [cells].
+# Distance between neighbouring heights for which the variance of resampling is computed [cells].
 TURNED_CELLS = 3
 SEEN_LAYERS = ("elevation", "variance", "variance_local", "elevation_min", "elevation_max", "slope")
 
 
 def fuse_scan(cells: OdomCells, terrain: TerrainGrid, now: MapPause, tilt: Float) -> int:
-    """Fuse a scan, given the covariance (2, 2) of its tilt; return the number of heights that disagree with the map."""
-    found = observe(cells, terrain, now.transform_footprint_to_odom, tilt)
-    accepted = fuse_heights(cells, found.heights, now)
-    forget_heights(cells, found.empty, found.empty_cause)
-    memory = cells.memory
-    # The memory keeps the most specific cause: UNSCANNED replaces no other cause, and none in LOOKED_AT is replaced.
-    is_free = np.isnan(memory["height"][found.unseen]) & ((memory["cause"][found.unseen] & LOOKED_AT) == 0)
-    better = is_free & (found.unseen_cause != np.uint16(Hazard.UNSCANNED))
-    memory["cause"][found.unseen[better]] = found.unseen_cause[better] & UNKNOWN_MASK
-    return int((~accepted).sum())
-
-
-@dataclass(frozen=True, slots=True)
-class Observation:
-    """Scan resampled to the cells of the map.
-
-    Attributes:
-        heights: heights of the cells that have one.
-        empty: slots of cells that were observed without a usable return.
-        empty_cause: flags of these cells.
-        unseen: slots of cells of the area that were not observed.
-        unseen_cause: flags of these cells.
-    """
-
-    heights: Heights
-    empty: Index
-    empty_cause: Flags
-    unseen: Index
-    unseen_cause: Flags
-
-
-def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom: Float, tilt: Float) -> Observation:
-    """Resample a scan to the cells of the map in its area.
+    """Resample a scan to the cells of the map in its area, and fuse it.
 
     Map cells get the values of the nearest scan cell. A map cell that touches a scan cell without a usable return
     counts as empty, because part of it was observed without a return.
@@ -63,11 +31,35 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     Args:
         cells: memory of the map, with its window around the robot.
         terrain: grid of the scan alone.
-        transform_footprint_to_odom: (4, 4) pose of the scan.
+        now: pause of the scan.
         tilt: (2, 2) covariance of the scan's tilt about x and y of its footprint [rad^2].
+
+    Returns:
+        Number of heights that disagree with the map.
     """
-    grid, transform = terrain.geometry, transform_footprint_to_odom
-    resolution = cells.resolution
+    transform = now.transform_footprint_to_odom
+    slot, x, y = _cells_in_area(cells, terrain, transform)
+    iy, ix = terrain.geometry.indices(x, y)
+    hazard = scan_flags(terrain)
+    own = hazard[iy, ix] & UNKNOWN_MASK
+    no_return = _touched_flags(hazard, terrain.geometry, x, y, transform) & LOOKED_AT
+    is_empty = no_return != 0
+    is_seen, is_unseen = (own == 0) & ~is_empty, (own != 0) & ~is_empty
+    layers = {name: terrain.layers[name][iy[is_seen], ix[is_seen]].astype(np.float64) for name in SEEN_LAYERS}
+    heights = _heights(layers, terrain, slot[is_seen], x[is_seen], y[is_seen], transform, tilt)
+    accepted = fuse_heights(cells, heights, now)
+    forget_heights(cells, slot[is_empty], no_return[is_empty])
+    unseen, cause, memory = slot[is_unseen], own[is_unseen], cells.memory
+    # The memory keeps the most specific cause: UNSCANNED replaces no other cause, and none in LOOKED_AT is replaced.
+    is_free = np.isnan(memory["height"][unseen]) & ((memory["cause"][unseen] & LOOKED_AT) == 0)
+    better = is_free & (cause != np.uint16(Hazard.UNSCANNED))
+    memory["cause"][unseen[better]] = cause[better]
+    return int((~accepted).sum())
+
+
+def _cells_in_area(cells: OdomCells, terrain: TerrainGrid, transform: Float) -> tuple[Index, Float, Float]:
+    """Slots (n,) of the map cells in the area of a scan, and their centres x and y (n,) in its footprint [m]."""
+    grid, resolution = terrain.geometry, cells.resolution
     (x0, y0), (ny, nx) = grid.origin, grid.shape
     corners = np.array([(x0 + i * nx * grid.resolution, y0 + j * ny * grid.resolution) for i in (0, 1) for j in (0, 1)])
     corners_in_odom = corners @ transform[:2, :2].T + transform[:2, 3]
@@ -83,57 +75,44 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
         height = np.nan_to_num(np.asarray(terrain.height_at(x, y), dtype=np.float64))
         offset_x, offset_y = offset_x - height * transform[0, 2], offset_y - height * transform[1, 2]
         x, y = xx * offset_x + xy * offset_y, yx * offset_x + yy * offset_y
-    iy, ix = grid.indices(x, y)
-    used = np.flatnonzero(grid.contains(iy, ix) & (slot >= 0))
-    x, y, iy, ix, slot = x[used], y[used], iy[used], ix[used], slot[used]
+    used = np.flatnonzero(grid.contains(*grid.indices(x, y)) & (slot >= 0))
+    return slot[used], x[used], y[used]
 
-    hazard = scan_flags(terrain)
-    own = hazard[iy, ix] & UNKNOWN_MASK
-    no_return = _touched_flags(hazard, grid, x, y, transform) & LOOKED_AT
-    is_empty = no_return != 0
-    is_seen = (own == 0) & ~is_empty
-    is_unseen = (own != 0) & ~is_empty
 
-    jy, jx = iy[is_seen], ix[is_seen]
-    layers = {name: terrain.layers[name][jy, jx].astype(np.float64) for name in SEEN_LAYERS}
+def _heights(
+    layers: Mapping[str, Float], terrain: TerrainGrid, slot: Index, x: Float, y: Float, transform: Float, tilt: Float
+) -> Heights:
+    """Heights (n,) of map cells at x and y (n,) of the footprint, from the layers of the nearest scan cells."""
     height = layers["elevation"]
     relief = layers["elevation_max"] - layers["elevation_min"]
     steepness = np.tan(np.nan_to_num(layers["slope"])) ** 2
-    at_x, at_y = x[is_seen], y[is_seen]
+    resolution = terrain.resolution
     # The nearest cell is up to half a cell away, and the ground within a cell has relief.
     moved = (steepness * resolution**2 + relief**2) / 12
-    # Neighbours share the slope, and the way to the nearest cell unless the grid is turned.
+    # Neighbours share the slope and, unless the grid is rotated, the offset from the nearest cell.
     hidden = np.maximum(relief - np.sqrt(steepness) * resolution, 0.0)
     # The variance due to the stance pose is subtracted, because odometry accounts for it. In grids of earlier versions,
     # `variance` does not contain it.
-    variance = np.maximum(layers["variance"] - pose_variance(terrain, at_x, at_y), layers["variance_local"])
-    variance += tilt[0, 0] * at_y**2 + tilt[1, 1] * at_x**2 - 2 * tilt[0, 1] * at_x * at_y
+    variance = np.maximum(layers["variance"] - pose_variance(terrain, x, y), layers["variance_local"])
+    variance += tilt[0, 0] * y**2 + tilt[1, 1] * x**2 - 2 * tilt[0, 1] * x * y
     variance += LOOK_SIGMA_M**2 + moved
-    in_odom = transform[2, 0] * at_x + transform[2, 1] * at_y + transform[2, 2] * height + transform[2, 3]
-    heights = Heights(
-        slot=slot[is_seen],
-        height=in_odom,
+    return Heights(
+        slot=slot,
+        height=transform[2, 0] * x + transform[2, 1] * y + transform[2, 2] * height + transform[2, 3],
         variance=variance,
         local=layers["variance_local"] + hidden**2 / 12 + resampling_variance(steepness, resolution, transform),
-        distance=np.sqrt(at_x * at_x + at_y * at_y),
+        distance=np.sqrt(x * x + y * y),
         below=np.maximum(height - layers["elevation_min"], 0.0),
         above=np.maximum(layers["elevation_max"] - height, 0.0),
         steepness=steepness,
     )
-    return Observation(
-        heights=heights,
-        empty=slot[is_empty],
-        empty_cause=no_return[is_empty],
-        unseen=slot[is_unseen],
-        unseen_cause=own[is_unseen],
-    )
 
 
 def resampling_variance(steepness: Float, resolution: float, transform: Float) -> Float:
-    """Variance of heights taken from the nearest cell of a turned grid, as far as neighbours do not share it [m^2].
+    """Variance, not shared by neighbours, of heights taken from the nearest cell of a rotated grid [m^2].
 
-    The nearest centre is up to half a cell away. Without a turn, it is so by the same way for all cells; over
-    TURNED_CELLS, a turn of more than a few degrees makes it any other way.
+    The nearest centre is up to half a cell away. Without rotation, this offset is the same for all cells. With a
+    rotation of more than a few degrees, the offsets of cells that are TURNED_CELLS apart are independent.
 
     Args:
         steepness: (n,) tan^2 of the slopes.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from guara_perception.arrays import Array, Float, Index
+from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 
 NEVER = -1
@@ -145,13 +146,6 @@ class OdomCells:
             square[:, columns % self.side] = empty
 
 
-class HasIndices(Protocol):
-    """Grid that converts coordinates to cell indices."""
-
-    def indices(self, x: Float, y: Float) -> tuple[Index, Index]:
-        """Cell indices (iy, ix)."""
-
-
 @dataclass(frozen=True, slots=True)
 class Squares:
     """Squares over a grid, for reductions over the cells touched by each square.
@@ -169,7 +163,7 @@ class Squares:
     entry: Index
 
     @classmethod
-    def of(cls, grid: HasIndices, x: Float, y: Float, half: float) -> Squares:
+    def of(cls, grid: OdomCells | GridGeometry, x: Float, y: Float, half: float) -> Squares:
         """Axis-aligned squares of edge 2 * `half` around n >= 1 points, such as bounding squares of rotated cells."""
         reach = half - SHRUNK_M
         low_y, low_x = grid.indices(x - reach, y - reach)

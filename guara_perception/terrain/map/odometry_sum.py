@@ -101,7 +101,7 @@ class OdometrySum(FrozenArrays):
             noise: (3, 3) covariance of the noise of this pause alone.
         """
         added = (transform, odometry[:2, 3], covariance, np.zeros(3), noise, np.zeros(()))
-        before = (self.transforms, self.positions, self.covariances, self.seen, self.seen_covariances, self.shown)
+        before = [getattr(self, name) for name in OdometrySum.__slots__]
         return OdometrySum(
             *(np.concatenate((old, new[None]))[-EARLIER_PAUSES:] for old, new in zip(before, added, strict=True))
         )
@@ -195,21 +195,12 @@ class OdometrySum(FrozenArrays):
         Raises:
             FileFormatError: a value is missing or not allowed.
         """
-        count = len(fields.sequence("positions"))
-        shapes = {
-            "transforms": (count, 4, 4),
-            "positions": (count, 2),
-            "covariances": (count, 3, 3),
-            "seen": (count, 3),
-            "seen_covariances": (count, 3, 3),
-            "shown": (count,),
-        }
+        start, count = OdometrySum(), len(fields.sequence("positions"))
         # Files of earlier versions lack some of these values; their sums start without pauses.
-        return (
-            OdometrySum(**{name: fields.array(name, shape) for name, shape in shapes.items()})
-            if count and fields.has("shown")
-            else OdometrySum()
-        )
+        if not count or not fields.has("shown"):
+            return start
+        shapes = {name: (count, *getattr(start, name).shape[1:]) for name in OdometrySum.__slots__}
+        return OdometrySum(**{name: fields.array(name, shape) for name, shape in shapes.items()})
 
 
 def _squares(sums: Float, covariances: Float) -> Float:

@@ -138,9 +138,8 @@ class _Looks:
     """Observations (looks) of cells at several pauses, (ny, nx) each.
 
     Attributes:
-        variance: variance of heights due to errors common to all cells of a look, as claimed [m^2]; NaN in unknown
-            cells.
-        apart: the same of one look, measured by how much looks differed from the heights before them [m^2].
+        variance: stated variance of heights due to errors common to all cells of a look [m^2]; NaN in unknown cells.
+        apart: measured variance of one look, from the differences between looks and the heights before them [m^2].
         drift: variance of heights due to drift since the last look [m^2]; NaN in unknown cells.
         pauses: number of pauses since the last look.
         looks: number of looks.
@@ -155,11 +154,11 @@ class _Looks:
     def unshared(self, kernel: Kernel) -> Float:
         """Half the variance of the difference between a height and those in its disc, due to looks not shared [m^2].
 
-        Means of m and n looks, c of them common, differ by 1 / m + 1 / n - 2 c / (m n) of the variance of one look. All
-        cells of a disc have the looks from the latest first one to the earliest last one in common; the largest
-        difference is used. With a common look the variance of one look is measured, where a cell around was looked at
-        twice: by how much looks differ from the heights before them. Otherwise it is the claimed one, to which the
-        difference of the drift is added. Ground that no scan saw shares nothing with other ground.
+        The difference of two means of m and n looks, c of them common, has the variance of one look times
+        1 / m + 1 / n - 2 c / (m n). All cells of a disc have the looks from the latest first one to the earliest last
+        one in common; the largest difference is used. If there is a common look and a nearby cell was observed twice,
+        the variance of one look is the measured one. Otherwise it is the stated one, and the difference of the drift
+        is added. Ground that no scan saw has no looks in common with other ground.
         """
         n, ones = self._most(self.looks, kernel), np.ones(len(kernel))
         m = np.minimum(self._least(self.looks, kernel), n)

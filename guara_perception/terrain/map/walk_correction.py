@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -52,8 +53,9 @@ TEXTURE_IN_DOUBT = "texture that was seen has moved"
 # Path length after which the slip measured by texture has the same weight as the value of robot.toml, and path length
 # after which the weight of this measurement no longer grows.
 LEARNING_M, LEARNED_M = 0.3, 1.0
-# Attributes of shape (2,) that files of earlier versions lack.
-WAYS = ("unheld", "off_way", "slip", "begun", "learned")
+# Arrays in every file, and arrays that files of earlier versions lack.
+STORED = ("transform", "covariance", "pause_transform", "pause_covariance", "noise", "growth")
+STORED_LATER = ("own", "off_texture", "unheld", "off_way", "slip", "begun", "learned")
 # File keys of the attributes that are stored under another name.
 FILE_KEYS = {"pause_transform": "here", "pause_covariance": "left", "noise": "own", "own": "pause_own"}
 
@@ -143,22 +145,18 @@ class WalkCorrection:
             FileFormatError: a value is missing or impossible.
         """
         start = WalkCorrection()
-        arrays = ("transform", "covariance", "pause_transform", "pause_covariance", "noise", "growth")
+        keys = {name: FILE_KEYS.get(name, name) for name in (*STORED, *STORED_LATER)}
+        found = [name for name, key in keys.items() if name in STORED or fields.has(key)]
+        kept: dict[str, Any] = {name: fields.array(keys[name], getattr(start, name).shape) for name in found}
+        kept |= {name: fields.integer(name, 0, EARLIER_PAUSES) for name in ("distrusted", "unseen") if fields.has(name)}
+        kept |= {name: fields.text(name) for name in ("refused", "visual_refused") if fields.has(name)}
         return WalkCorrection(
-            **{name: fields.array(FILE_KEYS.get(name, name), getattr(start, name).shape) for name in arrays},
-            own=fields.array("pause_own", (3, 3)) if fields.has("pause_own") else start.own,
+            **kept,
             last=fields.array("last", (4, 4)) if fields.has("last") else None,
             shift=fields.number("shift", 0.0),
             turn=fields.number("turn", 0.0),
-            refused=fields.text("refused") if fields.has("refused") else None,
             sum=OdometrySum.of_fields(fields.sub("sum")) if fields.has("sum") else start.sum,
-            distrusted=fields.integer("distrusted", 0, EARLIER_PAUSES) if fields.has("distrusted") else 0,
-            off_texture=fields.array("off_texture", (3, 3)) if fields.has("off_texture") else start.off_texture,
-            unseen=fields.integer("unseen", 0, EARLIER_PAUSES) if fields.has("unseen") else 0,
-            **{name: fields.array(name, (2,)) for name in WAYS if fields.has(name)},
-            is_denied=False,
             corners=fields.integer("corners", 0) if fields.has("corners") else None,
-            visual_refused=fields.text("visual_refused") if fields.has("visual_refused") else None,
         )
 
     def after(

@@ -185,17 +185,15 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
         if where.any():
             value = float(np.nanmax(terrain.layers[layer][rows, columns][where]))
             yield Reason(test, math.sqrt(value) if layer == "variance_local" else value, limit, unit, detail)
-    for name, (flag, limit) in terrain.record.other_limits().items():
-        cells = int(((hazard & np.uint16(flag)) != 0).sum())
-        if cells:
-            detail = f"of the sole flagged {flag.name}, which a limit of a newer version also sets: {name} {limit:g}"
-            yield Reason(name, cells, 0.0, "cells", detail)
-    soft = int(((hazard & np.uint16(Hazard.SOFT)) != 0).sum())
-    if soft:
-        yield Reason("soft", soft, 0.0, "cells", MEANING[Hazard.SOFT])
-    disputed = int(((hazard & np.uint16(Hazard.CONFLICT)) != 0).sum())
-    if disputed:
-        yield Reason("conflict", disputed, 0.0, "cells", "observations disagree")
+    newer = "of the sole flagged {0}, which a limit of a newer version also sets: {1} {2:g}"
+    counted = [
+        *((name, flag, newer.format(flag.name, name, most)) for name, (flag, most) in record.other_limits().items()),
+        ("soft", Hazard.SOFT, MEANING[Hazard.SOFT]),
+        ("conflict", Hazard.CONFLICT, MEANING[Hazard.CONFLICT]),
+    ]
+    for test, flag, detail in counted:
+        if cells := int(((hazard & np.uint16(flag)) != 0).sum()):
+            yield Reason(test, cells, 0.0, "cells", detail)
     if terrain.hazard_at(x, y) & Hazard.EDGE and not count:
         clearance = float(look_up(terrain, "clearance", x, y, np.float32(np.nan))[()])
         detail = "too close to something unknown, hazardous or off the grid; a larger clearance always suffices"

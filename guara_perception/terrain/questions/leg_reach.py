@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -90,7 +89,8 @@ def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotLike | None = None
             the robot of the grid.
         kinematics.KinematicsError: no such leg, or the robot cannot be loaded or does not fit the stance.
     """
-    return _soles(pose_of(terrain, robot), [leg])[0]
+    pose = pose_of(terrain, robot)
+    return transform_points(pose.transform_base_to_footprint, pose.state.soles_in_base([leg]))[0]
 
 
 def standing_soles(terrain: LayeredGrid) -> tuple[StandingSole, ...]:
@@ -107,12 +107,6 @@ def standing_soles(terrain: LayeredGrid) -> tuple[StandingSole, ...]:
         pose, noise = pose_of(terrain, None), _model_of(terrain, None).noise
         soles = {leg: sole for leg, sole in support_soles(pose, noise).items() if leg in legs}
     return tuple(StandingSole(sole[0], sole[1:]) for sole in soles.values())
-
-
-def _soles(pose: StancePose, legs: Sequence[str]) -> Float:
-    """Sole centres (n, 3) in base_footprint [m]."""
-    transform = np.asarray(pose.transform_base_to_footprint)
-    return transform_points(transform, pose.state.soles_in_base(legs))
 
 
 def pose_of(terrain: LayeredGrid, robot: RobotLike | None) -> StancePose:

@@ -10,13 +10,12 @@ import numpy as np
 
 from guara_perception.arrays import Float, Mask
 from guara_perception.exceptions import InvalidInput, optional_library
-from guara_perception.settings import RobotLike, Settings, robot_model
+from guara_perception.settings import RobotLike, Settings
 from guara_perception.terrain.assessment.raster import merge, rasterise, without_cells
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.geometry import GridGeometry, cell_edge
+from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
-from guara_perception.terrain.scan.from_points import judged_grid
-from guara_perception.terrain.scan.from_range_image import checked_area
+from guara_perception.terrain.scan.from_points import judged_grid, prepare_grid
 from kinematics import KinematicsError, RobotModel, Stance, describe_robot
 from kinematics.stance_pose import support_soles
 from kinematics.transforms import inverse, transform_points
@@ -64,8 +63,7 @@ def terrain_from_mujoco(
         MissingExtra: MuJoCo is not installed (extra `sim`).
     """
     mujoco = optional_library("mujoco", "sim", "a grid of a MuJoCo scene")
-    robot = robot_model("guara" if robot is None else robot)
-    settings = Settings.of(robot)
+    robot, settings, geometry = prepare_grid(robot, resolution, area)
     base = _body(model, body or robot.config.base_frame)
     # A geom that cannot collide, such as a visual mesh, does not support a foot.
     ground = ~_is_own(model, base)[model.geom_bodyid] & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
@@ -79,9 +77,6 @@ def terrain_from_mujoco(
     except KinematicsError as error:
         raise InvalidInput(f"the robot in the scene does not stand: {error}") from None
     transform_footprint_to_world = transform_base_to_world @ inverse(pose.transform_base_to_footprint)
-    cell = cell_edge(resolution, settings.resolution)
-    x, y = checked_area(area or (settings.footprint_x, settings.footprint_y))
-    geometry = GridGeometry.over(x, y, cell)
     points = _ground(mujoco, model, data, ground, geometry, transform_footprint_to_world, settings)
     within = (points[:, 2] >= settings.minimum_height) & (points[:, 2] <= settings.maximum_height)
     hazard = np.zeros(geometry.shape, np.uint16)

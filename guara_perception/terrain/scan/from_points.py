@@ -61,10 +61,7 @@ def terrain_from_points(
             not finite, or the resolution is not positive, does not divide the area or gives too many cells.
         kinematics.KinematicsError: the robot cannot be loaded.
     """
-    robot = robot_model("guara" if robot is None else robot)
-    settings = Settings.of(robot)
-    cell = cell_edge(resolution, settings.resolution)
-    geometry = GridGeometry.over(settings.footprint_x, settings.footprint_y, cell)
+    robot, settings, geometry = prepare_grid(robot, resolution)
     cloud = _rows(points, "points")
     sigmas = numbers(sigma, "sigma")
     if sigmas.shape not in ((), (len(cloud),)) or not (np.isfinite(sigmas) & (sigmas >= 0)).all():
@@ -87,6 +84,26 @@ def terrain_from_points(
     if not metadata:
         return grid
     return dataclasses.replace(grid, record=ScanRecord.from_json({**grid.record.to_json(), **metadata}))
+
+
+def prepare_grid(
+    robot: RobotLike | None, resolution: float | None, area: npt.ArrayLike | None = None
+) -> tuple[RobotModel, Settings, GridGeometry]:
+    """Robot (None = the Guará), its settings, and the geometry of a grid over an area (None = that of a scan).
+
+    Raises:
+        InvalidInput: the area does not consist of two finite and ascending ranges, or the resolution is not positive,
+            does not divide the area or gives too many cells.
+        kinematics.KinematicsError: the robot cannot be loaded.
+    """
+    model = robot_model("guara" if robot is None else robot)
+    settings = Settings.of(model)
+    ranges = numbers((settings.footprint_x, settings.footprint_y) if area is None else area, "area")
+    if ranges.shape != (2, 2) or not np.isfinite(ranges).all() or not (ranges[:, 0] < ranges[:, 1]).all():
+        raise InvalidInput(f"area is {area!r}, allowed: ((x_min, x_max), (y_min, y_max)), finite and ascending [m]")
+    (x_min, x_max), (y_min, y_max) = ranges.tolist()
+    cell = cell_edge(resolution, settings.resolution)
+    return model, settings, GridGeometry.over((x_min, x_max), (y_min, y_max), cell)
 
 
 def judged_grid(

@@ -7,14 +7,13 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Flags, Float, Mask
 from guara_perception.exceptions import InvalidInput
-from guara_perception.settings import RobotLike, Settings, robot_model
+from guara_perception.settings import RobotLike
 from guara_perception.terrain.assessment.raster import merge, rasterise, without_cells
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.geometry import GridGeometry, cell_edge
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.layered_grid import numbers
 from guara_perception.terrain.scan.assess_terrain import HIGHEST_M
-from guara_perception.terrain.scan.from_points import judged_grid
+from guara_perception.terrain.scan.from_points import judged_grid, prepare_grid
 
 # Largest accepted aspect ratio of a pixel. The ratio is 1.04 in the paper (0.879 mm x 0.844 mm), and 1.5 if the image
 # is rotated by 90 degrees.
@@ -57,15 +56,12 @@ def terrain_from_range_image(
             or gives too many cells.
         kinematics.KinematicsError: the robot cannot be loaded.
     """
-    robot = robot_model("guara" if robot is None else robot)
-    settings = Settings.of(robot)
-    (x_min, x_max), (y_min, y_max) = checked_area(area)
+    robot, settings, geometry = prepare_grid(robot, resolution, area)
+    (x_min, x_max), (y_min, y_max) = area
     heights = _picture(ortho_image_mm, (x_max - x_min, y_max - y_min))
     known = np.isfinite(heights)
     flags = _causes(causes, known)
     variance = _sigma(sigma_mm, known) ** 2
-    cell = cell_edge(resolution, settings.resolution)
-    geometry = GridGeometry.over((x_min, x_max), (y_min, y_max), cell)
     rows, columns = heights.shape
     x = x_min + (np.arange(rows) + 0.5) * (x_max - x_min) / rows
     y = y_min + (np.arange(columns) + 0.5) * (y_max - y_min) / columns
@@ -81,19 +77,6 @@ def terrain_from_range_image(
     hazard[out] |= np.uint16(Hazard.OUT_OF_RANGE)
     raster = without_cells(raster, out)
     return judged_grid(raster, hazard, geometry, robot, "range_image", int(known.sum()), stamp, step)
-
-
-def checked_area(area: npt.ArrayLike) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Check an area, and return its ranges of x and y as floats.
-
-    Raises:
-        InvalidInput: the area does not consist of two finite and ascending ranges.
-    """
-    ranges = numbers(area, "area")
-    if ranges.shape != (2, 2) or not np.isfinite(ranges).all() or not (ranges[:, 0] < ranges[:, 1]).all():
-        raise InvalidInput(f"area is {area!r}, allowed: ((x_min, x_max), (y_min, y_max)), finite and ascending [m]")
-    (x_min, x_max), (y_min, y_max) = ranges.tolist()
-    return (x_min, x_max), (y_min, y_max)
 
 
 def _picture(image_mm: npt.ArrayLike, size: tuple[float, float]) -> Float:

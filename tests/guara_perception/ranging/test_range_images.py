@@ -67,9 +67,10 @@ def block(x0: float, x1: float, y0: float, y1: float, h: float) -> dict[int, Str
     for k, x in enumerate(np.arange(X[0] - 0.006, X[1] + 0.01, 0.006)):
         on_top = (x0 <= x <= x1) & (y >= y0) & (y <= y1)
         points = np.column_stack((np.full(y.size, x), y, np.where(on_top, h, 0.0)))
-        nothing = ColumnPoints(np.empty(0, np.int32), np.empty((0, 3)))
+        nothing = ColumnPoints(np.empty(0, np.int32), np.empty((0, 3), np.float32))
         ok = np.zeros(y.size, np.uint8)
-        stripes[k] = StripePoints(points, np.full(y.size, 1e-8), np.full(y.size, 100.0), ok, nothing, nothing)
+        single, ones = points.astype(np.float32), np.ones(y.size, np.float32)
+        stripes[k] = StripePoints(single, 1e-8 * ones, 100 * ones, ok, nothing, nothing)
     return stripes
 
 
@@ -106,12 +107,13 @@ def test_ground_between_neighbouring_image_columns_is_filled_and_a_gap_is_not() 
     """Columns three pixels apart: all pixels between them are known and lie on the slope; those in a gap are not."""
     y = np.arange(Y[0] - 0.01, Y[1] + 0.01, 0.0025)
     is_gap = np.abs(y - 0.1) < 0.006
-    nothing = ColumnPoints(np.empty(0, np.int32), np.empty((0, 3)))
+    nothing = ColumnPoints(np.empty(0, np.int32), np.empty((0, 3), np.float32))
     stripes = {}
     for k, x in enumerate(np.arange(X[0] - 0.006, X[1] + 0.01, 0.006)):
         points = np.column_stack((np.full(y.size, x), y, np.where(is_gap, np.nan, 0.1 * (x - X[0]) + 0.05 * y)))
         ok = np.zeros(y.size, np.uint8)
-        stripes[k] = StripePoints(points, np.full(y.size, 1e-8), np.full(y.size, 100.0), ok, nothing, nothing)
+        single, ones = points.astype(np.float32), np.ones(y.size, np.float32)
+        stripes[k] = StripePoints(single, 1e-8 * ones, 100 * ones, ok, nothing, nothing)
     ortho = range_images(stripes, range(100), OPTICAL_CENTRE, X, Y, 0.008).ortho_image_mm[2:-8]
     row, column = np.mgrid[2 : ROWS - 8, :COLUMNS] + 0.5
     pixel_x, pixel_y = X[0] + row * (X[1] - X[0]) / ROWS, Y[0] + column * (Y[1] - Y[0]) / COLUMNS
@@ -199,9 +201,11 @@ def test_pictures_of_any_ground_are_those_by_the_definition(
         z = np.where((y > -0.1) & (y < 0.1) & (k > 2), step, 0.0) + random.normal(0, roughness + 1e-12, y.size)
         points = np.column_stack((x, y, z))
         points[random.random(y.size) < 0.1] = np.nan
-        nothing = ColumnPoints(np.empty(0, np.int32), np.empty((0, 3)))
+        nothing = ColumnPoints(np.empty(0, np.int32), np.empty((0, 3), np.float32))
         strength = random.uniform(20, 100, y.size)
-        stripes[k] = StripePoints(points, np.full(y.size, 1e-8), strength, np.zeros(y.size, np.uint8), nothing, nothing)
+        single, variance = points.astype(np.float32), np.full(y.size, 1e-8, np.float32)
+        ok = np.zeros(y.size, np.uint8)
+        stripes[k] = StripePoints(single, variance, strength.astype(np.float32), ok, nothing, nothing)
     images = range_images(stripes, range(9), np.array(optical_centre), X, Y, 0.008)
     assert_plain(images, plain(stripes, range(9), np.array(optical_centre), 0.008))
 

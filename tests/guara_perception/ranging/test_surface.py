@@ -30,7 +30,14 @@ from tests.thorough import examples
 COLUMNS = 40
 JOIN = 0.008
 GRID = GridGeometry((0.0, 0.0), 0.005, (8, 24))
-NOTHING = ColumnPoints(np.empty(0, np.int32), np.empty((0, 3)))
+
+
+def column_points(columns: object, points: object) -> ColumnPoints:
+    """Points of some columns, as a stripe has them."""
+    return ColumnPoints(np.asarray(columns, np.int32), np.asarray(points, np.float32))
+
+
+NOTHING = column_points([], np.empty((0, 3)))
 
 
 def stripe(x: float, z: object = 0.0, strength: object = 100.0, **extra: object) -> StripePoints:
@@ -40,9 +47,9 @@ def stripe(x: float, z: object = 0.0, strength: object = 100.0, **extra: object)
     points[np.isnan(heights)] = np.nan
     known = np.isfinite(heights)
     return StripePoints(
-        points=points,
-        variance=np.where(known, 1e-8, np.nan),
-        strength=np.where(known, strength, np.nan),
+        points=points.astype(np.float32),
+        variance=np.where(known, 1e-8, np.nan).astype(np.float32),
+        strength=np.where(known, strength, np.nan).astype(np.float32),
         status=np.where(known, 0, 1).astype(np.uint8),
         out_of_range=extra.get("out_of_range", NOTHING),  # type: ignore[arg-type]
         doubtful=extra.get("doubtful", NOTHING),  # type: ignore[arg-type]
@@ -233,7 +240,7 @@ def test_raster_does_not_depend_on_the_grouping_of_the_stripes(data: st.DataObje
         z[random.random(COLUMNS) < 0.1] = np.nan
         columns = np.flatnonzero(random.random(COLUMNS) < 0.2)
         height = np.where(random.random(columns.size) < 0.5, 0.2, -0.2)
-        beyond = ColumnPoints(columns, np.column_stack((pitch * k + 0 * height, 0.001 * columns, height)))
+        beyond = column_points(columns, np.column_stack((pitch * k + 0 * height, 0.001 * columns, height)))
         stripes[k] = stripe(pitch * k, z, random.uniform(10, 100, COLUMNS), out_of_range=beyond, doubtful=beyond)
     single, several = raster(stripes, range(30)), SurfaceRaster(GRID, range(30), JOIN)
     order = data.draw(st.permutations(list(stripes)))
@@ -252,7 +259,7 @@ def test_raster_does_not_depend_on_the_grouping_of_the_stripes(data: st.DataObje
 
 def test_return_above_the_height_limits_makes_its_cell_unknown() -> None:
     """Something above known ground is in the way: the cell is out of range, its neighbours stay."""
-    high = ColumnPoints(np.array([10]), np.array([[0.052, 0.0105, 0.2]]))
+    high = column_points(np.array([10]), np.array([[0.052, 0.0105, 0.2]]))
     stripes = {k: stripe(0.004 + 0.008 * k) for k in range(12)}
     stripes[6] = stripe(0.004 + 0.048, out_of_range=high)
     result = raster(stripes)
@@ -262,7 +269,7 @@ def test_return_above_the_height_limits_makes_its_cell_unknown() -> None:
 
 def test_return_below_the_height_limits_only_names_the_cause() -> None:
     """From under ground that was seen nothing can return: a stray below it takes nothing away."""
-    low = ColumnPoints(np.array([10]), np.array([[0.052, 0.0105, -0.3]]))
+    low = column_points(np.array([10]), np.array([[0.052, 0.0105, -0.3]]))
     stripes = {k: stripe(0.004 + 0.008 * k) for k in range(12)}
     stripes[6] = stripe(0.004 + 0.048, out_of_range=low)
     result = raster(stripes)
@@ -275,7 +282,7 @@ def test_a_high_return_is_not_forgotten_for_a_low_one_of_its_cell(order: tuple[i
     """Of two returns in one cell the one above the height limits counts, in whatever order they come."""
     both = np.array([[0.052, 0.0105, 0.2], [0.052, 0.0115, -0.3]])[list(order)]
     stripes = {k: stripe(0.004 + 0.008 * k) for k in range(12)}
-    stripes[6] = stripe(0.004 + 0.048, out_of_range=ColumnPoints(np.array([10, 11]), both))
+    stripes[6] = stripe(0.004 + 0.048, out_of_range=column_points(np.array([10, 11]), both))
     assert np.isnan(raster(stripes).raster().elevation[2, 10])
 
 
@@ -283,7 +290,7 @@ def test_a_drop_seen_by_two_stripes_is_marked_in_between() -> None:
     """Between two returns from below the height limits the ground is no better: the cells between are marked too."""
     every = np.arange(COLUMNS)
     ends = [
-        ColumnPoints(every, np.column_stack((np.full(COLUMNS, x), stripe(0).points[:, 1], np.full(COLUMNS, -0.2))))
+        column_points(every, np.column_stack((np.full(COLUMNS, x), stripe(0).points[:, 1], np.full(COLUMNS, -0.2))))
         for x in (0.02, 0.05)
     ]
     stripes = {k: stripe(0, np.nan, out_of_range=ends[k]) for k in (0, 1)}
