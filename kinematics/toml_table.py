@@ -102,18 +102,16 @@ class Table:
         self, key: str, *, above: float = -math.inf, most: float = math.inf, rising: bool = False
     ) -> tuple[float, float]:
         """Two finite numbers, each above `above` and at most `most`; with `rising`, the second is larger."""
-        value = self._value(
-            key, lambda given: isinstance(given, list) and len(given) == 2, "a list of two numbers", None
-        )
-        if value is None:
-            return (1.0, 1.0)
-        if not all(_is_number(item) and above < item <= most for item in value):
-            self.wrong(key, f"a list of two numbers{_bounds(above, -math.inf, most)}")
-        elif rising and value[0] >= value[1]:
+
+        def is_pair(given: Any) -> bool:
+            is_two = isinstance(given, list) and len(given) == 2
+            return is_two and all(_is_number(item) and above < item <= most for item in given)
+
+        needed = f"a list of two numbers{_bounds(above, -math.inf, most)}"
+        low, high = map(float, self._value(key, is_pair, needed, (1.0, 2.0)))
+        if rising and low >= high:
             self.wrong(key, "a list of two numbers, the first below the second,")
-        else:
-            return (float(value[0]), float(value[1]))
-        return (1.0, 1.0)
+        return low, high
 
     def table(self, key: str) -> Table:
         """Table of the given name inside this table; when gathering, an empty table replaces a missing or wrong one."""

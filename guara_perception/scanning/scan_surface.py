@@ -489,17 +489,9 @@ def lost_cells(
         lost |= (low[:, before] != low[:, after]) | (high[:, before] != high[:, after])
         lost |= low[:, before] != high[:, before]
     not_looked_at = (hazard & np.uint16(Hazard.UNSCANNED | Hazard.OCCLUDED)) != 0
-    return _runs(lost.reshape(geometry.shape) & not_looked_at & in_view)
-
-
-def _runs(mask: Mask) -> tuple[Run, ...]:
-    """Runs of marked cells down each column."""
-    padded = np.zeros((mask.shape[1], mask.shape[0] + 2), dtype=np.int8)
-    padded[:, 1:-1] = mask.T
-    change = np.diff(padded, axis=1)
-    column, first = np.nonzero(change == 1)
-    _, end = np.nonzero(change == -1)
-    return tuple(zip(column.tolist(), first.tolist(), end.tolist(), strict=True))
+    mask = lost.reshape(geometry.shape) & not_looked_at & in_view
+    columns = np.flatnonzero(mask.any(axis=0)).tolist()
+    return tuple((ix, run.start, run.stop) for ix in columns for run in runs(mask[:, ix]))
 
 
 def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> Float:

@@ -223,7 +223,7 @@ def blocks(layer: Array, factor: int) -> Array:
     return layer.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1)
 
 
-def runs(columns: Mask) -> list[slice]:
-    """Ranges of adjacent columns in a mask (nx,), in order."""
-    ends = np.flatnonzero(np.diff(columns, prepend=False, append=False))
+def runs(cells: Mask) -> list[slice]:
+    """Ranges of adjacent cells in a mask (n,) of a row or column, in order."""
+    ends = np.flatnonzero(np.diff(cells, prepend=False, append=False))
     return [slice(first, end) for first, end in ends.reshape(-1, 2).tolist()]

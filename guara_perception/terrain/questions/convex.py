@@ -157,17 +157,15 @@ def _ellipse(vertices: Float) -> tuple[Float, Float]:
     mean = vertices.mean(axis=0)
     # In millimetres relative to the mean. Adding 1e-3 mm^2 to the variances below is negligible, and keeps the
     # covariance invertible.
-    x, y = 1e3 * (vertices - mean).T
-    next_x, next_y = np.append(x[1:], x[0]), np.append(y[1:], y[0])
-    cross = x * next_y - next_x * y
-    area = cross.sum() / 2
-    if not area > 0:
+    corner = 1e3 * (vertices - mean)
+    after = np.concatenate((corner[1:], corner[:1]))
+    cross = corner[:, 0] * after[:, 1] - after[:, 0] * corner[:, 1]
+    if not cross.sum() > 0:
         return mean, np.eye(2)
-    # numpy sums instead of BLAS products, whose last bit depends on the processor.
-    share = cross / area
-    cx, cy = (share * (x + next_x)).sum() / 6, (share * (y + next_y)).sum() / 6
-    xx = (share * (x * x + x * next_x + next_x * next_x)).sum() / 12 - cx * cx
-    yy = (share * (y * y + y * next_y + next_y * next_y)).sum() / 12 - cy * cy
-    xy = (share * (2 * x * y + x * next_y + next_x * y + 2 * next_x * next_y)).sum() / 24 - cx * cy
-    covariance = np.array([[xx + 1e-3, xy], [xy, yy + 1e-3]])
-    return mean + 1e-3 * np.array([cx, cy]), np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+    # Moments of the triangles (0, corner, after). Element by element, since the last bit of matrix products depends on
+    # the processor.
+    share, both = (cross / cross.sum())[:, None], corner + after
+    centre = (share * both).sum(axis=0) / 3
+    moments = sum(side[:, :, None] * side[:, None, :] for side in (both, corner, after))
+    covariance = (share[:, None] * moments).sum(axis=0) / 12 - np.outer(centre, centre) + 1e-3 * np.eye(2)
+    return mean + 1e-3 * centre, np.asarray(np.linalg.inv(covariance), dtype=np.float64)

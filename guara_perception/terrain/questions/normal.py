@@ -30,18 +30,13 @@ def normal_at(terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, *, allow
     height = np.where(on, terrain.elevation[np.where(on, jy, 0), np.where(on, jx, 0)].astype(np.float64), np.nan)
     height -= look_up(terrain, "elevation", x, y, np.float32(np.nan))[:, None]
     known = np.isfinite(height)
-    weight = known.astype(np.float64)
-    n = weight.sum(axis=1)
-    z = np.where(known, height, 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mx, my, mz = (weight @ dx) / n, (weight @ dy) / n, z.sum(axis=1) / n
-        ax, ay = (dx - mx[:, None]) * weight, (dy - my[:, None]) * weight
-        az = (z - mz[:, None]) * weight
-        cxx, cyy, cxy = (ax * ax).sum(1), (ay * ay).sum(1), (ax * ay).sum(1)
-        cxz, cyz = (ax * az).sum(1), (ay * az).sum(1)
-        determinant = cxx * cyy - cxy**2
-        a, b = (cyy * cxz - cxy * cyz) / determinant, (cxx * cyz - cxy * cxz) / determinant
-    enough = np.isfinite(look_up(terrain, "slope", x, y, np.float32(np.nan))) & (n >= KNOWN_SHARE * kernel.sum())
-    normal = np.column_stack((-a / terrain.resolution, -b / terrain.resolution, np.ones(n.size)))
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    return np.where(enough[:, None], normal, np.nan).reshape(*px.shape, 3)
+    is_fitted = np.isfinite(look_up(terrain, "slope", x, y, np.float32(np.nan)))
+    is_fitted &= known.sum(axis=1) >= KNOWN_SHARE * kernel.sum()
+    # Normal equations of z = a x + b y + c, with x and y in cells.
+    terms, weight = np.stack((dx, dy, np.ones_like(dx))).astype(np.float64), known[is_fitted].astype(np.float64)
+    products = np.einsum("nk,ik,jk->nij", weight, terms, terms)
+    sums = np.where(known, height, 0.0)[is_fitted] @ terms.T
+    normal = np.full((x.size, 3), np.nan)
+    normal[is_fitted] = np.linalg.solve(products, sums[..., None])[..., 0] / (-terrain.resolution)
+    normal[is_fitted, 2] = 1.0
+    return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True)).reshape(*px.shape, 3)

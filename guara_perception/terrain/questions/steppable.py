@@ -12,9 +12,8 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import RobotLike
 from guara_perception.terrain.layers.hazard import with_neighbours
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
-from guara_perception.terrain.questions.connected import connected_to
+from guara_perception.terrain.questions.areas import Depth, connected_to
 from guara_perception.terrain.questions.convex import ConvexPolygon, grow_polygon
-from guara_perception.terrain.questions.depth import Depth
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
 from guara_perception.terrain.questions.obstacles import fit_plane
 from kinematics.arrays import FrozenArrays

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from guara_perception.terrain.layers.hazard import with_neighbours
-from guara_perception.terrain.questions.connected import connected_to
+from guara_perception.terrain.questions.areas import Depth, connected_to
 from guara_perception.terrain.questions.convex import _hull
-from guara_perception.terrain.questions.depth import Depth
 from tests.thorough import examples
 
 
