@@ -43,12 +43,6 @@ def transform_base_to_footprint(soles_in_base: Float, up: Float) -> Float:
     return transform
 
 
-def turn_by_vertical(transform: Float) -> Float:
-    """Matrix B (3, 3): d(rotation about the footprint's axes [rad]) / d(vertical in `base_link`)."""
-    x, y, up = transform[:3, :3]
-    return np.array([y, -x, up[0] / np.sqrt(1.0 - up[0] ** 2) * y])
-
-
 def footprint_jacobians(soles_in_base: Float, transform: Float, up_by_soles: Float) -> tuple[Float, Float]:
     """Derivatives of the transform from base to footprint with respect to soles and vertical.
 
@@ -63,10 +57,11 @@ def footprint_jacobians(soles_in_base: Float, transform: Float, up_by_soles: Flo
         by_soles (6, 3 n) and by_vertical (6, 3); by_soles includes the effect of the soles on the vertical.
     """
     count = len(soles_in_base)
-    up = transform[2, :3]
+    x, y, up = transform[:3, :3]
     by_vertical = np.zeros((6, 3))
     by_vertical[2] = -soles_in_base.mean(axis=0)
-    by_vertical[3:] = turn_by_vertical(transform)
+    # Matrix B of the module's docstring.
+    by_vertical[3:] = y, -x, up[0] / np.sqrt(1.0 - up[0] ** 2) * y
     by_soles = by_vertical @ up_by_soles
     by_soles[2] -= np.tile(up, count) / count
     return by_soles, by_vertical

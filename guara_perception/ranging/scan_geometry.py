@@ -85,8 +85,6 @@ class ScanGeometry:
 
     def moved(self, places: Mapping[int, StripePlace]) -> ScanGeometry:
         """Copy for a moving camera: planes at the poses of their stripes, the rest at the pose of the middle stripe."""
-        if not places:
-            return self
         poses = {index: place.transform_camera_to_footprint for index, place in places.items()}
         planes = [
             plane_in_frame(stripe.plane_in_camera[None], poses.get(index, self.transform_camera_to_footprint))

@@ -69,27 +69,6 @@ class MapState:
     soft: tuple[SoftFoothold, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class SavedMap:
-    """Contents of a map file.
-
-    Attributes:
-        robot: name of the robot.
-        resolution: cell edge [m].
-        side: cells along each side of the window.
-        first: cell (cy, cx) of the window with the smallest indices, None before the first pause.
-        memory: arrays of MEMORY by name.
-        state: state except the cells.
-    """
-
-    robot: str
-    resolution: float
-    side: int
-    first: tuple[int, int] | None
-    memory: Mapping[str, Array]
-    state: MapState
-
-
 def write_map(stream: IO[bytes], robot: str, cells: OdomCells, state: MapState) -> None:
     """Write a map to a stream; `read_map` ignores any data that precede the map."""
     header = {"format": FORMAT, "robot": robot, "resolution": cells.resolution, "side": cells.side}
@@ -106,8 +85,8 @@ def write_map(stream: IO[bytes], robot: str, cells: OdomCells, state: MapState) 
                 np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
 
 
-def read_map(path: str | Path) -> SavedMap:
-    """Read a file written by `write_map`, and check types and shapes.
+def read_map(path: str | Path) -> tuple[str, OdomCells, MapState]:
+    """Read the name of the robot, the cells and the other state from a file written by `write_map`.
 
     Raises:
         MissingFile: there is no such file.
@@ -126,15 +105,11 @@ def read_map(path: str | Path) -> SavedMap:
     fields.text("format", (FORMAT,))
     side = fields.integer("side", 2, 100_000)
     _check_memory(path, data, side**2)
+    cells = OdomCells(fields.number("resolution", 1e-4, 0.1), side)
     first = [int(v) for v in fields.array("first", (2,))] if fields.has("first") else None
-    return SavedMap(
-        robot=fields.text("robot"),
-        resolution=fields.number("resolution", 1e-4, 0.1),
-        side=side,
-        first=None if first is None else (first[0], first[1]),
-        memory={name: data[name] for name in MEMORY},
-        state=dataclasses.replace(_state(fields, _seen(path, data)), texture=_texture(path, data)),
-    )
+    cells.restore(data, None if first is None else (first[0], first[1]))
+    state = dataclasses.replace(_state(fields, _seen(path, data)), texture=_texture(path, data))
+    return fields.text("robot"), cells, state
 
 
 def _seen(path: Path, data: Mapping[str, Array]) -> SeenGround | None:

@@ -51,16 +51,15 @@ class OdomCells:
         first: cell (cy, cx) of the window with the smallest indices, None before the window is placed.
     """
 
-    def __init__(self, resolution: float, reach: float) -> None:
+    def __init__(self, resolution: float, side: int) -> None:
         """Create an empty window.
 
         Args:
             resolution: cell edge [m].
-            reach: minimum distance from the centre to the edges of the window [m].
+            side: number of rows and columns of the window.
         """
-        self.resolution = resolution
-        self.side = 2 * (int(np.ceil(reach / resolution)) + 1)
-        self.memory = {name: np.full(self.side**2, empty, dtype) for name, (dtype, empty) in MEMORY.items()}
+        self.resolution, self.side = resolution, side
+        self.memory = {name: np.full(side**2, empty, dtype) for name, (dtype, empty) in MEMORY.items()}
         self.first: tuple[int, int] | None = None
 
     def indices(self, x: Float, y: Float) -> tuple[Index, Index]:

@@ -71,8 +71,9 @@ class TerrainMap:
         self._settings = Settings.of(self._robot)
         x, y = self._settings.map_x, self._settings.map_y
         self._grid = GridGeometry.over(x, y, cell_edge(resolution, self._settings.resolution))
-        self._reach = float(np.hypot(max(map(abs, x)), max(map(abs, y)))) + MARGIN_M
-        self._cells = OdomCells(self._grid.resolution, self._reach)
+        # Least distance from the centre of the window to its edges.
+        reach = float(np.hypot(max(map(abs, x)), max(map(abs, y)))) + MARGIN_M
+        self._cells = OdomCells(self._grid.resolution, 2 * (int(np.ceil(reach / self._grid.resolution)) + 1))
         self._state = MapState()
         # Lines of sight that bound unknown heights. They are not saved in files: a loaded map starts without them.
         self._sight: tuple[LinesOfSight, ...] = ()
@@ -312,24 +313,23 @@ class TerrainMap:
             FileFormatError: the file is not a map file, is damaged, or belongs to another robot or robot.toml.
             kinematics.KinematicsError: the robot cannot be loaded.
         """
-        saved = read_map(path)
-        robot = robot_model(saved.robot if robot is None else robot)
-        if robot.name != saved.robot:
-            raise FileFormatError(f"{path}: map of robot {saved.robot!r}, but the given model is {robot.name!r}")
+        name, cells, state = read_map(path)
+        robot = robot_model(name if robot is None else robot)
+        if robot.name != name:
+            raise FileFormatError(f"{path}: map of robot {name!r}, but the given model is {robot.name!r}")
         with errors_as(FileFormatError, path, InvalidInput):
-            terrain_map = cls(robot, resolution=saved.resolution)
-        if terrain_map._cells.side != saved.side:
+            terrain_map = cls(robot, resolution=cells.resolution)
+        if terrain_map._cells.side != cells.side:
             raise FileFormatError(
-                f"{path}: the map has {saved.side} cells per side, but a map of {robot.name} has "
+                f"{path}: the map has {cells.side} cells per side, but a map of {robot.name} has "
                 f"{terrain_map._cells.side}: it was saved with another robot.toml"
             )
-        terrain_map._cells.restore(saved.memory, saved.first)
-        terrain_map._state = saved.state
+        terrain_map._cells, terrain_map._state = cells, state
         return terrain_map
 
     def keep(self) -> None:
         """Save the current state in memory for `take_back`."""
-        cells = self._kept[0] if self._kept is not None else OdomCells(self._grid.resolution, self._reach)
+        cells = self._kept[0] if self._kept is not None else OdomCells(self._grid.resolution, self._cells.side)
         cells.restore(self._cells.memory, self._cells.first)
         self._kept = cells, self._state, self._sight
 
