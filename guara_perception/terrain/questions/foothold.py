@@ -185,12 +185,11 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
         if where.any():
             value = float(np.nanmax(terrain.layers[layer][rows, columns][where]))
             yield Reason(test, math.sqrt(value) if layer == "variance_local" else value, limit, unit, detail)
-    newer = "of the sole flagged {0}, which a limit of a newer version also sets: {1} {2:g}"
-    counted = [
-        *((name, flag, newer.format(flag.name, name, most)) for name, (flag, most) in record.other_limits().items()),
-        ("soft", Hazard.SOFT, MEANING[Hazard.SOFT]),
-        ("conflict", Hazard.CONFLICT, MEANING[Hazard.CONFLICT]),
-    ]
+    counted: list[tuple[str, Hazard, str]] = []
+    for name, (flag, most) in record.other_limits().items():
+        detail = f"of the sole flagged {flag.name}, which a limit of a newer version also sets: {name} {most:g}"
+        counted.append((name, flag, detail))
+    counted += [(test, flag, MEANING[flag]) for test, flag in (("soft", Hazard.SOFT), ("conflict", Hazard.CONFLICT))]
     for test, flag, detail in counted:
         if cells := int(((hazard & np.uint16(flag)) != 0).sum()):
             yield Reason(test, cells, 0.0, "cells", detail)
