@@ -109,7 +109,10 @@ def bounding_shape(vertices: Float) -> tuple[str, tuple[float, ...], Float]:
     except (QhullError, ValueError) as error:
         raise RobotFileError("the points of the mesh lie in one plane; a mesh must enclose a volume") from error
     points = vertices[hull.vertices]
-    best: tuple[float, str, tuple[float, ...], Float] | None = None
+    transform = np.eye(4)
+    transform[:3, 3] = (points.min(axis=0) + points.max(axis=0)) / 2.0
+    radius = float(np.linalg.norm(points - transform[:3, 3], axis=1).max())
+    best: tuple[float, str, tuple[float, ...], Float] = 4.0 / 3.0 * np.pi * radius**3, "sphere", (radius,), transform
     for rotation in _rotations(points, hull):
         local = points @ rotation
         low, high = local.min(axis=0), local.max(axis=0)
@@ -124,14 +127,8 @@ def bounding_shape(vertices: Float) -> tuple[str, tuple[float, ...], Float]:
             turned[:3, :3] = rotation[:, [*np.roll(np.arange(3), -axis - 1)]]
             tried.append((np.pi * radius**2 * float(length[axis]), "cylinder", (radius, float(length[axis])), turned))
         for candidate in tried:
-            if best is None or candidate[0] < best[0] * (1.0 - 1e-9):
+            if candidate[0] < best[0] * (1.0 - 1e-9):
                 best = candidate
-    centre = (points.min(axis=0) + points.max(axis=0)) / 2.0
-    radius = float(np.linalg.norm(points - centre, axis=1).max())
-    if best is None or 4.0 / 3.0 * np.pi * radius**3 < best[0]:
-        transform = np.eye(4)
-        transform[:3, 3] = centre
-        return "sphere", (radius,), transform
     return best[1:]
 
 

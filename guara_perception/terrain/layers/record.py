@@ -95,17 +95,11 @@ def _is(*kinds: type) -> Reader:
 
 
 def _each(read: Reader) -> Reader:
-    def read_all(value: object) -> object:
-        return tuple(read(entry) for entry in LIST(value))
-
-    return read_all
+    return lambda value: tuple(read(entry) for entry in LIST(value))
 
 
 def _named(read: Reader) -> Reader:
-    def read_all(value: object) -> object:
-        return {TEXT(name): read(entry) for name, entry in OBJECT(value).items()}
-
-    return read_all
+    return lambda value: {TEXT(name): read(entry) for name, entry in OBJECT(value).items()}
 
 
 def _array(*shape: int) -> Reader:
