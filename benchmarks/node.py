@@ -28,6 +28,7 @@ from drivers.sweep.acquisition import StripeStream
 from guara_perception.app.messages import message_to_terrain, stance_to_message, terrain_to_message
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.app.node.pause_scanner import PauseScanner
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.simulation import real_light
 from guara_perception.simulation.walk import fresh_reading
@@ -98,7 +99,7 @@ def listening(
     with rangefinder, open_node(listen=endpoint) as session:
         status = NodeStatus(calibration)
         server = PerceptionServer(session, collect_status=status.items)
-        with PerceptionNode(robot, calibration, rangefinder, server, mode=mode, status=status) as node:
+        with PerceptionNode(PauseScanner(robot, calibration, rangefinder, server, status=status), mode) as node:
             StanceReceiver(session, on_pause=node.on_pause, on_refused=node.on_refused)
             yield node, status
 

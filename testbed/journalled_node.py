@@ -22,6 +22,7 @@ from guara_perception.app.node.claim import Seal
 from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.app.node.pause_scanner import PauseScanner
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.simulated import SimulatedRobot
@@ -106,7 +107,7 @@ def main() -> None:
             recorder = stack.enter_context(made)
             stack.enter_context(metrics_served(int(recorded[1]), "guara", server.status_items))
         parts = (robot, calibration, rangefinder, server)
-        node = PerceptionNode(*parts, mode="coarse", status=status, recorder=recorder, journal=journal)
+        node = PerceptionNode(PauseScanner(*parts, status=status, recorder=recorder, journal=journal), "coarse")
         stack.enter_context(node)
 
         def on_pause(announcement: StancePause) -> None:

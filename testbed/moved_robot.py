@@ -15,6 +15,7 @@ from drivers import LaserBoard
 from guara_perception.app.demo.check import true_elevation
 from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.node import PerceptionNode
+from guara_perception.app.node.pause_scanner import PauseScanner
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.simulated import DEMO_WORLD, SimulatedRobot
 from guara_perception.app.node.sweep import Swept
@@ -89,7 +90,7 @@ def scan_of_a_moved_robot(endpoint: str, *, fps: float = 30.0, size: tuple[int, 
     rangefinder = Rangefinder(LaserBoard(backend=bench_backend(board)), camera)
     with rangefinder, open_node(listen=endpoint) as session:
         server, publisher = PerceptionServer(session), StancePublisher(session)
-        node = PerceptionNode(robot, calibration, rangefinder, server, mode="standard")
+        node = PerceptionNode(PauseScanner(robot, calibration, rangefinder, server), mode="standard")
         swept: list[Swept] = []
         sweep = node._scanner._sweeper.sweep
 

@@ -146,16 +146,8 @@ def _transforms(record: GridRecord) -> tuple[TransformMessage, ...]:
 
 
 def _obstacles(terrain: TerrainGrid) -> tuple[ObstacleMessage, ...]:
-    return tuple(
-        ObstacleMessage(
-            outline=np.asarray(item.outline),
-            height=item.height,
-            position=tuple(item.position),
-            sigma=item.sigma,
-            hazard=int(item.hazard),
-        )
-        for item in terrain.obstacles()
-    )
+    names = "outline", "height", "position", "sigma", "hazard"
+    return tuple(ObstacleMessage(**{name: getattr(item, name) for name in names}) for item in terrain.obstacles())
 
 
 def add_samples(track: BodyTrack, robot: RobotModel, batch: StanceStream, begin: int) -> None:

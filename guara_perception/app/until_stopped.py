@@ -84,14 +84,10 @@ def closed_within(devices: AbstractContextManager[Any], seconds: float | None = 
         stack.callback(faulthandler.cancel_dump_traceback_later)
         stack.callback(alarm.cancel)
         stack.enter_context(devices)
-        stack.callback(_arm, alarm, seconds)
+        # A driver may hang while it holds the GIL: no Python thread runs then, but faulthandler's own thread does.
+        stack.callback(faulthandler.dump_traceback_later, 2.0 * seconds, exit=True, file=sys.__stderr__ or 2)
+        stack.callback(alarm.start)
         yield
-
-
-def _arm(alarm: threading.Timer, seconds: float) -> None:
-    alarm.start()
-    # A driver may hang while it holds the GIL: no Python thread runs then, but faulthandler's own thread does.
-    faulthandler.dump_traceback_later(2.0 * seconds, exit=True, file=sys.__stderr__ or 2)
 
 
 def _end(seconds: float) -> None:

@@ -166,6 +166,7 @@ def command(
     from guara_perception.app.node.journal import Journal
     from guara_perception.app.node.node import PerceptionNode
     from guara_perception.app.node.node_status import NodeStatus, certificates_item
+    from guara_perception.app.node.pause_scanner import PauseScanner
     from guara_perception.app.node.recorder import ScanRecorder
     from guara_perception.app.scene.mirror import SceneMirror
     from guara_perception.app.scene.scene import Scene
@@ -255,9 +256,8 @@ def command(
         if state is not None:
             seal = Seal.of(instance, rig.robot, rig.calibration)
             journal = stack.enter_context(Journal(state, rig.robot, seal))
-        node = PerceptionNode(
+        scanner = PauseScanner(
             *(rig.robot, rig.calibration, rig.rangefinder, server),
-            mode=mode,
             method=method,
             threshold=threshold,
             recorder=recorder,
@@ -265,7 +265,7 @@ def command(
             mirror=mirror,
             journal=journal,
         )
-        stack.enter_context(node)
+        node = stack.enter_context(PerceptionNode(scanner, mode))
         if metrics is not None:
             stack.enter_context(metrics_served(metrics, instance, server.status_items))
         on_pause = node.on_pause

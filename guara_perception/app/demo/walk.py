@@ -19,6 +19,7 @@ from guara_perception.app.client import TerrainClient
 from guara_perception.app.demo.check import CheckedFoothold, DemoCheck
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.app.node.pause_scanner import PauseScanner
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.simulated import DEMO_WORLD, SimulatedGait, SimulatedRobot
 from guara_perception.app.scene.scene import Scene
@@ -77,7 +78,6 @@ def demo_walk(
     *,
     recording: Path | None,
     cycles: float,
-    seed: int = 0,
     robot_name: str | Path = DEFAULT_ROBOT,
     world: str | Path = DEMO_WORLD,
     is_course: bool = False,
@@ -88,7 +88,6 @@ def demo_walk(
         check: collector of the results.
         recording: MCAP file to write, or None.
         cycles: largest number of gait cycles; each advances 140 mm unless `is_course` is set.
-        seed: random seed of the simulated rangefinder, its noise and the noise of the walk.
         robot_name: name or folder of the robot.
         world: name of a world of the package, or a world file.
         is_course: True to fit strides to the ground; the walk then also ends beyond all features, where the planner
@@ -107,7 +106,7 @@ def demo_walk(
     """
     endpoint = free_endpoint()
     with ExitStack() as stack:
-        robot = SimulatedRobot(robot_name, world=load_world(world), fps=FPS, seed=seed)
+        robot = SimulatedRobot(robot_name, world=load_world(world), fps=FPS)
         instance = robot.robot.name
         stack.enter_context(robot.rangefinder)
         session = stack.enter_context(open_node(listen=endpoint))
@@ -125,17 +124,9 @@ def demo_walk(
                     first=first_recorded(cycles),
                 )
             )
-        node = stack.enter_context(
-            PerceptionNode(
-                robot.robot,
-                robot.calibration,
-                robot.rangefinder,
-                server,
-                mode="adaptive",
-                recorder=recorder,
-                status=status,
-            )
-        )
+        parts = (robot.robot, robot.calibration, robot.rangefinder, server)
+        scanner = PauseScanner(*parts, recorder=recorder, status=status)
+        node = stack.enter_context(PerceptionNode(scanner, "adaptive"))
         StanceReceiver(session, robot=instance, on_pause=node.on_pause, on_refused=node.on_refused)
         publisher = StancePublisher(stack.enter_context(open_client(endpoint)), robot=instance)
         gait = SimulatedGait(publisher, instance, time_available=PAUSE_S)

@@ -10,24 +10,17 @@ from typing import TYPE_CHECKING, Self
 
 from guara_perception.app.node.announcements import Walks, declared_ground, stance_of
 from guara_perception.app.node.heap import Heap
-from guara_perception.app.node.journal import Journal
-from guara_perception.app.node.node_status import NodeStatus, pause_item
+from guara_perception.app.node.node_status import pause_item
 from guara_perception.app.node.pause import Pause
 from guara_perception.app.node.pause_scanner import PauseScanner
 from guara_perception.app.node.pause_stream import PauseStream
-from guara_perception.app.node.rangefinder import Rangefinder
-from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.stream_watch import StreamWatch
 from guara_perception.app.node.sweep import SWEEPS
-from guara_perception.app.scene.mirror import SceneMirror
-from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput, PerceptionError
 from guara_perception.progress import Progress
-from guara_perception.scanning.stripe_finder import check_method
-from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.known_ground import KnownGround
-from kinematics import KinematicsError, RobotModel, Stance, Stillness
+from kinematics import KinematicsError, Stance, Stillness
 from transport import (
     Health,
     PausePhase,
@@ -41,7 +34,6 @@ from transport import (
     UnknownPhase,
     clock,
 )
-from transport.server import PerceptionServer
 from transport.supervision import Failure, follow, forget, supervised
 
 if TYPE_CHECKING:
@@ -69,67 +61,31 @@ class PerceptionNode:
     """Node that follows the gait, scans at its stance pauses and serves scan requests.
 
     Example:
-        with rangefinder, PerceptionNode(robot, calibration, rangefinder, server) as node:
+        with rangefinder, PerceptionNode(PauseScanner(robot, calibration, rangefinder, server)) as node:
             receiver = StanceReceiver(
                 session, robot=server.robot, on_pause=node.on_pause, on_refused=node.on_refused
             )
     """
 
-    def __init__(
-        self,
-        robot: RobotModel,
-        calibration: Calibration,
-        rangefinder: Rangefinder,
-        server: PerceptionServer,
-        *,
-        mode: str = "standard",
-        method: str = "precise",
-        threshold: float | None = None,
-        recorder: ScanRecorder | None = None,
-        status: NodeStatus | None = None,
-        mirror: SceneMirror | None = None,
-        journal: Journal | None = None,
-    ) -> None:
+    def __init__(self, scanner: PauseScanner, mode: str = "standard") -> None:
         """Create the node; the `with` block starts it.
 
         Args:
-            robot: model of the robot.
-            calibration: calibration of this rangefinder.
-            rangefinder: open devices.
-            server: the node's side of the transport.
+            scanner: scanner with open devices.
             mode: mode of the scans at pauses: "coarse", "standard", or "adaptive" (coarse, then the stripes in between
                 if this pause or a recent one has obstacles).
-            method: stripe extraction method.
-            threshold: binarisation threshold of the paper's methods; None = chosen for each frame.
-            recorder: recorder of every scan; None = no recording.
-            status: collector of the status items; None = a new one.
-            mirror: publisher of each pause for ROS 2 tools, or None.
-            journal: store of the walk at each confirmed pause, read when the node is restarted; or None.
 
         Raises:
-            InvalidInput: unknown mode or method, an invalid threshold, or a threshold for a method that has none.
+            InvalidInput: unknown mode.
         """
         if mode not in SWEEPS:
             raise InvalidInput(f"mode is {mode!r}; allowed: {', '.join(SWEEPS)}")
-        check_method(method, threshold)
-        self.status = status or NodeStatus(calibration)
+        self._scanner, self._mode, self.status = scanner, mode, scanner.status
+        self._robot, self._recorder, self._server = scanner.robot, scanner.recorder, scanner.server
+        self._camera, server = scanner.calibration.transform_camera_to_base, scanner.server
         self.status.on_change = lambda: server.status_changed()
-        self._mode, self._server, self._robot, self._recorder = mode, server, robot, recorder
-        if recorder is not None:
-            server.follow_status(recorder.add_status)
-        self._camera, self._settings = calibration.transform_camera_to_base, Settings.of(robot)
-        self._scanner = PauseScanner(
-            robot,
-            calibration,
-            rangefinder,
-            server,
-            self.status,
-            method=method,
-            threshold=threshold,
-            recorder=recorder,
-            mirror=mirror,
-            journal=journal,
-        )
+        if self._recorder is not None:
+            server.follow_status(self._recorder.add_status)
         self._changed = threading.Condition()
         self._gait_clock = server.gait_clock(self._wake)
         self._pause: Pause | None = None
@@ -145,7 +101,7 @@ class PerceptionNode:
         self._progress_at = math.inf
         self.status.follow(self._thread_item)
         self.status.follow(self._pause_item)
-        self._stream = StreamWatch(robot, server.robot)
+        self._stream = StreamWatch(self._robot, server.robot)
         self._has_stream = False
         server.serve_scans(self._serve, admission=self._admit)
 
@@ -270,7 +226,7 @@ class PerceptionNode:
 
     def _ground_of(self, announcement: StancePause) -> tuple[KnownGround, ...]:
         try:
-            ground = declared_ground(announcement, self._settings)
+            ground = declared_ground(announcement, self._scanner.settings)
         except InvalidInput as error:
             self.status.problem("known_ground", f"step {announcement.step}: {error}")
             return ()

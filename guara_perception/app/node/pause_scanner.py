@@ -24,7 +24,7 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import MirrorSlipped
 from guara_perception.progress import Progress
 from guara_perception.scanning.scan_processor import ScanProcessor
-from guara_perception.scanning.stripe_finder import METHODS
+from guara_perception.scanning.stripe_finder import METHODS, check_method
 from guara_perception.settings import Settings
 from guara_perception.terrain.scan.policy import ScanPolicy
 from kinematics import RobotModel
@@ -41,6 +41,8 @@ class PauseScanner:
     """Scanner of successive pauses; not thread-safe.
 
     Attributes:
+        robot, calibration, server, status, recorder: as given.
+        settings: settings of the robot.
         map: fused map of the walk.
     """
 
@@ -50,28 +52,44 @@ class PauseScanner:
         calibration: Calibration,
         rangefinder: Rangefinder,
         server: PerceptionServer,
-        status: NodeStatus,
         *,
         method: str = "precise",
         threshold: float | None = None,
         recorder: ScanRecorder | None = None,
+        status: NodeStatus | None = None,
         mirror: SceneMirror | None = None,
         journal: Journal | None = None,
     ) -> None:
-        """Create the parts of the scanner; arguments as in `PerceptionNode`."""
-        self._mirror = mirror
-        self._robot, self._calibration, self._rangefinder = robot, calibration, rangefinder
-        self._server, self._status, self._recorder = server, status, recorder
-        self._method, self._threshold = method, threshold
+        """Create the parts of the scanner.
+
+        Args:
+            robot: model of the robot.
+            calibration: calibration of this rangefinder.
+            rangefinder: open devices.
+            server: the node's side of the transport.
+            method: stripe extraction method.
+            threshold: binarisation threshold of the paper's methods; None = chosen for each frame.
+            recorder: recorder of every scan; None = no recording.
+            status: collector of the status items; None = a new one.
+            mirror: publisher of each pause for ROS 2 tools, or None.
+            journal: store of the walk at each confirmed pause, read when the node is restarted; or None.
+
+        Raises:
+            InvalidInput: unknown method, an invalid threshold, or a threshold for a method that has none.
+        """
+        check_method(method, threshold)
+        self.robot, self.calibration, self._rangefinder, self.server = robot, calibration, rangefinder, server
+        self.status = status = status or NodeStatus(calibration)
+        self.recorder, self._mirror, self._method, self._threshold = recorder, mirror, method, threshold
         if recorder is not None:
             status.follow(recorder.status_item)
-        self._settings = Settings.of(robot)
-        self._view = LiveView(server.views, centre=self._settings.stripes // 2)
+        self.settings = Settings.of(robot)
+        self._view = LiveView(server.views, centre=self.settings.stripes // 2)
         self.map = WalkMap(robot, calibration, journal)
         if journal is not None:
             status.follow(journal.item)
         self._joints = JointWatch(robot, status)
-        self._sweeper = Sweeper(calibration, rangefinder, self._settings, ScanPolicy(robot))
+        self._sweeper = Sweeper(calibration, rangefinder, self.settings, ScanPolicy(robot))
         self._published = PublishedScans(
             server, status, self.map, recorder, lambda pause: self._processor(pause, "standard").finish(), journal
         )
@@ -106,9 +124,9 @@ class PauseScanner:
         recording = None
         if self._mirror is not None:
             self._mirror.begin(pause.stance, time.time_ns())
-        if self._recorder is not None:
+        if self.recorder is not None:
             first = "coarse" if mode == ADAPTIVE else mode
-            recording = self._recorder.begin(pause.step, first, pause.stance)
+            recording = self.recorder.begin(pause.step, first, pause.stance)
         published, messages = self._published, list[TerrainMessage]()
         job = SweepJob(
             processor=lambda of_mode: self._processor(pause, of_mode),
@@ -136,16 +154,16 @@ class PauseScanner:
         message, scan, processor = messages[-1], swept.scan, swept.processor
         assert published.newest is not None
         terrain = published.newest.terrain
-        if self._recorder is not None and recording is not None:
-            self._recorder.add_points(processor.points, scan.end)
+        if self.recorder is not None and recording is not None:
+            self.recorder.add_points(processor.points, scan.end)
         if self._mirror is not None:
             self._mirror.points(processor.points, scan.end)
         self._view.send(processor.points, scan.end)
-        self._status.scanned(terrain, scan, self._tails[-1])
+        self.status.scanned(terrain, scan, self._tails[-1])
         if logger.isEnabledFor(logging.INFO):
             logger.info("%s", summary(terrain))
-        self._status.drift(processor.drift())
-        self._status.light(processor.light_margins)
+        self.status.drift(processor.drift())
+        self.status.light(processor.light_margins)
         try:
             self._check_steps()
             messages.append(published.publish_map())
@@ -175,7 +193,7 @@ class PauseScanner:
                 why = pause.stream.doubt(None if flash is None else (clock.now(), flash[1]))
             if why:
                 pause.leave_stream()
-        self._status.note("stream_use", f"the joint stream is not used: {why}" if why else "")
+        self.status.note("stream_use", f"the joint stream is not used: {why}" if why else "")
 
     def _await_joints(self, pause: Pause, processor: ScanProcessor, last_frame: float) -> None:
         """Wait for the joint samples that give the pose of the body at each stripe.
@@ -189,12 +207,12 @@ class PauseScanner:
         if fault := processor.track_fault:
             processor.leave_track()
             pause.leave_stream()
-            self._status.note("stream_use", fault)
+            self.status.note("stream_use", fault)
 
     def _processor(self, pause: Pause, mode: str) -> ScanProcessor:
         return ScanProcessor(
-            self._calibration,
-            self._robot,
+            self.calibration,
+            self.robot,
             pause.stance,
             mode,
             method=self._method,
@@ -228,10 +246,10 @@ class PauseScanner:
             Motor steps lost since the last homing; 0 if the board fails, which the status reports.
         """
         try:
-            lost = self._rangefinder.lost_steps(self._sweeper.firing_order(self._settings.pattern("standard")))
+            lost = self._rangefinder.lost_steps(self._sweeper.firing_order(self.settings.pattern("standard")))
         except DriverError as error:
             # A board that is disconnected now does not make the last scan wrong; the next scan reconnects or fails.
-            self._status.problem("board", str(error))
+            self.status.problem("board", str(error))
             return 0
-        self._status.solved("board")
+        self.status.solved("board")
         return lost

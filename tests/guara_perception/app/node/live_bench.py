@@ -12,6 +12,7 @@ from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.app.node.pause_scanner import PauseScanner
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.simulation.walk import fresh_reading
 from kinematics import RobotModel, Stance
@@ -90,7 +91,7 @@ def running(
     with open_node(connect=endpoint, timeout=TIMEOUT) if has_router else open_node(listen=endpoint) as session:
         server = PerceptionServer(session, collect_status=status.items)
         parts = (robot, calibration, rig.rangefinder, server)
-        node = PerceptionNode(*parts, mode=mode, recorder=recorder, journal=journal, status=status)
+        node = PerceptionNode(PauseScanner(*parts, recorder=recorder, journal=journal, status=status), mode)
         with node:
             StanceReceiver(session, on_pause=node.on_pause, on_refused=node.on_refused)
             gait = Gait(endpoint, stance)

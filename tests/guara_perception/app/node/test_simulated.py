@@ -14,6 +14,7 @@ from guara_perception.app.files.open_scan import open_scan
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.app.node import simulated_walk
 from guara_perception.app.node.node import PerceptionNode
+from guara_perception.app.node.pause_scanner import PauseScanner
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
 from guara_perception.app.node.simulated_gaits import walk_until_stopped
@@ -44,9 +45,8 @@ def walking(
 ) -> Iterator[tuple[PerceptionNode, SimulatedGait, gp.TerrainClient, Session]]:
     with robot.rangefinder, open_node(listen=endpoint) as session:
         server = PerceptionServer(session)
-        node = PerceptionNode(
-            robot.robot, robot.calibration, robot.rangefinder, server, mode="adaptive", recorder=recorder
-        )
+        scanner = PauseScanner(robot.robot, robot.calibration, robot.rangefinder, server, recorder=recorder)
+        node = PerceptionNode(scanner, "adaptive")
         with node:
             StanceReceiver(session, on_pause=node.on_pause, on_refused=node.on_refused)
             with open_client(endpoint) as client_session, gp.TerrainClient(endpoint) as client:
