@@ -26,7 +26,7 @@ import guara_perception as gp
 from benchmarks.command import options
 from guara_perception.app.main import guara
 from guara_perception.app.messages import terrain_to_message
-from guara_perception.scan import FrameReader
+from guara_perception.scan import frame_reader
 from testbed.truth import truth_calibration
 from transport import encode_terrain
 
@@ -85,8 +85,7 @@ def passed_functions() -> list[tuple[Path, str, int]]:
     scan = gp.open_scan(data / "scans" / "paper")
     robot = gp.load_robot(scan.robot)
     processor = gp.ScanProcessor(truth_calibration(data), robot, scan.stance, scan.mode, stamp=scan.end)
-    reader = FrameReader(scan)
-    frames = [reader.read(stripe) for stripe in scan.stripes]
+    frames = list(map(frame_reader(scan), scan.stripes))
     called: dict[CodeType, None] = {}
 
     def note(frame: FrameType, event: str, argument: Any) -> None:

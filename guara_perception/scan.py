@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 from guara_perception.arrays import Float, Image
 from guara_perception.exceptions import InvalidInput
@@ -111,29 +112,23 @@ class Scan:
         Raises:
             MissingFile, FileFormatError: a frame cannot be read; the message names it.
         """
-        reader = FrameReader(self)
+        read = frame_reader(self)
         for stripe in self.stripes:
-            pair = reader.read(stripe)
+            pair = read(stripe)
             yield stripe, pair.on, pair.off
 
 
-class FrameReader:
-    """Reader of the frames of a scan, stripe by stripe."""
+def frame_reader(scan: Scan) -> Callable[[ScanStripe], FramePair]:
+    """Return a function that reads the images of a stripe.
 
-    def __init__(self, scan: Scan) -> None:
-        self._read_frame = scan.read_frame
-        self._last: tuple[str, Image] | None = None
+    A laser-off frame that successive stripes share is read only once. The function raises MissingFile or
+    FileFormatError, with the name of the frame, if a frame cannot be read.
+    """
+    read_off = lru_cache(maxsize=1)(scan.read_frame)
 
-    def read(self, stripe: ScanStripe) -> FramePair:
-        """Read the images of a stripe; a laser-off frame shared with the stripe read before is not read again.
+    def read(stripe: ScanStripe) -> FramePair:
+        off = None if stripe.off is None else read_off(stripe.off)
+        dark = None if stripe.dark is None else scan.read_frame(stripe.dark)
+        return FramePair(stripe.index, scan.read_frame(stripe.on), off, dark, stripe.instant, stripe.instant_sigma)
 
-        Raises:
-            MissingFile, FileFormatError: a frame cannot be read; the message names it.
-        """
-        off: Image | None = None
-        if stripe.off is not None:
-            if self._last is None or self._last[0] != stripe.off:
-                self._last = (stripe.off, self._read_frame(stripe.off))
-            off = self._last[1]
-        dark = None if stripe.dark is None else self._read_frame(stripe.dark)
-        return FramePair(stripe.index, self._read_frame(stripe.on), off, dark, stripe.instant, stripe.instant_sigma)
+    return read

@@ -97,14 +97,12 @@ class Devices:
 
         module, between, name = self.source.partition(":")
         asked: dict[str, Any] = {"size": self.size, "fps": self.fps, "lag": self.lag}
+        trigger = None if free else self.trigger
         made: Camera
         try:
             if module == ARAVIS:
-                lines: dict[str, Any] = {
-                    "trigger": None if free else self.trigger,
-                    "exposure_output": self.exposure_output,
-                }
-                return AravisCamera(name, pixel_format=self.pixel_format, **lines, **asked)
+                asked |= {"exposure_output": self.exposure_output, "pixel_format": self.pixel_format}
+                return AravisCamera(name, trigger=trigger, **asked)
             if between and name.isidentifier() and all(part.isidentifier() for part in module.split(".")):
                 made = _own(Camera, "camera", self.source, self.folder)  # type: ignore[type-abstract]
                 if self.lag is not None:
@@ -115,9 +113,9 @@ class Devices:
                 made = OpenCvCamera(int(self.source) if self.source.isdigit() else self.source, **asked)
         except ValueError as error:
             raise InvalidInput(str(error)) from None
-        if self.trigger is not None and not free and not made.triggered:
+        if trigger is not None and not made.triggered:
             raise InvalidInput(
-                f"trigger is {self.trigger!r}, but camera {self.source!r} has no trigger input: remove `trigger`, or "
+                f"trigger is {trigger!r}, but camera {self.source!r} has no trigger input: remove `trigger`, or "
                 "use a GigE Vision or USB3 Vision camera (`guara doctor --cameras` lists them)"
             )
         return made
@@ -207,11 +205,10 @@ def load_devices(path: str | Path) -> Devices:
     }
     return Devices(
         source=camera.text("source"),
-        identity=camera.text("identity") if camera.has("identity") else "",
         size=size,
         fps=numbers.pop("fps", None),
         lag=numbers.pop("lag", None),
-        **{name: camera.text(name) for name in LINES if camera.has(name)},
+        **{name: camera.text(name) for name in ("identity", *LINES) if camera.has(name)},
         off_frames=camera.text("off_frames", OFF_FRAMES) if camera.has("off_frames") else "one",
         settings=numbers,
         board=board,

@@ -81,11 +81,6 @@ def stripe_indices(pairs: Sequence[PicturePair], robot: RobotModel, mode: str | 
     )
 
 
-def mode_of(indices: Sequence[int], robot: RobotModel) -> str:
-    """Mode of a scan: "coarse" if all stripes belong to the coarse pattern, else "standard"."""
-    return "coarse" if set(indices) <= set(Settings.of(robot).pattern("coarse")) else "standard"
-
-
 def mirror_angles(indices: Sequence[int], robot: RobotModel, calibration: Calibration | None) -> dict[int, float]:
     """Commanded mirror angle [rad] of each stripe, from a calibration or from the pattern in robot.toml.
 
@@ -138,7 +133,7 @@ def write_scan(
         for index, pair in pairs.items():
             off = None if pair.off is None else read_picture(pair.off)
             writer.add(index, angles[index], read_picture(pair.on), off, off_key=pair.off)
-        mode = mode_of(list(pairs), robot)
+        mode = "coarse" if set(pairs) <= set(Settings.of(robot).pattern("coarse")) else "standard"
         writer.finish(robot=robot.name, mode=mode, stamp=time.time_ns(), step=0, stance=stance)
 
 

@@ -9,7 +9,7 @@ from guara_perception.calibration.calibration import Calibration, check_identity
 from guara_perception.exceptions import CalibrationMismatch, FileFormatError, InvalidInput, MissingFile
 from guara_perception.progress import Progress
 from guara_perception.ranging.scan_geometry import in_groups
-from guara_perception.scan import FrameReader, Scan
+from guara_perception.scan import Scan, frame_reader
 from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.stripes.band import FramePair
@@ -77,12 +77,12 @@ def run_scan(
     width, height = calibration.camera.size
     fitting = turned = done = 0
     unreadable: list[MissingFile | FileFormatError] = []
-    reader = FrameReader(scan)
+    read_stripe = frame_reader(scan)
     for group in in_groups(list(scan.stripes)):
         read: list[tuple[str, FramePair]] = []
         for stripe in group:
             try:
-                read.append((stripe.on, reader.read(stripe)))
+                read.append((stripe.on, read_stripe(stripe)))
             except (MissingFile, FileFormatError) as error:
                 if strict:
                     raise

@@ -57,16 +57,8 @@ def answer(client: TerrainClient, request: dict[str, Any], steps: set[int]) -> d
     steps.add(client.wait_for_step(step, timeout=GRID_TIMEOUT_S, confirmed=True).step)
     terrain = client.wait_for_step(step, timeout=GRID_TIMEOUT_S, extent=request["extent"], confirmed=True)
     x, y, leg = request["x"], request["y"], request["leg"]
-    reply: dict[str, Any] = {
-        "step": terrain.step,
-        "leg": leg,
-        "received": len(steps),
-        "foothold": None,
-        "swing": None,
-        "clearance": None,
-        "body": None,
-        "reasons": [],
-    }
+    reply: dict[str, Any] = dict.fromkeys(("foothold", "swing", "clearance", "body"))
+    reply |= {"step": terrain.step, "leg": leg, "received": len(steps), "reasons": []}
     if request["is_course"]:
         return {**reply, **fitted_stride(terrain)}
     found = plan_swing(terrain, leg, (x, y))

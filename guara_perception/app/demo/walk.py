@@ -206,11 +206,19 @@ class PlannerProcess(AbstractContextManager["PlannerProcess"]):
         try:
             self._read(START_TIMEOUT_S)
         except BaseException:
-            self.close()
+            self.__exit__()
             raise
 
     def __exit__(self, *error: object) -> None:
-        self.close()
+        """End the process. May be called twice."""
+        with suppress(BrokenPipeError):
+            self._stdin.close()
+        try:
+            self._process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._stdout.close()
 
     def choose(
         self, *, step: int, leg: str, x: float, y: float, extent: str = "footprint", is_course: bool = False
@@ -227,17 +235,6 @@ class PlannerProcess(AbstractContextManager["PlannerProcess"]):
         except (OSError, ValueError):  # the pipe is broken, or was closed
             raise PlannerFailed(f"the planner process ended (exit code {self._process.poll()})") from None
         return self._read(ANSWER_TIMEOUT_S)
-
-    def close(self) -> None:
-        """End the process. May be called twice."""
-        with suppress(BrokenPipeError):
-            self._stdin.close()
-        try:
-            self._process.wait(STOP_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self._stdout.close()
 
     def _read(self, timeout: float) -> dict[str, Any]:
         """Read the next answer; kill the process if none arrives within `timeout` [s].

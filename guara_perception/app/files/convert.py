@@ -12,7 +12,7 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import to_json
 from guara_perception.exceptions import InvalidInput
 from guara_perception.progress import Progress
-from guara_perception.scan import FrameReader, Scan
+from guara_perception.scan import Scan, frame_reader
 from transport.recording import FrameRecord, FrameReference, RecordingWriter, ScanRecord
 
 
@@ -66,9 +66,9 @@ def _write_recording(
                 )
             )
             shared: dict[str, FrameReference] = {}
-            reader = FrameReader(scan)
+            read = frame_reader(scan)
             for done, stripe in enumerate(scan.stripes, start=1):
-                pair, stamp = reader.read(stripe), stripe.stamp or scan.stamp
+                pair, stamp = read(stripe), stripe.stamp or scan.stamp
                 if stripe.off is not None and pair.off is not None and stripe.off not in shared:
                     shared[stripe.off] = writer.add_frame(FrameRecord(pixels=pair.off, stamp=stamp), laser_on=False)
                 reference = None if stripe.off is None else shared[stripe.off]
@@ -91,9 +91,9 @@ def _write_folder(scan: Scan, calibration: Calibration | None, target: Path, pro
             f"{scan.source}: the scan has a joint stream, which a scan folder cannot contain: use the recording"
         )
     with ScanFolderWriter(target) as writer:
-        reader = FrameReader(scan)
+        read = frame_reader(scan)
         for done, stripe in enumerate(scan.stripes, start=1):
-            pair, angle = reader.read(stripe), stripe.mirror_angle
+            pair, angle = read(stripe), stripe.mirror_angle
             writer.add(stripe.index, angle, pair.on, pair.off, off_key=stripe.off, stamp=stripe.stamp, dark=pair.dark)
             if progress is not None:
                 progress(done, len(scan.stripes))

@@ -48,7 +48,7 @@ class Rangefinder:
     Attributes:
         board: the laser board.
         camera: the camera.
-        options: acquisition options; None = one laser-off frame per scan, stripes in groups of STRIPES_TOGETHER.
+        options: acquisition options.
         settings: settings to which the camera is locked when it is opened; None = leave the camera unchanged.
         identity: identity of the calibrated camera, empty if unknown; a camera with another identity is rejected.
         clock: clock of all devices of this process while the rangefinder is open; None = the machine's clock. With the
@@ -57,7 +57,7 @@ class Rangefinder:
 
     board: Board
     camera: Camera
-    options: AcquireOptions | None = None
+    options: AcquireOptions = AcquireOptions(together=STRIPES_TOGETHER)
     settings: CameraSettings | None = None
     identity: str = ""
     clock: Clock | None = None
@@ -120,8 +120,7 @@ class Rangefinder:
 
         See `drivers.acquire` for the arguments.
         """
-        options = self.options or AcquireOptions(together=STRIPES_TOGETHER)
-        options = replace(options, dark_after=draw_code([index for index, _ in firing_order]))
+        options = replace(self.options, dark_after=draw_code([index for index, _ in firing_order]))
         return acquire(
             self.board, self.camera, firing_order, options, band=band, should_stop=should_stop, align=aligned
         )
@@ -138,7 +137,7 @@ class Rangefinder:
         if exposure is None:
             # Without the exposure, assume a uniform distribution from `lag` before the frame's stamp to the stamp.
             return stamp - lag / 2, math.hypot(lag / math.sqrt(12.0), LAG_SIGMA)
-        if self.options is not None and self.options.sweep is not None:
+        if self.options.sweep is not None:
             exposure = min(exposure, self.options.sweep.flash)
         return stamp - lag + min(exposure, lag) / 2, LAG_SIGMA
 

@@ -10,7 +10,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.ground_picture import GroundPicture
-from guara_perception.scan import FrameReader
+from guara_perception.scan import frame_reader
 from guara_perception.stripes.band import FramePair
 from testbed.truth import truth_calibration
 
@@ -21,8 +21,7 @@ DATA = Path(__file__).parents[2] / "data"
 def scanned() -> tuple[gp.ScanProcessor, list[FramePair]]:
     """A processor of a recorded scan without frames, and some of its frame pairs."""
     scan = gp.open_scan(DATA / "scans" / "paper")
-    reader = FrameReader(scan)
-    pairs = [reader.read(stripe) for stripe in scan.stripes[10:14]]
+    pairs = list(map(frame_reader(scan), scan.stripes[10:14]))
     return gp.ScanProcessor(truth_calibration(DATA), scan.robot, scan.stance, scan.mode), pairs
 
 

@@ -68,8 +68,8 @@ def test_planner_that_died_is_reported(forked_planner: None, node, module_endpoi
     planner._process.wait(60)
     with pytest.raises(PlannerFailed, match="the planner process ended"):
         planner.choose(step=5, leg="lf", x=0.7, y=0.0)
-    planner.close()
-    planner.close()
+    planner.__exit__()
+    planner.__exit__()
 
 
 def test_closing_ends_the_process(forked_planner: None, node, module_endpoint: str):
