@@ -19,6 +19,8 @@ from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFi
 
 # Largest text file [byte]: a calibration of 70 stripes with all covariances takes less than 1 MB.
 LARGEST_TEXT = 16 * 1024 * 1024
+# Largest TOML file [byte]: devices.toml and node.toml have some twenty lines.
+LARGEST_TOML = 64 * 1024
 # Largest total size of the arrays of a grid file [byte]: all layers of the largest grid take 192 MB.
 LARGEST_ARRAYS = 192 * 1024 * 1024
 # Largest header of one array [byte].
@@ -41,14 +43,14 @@ def read_bounded(path: Path, largest: int) -> bytes:
     return content
 
 
-def read_toml(path: Path, largest: int) -> dict[str, Any]:
+def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file of limited size.
 
     Raises:
-        FileFormatError: the file is longer than `largest` bytes, cannot be read, or is not TOML.
+        FileFormatError: the file is longer than LARGEST_TOML bytes, cannot be read, or is not TOML.
     """
     try:
-        return tomllib.loads(read_bounded(path, largest).decode())
+        return tomllib.loads(read_bounded(path, LARGEST_TOML).decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         hint = "; text needs quotes" if "Invalid value" in str(error) else ""
         raise FileFormatError(f"{path}: not valid TOML: {error}{hint}") from None

@@ -146,11 +146,11 @@ class Settings:
 
 def _limits(root: Table) -> TraversabilityLimits:
     table = root.table("traversability")
-    keys = {"slope": "slope_limit", "step": "step_limit", "drop": "drop_limit", "roughness": "roughness_limit"}
-    keys |= {"sigma": "sigma_limit", "disc_radius": "disc_radius"}
     values = {
-        name: table.number(key, above=0.0, most=LARGEST_LIMIT.get(name, LARGEST_LENGTH)) for name, key in keys.items()
+        name: table.number(f"{name}_limit", above=0.0, most=LARGEST_LIMIT.get(name, LARGEST_LENGTH))
+        for name in ("slope", "step", "drop", "roughness", "sigma")
     }
+    values["disc_radius"] = table.number("disc_radius", above=0.0, most=LARGEST_LENGTH)
     length, width = root.pair("sole", above=0.0, most=LARGEST_LENGTH)
     confidence = table.number("confidence", least=0.0, most=LARGEST_LIMIT["confidence"])
     return TraversabilityLimits(**values, confidence=confidence, sole_length=length, sole_width=width)

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 _Device = TypeVar("_Device")
 FORMAT = "guara-devices/1"
-# Largest size of a devices file [byte]; it normally has a dozen lines.
-LARGEST_BYTES = 64 * 1024
 # Numeric keys of [camera] with their limits. All but the first two are settings: when the camera is opened, it is
 # locked to them, and they are read back.
 NUMBERS = {
@@ -176,7 +174,7 @@ def load_devices(path: str | Path) -> Devices:
         FileFormatError: the file is too large or not valid TOML, a key is unknown or missing, or a value is invalid.
     """
     path = existing_file(path, "; `guara record` writes one")
-    data = read_toml(path, LARGEST_BYTES)
+    data = read_toml(path)
     for table, known in KNOWN.items():
         given = data if not table else data.get(table, {})
         unknown = sorted(set(given) - known) if isinstance(given, dict) else [table]

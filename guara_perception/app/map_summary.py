@@ -38,8 +38,21 @@ OF_REGION = ("halfspaces", "vertices", "plane", "sigma", "area")
 FULL_SCORE = 255
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TerrainSummary(Gridded):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FromMap:
+    """Common fields of data derived from the fused map; see `TerrainSummary`."""
+
+    robot: str
+    stamp: int = 0
+    step: int = 0
+    sequence: int = 0
+    epoch: str = ""
+    is_provisional: bool = False
+    stale_because: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TerrainSummary(FromMap, Gridded):
     """Heights rounded to 1 mm, flags and traversability of the fused map, as returned by `TerrainClient.summary`.
 
     The summary serves display and path planning. Choose footholds on the map itself, which has the sigma of every
@@ -61,18 +74,11 @@ class TerrainSummary(Gridded):
         stale_because: as in `TerrainGrid`.
     """
 
-    robot: str
     elevation: Float32
     hazard: Flags
     traversability: Float32
     geometry: GridGeometry
     frame: str = "base_footprint"
-    stamp: int = 0
-    step: int = 0
-    sequence: int = 0
-    epoch: str = ""
-    is_provisional: bool = False
-    stale_because: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_safe(self.elevation, self.hazard, self.traversability)
@@ -166,7 +172,6 @@ def message_to_summary(message: SummaryMessage) -> TerrainSummary:
     heights[message.heights == UNKNOWN_HEIGHT] = np.nan
     with errors_as(UnsafeGrid, f"summary received from {message.robot!r}, step {message.step}", UnsafeGrid):
         return TerrainSummary(
-            robot=message.robot,
             elevation=heights,
             hazard=message.hazard.astype(np.uint16),
             traversability=message.traversability.astype(np.float32) / np.float32(FULL_SCORE),
@@ -176,8 +181,8 @@ def message_to_summary(message: SummaryMessage) -> TerrainSummary:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class MapRegions:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapRegions(FromMap):
     """Convex steppable regions of the fused map, as returned by `TerrainClient.regions`.
 
     Attributes:
@@ -191,14 +196,7 @@ class MapRegions:
         stale_because: as in `TerrainGrid`.
     """
 
-    robot: str
     regions: tuple[SteppableRegion, ...]
-    stamp: int = 0
-    step: int = 0
-    sequence: int = 0
-    epoch: str = ""
-    is_provisional: bool = False
-    stale_because: tuple[str, ...] = ()
 
 
 def regions_message(terrain: TerrainGrid, message: TerrainMessage) -> RegionsMessage:
@@ -218,7 +216,6 @@ def regions_message(terrain: TerrainGrid, message: TerrainMessage) -> RegionsMes
 def message_to_regions(message: RegionsMessage) -> MapRegions:
     """Convert a regions message to `MapRegions`."""
     return MapRegions(
-        robot=message.robot,
         # Nodes of earlier versions send unsorted regions.
         regions=tuple(
             SteppableRegion(**{name: getattr(region, name) for name in OF_REGION}, leg=None)
@@ -229,6 +226,6 @@ def message_to_regions(message: RegionsMessage) -> MapRegions:
 
 
 def _source(message: SummaryMessage | RegionsMessage) -> dict[str, Any]:
-    """Fields that identify the map from which a summary or regions were made."""
-    names = ("stamp", "step", "sequence", "epoch", "stale_because")
+    """Fields of `FromMap`."""
+    names = ("robot", "stamp", "step", "sequence", "epoch", "stale_because")
     return {"is_provisional": message.provisional, **{name: getattr(message, name) for name in names}}

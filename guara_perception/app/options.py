@@ -21,8 +21,6 @@ NOT_MIRRORED = click.option("--not-mirrored", is_flag=True, help="assert that th
 NODE_FORMAT = "guara-node/1"
 # Key of `click.Context.meta` under which the mistakes in node.toml are collected.
 MISTAKES = "guara.mistakes"
-# Largest size of node.toml [byte]; it normally has some twenty lines.
-LARGEST_BYTES = 64 * 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +164,7 @@ def read_node_file(context: click.Context, parameter: click.Parameter, path: Pat
 
     if path is None:
         return
-    given = read_toml(existing_file(path), LARGEST_BYTES)
+    given = read_toml(existing_file(path))
     if given.pop("format", None) != NODE_FORMAT:
         raise FileFormatError(f"{path}: format must be {NODE_FORMAT!r}")
     options = {

@@ -62,21 +62,16 @@ def process_scan(
         kinematics.KinematicsError: the robot does not exist or cannot be loaded.
     """
     check_area(area)
-    if not isinstance(calibration, Calibration):
-        calibration = _calibration(scan, calibration)
     if not isinstance(scan, Scan):
+        calibration = calibration if isinstance(calibration, Calibration) else calibration_for(scan, calibration)
         scan = open_scan(scan)
+    elif calibration is None:
+        raise InvalidInput(f"{scan.source}: give its calibration, which can only be omitted if the scan is a path")
+    elif not isinstance(calibration, Calibration):
+        calibration = load_calibration(calibration)
     robot = robot_model(scan.robot if robot is None else robot)
     processor = run_scan(
         scan, calibration, robot, method, resolution, threshold=threshold, strict=strict, progress=progress
     )
     terrain = processor.finish(area)
     return with_pictures(terrain, processor) if pictures else terrain
-
-
-def _calibration(scan: Scan | str | Path, given: str | Path | None) -> Calibration:
-    if not isinstance(scan, Scan):
-        return calibration_for(scan, given)
-    if given is None:
-        raise InvalidInput(f"{scan.source}: give its calibration, which can only be omitted if the scan is a path")
-    return load_calibration(given)

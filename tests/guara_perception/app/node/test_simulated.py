@@ -12,7 +12,7 @@ import guara_perception as gp
 from guara_perception.app.demo.check import true_elevation
 from guara_perception.app.files.open_scan import open_scan
 from guara_perception.app.messages import message_to_terrain
-from guara_perception.app.node import simulated_walk
+from guara_perception.app.node import simulated_gaits
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.pause_scanner import PauseScanner
 from guara_perception.app.node.recorder import ScanRecorder
@@ -137,8 +137,8 @@ def test_a_walk_that_finds_no_foothold_is_followed_by_another(
     """The planner refuses once: why is told, and the next walk begins."""
     monkeypatch.setattr("guara_perception.app.node.simulated_gaits.REST_S", 0.0)
     refusals = iter([None])
-    planned = simulated_walk.plan_swing
-    monkeypatch.setattr(simulated_walk, "plan_swing", lambda *a, **k: next(refusals, 1) and planned(*a, **k))
+    planned = simulated_gaits.plan_swing
+    monkeypatch.setattr(simulated_gaits, "plan_swing", lambda *a, **k: next(refusals, 1) and planned(*a, **k))
     robot = SimulatedRobot(size=SIZE, fps=120.0)
     stop, told = threading.Event(), list[str]()
     with walking(robot, free_endpoint) as (node, _, client, session):
