@@ -39,7 +39,7 @@ class BoardSpec:
     first_square: str | None = None
 
     @property
-    def tells_mirrored(self) -> bool:
+    def shows_handedness(self) -> bool:
         """True if a mirrored image of the board differs from all rotations of the board.
 
         This requires a ChArUco board, or a checkerboard with even and unequal numbers of squares and a first square of

@@ -37,12 +37,12 @@ from guara_perception.calibration.intrinsics import (
 from guara_perception.calibration.laser import fit_laser, height_sigmas
 from guara_perception.calibration.mirror_model import MirrorModel, nominal_mirror
 from guara_perception.calibration.mount import (
+    HANDEDNESS_ADVICE,
     ROLLED,
     ROLLED_CAMERA,
-    TELL_HANDEDNESS,
     check_ground_board,
+    handedness_evidence,
     locate_camera,
-    told_by,
 )
 from guara_perception.calibration.plates import BESIDE, LostLine, PlateLine, plate_lines
 from guara_perception.calibration.quality import (
@@ -139,9 +139,9 @@ def calibrate_session(
     floor = locate_camera(to_grey(floor_picture), intrinsics.camera, session.fiducials, camera_nominal)
     advance()
     ground = next((view for view in intrinsics.views if view.name == session.ground_board_image), None)
-    handedness = told_by(session, not_mirrored)
+    handedness = handedness_evidence(session, not_mirrored)
     if floor.mount == ROLLED and not handedness:
-        raise CalibrationRefused(f"{ROLLED_CAMERA}; these targets cannot tell which: {TELL_HANDEDNESS}")
+        raise CalibrationRefused(f"{ROLLED_CAMERA}; these targets cannot tell which: {HANDEDNESS_ADVICE}")
     square = None
     if ground is not None:
         square = check_ground_board(intrinsics.camera, floor.transform_camera_to_footprint, ground, session.board)
@@ -170,7 +170,7 @@ def calibrate_session(
     checks += laser_checks(laser, near, far, len(missing), len(wanted))
     faults = warnings(session, views, intrinsics, lost, missing)
     if not handedness:
-        faults.append(f"the targets look the same in mirrored pictures: {TELL_HANDEDNESS}")
+        faults.append(f"the targets look the same in mirrored pictures: {HANDEDNESS_ADVICE}")
     elif floor.mount == ROLLED and not not_mirrored:
         faults.append(f"{ROLLED_CAMERA}: rotate the mount in the URDF, or switch off the rotation in the driver")
     verdict, reasons = verdict_of(checks, faults)

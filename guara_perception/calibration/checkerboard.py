@@ -52,7 +52,7 @@ def find_checkerboard(grey: Grey, board: BoardSpec, name: str = "") -> BoardView
         return BoardView.unusable(
             name, f"the board does not have {board.columns}x{board.rows} inner corners: wrong corner count"
         )
-    if board.tells_mirrored and is_mirrored(grey, corners, board):
+    if board.shows_handedness and is_mirrored(grey, corners, board):
         return BoardView.unusable(name, MIRRORED)
     width = edge_width(grey, corners, size)
     return BoardView(name, refine_corners(grey, corners, size), np.arange(len(corners)), width)
@@ -61,7 +61,7 @@ def find_checkerboard(grey: Grey, board: BoardSpec, name: str = "") -> BoardView
 def is_mirrored(grey: Grey, corners: Float, board: BoardSpec) -> bool:
     """Test if the image of a board is mirrored, by the colours of the squares between its corners (n, 2).
 
-    The board must satisfy `BoardSpec.tells_mirrored`. The detectors number the corners from any of the four outer
+    The board must satisfy `BoardSpec.shows_handedness`. The detectors number the corners from any of the four outer
     ones, clockwise or counterclockwise.
     """
     grid = corners.reshape(board.rows, board.columns, 2)

@@ -28,7 +28,7 @@ ROLLED_CAMERA = (
 # Transforms of the axes of the camera or the scene: quarter turn of the image, reflection along x, reflection along y.
 _QUARTER = np.eye(4)[[1, 0, 2, 3]] * [1.0, -1.0, 1.0, 1.0]
 _MIRROR_X, _MIRROR_Y = np.diag([-1.0, 1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 1.0, 1.0])
-TELL_HANDEDNESS = (
+HANDEDNESS_ADVICE = (
     "lay down the five crosses of `guara targets` and take their picture again, give the board's first_square in "
     "session.json, or pass --not-mirrored if the driver does not flip pictures"
 )
@@ -200,7 +200,7 @@ def check_extent(points: Float) -> None:
         )
 
 
-def told_by(session: CalibrationSession, not_mirrored: bool) -> str:
+def handedness_evidence(session: CalibrationSession, not_mirrored: bool) -> str:
     """Name of the evidence that the images of a session are not mirrored; empty if there is none.
 
     Args:
@@ -209,7 +209,7 @@ def told_by(session: CalibrationSession, not_mirrored: bool) -> str:
     """
     evidence = {
         "the user": not_mirrored,
-        "board": bool(session.board_images) and session.board.tells_mirrored,
+        "board": bool(session.board_images) and session.board.shows_handedness,
         "points_px": session.fiducials.points_px is not None,
         "crosses": not looks_mirrored(session.fiducials.points_in_footprint),
     }

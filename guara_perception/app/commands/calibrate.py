@@ -58,7 +58,7 @@ def command(
     from guara_perception.app.calibrate_folder import calibrate_folder, refuse
     from guara_perception.app.calibration_report.html import summary, write_report
     from guara_perception.app.files.camera_info import write_camera_info
-    from guara_perception.app.record.way_on import way_on
+    from guara_perception.app.record.advice import with_advice
     from guara_perception.calibration.file import save_calibration
     from guara_perception.calibration.pattern import interpolate_pattern
     from guara_perception.files import check_folder, check_target
@@ -73,13 +73,13 @@ def command(
         check_target(save_camera_info, ".yaml", ".yml")
     if report is not None:
         check_folder(report)
-    with way_on(session), progress("Calibrating") as show:
+    with with_advice(session), progress("Calibrating") as show:
         result = calibrate_folder(session, robot, camera_info, square, distortion, not_mirrored, show)
     click.echo(summary(result))
     if report is not None:
         click.echo(f"report: {write_report(result, report)}")
     if not force:
-        with way_on(session):
+        with with_advice(session):
             refuse(result)
     calibration = result.calibration
     if pattern != "measured":

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 CONNECTING_SECONDS = 5.0
 # [s] Default of --timeout with --all: time to wait for the answers to each query.
 ANSWER_SECONDS = 2.0
-# [s] Time after which a node that is not seen is said to be missing; its sign of life takes far less to arrive.
+# [s] Time after which a missing node is reported; its liveliness token normally arrives much sooner.
 SILENCE = 5.0
 COLUMNS = ("robot", "step", "age", "health", "links")
 
@@ -86,7 +86,7 @@ def command(
     with TerrainClient(endpoint, robot=robot, security=security, timeout=connecting, encoding=encoding) as client:
         try:
             if timeout is None:
-                say_if_missing(client, robot)
+                report_missing_node(client, robot)
             for terrain in client.stream(timeout, extent):
                 seen += 1
                 sequence = terrain.record.sequence
@@ -100,7 +100,7 @@ def command(
             click.echo(f"stopped; grids received: {seen}", err=True)
 
 
-def say_if_missing(client: TerrainClient, robot: str) -> None:
+def report_missing_node(client: TerrainClient, robot: str) -> None:
     """Print a line on standard error if the node is not seen within `SILENCE` seconds."""
     deadline = time.monotonic() + SILENCE
     while not client.is_alive:

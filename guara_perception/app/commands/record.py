@@ -83,12 +83,12 @@ def command(
     from guara_perception.app.devices_file import Devices, devices_of
     from guara_perception.app.files.calibration_session import open_session
     from guara_perception.app.node.devices import rangefinder_of
+    from guara_perception.app.record.advice import with_advice
     from guara_perception.app.record.live_page import LivePage
     from guara_perception.app.record.operator import Operator, TextOperator
     from guara_perception.app.record.record import DEVICES_FILE, planned_crosses, record_session
     from guara_perception.app.record.session_writer import SessionPlan, SessionWriter, read_plan
     from guara_perception.app.record.simulated import SimulatedWorkshop
-    from guara_perception.app.record.way_on import way_on
     from guara_perception.app.targets.drawings import parse_board, parse_heights
     from guara_perception.calibration.calibrate_session import calibrate_session
     from guara_perception.calibration.file import save_calibration
@@ -127,15 +127,15 @@ def command(
         writer = SessionWriter(session, plan, redo)
         click.echo(f"live page: {page.address}")
 
-        def tell(text: str) -> None:
-            page.tell(text)
+        def report(text: str) -> None:
+            page.show_task(text)
             click.echo(text)
 
         stack.enter_context(rangefinder)
         if redo:
             writer.clear()
-        record_session(writer, model, rangefinder, known, operator, tell=tell, watch=page.watch)
-    with way_on(session):
+        record_session(writer, model, rangefinder, known, operator, report=report, watch=page.watch)
+    with with_advice(session):
         with progress("Calibrating") as show:
             result = calibrate_session(open_session(session), model, not_mirrored=not_mirrored, progress=show)
         click.echo(summary(result))

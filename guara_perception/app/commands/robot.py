@@ -88,7 +88,7 @@ def check(
     from guara_perception.app.robot_folder.finding import Weight
     from guara_perception.app.robot_folder.trial_walk import trial_walk
 
-    def say(text: str) -> None:
+    def report(text: str) -> None:
         click.echo(text, err=as_json)
 
     if as_json and view:
@@ -99,14 +99,14 @@ def check(
     if usable is not None and walk:
         with progress("Walking") as advance:
             walked = trial_walk(usable, progress=advance)
-        say(f"simulated walk: {walked.pauses} pauses, {walked.feet} footholds, {walked.known:.0%} of the area known")
+        report(f"simulated walk: {walked.pauses} pauses, {walked.feet} footholds, {walked.known:.0%} of the area known")
         found["walk"] = {"pauses": walked.pauses, "footholds": walked.feet, "known": walked.known}
         findings += walk_findings(walked)
     if usable is not None and picture is not None:
         from guara_perception.app.robot_folder.show import draw_robot
 
         draw_robot(usable, picture)
-        say(f"picture: {picture}")
+        report(f"picture: {picture}")
     in_order = [finding for weight in Weight for finding in findings if finding.weight is weight]
     worst = in_order[0].weight if in_order else Weight.NOTE
     notes = sum(finding.weight is Weight.NOTE for finding in findings)

@@ -188,7 +188,7 @@ def command(
     # Report a damaged installation now, not at the first scan.
     kernel()
     log_to_stderr(log)
-    say = click.echo if log == "text" else _say_as_json
+    report = click.echo if log == "text" else _report_as_json
     options: list[Callable[[], object]] = [
         partial(check_method, method, threshold),
         partial(_check_pairs, not ros2 and (ros2_tf or ros2_unknown != "100"), ROS2_PAIR),
@@ -234,7 +234,7 @@ def command(
             )
         )
         status = NodeStatus(rig.calibration)
-        status.on_scan = partial(_report_scan, say)
+        status.on_scan = partial(_report_scan, report)
         watch = ConfigurationWatch(chosen.calibration, chosen.devices, rig.robot.folder)
         status.follow(watch.item)
         if security is not None:
@@ -272,7 +272,7 @@ def command(
         if gait == "external" and rig.simulation is not None:
             from guara_perception.app.node.simulated_gaits import ExternalGait
 
-            on_pause = ExternalGait(rig.simulation, node, say).on_pause
+            on_pause = ExternalGait(rig.simulation, node, report).on_pause
         StanceReceiver(session, robot=instance, on_pause=on_pause, on_refused=node.on_refused)
         StanceStreamReceiver(session, robot=instance, on_batch=node.on_stream, on_refused=node.on_stream_refused)
         if ros2:
@@ -288,23 +288,23 @@ def command(
                 legs=rig.robot.legs,
                 rotation_imu_to_base=None if frame is None else standing.transform_to_base(frame)[:3, :3],
             )
-        say(f"{instance}: listening on {', '.join(session.endpoints)}; press Ctrl-C to stop")
+        report(f"{instance}: listening on {', '.join(session.endpoints)}; press Ctrl-C to stop")
         if uplink is not None:
-            say(f"{instance}: uplink to {uplink}; reconnects after a loss")
-        say(f"guara-perception {version('guara-perception')}")
+            report(f"{instance}: uplink to {uplink}; reconnects after a loss")
+        report(f"guara-perception {version('guara-perception')}")
         if recorder is not None:
-            say(f"recording to {recorder.path}: {recording_size(quality)}")
+            report(f"recording to {recorder.path}: {recording_size(quality)}")
             if cut := recorder.cut:
-                say(f"incomplete files: {len(cut)}; `guara recover {cut[-1]}` makes the newest readable")
+                report(f"incomplete files: {len(cut)}; `guara recover {cut[-1]}` makes the newest readable")
         stack.enter_context(ServiceManager(node.is_well))
         if gait == "external":
-            say(f"{instance}: waiting for your gait to announce stance pauses on {stance_key(instance)}")
+            report(f"{instance}: waiting for your gait to announce stance pauses on {stance_key(instance)}")
         elif rig.simulation is not None:
             from guara_perception.app.node.simulated_gaits import walk_until_stopped
 
-            walk_until_stopped(rig.simulation, node, session, instance, stop, say)
+            walk_until_stopped(rig.simulation, node, session, instance, stop, report)
         stop.wait()
-    say("stopped, laser off")
+    report("stopped, laser off")
     if final:
         click.echo(f"guara: {final[0]}", err=True)
         click.get_current_context().exit(EXIT_THREAD_FAILED)
@@ -320,11 +320,11 @@ def _check_pairs(is_wrong: bool, text: str) -> None:
         raise InvalidInput(text)
 
 
-def _say_as_json(text: str) -> None:
+def _report_as_json(text: str) -> None:
     click.echo(json_line("INFO", __name__, text))
 
 
-def _report_scan(say: Callable[[str], None], terrain: TerrainGrid) -> None:
+def _report_scan(report: Callable[[str], None], terrain: TerrainGrid) -> None:
     """Report a scan in one line, also to the service manager. A closed pipe (`| head`) does not stop the node."""
     from guara_perception.app.service import notify
     from guara_perception.app.summary import summary
@@ -332,7 +332,7 @@ def _report_scan(say: Callable[[str], None], terrain: TerrainGrid) -> None:
     line = summary(terrain)
     notify(f"STATUS={line}")
     with suppress(OSError):
-        say(line)
+        report(line)
 
 
 def recording_size(quality: int | None) -> str:

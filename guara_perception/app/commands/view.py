@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 # [s] Time after the start at which a live view explains why nothing has been shown yet.
 SILENCE = 5.0
 # [s] Interval between updates of the status line of the newest grid.
-TELLING = 1.0
+STATUS_SECONDS = 1.0
 
 
 @click.command(name="view")
@@ -117,11 +117,11 @@ def show_live(
     security: Path | None,
     stop: threading.Event,
     address: str,
-    tell: Callable[[str, bool], None] = lambda text, is_stale: None,
+    report: Callable[[str, bool], None] = lambda text, is_stale: None,
 ) -> None:
     """Show every new pause until stopped; if nothing has been shown after `SILENCE` seconds, print why.
 
-    From then on, `tell` is called every `TELLING` seconds with the result of `LiveMoments.state`.
+    From then on, `report` is called every `STATUS_SECONDS` seconds with the result of `LiveMoments.state`.
     """
     from guara_perception.app.live_moments import LiveMoments
 
@@ -129,5 +129,5 @@ def show_live(
         click.echo(f"live view of {instance}: open {address} (press Ctrl-C to stop)")
         if not stop.wait(SILENCE) and (missing := moments.missing()):
             click.echo(missing, err=True)
-        while not stop.wait(TELLING):
-            tell(*moments.state())
+        while not stop.wait(STATUS_SECONDS):
+            report(*moments.state())

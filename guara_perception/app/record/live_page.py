@@ -69,7 +69,7 @@ class LivePage:
         self._server.shutdown()
         self._server.server_close()
 
-    def tell(self, task: str) -> None:
+    def show_task(self, task: str) -> None:
         """Show the name of a new task; remove the request and the advice of the last one."""
         with self._lock:
             self._task, self._request, self._advice = task, "", ""

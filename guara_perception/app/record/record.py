@@ -52,7 +52,7 @@ def record_session(
     devices: Devices,
     operator: Operator,
     *,
-    tell: Callable[[str], None],
+    report: Callable[[str], None],
     watch: Watch = lambda picture, request: None,
 ) -> Path:
     """Record the missing parts of a session and finish it.
@@ -64,7 +64,7 @@ def record_session(
         devices: devices chosen by the user, written to the folder with the metered exposure and the measured lag. A
             resumed session uses those of its folder.
         operator: person or program that places board, crosses and plates in front of the camera.
-        tell: called with a text for each task, the number of board images, and problems of the light.
+        report: called with a text for each task, the number of board images, and problems of the light.
         watch: called with each camera image and a text about it or a request, for a live page.
 
     Returns:
@@ -83,17 +83,17 @@ def record_session(
     if writer.has(DEVICES_FILE):
         _as_before(rangefinder, load_devices(writer.folder / DEVICES_FILE))
     else:
-        tell("the bare floor")
+        report("the bare floor")
         show_while(operator.clear, lambda: _picture(rangefinder), plain, watch)
-        tell("metering the exposure and measuring the camera's lag")
+        report("metering the exposure and measuring the camera's lag")
         save_devices(measured_devices(robot, rangefinder, devices), writer.folder / DEVICES_FILE)
-    tell("the board, held up")
-    _record_boards(writer, rangefinder, operator, tell, watch)
+    report("the board, held up")
+    _record_boards(writer, rangefinder, operator, report, watch)
     if not writer.has(FLOOR_PICTURE):
-        tell("the board on the floor")
+        report("the board on the floor")
         _record_floor(writer, rangefinder, operator, watch)
     if not writer.has(CROSSES_PICTURE):
-        tell("the crosses")
+        report("the crosses")
         _record_crosses(writer, robot, rangefinder, operator, watch)
     if all(writer.has(name) for name in writer.plate_names):
         return writer.finish()
@@ -107,13 +107,13 @@ def record_session(
     for name, plate in zip(writer.plate_names, plan.plates, strict=True):
         if not writer.has(name):
             task = f"the plate of {1e3 * plate:g} mm" if plate else "the bare floor"
-            tell(task)
+            report(task)
             look = area_look(lens, to_footprint, settings, plate)
             show_while(partial(operator.lay_plate, plate), lambda: _picture(rangefinder), look, watch)
-            tell(f"scanning {task}")
+            report(f"scanning {task}")
             folder = writer.folder / name
             for problem in scan_uncalibrated(rangefinder, robot, plan.stance, folder, on_stripe=progress):
-                tell(f"{name}: {problem}")
+                report(f"{name}: {problem}")
     return writer.finish()
 
 
@@ -191,7 +191,7 @@ def _fresh(rangefinder: Rangefinder) -> Image:
 
 
 def _record_boards(
-    writer: SessionWriter, rangefinder: Rangefinder, operator: Operator, tell: Callable[[str], None], watch: Watch
+    writer: SessionWriter, rangefinder: Rangefinder, operator: Operator, report: Callable[[str], None], watch: Watch
 ) -> None:
     advice = BoardAdvice(writer.plan.board)
     for name in writer.boards:
@@ -202,7 +202,7 @@ def _record_boards(
     request = "hold up the board"
     for _ in range(MOST_PICTURES):
         if advice.is_complete():
-            tell(f"{len(advice.views)} pictures of the board")
+            report(f"{len(advice.views)} pictures of the board")
             return
         operator.show_board(request)
         before, picture = _fresh(rangefinder), _picture(rangefinder)

@@ -58,9 +58,9 @@ def test_the_printed_board_tells_mirrored_pictures(columns: int, monkeypatch: py
 @pytest.mark.parametrize(("columns", "rows", "tells"), [(9, 7, True), (7, 9, True), (8, 7, False), (7, 7, False)])
 def test_boards_that_look_like_their_mirror_image_tell_nothing(columns: int, rows: int, tells: bool) -> None:
     """Both numbers of squares must be even and unequal, and the colours must be known."""
-    assert parse_board(f"{columns}x{rows}", 0.03).tells_mirrored is tells
-    assert not BoardSpec(columns, rows, 0.03).tells_mirrored
-    assert parse_board(f"{columns}x{rows}", 0.03, "charuco").tells_mirrored
+    assert parse_board(f"{columns}x{rows}", 0.03).shows_handedness is tells
+    assert not BoardSpec(columns, rows, 0.03).shows_handedness
+    assert parse_board(f"{columns}x{rows}", 0.03, "charuco").shows_handedness
 
 
 def test_five_crosses_tell_mirrored_pictures(session: CalibrationSession, robot: RobotModel) -> None:

@@ -73,7 +73,7 @@ def test_a_name_that_nobody_has_is_said(monkeypatch: pytest.MonkeyPatch, capsys:
     """Without --timeout it waits, and says for what; a node that is there brings no line."""
     monkeypatch.setattr(listen, "SILENCE", 0.0)
     for is_alive in (True, False):
-        listen.say_if_missing(SimpleNamespace(is_alive=is_alive), "tapir")  # type: ignore[arg-type]
+        listen.report_missing_node(SimpleNamespace(is_alive=is_alive), "tapir")  # type: ignore[arg-type]
     said = capsys.readouterr()
     assert said.out == "" and said.err.count("\n") == 1
     assert "waiting for a node with instance name 'tapir': none is seen here; `guara listen --all`" in said.err

@@ -32,7 +32,7 @@ def test_page_shows_task_advice_and_picture():
         assert b"<img" in get(page.address)
         with pytest.raises(urllib.error.HTTPError, match="404"):
             get(page.address + "picture.jpg")
-        page.tell("the crosses")
+        page.show_task("the crosses")
         page.ask("lay them")
         page.watch(np.full((1000, 2000), 40_000, np.uint16), "move it left")
         assert json.loads(get(page.address + "state.json")) == {
@@ -85,7 +85,7 @@ def test_page_in_a_browser_shows_what_is_reported(tmp_path):
     if chromium is None:
         pytest.skip("no Chromium on this machine")
     with LivePage() as page, Chromium(chromium, tmp_path / "profile") as browser:
-        page.tell("the board on the floor")
+        page.show_task("the board on the floor")
         page.ask("press any key")
         page.watch(np.full((300, 400, 3), (0, 0, 255), np.uint8), "lay it flat")
         browser.call("Page.navigate", url=page.address)

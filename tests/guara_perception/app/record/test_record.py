@@ -16,11 +16,11 @@ import guara_perception as gp
 from drivers import CameraSettings
 from guara_perception.app.devices_file import Devices, load_devices, save_devices
 from guara_perception.app.files.calibration_session import open_session
+from guara_perception.app.record.advice import with_advice
 from guara_perception.app.record.plate_scan import PlateScanFailed, nominal_order, scan_uncalibrated
 from guara_perception.app.record.record import RecordingFailed, record_session
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, SessionPlan, SessionWriter
 from guara_perception.app.record.simulated import SimulatedWorkshop
-from guara_perception.app.record.way_on import way_on
 from guara_perception.app.targets.drawings import cross_points, parse_board
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.calibration.find_board import find_board
@@ -180,7 +180,9 @@ def record_with(workshop: SimulatedWorkshop, session: Path, watched: list[str] |
         told: list[str] = []
         shown = [] if watched is None else watched
         watch = lambda picture, text: shown.append(text)  # noqa: E731
-        record_session(writer, workshop.robot, workshop.rangefinder, Devices(), workshop, tell=told.append, watch=watch)
+        record_session(
+            writer, workshop.robot, workshop.rangefinder, Devices(), workshop, report=told.append, watch=watch
+        )
     return told
 
 
@@ -230,11 +232,11 @@ REFUSED = [
 @pytest.mark.parametrize(("refusal", "way"), REFUSED)
 def test_a_refusal_tells_the_way_on(tmp_path: Path, refusal: str, way: str):
     """Only for sessions that were recorded here."""
-    with pytest.raises(gp.CalibrationRefused) as told, way_on(tmp_path):
+    with pytest.raises(gp.CalibrationRefused) as told, with_advice(tmp_path):
         raise gp.CalibrationRefused(refusal)
     assert str(told.value) == refusal
     (tmp_path / "recording.json").write_text("{}")
-    with pytest.raises(gp.CalibrationRefused) as told, way_on(tmp_path):
+    with pytest.raises(gp.CalibrationRefused) as told, with_advice(tmp_path):
         raise gp.CalibrationRefused(refusal)
     assert str(told.value).startswith(f"{refusal}; to continue without recording everything again, ")
     assert way.format(session=tmp_path) in str(told.value)

@@ -10,7 +10,7 @@ from guara_perception.app.record.session_writer import PLAN_FILE
 from guara_perception.exceptions import CalibrationRefused
 
 # Advice by a phrase in the text of the error; the first phrase found counts.
-WAYS = (
+ADVICE = (
     ("wrong square size", "measure a square of the board and run `guara calibrate {session} -o {out} --square METRES`"),
     (
         "heights look swapped",
@@ -29,7 +29,7 @@ WAYS = (
 
 
 @contextmanager
-def way_on(session: Path) -> Iterator[None]:
+def with_advice(session: Path) -> Iterator[None]:
     """Add advice to a CalibrationRefused that the block raises, if the session folder contains recording.json.
 
     Raises:
@@ -38,8 +38,8 @@ def way_on(session: Path) -> Iterator[None]:
     try:
         yield
     except CalibrationRefused as error:
-        advice = next((advice for word, advice in WAYS if word in str(error)), "")
+        advice = next((advice for word, advice in ADVICE if word in str(error)), "")
         if not advice or not (session / PLAN_FILE).is_file():
             raise
-        said = advice.format(session=session, out=session / "calibration.json")
-        raise CalibrationRefused(f"{error}; to continue without recording everything again, {said}") from None
+        remedy = advice.format(session=session, out=session / "calibration.json")
+        raise CalibrationRefused(f"{error}; to continue without recording everything again, {remedy}") from None
