@@ -16,13 +16,12 @@ from benchmarks.command import options
 from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift, DriftWatch
 from testbed.moved_mount import PAUSES, walk
 
-# Sizes of each drift, of which the last must be found: [degrees], [degrees], [motor steps].
+# Unit and sizes of each drift; the last size must be found.
 SIZES = {
-    "camera": (0.02, 0.05, 0.1, 0.2, 0.5),
-    "laser": (0.01, 0.02, 0.05, 0.1, 0.2),
-    "steps": (1.0, 2.0, 4.0, 8.0, 16.0),
+    "camera": ("degrees", (0.02, 0.05, 0.1, 0.2, 0.5)),
+    "laser": ("degrees", (0.01, 0.02, 0.05, 0.1, 0.2)),
+    "steps": ("steps", (1.0, 2.0, 4.0, 8.0, 16.0)),
 }
-UNITS = {"camera": "degrees", "laser": "degrees", "steps": "steps"}
 
 
 @dataclass(slots=True)
@@ -84,7 +83,7 @@ def main() -> None:
         _show("true, flat floor", true)
         rough = tally(pool, -(-true_walks // 5), 5000, is_rough=True)
         _show("true, rough ground", rough)
-        for kind, sizes in SIZES.items():
+        for kind, (unit, sizes) in SIZES.items():
             for size in sizes:
                 walks = asked.walks if size == sizes[-1] else asked.curve_walks
                 result = tally(pool, walks, 1000, kind, size)
@@ -92,7 +91,7 @@ def main() -> None:
                 found = result.warned / result.walks
                 curves[kind].append({"level": size, "walks": walks, "found": found, "found_by_one": by_one})
                 print(
-                    f"{kind} {size:g} {UNITS[kind]}: {walks} walks, found {found:.0%} within {PAUSES} pauses, "
+                    f"{kind} {size:g} {unit}: {walks} walks, found {found:.0%} within {PAUSES} pauses, "
                     f"{by_one:.0%} by one scan",
                     flush=True,
                 )

@@ -142,11 +142,15 @@ class Fleet:
             made = make_router(keys / "keys", self.names, listen=f"tls/127.0.0.1:{port}")
             endpoint = f"tls/localhost:{port}"
             self._router_at = str(made / CONFIGURATION)
-        self.router = self._peer("router", self._router_at)
+        self.start_router()
         groups = [self.names[first : first + held] for first in range(0, size, held)]
         self.robots = [self._peer("robots", endpoint, folder, *group) for group in groups]
         self.planners = [self._peer("planners", endpoint, folder, *group) for group in groups]
         self._counts = dict.fromkeys(COUNTS, 0)
+
+    def start_router(self) -> None:
+        """Start the router."""
+        self.router = self._peer("router", self._router_at)
 
     def publish(self, seconds: float = 0.0) -> int:
         """Let all robots publish for this long, at once and once if 0; return the number of pauses."""
@@ -171,13 +175,6 @@ class Fleet:
             total = sum(report[name] for report in reports)
             found[name], self._counts[name] = total - self._counts[name], total
         return found
-
-    def restart_router(self) -> float:
-        """Publish while the router is away, and start it again; returns when it was ready [s since the epoch]."""
-        self.router.end()
-        self.publish()
-        self.router = self._peer("router", self._router_at)
-        return time.time()
 
 
 def processor_seconds(peer: Peer) -> float:
@@ -232,7 +229,10 @@ def bursts(fleet: Fleet, count: int) -> dict[str, Any]:
 def storm(fleet: Fleet) -> dict[str, Any]:
     """Restart the router; return how many planners then got the newest map, and how long after the restart."""
     fleet.arrived()
-    ready = fleet.restart_router()
+    fleet.router.end()
+    fleet.publish()
+    fleet.start_router()
+    ready = time.time()
     came: dict[str, float] = {}
     deadline = time.monotonic() + 30.0
     while len(came) < len(fleet.names) and time.monotonic() < deadline:

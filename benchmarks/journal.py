@@ -38,10 +38,13 @@ from guara_perception.settings import Settings
 from guara_perception.simulation import SimulatedRangefinder, specimen
 from guara_perception.simulation.gait import WaveGait
 from guara_perception.simulation.planner import plan_foothold
+from guara_perception.simulation.specimen import rotation
 from guara_perception.simulation.walk import WalkPause, fresh_reading, simulate_walk
 from guara_perception.simulation.world import World
 from kinematics import RobotModel, Stance, load_robot
+from kinematics.transforms import translation
 from testbed.journalled_node import Walk, start
+from testbed.moved_mount import moved_about
 from testbed.random_world import random_world
 from testbed.scanned_walk import map_geometry, scanned_walk
 from testbed.true_ground import TrueGround
@@ -251,20 +254,16 @@ def carried_by(number: int, chance: np.random.Generator, pause: WalkPause) -> tu
     """Description of the disturbance in case `number`, and its motion (4, 4) in the world."""
     kind = ("carried", "turned", "tilted")[number % 3]
     about = pause.transform_footprint_to_world[:3, 3]
-    motion = np.eye(4)
     if kind == "carried":
         distance, heading = 0.02 * 50.0 ** (number % 18 / 17), chance.uniform(-np.pi, np.pi)
-        motion[:2, 3] = distance * np.cos(heading), distance * np.sin(heading)
-        return f"carried by {1e3 * distance:.0f} mm", motion
+        shift = distance * np.array([np.cos(heading), np.sin(heading), 0.0])
+        return f"carried by {1e3 * distance:.0f} mm", translation(shift)
     angle = np.radians(2.0 * (60.0 if kind == "turned" else 5.0) ** (number % 17 / 16)) * chance.choice((-1.0, 1.0))
     axis = np.array([0.0, 0.0, 1.0])
     if kind == "tilted":
         heading = chance.uniform(-np.pi, np.pi)
         axis = np.array([np.cos(heading), np.sin(heading), 0.0])
-    cross = np.cross(np.eye(3), -axis)
-    motion[:3, :3] = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
-    motion[:3, 3] = about - motion[:3, :3] @ about
-    return f"{kind} by {np.degrees(abs(angle)):.1f} degrees", motion
+    return f"{kind} by {np.degrees(abs(angle)):.1f} degrees", moved_about(rotation(-angle * axis), about)
 
 
 def carried() -> None:

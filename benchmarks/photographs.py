@@ -121,12 +121,9 @@ def judge(folder: Path, method: Method, *, with_off: bool) -> dict[str, Counts]:
 
 def means(families: dict[str, Counts]) -> tuple[float, float, float]:
     """Mean coverage, gross share and filled share of the families."""
-    every = list(families.values())
-    return (
-        float(np.mean([counts.coverage for counts in every])),
-        float(np.mean([counts.gross_share for counts in every])),
-        float(np.nanmean([counts.filled_share for counts in every])),
-    )
+    shares = [(counts.coverage, counts.gross_share, counts.filled_share) for counts in families.values()]
+    coverage, gross, filled = np.nanmean(shares, axis=0).tolist()
+    return coverage, gross, filled
 
 
 def report(folder: Path) -> None:

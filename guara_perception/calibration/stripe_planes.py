@@ -81,9 +81,9 @@ def fit_stripes(
     solver = _Solver(_Lines.of(of_stripes, model, bases), from_model[:, 1:, 1:])
     noise = solver.estimate() if noise_of is None else (noise_of.jitter, noise_of.scatter, noise_of.wobble)
     jitter, scatter, wobble = noise
-    solved = solver.solve(wobble, jitter, scatter)
-    planes = np.array([moved_plane(model[k], bases[k], change) for k, change in enumerate(solved.change)])
-    for_new_scan = np.array(solved.covariance)
+    changes, covariance, _, _ = solver.solve(wobble, jitter, scatter)
+    planes = np.array([moved_plane(*each) for each in zip(model, bases, changes, strict=True)])
+    for_new_scan = np.array(covariance)
     for_new_scan[:, 0, 0] += jitter**2
     return StripeFit(
         indices=sweep.indices,
@@ -143,23 +143,6 @@ class _Lines:
 
 
 @dataclass(frozen=True, slots=True)
-class _Solution:
-    """Least-squares solution for all stripes.
-
-    Attributes:
-        change: (s, 3) deviations from the model's planes (turn, tilt, shift).
-        covariance: (s, 3, 3) covariance of the deviations.
-        turn_square: (s,) expected mean square of the lines' individual turns [rad^2].
-        scatter_square: (s,) expected mean square distance of the points [m^2].
-    """
-
-    change: Float
-    covariance: Float
-    turn_square: Float
-    scatter_square: Float
-
-
-@dataclass(frozen=True, slots=True)
 class _Solver:
     """Least-squares solver for the planes of all stripes, and estimator of their noise.
 
@@ -171,8 +154,13 @@ class _Solver:
     lines: _Lines
     from_model: Float
 
-    def solve(self, wobble: Float, jitter: float, scatter: float) -> _Solution:
-        """Solve for (turn, tilt, shift) of each stripe and one additional turn per line, the jitter of the mirror."""
+    def solve(self, wobble: Float, jitter: float, scatter: float) -> tuple[Float, Float, Float, Float]:
+        """Solve for (turn, tilt, shift) of each stripe and one additional turn per line, the jitter of the mirror.
+
+        Returns:
+            Deviations (s, 3) from the model's planes (turn, tilt, shift) and their covariance (s, 3, 3); expected mean
+            squares (s,) of the lines' individual turns [rad^2] and of the distances of the points [m^2].
+        """
         lines, weight = self.lines, scatter**-2
         stripes, most = lines.count.shape
         own = 3 + np.arange(most)
@@ -201,12 +189,8 @@ class _Solver:
             + np.einsum("smij,smij->sm", lines.normal, of_line)
         )
         turn = np.where(lines.count > 0, x[:, 3:] ** 2 + covariance[:, own, own], 0.0)
-        return _Solution(
-            change=x[:, :3],
-            covariance=covariance[:, :3, :3],
-            turn_square=turn.sum(axis=1) / np.count_nonzero(lines.count, axis=1),
-            scatter_square=left.sum(axis=1) / lines.count.sum(axis=1),
-        )
+        turn_square = turn.sum(axis=1) / np.count_nonzero(lines.count, axis=1)
+        return x[:, :3], covariance[:, :3, :3], turn_square, left.sum(axis=1) / lines.count.sum(axis=1)
 
     def estimate(self) -> tuple[float, float, Float]:
         """Estimate jitter and scatter by expectation maximisation, and wobble from loosely constrained planes."""
@@ -218,16 +202,16 @@ class _Solver:
     def noise(self, wobble: Float, jitter: float, scatter: float) -> tuple[float, float]:
         """Maximum likelihood estimates of jitter [rad] and scatter [m], not below their lower bounds."""
         for _ in range(NOISE_ITERATIONS):
-            solved = self.solve(wobble, jitter, scatter)
-            jitter = max(float(np.sqrt(np.mean(solved.turn_square))), JITTER_FLOOR)
-            scatter = max(float(np.sqrt(np.mean(solved.scatter_square))), SCATTER_FLOOR_M)
+            _, _, turn_square, scatter_square = self.solve(wobble, jitter, scatter)
+            jitter = max(float(np.sqrt(np.mean(turn_square))), JITTER_FLOOR)
+            scatter = max(float(np.sqrt(np.mean(scatter_square))), SCATTER_FLOOR_M)
         return jitter, scatter
 
     def wobble(self, jitter: float, scatter: float) -> Float:
         """Standard deviations (2,) of tilt and shift of loosely constrained planes about the model, without noise."""
-        solved = self.solve(FREE_WOBBLE, jitter, scatter)
-        square = np.median(solved.change[:, 1:] ** 2, axis=0) * MEDIAN_TO_MEAN_SQUARE
-        explained = np.median(np.diagonal(solved.covariance, axis1=1, axis2=2)[:, 1:], axis=0)
+        change, covariance, _, _ = self.solve(FREE_WOBBLE, jitter, scatter)
+        square = np.median(change[:, 1:] ** 2, axis=0) * MEDIAN_TO_MEAN_SQUARE
+        explained = np.median(np.diagonal(covariance, axis1=1, axis2=2)[:, 1:], axis=0)
         return np.asarray(np.sqrt(np.maximum(square - explained, WOBBLE_FLOOR**2)))
 
 

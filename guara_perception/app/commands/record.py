@@ -10,7 +10,6 @@ import click
 from click.core import ParameterSource
 
 from guara_perception.app.options import FILE, NOT_MIRRORED, DeviceOptions, board_options, stance_of
-from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
 # Length of the ruler of `guara targets` if it is printed to scale [mm].
@@ -78,20 +77,15 @@ def command(
       guara record sessions/trial --simulated
       guara record sessions/monday --redo plates
     """
-    from guara_perception.app.calibrate_folder import refuse
-    from guara_perception.app.calibration_report.html import summary, write_report
+    from guara_perception.app.commands.calibrate import command as calibrate
     from guara_perception.app.devices_file import Devices, devices_of
-    from guara_perception.app.files.calibration_session import open_session
     from guara_perception.app.node.devices import rangefinder_of
-    from guara_perception.app.record.advice import with_advice
     from guara_perception.app.record.live_page import LivePage
     from guara_perception.app.record.operator import Operator, TextOperator
     from guara_perception.app.record.record import DEVICES_FILE, planned_crosses, record_session
     from guara_perception.app.record.session_writer import SessionPlan, SessionWriter, read_plan
     from guara_perception.app.record.simulated import SimulatedWorkshop
     from guara_perception.app.targets.drawings import parse_board, parse_heights
-    from guara_perception.calibration.calibrate_session import calibrate_session
-    from guara_perception.calibration.file import save_calibration
     from guara_perception.settings import Settings
     from kinematics import load_robot
 
@@ -104,7 +98,8 @@ def command(
     spec = replace(spec, first_square=None) if not_mirrored else spec
     given = {name for name in context.params if context.get_parameter_source(name) is ParameterSource.COMMANDLINE}
     before = read_plan(session) if redo else None
-    model = load_robot(robot if before is None or "robot" in given else before.robot)
+    robot = robot if before is None or "robot" in given else before.robot
+    model = load_robot(robot)
     standing = stance_of(stance, model)
     points = planned_crosses(crosses, model, scale)
     own = session / DEVICES_FILE
@@ -135,11 +130,5 @@ def command(
         if redo:
             writer.clear()
         record_session(writer, model, rangefinder, known, operator, report=report, watch=page.watch)
-    with with_advice(session):
-        with progress("Calibrating") as show:
-            result = calibrate_session(open_session(session), model, not_mirrored=not_mirrored, progress=show)
-        click.echo(summary(result))
-        click.echo(f"report: {write_report(result, session / 'report')}")
-        refuse(result)
-    written = save_calibration(result.calibration, session / "calibration.json")
-    click.echo(f"{session / 'calibration.json'}: {len(written.stripes)} stripes, verdict {result.verdict}")
+    out, report_folder = session / "calibration.json", session / "report"
+    context.invoke(calibrate, session=session, out=out, report=report_folder, robot=robot, not_mirrored=not_mirrored)
