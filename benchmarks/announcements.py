@@ -41,7 +41,7 @@ ALLOWED_LINES = 1.0
 
 
 class _Counter(logging.Handler):
-    """Counts lines of the log."""
+    """Counter of log lines."""
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)

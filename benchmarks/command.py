@@ -36,7 +36,7 @@ def options(text: str | None, **declared: tuple[Any, ...]) -> argparse.Namespace
 
 
 def run_part(program: str, parts: Mapping[str, Callable[[], None]]) -> None:
-    """Run the part that the first argument names, with the arguments after it; exit 2 and list them where none is."""
+    """Run the part named by the first argument; without one, list the parts and exit with 2."""
     name = sys.argv[1] if len(sys.argv) > 1 else "--help"
     if name in parts:
         del sys.argv[1]

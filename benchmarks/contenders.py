@@ -51,7 +51,7 @@ class Reference:
         self._offsets = np.arange(-HALF, HALF + 1, dtype=np.float32)
 
     def __call__(self, on: Image, off: Image) -> Float32:
-        """Row of the stripe per column, NaN where nothing shines."""
+        """Row of the stripe in each column, NaN without a stripe."""
         cv2.mixChannels([on], [self._on], [2, 0])
         cv2.mixChannels([off], [self._off], [2, 0])
         cv2.subtract(self._on, self._off, dst=self._light[: self._rows])
@@ -90,7 +90,7 @@ def opencv_user(on: Image, off: Image) -> Float32:
 
 
 def extractors() -> dict[str, Extract]:
-    """All that find a stripe, by name."""
+    """All contenders, by name."""
     found: dict[str, Extract] = {REFERENCE: reference}
     for name, method in OURS.items():
         found[name] = lambda on, off, method=method: gp.extract_stripe(on, off, method=method).position_px  # type: ignore[misc]
@@ -98,7 +98,7 @@ def extractors() -> dict[str, Extract]:
 
 
 def over(extract: Callable[..., object], pairs: Sequence[tuple[Any, ...]]) -> Callable[[], None]:
-    """A function that extracts from each pair (laser on, laser off); what follows in a tuple is left out."""
+    """Function that extracts from each pair (laser on, laser off); further entries of a tuple are ignored."""
 
     def run() -> None:
         for on, off, *_ in pairs:
@@ -108,7 +108,7 @@ def over(extract: Callable[..., object], pairs: Sequence[tuple[Any, ...]]) -> Ca
 
 
 def touch(*arrays: Image) -> int:
-    """Read every byte once: nothing that looks at all pixels is faster."""
+    """Read every byte once, which bounds the time of any method that reads all pixels from below."""
     total = 0
     for array in arrays:
         flat = array.reshape(-1)

@@ -1,4 +1,4 @@
-"""Maps of walks: the drift of their poses, and each map beside the oracle."""
+"""Maps of walks: drift of their poses, and comparison of each map with the oracle."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class JudgedPause:
         item: the pause and its scan.
         fused: the fused map, whose poses come from odometry and pictures, as in the node.
         oracle: the map as it would be if every cell of it were known exactly.
-        dark: (ny, nx) cells with ground that swallows the laser.
+        dark: (ny, nx) cells with ground that absorbs the laser.
         from_world: (4, 4) true transform from the world to base_footprint of the scan.
     """
 

@@ -57,7 +57,7 @@ def main() -> None:
 
 
 def ends_of_scans(data: Path, robot: RobotModel) -> dict[str, float]:
-    """Times of the work after the last frame: the footprint's grid, the wide one, and the update of a map by each."""
+    """Times of the work after the last frame: the footprint's grid, the wide grid, and the update of a map by each [s]."""
     recorded, calibration = gp.open_scan(data / "scans" / "paper"), truth_calibration(data)
     processor = gp.ScanProcessor(calibration, robot, recorded.stance, recorded.mode)
     for stripe, on, off in recorded.frames():
@@ -72,7 +72,7 @@ def ends_of_scans(data: Path, robot: RobotModel) -> dict[str, float]:
 
 
 def texture_again(first: GroundView | str, wide: gp.TerrainGrid, picture: GroundPicture | str) -> dict[str, float]:
-    """Finding the texture of a scan again, where odometry is off by a few millimetres [s]."""
+    """Time to find the texture of a scan again if odometry is off by a few millimetres [s]."""
     (seen, _), off = seen_after(first, None, np.eye(4), held=False), np.eye(4)
     off[:2, 3] = 0.003, -0.002
 
@@ -87,7 +87,7 @@ def texture_again(first: GroundView | str, wide: gp.TerrainGrid, picture: Ground
 
 
 def update_again(robot: RobotModel, grid: gp.TerrainGrid) -> float:
-    """Laying the same scan onto the map that it made, fusing it and the map's layers [s]."""
+    """Time to register a scan with the map that it made, to fuse it, and to compute the layers [s]."""
     terrain_map, still = gp.TerrainMap(robot), 1e-8 * np.eye(6)
     again = dataclasses.replace(grid, stamp=grid.stamp + 1, step=grid.step + 1)
 

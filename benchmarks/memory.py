@@ -74,11 +74,11 @@ def growth(off: Image, bands: list[tuple[int, Image]], together: int) -> tuple[f
 
     scan(1)
     gc.collect()
-    # What the first scan has freed must not pass for the program's own size.
+    # Memory freed by the first scan must not count as part of the base size.
     release = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if release is not None:
         release(0)
-    # Linux then counts the peak anew.
+    # Reset Linux's record of the peak.
     Path("/proc/self/clear_refs").write_text("5")
     peaks = [resident_mb()]
     for _ in range(2):

@@ -95,7 +95,7 @@ def main() -> None:
             spent.append((time.thread_time() - begun) / len(frames))
         terrain = processor.finish()
         errors = 1e3 * np.abs(errors_of(terrain, rig, pause))
-        # There is none where nothing is found.
+        # Without known cells there are no errors.
         errors = errors if errors.size else np.array([np.nan])
         rms = np.sqrt(np.mean(np.sort(errors)[: int(np.ceil(0.99 * errors.size))] ** 2))
         known = np.isfinite(terrain.elevation).mean()

@@ -1,7 +1,7 @@
 """Errors of heights after the mount has moved.
 
 `python -m benchmarks calibration mount`. Calibration measures the mount as it was built, so a constant error costs
-nothing; what counts is what changes afterwards: a screw that gives, a home switch that shifts, a mirror that has not
+nothing; what counts is what changes afterwards: a loose screw, a shifted home switch, a mirror that has not
 settled.
 
 The recorded frames are those of the mount as it was calibrated. Heights are computed from them with the calibration of

@@ -13,10 +13,10 @@ from kinematics.transforms import transform_points
 from testbed.analytic_walk import seen_height
 from testbed.moving_ground import WORLDS, MovingPause, pauses_of
 
-# A free cell whose ground is further from its height was taken for other ground.
+# Distance of a free cell's height from the ground above which the cell counts as wrong.
 WRONG_M = 0.015
 EXCEEDED_M = 0.017
-# Bounds are compared at every so many pauses: this takes most of the time.
+# Bounds are compared only at every BOUNDS_EVERY-th pause, because this takes most of the time.
 BOUNDS_EVERY = 4
 
 

@@ -1,4 +1,4 @@
-"""Maps and clouds by other robots, at cells of 20 to 30 mm: stairs, free ground, and points against it: `--maps`."""
+"""Point clouds of other robots in cells of 20 to 30 mm: stairs, free ground, contradicting points (`--maps`)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.questions.obstacles import fit_plane
 
 CELLS_M = (0.020, 0.025, 0.030)
-# Lines of cells are no lines of the points, many of which lie on a grid of their own.
+# Offset of the cells from the points, many of which are on a grid of their own.
 ASIDE_M = 0.007
 # Neighbours whose plane gives the noise of a cloud, and the places where it is measured.
 NEAR_M, PLACES, LEAST_POINTS = 0.05, 2000, 8

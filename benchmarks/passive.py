@@ -107,7 +107,7 @@ def measured(way: str, size: tuple[int, int]) -> tuple[Float, float, float]:
     """Heights, processor time [ms] and memory [MB] of one way."""
     cv2.setNumThreads(1)
     compute = WAYS[way](Scene(size))
-    # Linux then counts the peak anew.
+    # Reset Linux's record of the peak.
     Path("/proc/self/clear_refs").write_text("5")
     before, start = resident_mb(field="VmHWM"), time.process_time()
     heights = compute()

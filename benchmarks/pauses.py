@@ -2,9 +2,9 @@
 
 Usage: python -m benchmarks pauses [--pauses 20] [--quick]
 
-Node (emulated board and camera in real time, adaptive), gait and planner are a process each, two more keep the machine
-busy. The joints have the noise of robot.toml in every message. `example` is examples/gait_side.py; the other gaits say
-HOLD at 50 Hz or never, and END so much later than announced.
+Node (emulated board and camera in real time, adaptive), gait and planner are a process each; two more keep the machine
+busy. The joints have the noise of robot.toml in every message. `example` is examples/gait_side.py; the other gaits
+send HOLD at 50 Hz or never, and END later than announced by the time in the table.
 """
 
 from __future__ import annotations

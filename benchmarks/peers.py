@@ -1,6 +1,6 @@
-"""Processes that benchmarks of the transport start, and the lines of JSON between them.
+"""Processes that benchmarks start and with which they exchange lines of JSON.
 
-`python -m benchmarks.peers MODULE ROLE ARGUMENT ...` is one of them. The module `peers` has a router, a node that
+`python -m benchmarks.peers MODULE ROLE ARGUMENT ...` runs one. The module `peers` has a router, a node that
 answers scan requests, and a planner that waits for a step.
 """
 
@@ -52,13 +52,13 @@ class Peer:
         self.hear()
 
     def tell(self, **command: Any) -> None:
-        """Give it a command."""
+        """Send a command."""
         assert self.popen.stdin is not None
         self.popen.stdin.write(json.dumps(command) + "\n")
         self.popen.stdin.flush()
 
     def hear(self) -> dict[str, Any]:
-        """Its next line."""
+        """Read the next line; empty after the end of the process."""
         assert self.popen.stdout is not None
         return dict(json.loads(self.popen.stdout.readline() or "{}"))
 
@@ -90,14 +90,14 @@ def peers() -> Iterator[Callable[..., Peer]]:
 
 
 def free_port() -> int:
-    """A port of this machine that nobody uses."""
+    """Free TCP port of this machine."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 def free_endpoint() -> str:
-    """A Zenoh endpoint of this machine that nobody uses."""
+    """Free Zenoh endpoint of this machine."""
     return f"tcp/127.0.0.1:{free_port()}"
 
 
@@ -128,12 +128,12 @@ class Pauses:
 
 
 def say(**reply: Any) -> None:
-    """A line of JSON to the benchmark."""
+    """Send a line of JSON to the benchmark."""
     print(json.dumps(reply), flush=True)
 
 
 def ended() -> threading.Event:
-    """An event that is set when the benchmark ends the standard input."""
+    """Event that is set when the standard input is closed."""
     event = threading.Event()
 
     def listen() -> None:

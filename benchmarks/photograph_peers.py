@@ -1,6 +1,6 @@
-"""Photographs as they are read, and what a user would write to find a laser line in one: three textbook methods.
+"""Reader of photographs, and three textbook methods of finding a laser line in them.
 
-Each is given the laser's channel, which the product has to find by itself.
+Unlike the product, these methods are given the colour channel of the laser.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Ground that a map calls free, of what is truly safe and could be seen, by kinds: `usable_ground --recall`."""
+"""Share of the safe and visible ground that is free in maps, by kind of ground: `usable_ground --recall`."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from testbed.kinds_of_ground import TRACK_M, course
 from testbed.scanned_walk import SEEN_CELL_M, ScannedPause, map_geometry, scanned
 from testbed.true_ground import TrueGround
 
-# A planner looks for footholds this far beside the track of the feet.
+# Distance from the track of the feet within which a planner searches footholds.
 BESIDE_TRACK_M = 0.06
-# Relief under a sole above which ground that the oracle refuses truly endangers a foot.
+# Relief under a sole above which ground that the oracle rejects is dangerous.
 DANGEROUS_RELIEF_M = 0.010
-# Worlds of lower seeds served to choose settings.
+# Worlds of lower seeds were used to choose settings.
 FIRST_SEED = 1000
 NEVER = -1
 # The disc of the tests and one cell.
@@ -88,7 +88,7 @@ def recall_of_kinds(robot: RobotModel, seeds: int, mode: str, cycles: int, kinds
 
 
 def walk_counts(robot: RobotModel, kind: str, seed: int, mode: str, cycles: int) -> Counter[str]:
-    """Counts over one walk: free cells that endanger a sole by the ground as it was at the cell's last look, too."""
+    """Counts over one walk; free cells are judged by the ground now and at the time of their last observation."""
     limits, geometry = Settings.of(robot).limits, map_geometry(robot)
     sole = sole_window(limits, geometry.resolution)
     in_lane = np.abs(np.abs(geometry.centres()[1]) - TRACK_M) <= BESIDE_TRACK_M
@@ -134,8 +134,8 @@ class Soles:
 
     Attributes:
         safe: by the limits of the robot.
-        relief: soles that the oracle refuses and that stand on more than DANGEROUS_RELIEF_M.
-        dark: soles on ground that swallows the laser.
+        relief: soles that the oracle rejects, with a relief above DANGEROUS_RELIEF_M.
+        dark: soles on ground that absorbs the laser.
     """
 
     safe: Mask
@@ -146,7 +146,7 @@ class Soles:
     def on(
         judged: Sequence[tuple[gp.TerrainGrid, Mask]], states: Index, sole: Codes, limits: TraversabilityLimits
     ) -> Soles:
-        """Judge oracles and dark cells of states of the world, of which each cell (ny, nx) has one."""
+        """Judge each cell (ny, nx) in its own state of the world, given oracle and dark cells of each state."""
 
         def of_each(layers: list[Array]) -> Array:
             return np.choose(states, layers)

@@ -1,4 +1,4 @@
-"""Runs contenders alternately and compares them round by round: on a shared machine only ratios can be believed."""
+"""Alternating runs of contenders, compared round by round, since only ratios are reliable on a shared machine."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
 """Processor time of whole scans and of their stripes, with this checkout and with another one.
 
 `python -m benchmarks.scan_cost [--against FOLDER] [--scans DATA/scans/NAME ...] [--rounds N]`: FOLDER is a checkout of
-another revision (`git worktree add --detach FOLDER REVISION`). Each checkout has a process; they scan alternately, and
-the other one begins in every second round. Both use the packages installed in this environment.
+another revision that has the folder `testbed` (`git worktree add --detach FOLDER REVISION`). Each checkout has a
+process; they scan alternately, and the other one begins in every second round. Both use the packages installed in this
+environment.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The process in which one checkout scans for `benchmarks.scan_cost`; it runs with the code of that checkout.
+"""Process of `benchmarks.scan_cost` that scans with the code of one checkout.
 
-Only what older revisions have too is used.
+It uses only functions that older revisions also have.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Feet as witnesses: alarms on hard ground, and what is found of ground that gives way or slides.
+"""Detection of soft and sliding ground by the feet, and false alarms on hard ground.
 
 `python -m benchmarks walks soft [--walks 5 --imu no]`. Guará walks over boxes, ramps and rough ground, with an IMU and
-without; joints and IMU err as robot.toml says, by the same in no two pauses. On a patch of 0.4 m across its way feet
+without; joints and IMU have the noise stated in robot.toml, new in each pause. On a patch of 0.4 m across its way feet
 sink, or the left ones slide outwards once a cycle, by as much as the row says.
 """
 

@@ -1,4 +1,4 @@
-"""Figures that this project wants to reach, measured beside their limits."""
+"""Target figures of this project, compared with their limits."""
 
 from __future__ import annotations
 

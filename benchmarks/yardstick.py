@@ -1,4 +1,4 @@
-"""The plain extraction of the same stripes, which shows how fast the machine is at present."""
+"""Reference extraction as a measure of the machine's present speed."""
 
 from __future__ import annotations
 
