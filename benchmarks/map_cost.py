@@ -57,7 +57,7 @@ def main() -> None:
 
 
 def ends_of_scans(data: Path, robot: RobotModel) -> dict[str, float]:
-    """Times of the work after the last frame [s]: the footprint grid, the wide grid, and the update of a map by each."""
+    """Times of the work after the last frame [s]: footprint grid, wide grid, and update of a map by each."""
     recorded, calibration = gp.open_scan(data / "scans" / "paper"), truth_calibration(data)
     processor = gp.ScanProcessor(calibration, robot, recorded.stance, recorded.mode)
     for stripe, on, off in recorded.frames():
