@@ -76,7 +76,8 @@ def view_of(scan: ScanInMemory) -> Callable[[ExposureView, CameraSettings], Imag
 def emulated(config: EmulatorConfig | None = None) -> Iterator[tuple[BenchBoard, LaserBoard]]:
     """An emulated board in emulated time, and the driver connected to it."""
     with timing.on_clock(EmulatedClock()):
-        board = BenchBoard(config or EmulatorConfig(bus_delay=BUS_DELAY))
+        board = BenchBoard(config)
+        board.bus_delay = BUS_DELAY if config is None else 0.0
         with LaserBoard(BoardConfig(handle_signals=False), backend=bench_backend(board)) as driver:
             yield board, driver
 

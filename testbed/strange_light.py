@@ -15,7 +15,7 @@ import numpy as np
 
 from drivers import AcquireOptions, BoardConfig, Frame, LaserBoard, SweepOptions
 from drivers.cameras.camera import Camera, CameraSettings
-from drivers.emulator import EmulatedClock, EmulatorConfig, ExposureView
+from drivers.emulator import EmulatedClock, ExposureView
 from guara_perception.app.node.live_scan import LiveScan, live_scan
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.arrays import Float32, Image
@@ -233,7 +233,8 @@ def take(
     """
     scene.begin()
     clock = EmulatedClock()
-    board = BenchBoard(EmulatorConfig(bus_delay=0.0003), clock=clock.monotonic)
+    board = BenchBoard(clock=clock.monotonic)
+    board.bus_delay = 0.0003
 
     def render(view: ExposureView, _: CameraSettings) -> Image:
         return scene.picture(view, fault.gain, fault.extra, fault.ambient)

@@ -84,8 +84,6 @@ class LocalBus:
         return self._serve(command, join_argument(value, index), timeout)[:length]
 
     def _serve(self, request: Request, argument: int, timeout: float) -> bytes:
-        if self._board.config.bus_delay > 0:
-            timing.sleep(self._board.config.bus_delay)
         answer = self._board.serve(request, argument)
         if answer is None:
             raise BusError(errno.EPIPE, "Pipe error")

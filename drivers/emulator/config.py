@@ -41,9 +41,7 @@ class EmulatorConfig:
         mirror_speed: speed of the mirror [rad/s]; 7 rad/s is about 220 full steps per second, slow for a stepper.
         settle: settling time of the mirror after a motion [s].
         overshoot: number of steps by which a downward motion passes its target, to take up backlash.
-        periodic_error: amplitude of the stepper motor's periodic error [rad]; its period is 8 full steps.
         temperature: temperature of the board [degrees Celsius].
-        bus_delay: duration of a command transfer [s]; about 0.001 for a real full-speed control transfer.
     """
 
     identity: BoardIdentity = field(default_factory=_default_identity)
@@ -51,9 +49,7 @@ class EmulatorConfig:
     mirror_speed: float = 7.0
     settle: float = 0.003
     overshoot: int = 32
-    periodic_error: float = 0.0
     temperature: float = 30.0
-    bus_delay: float = 0.0
 
     @classmethod
     def reaching(cls, angles: Iterable[float]) -> EmulatorConfig:

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import dataclass
 
 from drivers.board.protocol import BoardFlag, Result
 from drivers.emulator.config import EmulatorConfig
-
-# Period of the periodic position error of a stepper motor [steps]: 8 full steps of 256 microsteps.
-PERIODIC_STEPS = 8 * 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,10 +189,8 @@ class MirrorUnit:
         return flags | (int(BoardFlag.HOMED) if self.homed else 0)
 
     def true_angle(self, instant: float) -> float:
-        """Return the true mirror angle [rad], which includes the periodic error of the motor."""
-        position = self._motor.true_position(instant)
-        wobble = self._config.periodic_error * math.sin(2 * math.pi * position / PERIODIC_STEPS)
-        return self._identity.angle_of(0) + position * self._identity.step_angle + wobble
+        """Return the true mirror angle [rad]."""
+        return self._identity.angle_of(0) + self._motor.true_position(instant) * self._identity.step_angle
 
     def _begin(self, target: int) -> None:
         self.motions += 1

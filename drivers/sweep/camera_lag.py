@@ -35,13 +35,11 @@ class LagMeasurement:
             t - lag.
         uncertainty: width of the measured interval [s]; the true lag is between lag - uncertainty and lag.
         period: time between frames [s].
-        toggles: number of times that the laser was switched.
     """
 
     lag: float
     uncertainty: float
     period: float
-    toggles: int
 
 
 def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: float = 1.0) -> LagMeasurement:
@@ -104,7 +102,7 @@ def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: flo
             f"{camera.name}: some frames show the laser {(shortest - longest) * 1e3:.1f} ms earlier than others allow: "
             "is the stripe clipped, or does anything else light the scene?"
         )
-    return LagMeasurement(longest, longest - shortest, period, toggles)
+    return LagMeasurement(longest, longest - shortest, period)
 
 
 def _laser_share(dark: Image, lit: Image) -> Callable[[Image], float]:

@@ -49,8 +49,10 @@ class BenchBoard(EmulatedBoard):
         plan: pending faults.
         shutter: shutter of the camera that this board triggers.
         plugged: True while the board is on the bus.
+        bus_delay: duration of a command transfer [s]; about 0.001 for a real full-speed control transfer.
     """
 
+    bus_delay = 0.0
     _mirror: BenchMirror
     _light: BenchLight
 

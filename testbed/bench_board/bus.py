@@ -69,6 +69,7 @@ class FaultyBus(LocalBus):
     def _serve(self, request: Request, argument: int, timeout: float) -> bytes:
         plan = self._board.plan
         self._strike(plan.strike(request, BEFORE), timeout)
+        timing.sleep(self._board.bus_delay)
         answer = super()._serve(request, argument, timeout)
         return self._strike(plan.strike(request, AFTER), timeout, answer)
 

@@ -156,18 +156,6 @@ def test_the_past_can_be_asked_for(bench: Bench) -> None:
     assert bench.board.exposure(rest, rest + 0.1).mirror_travel == 0.0
 
 
-def test_periodic_error_moves_the_mirror_but_not_the_belief() -> None:
-    """A stepper's error of period 8 full steps: a quarter of the period from zero it equals its amplitude."""
-    bench = Bench(periodic_error=1e-3)
-    bench.ask(Request.HELLO, HELLO)
-    bench.ask(Request.HOME)
-    bench.now += 5.0
-    bench.ask(Request.GO_TO, 512 * 5)
-    bench.now += 5.0
-    view = bench.board.view()
-    assert view.mirror_angle - view.mirror_angle_commanded == pytest.approx(1e-3, rel=1e-6)
-
-
 def test_unknown_request_is_not_served(bench: Bench) -> None:
     """None stands for a stall."""
     assert bench.board.serve(0x77, 0) is None
