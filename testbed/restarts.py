@@ -12,7 +12,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
-from transport.grids.evidence import SILENT, Cure, Evidence, Objection, read_word
+from transport.grids.evidence import SILENT, Cure, Evidence, Objection, read_report
 from transport.messages.status_message import STATUS_NAME, Status, StatusItem
 from transport.messages.terrain_message import Health
 from transport.stance_link import GAIT_SILENT
@@ -319,7 +319,7 @@ class World:
                 self.evidence.tokens(live | {run} if what else live - {run})
             elif isinstance(what, Status):
                 # A client knows the node's clock to the delay: what lay on the way does not count as heard just now.
-                word = read_word(what, self.now)
+                word = read_report(what, self.now)
                 self.evidence.report(what, self.now if word is None else min(self.now, word.clock + self.delay))
             elif not self.evidence.refusal(what, what.extent):
                 self.held[what.extent] = what
@@ -332,7 +332,7 @@ class World:
         found = self._against(extent, limit, was_lost)
         node = self.node
         can_ask = node is not None and not node.is_hung and not node.is_mute and not self.is_cut
-        if found and min(objection.cure for objection in found) is Cure.WORD and can_ask and node is not None:
+        if found and min(objection.cure for objection in found) is Cure.REPORT and can_ask and node is not None:
             self.evidence.report(self._status(node), self.now)
             found = self._against(extent, limit, was_lost)
         return found

@@ -119,7 +119,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         Raises:
             StaleTerrain: the newest grid may not be used, or the node has not published one yet.
             ScannerUnavailable: there is no grid and no node.
-            SessionClosed: the client is closed: what ends a grid's use would not reach it.
+            SessionClosed: the client is closed, so it would not notice that the grid is no longer valid.
             MessageError: the newest sample is not a valid grid, or the extent is unknown.
         """
         receiver = self.receiver(extent)
@@ -272,7 +272,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         extent: str = "footprint",
         **accepted: Unpack[Accepted],
     ) -> None:
-        """Call `callback` with each new grid, on a separate thread; grids superseded during a call are left out.
+        """Call `callback` with each new grid, on a separate thread; grids superseded during a call are skipped.
 
         A grid that may not be used by `accepted` (as in `latest`) is skipped, except one that withdraws another grid:
         it is always passed on, with the reasons why it is stale.

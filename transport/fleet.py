@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from transport.exceptions import MessageError, ScannerUnavailable
-from transport.grids.evidence import read_word
+from transport.grids.evidence import read_report
 from transport.keys import FLEET_ALIVE, FLEET_STATUS, alive_key, robot_of, status_key
 from transport.links.liveliness import alive_keys
 from transport.links.session import Session
@@ -38,7 +38,7 @@ class RobotState:
     standing: bool | None = None
     age: float = math.nan
     health: Health = Health.STALE
-    message: str = "is alive, but did not reply to the query of its status"
+    message: str = "is alive, but did not reply to the status query"
     links: int = 0
     run: str = ""
 
@@ -102,17 +102,17 @@ def _answers(session: Session, key: str, timeout: float) -> list[RobotState]:
 
 def _state_of(status: Status) -> RobotState | None:
     """Return the state of the robot in a status; None if the status does not contain the robot's name."""
-    own, word = status.item(STATUS_NAME), read_word(status, 0.0)
-    if own is None or word is None or not own.hardware_id:
+    own, report = status.item(STATUS_NAME), read_report(status, 0.0)
+    if own is None or report is None or not own.hardware_id:
         return None
     wrong = [f"{item.name}: {item.message}" for item in status.items if item.level is not Health.OK]
     return RobotState(
         robot=own.hardware_id,
-        step=word.step,
-        standing=word.standing,
+        step=report.step,
+        standing=report.standing,
         age=number(own.values.get("last_scan_age_s", "")),
         health=status.level,
         message="; ".join(wrong),
         links=whole_number(own.values.get("links", "")) or 0,
-        run=word.run,
+        run=report.run,
     )

@@ -35,7 +35,7 @@ class Cure(IntEnum):
 
     NONE = 0
     RETURN = 1
-    WORD = 2
+    REPORT = 2
     GRID = 3
 
 
@@ -53,7 +53,7 @@ class Objection:
 
 
 @dataclass(frozen=True, slots=True)
-class Word:
+class NodeReport:
     """Report of a node about its robot, from one status.
 
     Attributes:
@@ -80,14 +80,14 @@ class Word:
     hears_gait: bool = True
 
 
-def read_word(status: Status, heard: float) -> Word | None:
+def read_report(status: Status, heard: float) -> NodeReport | None:
     """Return the report in a status, or None if the status is not from a node of this package."""
     item = status.item(STATUS_NAME)
     if item is None:
         return None
     values = item.values
     reading = number(values.get("clock_s", ""))
-    return Word(
+    return NodeReport(
         status=status,
         heard=heard,
         run=values.get("run", ""),
@@ -110,7 +110,7 @@ def silent_for(silence: float) -> str:
 
 def objections(
     grid: Grid,
-    word: Word | None,
+    report: NodeReport | None,
     *,
     step: int | None = None,
     age: float,
@@ -130,7 +130,7 @@ def objections(
 
     Args:
         grid: the grid.
-        word: last report of the current or last run; None if there was none.
+        report: last report of the current or last run; None if there was none.
         step: newest step of the grid's walk among all grids received; None = unknown.
         age: time since the end of the grid's scan [s].
         limit: allowed age [s].
@@ -142,35 +142,35 @@ def objections(
         found.append(Objection("was withdrawn by its node: the robot may have moved, or the scan was faulty"))
     if not age <= limit:
         found.append(Objection(f"is {age:.2f} s old; allowed: {limit:g} s{'; its node is gone' if is_gone else ''}"))
-    if word is None:
+    if report is None:
         if grid.run:
-            found.append(Objection("is from a node that has not reported the robot's pause yet", Cure.WORD))
+            found.append(Objection("is from a node that has not reported the robot's pause yet", Cure.REPORT))
         return tuple(found)
-    if grid.run and word.run and grid.run != word.run:
-        found.append(Objection(f"is from run {grid.run!r} of the node; run {word.run!r} has taken over since"))
+    if grid.run and report.run and grid.run != report.run:
+        found.append(Objection(f"is from run {grid.run!r} of the node; run {report.run!r} has taken over since"))
         return tuple(found)
     kind = "footprint" if grid.extent == "footprint" else "map"
-    newest = word.newest.get(kind)
+    newest = report.newest.get(kind)
     is_known = newest is not None and newest >= grid.sequence
-    is_another_walk = bool(word.epoch and grid.epoch and word.epoch != grid.epoch)
-    pauses = 0 if is_another_walk else max(s for s in (word.step, step, grid.step) if s is not None) - grid.step
+    is_another_walk = bool(report.epoch and grid.epoch and report.epoch != grid.epoch)
+    pauses = 0 if is_another_walk else max(s for s in (report.step, step, grid.step) if s is not None) - grid.step
     if is_another_walk:
         # A report that is older than the grid may not contain the grid's walk yet.
-        cure = Cure.NONE if is_known else Cure.WORD
-        found.append(Objection(f"is from walk {grid.epoch!r}; the robot is on walk {word.epoch!r}", cure))
+        cure = Cure.NONE if is_known else Cure.REPORT
+        found.append(Objection(f"is from walk {grid.epoch!r}; the robot is on walk {report.epoch!r}", cure))
     elif pauses > grid.valid_pauses:
         frame = "; a footprint grid is valid only during its own pause" if kind == "footprint" else ""
         found.append(Objection(f"is {pauses} pause{'s' * (pauses != 1)} old; allowed: {grid.valid_pauses}{frame}"))
-    if word.standing is None and (is_known or silence <= SILENT):
+    if report.standing is None and (is_known or silence <= SILENT):
         # No pauses are announced, so no announcement can have been missed.
         return tuple(found)
     if is_gone:
         found.append(Objection("is no longer confirmed: its node is gone", Cure.RETURN))
     elif silence > SILENT:
-        found.append(Objection(f"is no longer confirmed: its node {silent_for(silence)}", Cure.WORD))
-    elif not word.hears_gait:
-        found.append(Objection("is no longer confirmed: its node has lost the gait controller", Cure.WORD))
-    if grid.provisional and (pauses or word.standing is False):
+        found.append(Objection(f"is no longer confirmed: its node {silent_for(silence)}", Cure.REPORT))
+    elif not report.hears_gait:
+        found.append(Objection("is no longer confirmed: its node has lost the gait controller", Cure.REPORT))
+    if grid.provisional and (pauses or report.standing is False):
         found.append(Objection("was never confirmed, and its pause is over", Cure.GRID))
     if kind == "footprint" and newest is not None and newest > grid.sequence:
         found.append(Objection(f"was followed by sequence {newest}, which has not arrived", Cure.GRID))
@@ -181,7 +181,7 @@ class Evidence:
     """Evidence about one robot, from all runs of its node.
 
     Attributes:
-        word: last report of the current or last run; None before the first report.
+        last_report: last report of the current or last run; None before the first report.
         live: runs whose liveliness tokens exist.
     """
 
@@ -195,7 +195,7 @@ class Evidence:
         self._steps: Recent[str, int] = Recent(REMEMBERED)
         self.live: frozenset[str] = frozenset()
         self._seen: Recent[str, None] = Recent(REMEMBERED)
-        self.word: Word | None = None
+        self.last_report: NodeReport | None = None
 
     def tokens(self, live: frozenset[str]) -> None:
         """Record the runs whose liveliness tokens exist."""
@@ -204,8 +204,8 @@ class Evidence:
             for run in live:
                 self._seen[run] = None
             # Announcements may have been missed while the token was lost, so a new report of the node is needed.
-            if self.word is not None and self.word.run in lost:
-                self.word = replace(self.word, heard=-math.inf)
+            if self.last_report is not None and self.last_report.run in lost:
+                self.last_report = replace(self.last_report, heard=-math.inf)
 
     def report(self, status: Status, heard: float) -> str:
         """Record a status and return "", or return the reason to reject it.
@@ -214,15 +214,16 @@ class Evidence:
             status: received status.
             heard: latest possible time of the report [s].
         """
-        word = read_word(status, heard)
-        if word is None:
+        report = read_report(status, heard)
+        if report is None:
             return ""
         with self._lock:
-            refusal = self._refused_run(word.run)
-            if not word.run and self._run in self.live:
+            refusal = self._refused_run(report.run)
+            if not report.run and self._run in self.live:
                 refusal = f"it names no run, but run {self._run!r} is alive"
-            if not refusal and (self.word is None or self.word.run != word.run or self.word.clock <= word.clock):
-                self.word = word
+            last = self.last_report
+            if not refusal and (last is None or last.run != report.run or last.clock <= report.clock):
+                self.last_report = report
             return refusal
 
     def refusal(self, grid: Grid, extent: str, *, is_newest: bool = True) -> str:
@@ -250,11 +251,11 @@ class Evidence:
     def against(self, grid: Grid, *, age: float, limit: float, now: float, was_lost: bool) -> tuple[Objection, ...]:
         """List the objections to a grid; `was_lost` is True if the node was alive and has disappeared."""
         with self._lock:
-            word, step = self.word, self._steps.get(grid.epoch)
+            report, step = self.last_report, self._steps.get(grid.epoch)
         # A node has two liveliness tokens, and that of its run may disappear a moment after the other.
         is_gone = was_lost or (grid.run in self._seen and grid.run not in self.live)
-        silence = 0.0 if word is None else max(0.0, now - word.heard)
-        return objections(grid, word, step=step, age=age, limit=limit, silence=silence, is_gone=is_gone)
+        silence = 0.0 if report is None else max(0.0, now - report.heard)
+        return objections(grid, report, step=step, age=age, limit=limit, silence=silence, is_gone=is_gone)
 
     def _refused_run(self, run: str) -> str:
         # A sender without a run is an earlier version or another tool; its grids are only compared with the last

@@ -12,7 +12,7 @@ from typing import Any, TypedDict, cast
 
 from transport import clock
 from transport.exceptions import MessageError, ReceiveTimeout, ScannerGone, ScannerUnavailable, StaleTerrain
-from transport.grids.evidence import SILENT, Cure, Evidence, G, Objection, read_word, silent_for
+from transport.grids.evidence import SILENT, Cure, Evidence, G, Objection, read_report, silent_for
 from transport.grids.node_clock import NodeClock
 from transport.keys import PERCEPTION_VERSION, alive_key, alive_keys_of_all_versions, run_key, status_key
 from transport.links.liveliness import AliveWatcher, TokenWatcher, alive_keys
@@ -99,20 +99,20 @@ class GridJudge:
         Raises:
             MessageError: the newest status is damaged.
         """
-        received, word = self._status.latest(), self._evidence.word
-        if word is None:
+        received, report = self._status.latest(), self._evidence.last_report
+        if report is None:
             return None if received is None else received.message
-        silence = clock.now() - word.heard
+        silence = clock.now() - report.heard
         if silence <= SILENT:
-            return word.status
+            return report.status
         text = f"the node {silent_for(silence)}; its last report may be outdated"
         item = StatusItem(name="node", level=Health.STALE, message=text)
-        return replace(word.status, items=(*word.status.items, item))
+        return replace(report.status, items=(*report.status.items, item))
 
     def _report(self, status: Status) -> str:
-        word = read_word(status, clock.now())
+        report = read_report(status, clock.now())
         # A status may have waited in a queue, so its report may be older than its arrival.
-        heard = clock.now() if word is None else min(word.heard, self.clock.latest(word.run, word.clock))
+        heard = clock.now() if report is None else min(report.heard, self.clock.latest(report.run, report.clock))
         return self._evidence.report(status, heard)
 
     def age(self, received: Received[G]) -> float:
@@ -164,7 +164,7 @@ class GridJudge:
             left = deadline - clock.now()
             if cure <= Cure.RETURN or left <= 0.0 or is_superseded():
                 break
-            if cure is not Cure.WORD or not self.clock.ask(min(left, ANSWER)):
+            if cure is not Cure.REPORT or not self.clock.ask(min(left, ANSWER)):
                 time.sleep(min(left, POLL))
         reasons = tuple(f"the {grid.extent} grid of step {grid.step} {objection.text}" for objection in found)
         refused = [] if terms.allow_stale else [objection.text for objection in found]
@@ -238,8 +238,8 @@ class GridJudge:
         """Query the node. If the robot's pause has ended, wait up to `timeout` [s] for the next pause to begin."""
         deadline = clock.now() + timeout
         while self.node.is_alive and self.clock.ask(timeout):
-            word = self._evidence.word
-            if word is None or word.standing is not False or clock.now() > deadline:
+            report = self._evidence.last_report
+            if report is None or report.standing is not False or clock.now() > deadline:
                 return
             time.sleep(POLL)
 

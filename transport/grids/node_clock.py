@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from transport import clock
-from transport.grids.evidence import read_word
+from transport.grids.evidence import read_report
 from transport.keys import status_key
 from transport.links.recent import Recent
 from transport.links.session import Session
@@ -86,13 +86,13 @@ class NodeClock(RemoteClock):
         if self._report(status, asked):
             # The reply is from a run that has ended or from another node.
             return False
-        word = read_word(status, asked)
-        if word is None or not (word.run and word.clock):
+        report = read_report(status, asked)
+        if report is None or not (report.run and report.clock):
             return True
-        bound = ClockBound(word.clock, asked, answered)
+        bound = ClockBound(report.clock, asked, answered)
         with self._lock:
-            before = self._bounds.get(word.run)
-            self._bounds[word.run] = bound if before is None else before.after(bound)
+            before = self._bounds.get(report.run)
+            self._bounds[report.run] = bound if before is None else before.after(bound)
         self._compare_wall_clocks(status.stamp, wall, answered - asked)
         return True
 

@@ -29,12 +29,12 @@ from transport.security.folder import (
 )
 from transport.security.members import (
     Members,
+    add_folder,
     common_name,
     edit_configuration,
     open_authority,
     open_members,
     replace_file,
-    take_in,
 )
 
 # Remaining validity at or below which a certificate causes a warning [days].
@@ -119,9 +119,9 @@ def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
         OSError: a key or certificate cannot be written.
     """
     authority, members = open_authority(folder), open_members(folder)
-    gone = members.shut_out
+    gone = members.revoked_names
     chosen = dict(members.find(name) for name in names) or {
-        name: member for name, member in members.everybody.items() if name not in gone
+        name: member for name, member in members.folders.items() if name not in gone
     }
     for name in chosen:
         if name in gone:
@@ -165,7 +165,7 @@ def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = ()) ->
     target = members.root / check_robot(robot)
     check_free(members, robot, target)
     write = partial(write_roles, authority=authority, robot=robot, hosts=hosts, listen=DEFAULT_LISTEN)
-    return take_in(target, write, lambda: open_members(folder))
+    return add_folder(target, write, lambda: open_members(folder))
 
 
 def check_free(members: Members, name: str, member: Path) -> None:
@@ -216,7 +216,7 @@ def add(folder: str | Path, name: str, role: str) -> Path:
     for ending in ("key", "pem"):
         text = text.replace(f'"{role}.{ending}"', f'"{own_name}.{ending}"')
     larger = members.with_robot(robot, dataclasses.replace(own, added={**own.added, own_name: role}))
-    return take_in(target, lambda member: write_member(member, authority, full, [full], text), lambda: larger)
+    return add_folder(target, lambda member: write_member(member, authority, full, [full], text), lambda: larger)
 
 
 def _split(members: Members, name: str) -> tuple[str, str]:
@@ -239,7 +239,7 @@ def _add_fleet_member(members: Members, authority: Credentials, name: str) -> Pa
     configuration = client_configuration(DEFAULT_ENDPOINT.replace("tcp/127.0.0.1", "tls/localhost"))
     configuration["transport"]["link"] |= tls_links(name, listens=False)
     text, larger = json_text(configuration), dataclasses.replace(members, fleet=(*members.fleet, name))
-    return take_in(target, lambda member: write_member(member, authority, full, [full], text), lambda: larger)
+    return add_folder(target, lambda member: write_member(member, authority, full, [full], text), lambda: larger)
 
 
 def _check_length(full: str) -> None:
@@ -265,7 +265,7 @@ def revoke(folder: str | Path, name: str) -> tuple[Path, ...]:
         raise SecurityError(
             "the node cannot be revoked; if its key is no longer secret, make a new folder with `guara security init`"
         )
-    if full in members.shut_out:
+    if full in members.revoked_names:
         return ()
     for robot, own in members.robots.items():
         if member.parent == own.folder and member.name in own.names:

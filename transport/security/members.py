@@ -77,7 +77,7 @@ class Members:
     revoked: tuple[str, ...] = ()
 
     @property
-    def everybody(self) -> dict[str, Path]:
+    def folders(self) -> dict[str, Path]:
         """Folder of each member by its name in commands. With a single robot, names have no prefix `<robot>.`."""
         found = {
             (name if len(self.robots) == 1 else f"{robot}.{name}"): own.folder / name
@@ -88,11 +88,11 @@ class Members:
         return found | {f"{name}.{FLEET}": self.root / name for name in self.fleet}
 
     @property
-    def shut_out(self) -> frozenset[str]:
-        """Names of the revoked members, as in `everybody`."""
+    def revoked_names(self) -> frozenset[str]:
+        """Names of the revoked members, as in `folders`."""
         gone = {own.folder / name for own in self.robots.values() for name in own.revoked}
         gone |= {self.root / name for name in self.revoked}
-        return frozenset(name for name, folder in self.everybody.items() if folder in gone)
+        return frozenset(name for name, folder in self.folders.items() if folder in gone)
 
     def find(self, name: str) -> tuple[str, Path]:
         """Return full name and folder of a member.
@@ -103,12 +103,12 @@ class Members:
         Raises:
             SecurityError: there is no such member.
         """
-        everybody = self.everybody
+        folders = self.folders
         robots = "" if len(self.robots) != 1 else next(iter(self.robots))
         for candidate in (name, name.removeprefix(f"{robots}."), f"{name}.{ROUTER}", f"{name}.{FLEET}"):
-            if candidate in everybody:
-                return candidate, everybody[candidate]
-        raise SecurityError(f"{self.root} has no member {name!r}; members: {', '.join(everybody)}")
+            if candidate in folders:
+                return candidate, folders[candidate]
+        raise SecurityError(f"{self.root} has no member {name!r}; members: {', '.join(folders)}")
 
     def names_of(self, robot: str) -> dict[str, list[str]]:
         """Return the common names of a robot's members by role, without revoked members."""
@@ -220,7 +220,7 @@ def open_members(folder: str | Path) -> Members:
         return Members(root, members, routers, tuple(found.get("fleet", [])), tuple(found.get("revoked", [])))
 
 
-def take_in(folder: Path, write: Callable[[Path], None], larger: Callable[[], Members]) -> Path:
+def add_folder(folder: Path, write: Callable[[Path], None], larger: Callable[[], Members]) -> Path:
     """Create the folder of a new member or robot with `write`, then save the members returned by `larger`.
 
     If saving fails, the folder is removed.

@@ -22,7 +22,7 @@ from transport.security.folder import (
     tls_links,
     write_member,
 )
-from transport.security.members import Members, Router, open_authority, open_members, take_in
+from transport.security.members import Members, Router, add_folder, open_authority, open_members
 
 
 def make_router(
@@ -93,7 +93,7 @@ def make_router(
     def write(made: Path) -> None:
         write_member(made, authority, f"{name}.{ROUTER}", own_hosts(hosts), json_text(configuration))
 
-    return take_in(target, write, lambda: larger)
+    return add_folder(target, write, lambda: larger)
 
 
 def _check(members: Members, name: str, robots: Sequence[str], uplink: str, *, summary_only: bool) -> None:
