@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 from transport.exceptions import ConfigurationError
@@ -79,10 +80,9 @@ def is_local(endpoint: str) -> bool:
     host = address.split("?")[0].rpartition(":")[0].strip("[]")
     if host == "localhost":
         return True
-    try:
+    with suppress(ValueError):
         return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
+    return False
 
 
 def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:

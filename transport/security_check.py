@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -75,11 +75,9 @@ def _listen(session: Session, key: str, *, latched: bool = False) -> NewestRecei
 
 
 def _hears(receiver: NewestReceiver[str], text: str, timeout: float) -> bool:
-    try:
-        receiver.wait_for(lambda heard: heard == text, timeout)
-    except ReceiveTimeout:
-        return False
-    return True
+    with suppress(ReceiveTimeout):
+        return bool(receiver.wait_for(lambda heard: heard == text, timeout))
+    return False
 
 
 def _serve(session: Session, key: str, reply: bytes) -> Answerer:
@@ -238,8 +236,7 @@ def _open_role(folder: Path | None, known: Path, endpoint: str) -> Iterator[Sess
     try:
         if folder is None:
             configuration = client_configuration(endpoint, shared_memory=False)
-            tls = {"root_ca_certificate": str(known / "ca.pem")}
-            configuration["transport"]["link"]["tls"] = tls
+            configuration["transport"]["link"]["tls"] = {"root_ca_certificate": str(known / "ca.pem")}
             session = connect_with(configuration, (endpoint,), 0.0)
         else:
             text = load_configuration(folder, connect=endpoint, shared_memory=False, local=True)

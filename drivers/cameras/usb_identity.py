@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 VIDEO_DEVICES = Path("/sys/class/video4linux")
@@ -25,8 +26,6 @@ def usb_identity(path: str) -> str:
 
 
 def _text(path: Path) -> str:
-    try:
-        said = path.read_text(encoding="utf-8", errors="replace").strip()
-    except OSError:
-        return ""
-    return "".join(filter(str.isprintable, said))
+    with suppress(OSError):
+        return "".join(filter(str.isprintable, path.read_text(encoding="utf-8", errors="replace").strip()))
+    return ""

@@ -16,7 +16,7 @@ import usb.core
 
 from drivers.emulator import descriptors
 from drivers.emulator.board import EmulatedBoard
-from drivers.emulator.bus import CLEAR_FEATURE, SET_CONFIGURATION, TO_DEVICE, TO_ENDPOINT, Bus, BusError, LocalBus
+from drivers.emulator.bus import CLEAR_FEATURE, SET_CONFIGURATION, TO_DEVICE, TO_ENDPOINT, Bus, BusError
 
 _T = TypeVar("_T")
 _P = ParamSpec("_P")
@@ -136,7 +136,7 @@ class EmulatedBackend(usb.backend.IBackend):
 
 def emulated_backend(*boards: EmulatedBoard) -> EmulatedBackend:
     """Make a pyusb backend with the given emulated boards plugged in."""
-    return EmulatedBackend(*(LocalBus(board) for board in boards))
+    return EmulatedBackend(*(Bus(board) for board in boards))
 
 
 def _fill(buffer: array[int], answer: bytes) -> int:

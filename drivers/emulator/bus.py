@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import threading
-from typing import Protocol
 
 from drivers import timing
 from drivers.board.protocol import REPORT_ENDPOINT, REQUEST_IN, REQUESTS, Request, join_argument
@@ -23,33 +22,11 @@ class BusError(OSError):
     """Failed operation on the bus, with the `errno` of the corresponding pyusb error."""
 
 
-class Bus(Protocol):
-    """Interface of a bus with one board, in this process or another one, as used by the pyusb backend."""
+class Bus:
+    """Bus with a board in this process, as used by the pyusb backend; thread-safe.
 
-    def present(self) -> bool:
-        """Return True while the board is plugged in."""
-
-    def open(self) -> None:
-        """Open the device; BusError if this fails."""
-
-    def claim(self) -> None:
-        """Claim the interface of the device; BusError if this fails."""
-
-    def release(self) -> None:
-        """Release the interface of the device."""
-
-    def control(self, request_type: int, request: int, value: int, index: int, length: int, timeout: float) -> bytes:
-        """Make a control transfer with data to the host; BusError if it fails. `timeout` is in [s]."""
-
-    def command(self, request_type: int, request: int, value: int, index: int, timeout: float) -> None:
-        """Make a control transfer without a data stage; BusError if it fails. `timeout` is in [s]."""
-
-    def interrupt(self, length: int, timeout: float) -> bytes:
-        """Read the interrupt endpoint; BusError if this fails. `timeout` is in [s]."""
-
-
-class LocalBus:
-    """Bus with a board in this process; thread-safe."""
+    Buses with another board override all methods. A method raises BusError if the operation fails. Timeouts are in [s].
+    """
 
     def __init__(self, board: EmulatedBoard) -> None:
         """Plug `board` into the bus."""

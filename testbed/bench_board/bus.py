@@ -8,7 +8,7 @@ import random
 from drivers import timing
 from drivers.board.protocol import Request
 from drivers.emulator.backend import EmulatedBackend
-from drivers.emulator.bus import BusError, LocalBus
+from drivers.emulator.bus import Bus, BusError
 from testbed.bench_board.board import BenchBoard
 from testbed.bench_board.faults import Fault, FaultKind
 
@@ -16,7 +16,7 @@ BEFORE = (FaultKind.UNPLUG, FaultKind.STALL, FaultKind.TIMEOUT)
 AFTER = (FaultKind.UNPLUG_AFTER, FaultKind.TIMEOUT_AFTER, FaultKind.SHORT_READ, FaultKind.GARBAGE)
 
 
-class FaultyBus(LocalBus):
+class FaultyBus(Bus):
     """Bus in this process, with the faults of its board's plan; thread-safe."""
 
     _board: BenchBoard

@@ -7,7 +7,7 @@ import threading
 from typing import Any
 
 from drivers import timing
-from drivers.emulator.bus import BusError
+from drivers.emulator.bus import Bus, BusError
 from drivers.emulator.views import ExposureView
 from testbed.bench_board.shutter import Opening
 from testbed.chip.chip import Chip
@@ -16,8 +16,8 @@ BOOT_TIME = 1.0  # s in which the firmware must have been enumerated
 SLICE = 0.001  # s for which another thread may have to wait
 
 
-class ChipBus:
-    """`drivers.emulator.bus.Bus` over a chip in emulated time; thread-safe. A transfer takes emulated time only."""
+class ChipBus(Bus):
+    """Bus with a chip in emulated time; thread-safe. A transfer takes emulated time only."""
 
     def __init__(self, chip: Chip) -> None:
         """Wait until the chip is enumerated.

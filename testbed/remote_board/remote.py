@@ -7,7 +7,7 @@ import threading
 from typing import Any
 
 from drivers.emulator.backend import EmulatedBackend
-from drivers.emulator.bus import BusError
+from drivers.emulator.bus import Bus, BusError
 from drivers.emulator.light import Switching
 from drivers.emulator.views import ExposureView
 from testbed.bench_board import BoardView
@@ -48,7 +48,7 @@ class _Line:
         self._channel.close()
 
 
-class RemoteBus:
+class RemoteBus(Bus):
     """The bus of an emulator process. Control and interrupt transfers have a line each, as they have a pipe each."""
 
     def __init__(self, address: str) -> None:

@@ -19,6 +19,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from transport import zenoh_api
@@ -199,10 +200,9 @@ class LastMessage:
 
 
 def _whole(text: str | None, default: int) -> int:
-    try:
+    with suppress(ValueError):
         return int(text or default)
-    except ValueError:
-        return default
+    return default
 
 
 def _is_within(number: int, span: str | None) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -66,18 +67,16 @@ class Status:
 
 def whole_number(text: str) -> int | None:
     """Convert a value of a status to an integer; None if it is not an integer."""
-    try:
+    with suppress(ValueError):
         return int(text)
-    except ValueError:
-        return None
+    return None
 
 
 def number(text: str) -> float:
     """Convert a value of a status to a float; NaN if it is not a number."""
-    try:
+    with suppress(ValueError):
         return float(text)
-    except ValueError:
-        return math.nan
+    return math.nan
 
 
 def encode_status(status: Status) -> bytearray:
