@@ -140,21 +140,19 @@ class TerrainMap:
         transform, since_last, walk = checked.transform, checked.since_last, state.walk
         walk.check_kind(state.scans, is_registered=since_last is not None, step=terrain.step)
         view: GroundView | str | None = None
-        if since_last is not None and (picture is not None or state.texture is not None):
-            view = view_of(picture or "no laser-off picture was given", terrain)
         if since_last is not None:
-            slip_share = self._robot.odometry_limits.slip_share
-            rise, noise = state.anchor.offset, checked.noise
+            if picture is not None or state.texture is not None:
+                view = view_of(picture or "no laser-off picture was given", terrain)
             walk = walk.after(
                 self._cells,
                 terrain,
                 transform,
-                rise,
+                state.anchor.offset,
                 since_last,
-                noise,
+                checked.noise,
                 tilt,
                 state.seen,
-                slip_share,
+                self._robot.odometry_limits.slip_share,
                 view,
                 state.texture,
             )

@@ -168,10 +168,10 @@ class WalkCorrection:
         since_last: Float,
         noise: Float,
         tilt: Float,
-        before_this: SeenGround | None = None,
-        slip_share: float = 0.0,
-        view: GroundView | str | None = None,
-        texture: SeenTexture | None = None,
+        before_this: SeenGround | None,
+        slip_share: float,
+        view: GroundView | str | None,
+        texture: SeenTexture | None,
     ) -> WalkCorrection:
         """Predict the drift at the next pause, and update it with the image and the registered scan of that pause.
 
