@@ -2,7 +2,7 @@
 
 `python -m benchmarks light effects [--strengths 0.5 1] [--effects NAME ...]`: a scene of boxes, a
 pit and a dark patch, rendered with each effect alone and with all together (at a third of each). A strength of 1 is
-what photographs of laser lines show (`guara_perception.simulation.real_light`); with and without laser-off pictures.
+what photographs of laser lines show (`guara_perception.simulation.light`); with and without laser-off pictures.
 It takes 75 s of processor time. `light cost` times extraction beside a plain OpenCV loop, `light scans` whole scans, by
 their parts; `light twins` and `light mosaics` take no arguments.
 """

@@ -11,7 +11,7 @@ from numpy.polynomial import chebyshev
 
 from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import CameraModel
-from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder
+from guara_perception.ranging.paper import Literal, PaperRangefinder
 from guara_perception.stripes.kernel.library import address, addresses, kernel
 from kinematics.arrays import read_only
 

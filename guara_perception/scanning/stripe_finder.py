@@ -9,7 +9,7 @@ import numpy as np
 
 from guara_perception.arrays import Image
 from guara_perception.exceptions import InvalidInput
-from guara_perception.ranging.paper.rangefinder import Literal
+from guara_perception.ranging.paper import Literal
 from guara_perception.stripes.band import (
     Band,
     FramePair,

@@ -6,10 +6,10 @@ It imports `calibration`, `ranging`, `terrain`, `kinematics` and `drivers`; `app
 
 from __future__ import annotations
 
+from guara_perception.simulation.light import EFFECTS as EFFECTS
 from guara_perception.simulation.light import Light as Light
+from guara_perception.simulation.light import real_light as real_light
 from guara_perception.simulation.rangefinder import SimulatedRangefinder as SimulatedRangefinder
-from guara_perception.simulation.real_light import EFFECTS as EFFECTS
-from guara_perception.simulation.real_light import real_light as real_light
 from guara_perception.simulation.specimen import specimen as specimen
 from guara_perception.simulation.world import World as World
 from guara_perception.simulation.world import load_world as load_world

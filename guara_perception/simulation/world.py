@@ -15,8 +15,7 @@ import numpy.typing as npt
 from guara_perception.arrays import Codes, Float
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.simulation.features import KINDS, AnyFeature, Step, check_seed, material_index
-from guara_perception.simulation.light import Light
-from guara_perception.simulation.real_light import real_light
+from guara_perception.simulation.light import Light, real_light
 from kinematics.untrusted import LARGEST_FILE, key_lines, parse_toml, table_name
 
 # Number of waves that make up the undulation, and range of their lengths.

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.ranging.locate import TOLERANCE_PX, Locator, Triangulator, locator
-from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder, radial_coefficient
+from guara_perception.ranging.paper import Literal, PaperRangefinder, radial_coefficient
 from guara_perception.ranging.scan_geometry import laser_origin
 from tests.thorough import examples
 

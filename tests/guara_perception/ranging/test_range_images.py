@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.arrays import Float
-from guara_perception.ranging.paper.equations import ortho_u, ortho_v
+from guara_perception.ranging.paper import ortho_u, ortho_v
 from guara_perception.ranging.range_images import (
     COLUMNS,
     LARGEST_STRETCH,
