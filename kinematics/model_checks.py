@@ -37,9 +37,7 @@ def check_names(config: RobotToml, urdf: Urdf, findings: Findings) -> None:
         "frames.laser": config.laser_frame,
         "frames.imu": config.imu_frame or "",
     }
-    for leg in config.legs:
-        frames[f"legs.{leg.name}.hip"] = leg.hip
-        frames[f"legs.{leg.name}.sole"] = leg.sole
+    frames |= {f"legs.{leg.name}.{end}": getattr(leg, end) for leg in config.legs for end in ("hip", "sole")}
     for key, frame in frames.items():
         if frame and frame not in links:
             findings.wrong(

@@ -183,10 +183,8 @@ class _Reader:
             return None
         known = [child for child in geometry if child.tag in READ["geometry"]]
         if len(known) != 1:
-            count = len(known)
-            self.findings.wrong(
-                f"{where}: <geometry> of <collision> holds {count} shapes; exactly one is needed", geometry.line
-            )
+            held = f"<geometry> of <collision> holds {len(known)} shapes"
+            self.findings.wrong(f"{where}: {held}; exactly one is needed", geometry.line)
             return None
         shape, transform = known[0], self._origin(collision, where)
         assert isinstance(shape, Element)

@@ -292,9 +292,7 @@ def checked_positions(tree: KinematicTree, joint_positions: Mapping[str, float] 
             has the wrong length.
     """
     names = tree.joint_names
-    values = joint_positions
-    if isinstance(joint_positions, Mapping):
-        values = in_order(joint_positions, names, "position")
+    values = in_order(joint_positions, names, "position") if isinstance(joint_positions, Mapping) else joint_positions
     try:
         positions = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):

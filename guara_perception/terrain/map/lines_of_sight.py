@@ -70,8 +70,7 @@ class LinesOfSight:
     def of(terrain: TerrainGrid, now: MapPause, robot: RobotModel) -> LinesOfSight | None:
         """Lines of sight of a scan that was fused into the map; None if its record lacks the pose of camera or body."""
         record = terrain.scan_record
-        for name in ("transform_camera_to_base", "transform_base_to_footprint", "laser_origin"):
-            record.check(name)
+        record.check("transform_camera_to_base", "transform_base_to_footprint", "laser_origin")
         camera, to_footprint = record.transform_camera_to_base, record.transform_base_to_footprint
         if camera is None or to_footprint is None:
             return None

@@ -8,7 +8,7 @@ the gate.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -50,10 +50,6 @@ class FootMeasurement:
     aside: float
     slot: Index
     distance: Float
-
-    def raised(self, rise: float) -> FootMeasurement:
-        """Same foot, `rise` higher [m]."""
-        return replace(self, centre=self.centre + (0.0, 0.0, rise))
 
 
 def support_feet(

@@ -205,7 +205,7 @@ class TerrainMap:
                 walk = replace(walk, off_texture=walk.noise, off_way=np.zeros(2), begun=walk.slip)
         for foot in feet:
             if foot.leg not in gave_way:
-                fill_under_foot(self._cells, foot.raised(correction), now)
+                fill_under_foot(self._cells, replace(foot, centre=foot.centre + (0.0, 0.0, correction)), now)
         # The record also contains earlier patches as long as cells that they filled may be valid.
         oldest = terrain.step - settings.validity_pauses
         ground = [patch for patch in state.ground if patch["cells"] and patch["step"] >= oldest]
