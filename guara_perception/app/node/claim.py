@@ -206,10 +206,6 @@ class Claim:
         aside, turn = float(np.linalg.norm(seen.motion[:2])), abs(float(seen.motion[2]))
         if aside > MOST_ASIDE_M or turn > MOST_TURN_RAD:
             return f"the first image is {1e3 * aside:.0f} mm and {np.degrees(turn):.1f} degrees off its odometry pose"
-        return self._contradicted(terrain, pose, time)
-
-    def _contradicted(self, terrain: TerrainGrid, pose: OdometryPose, time: float) -> str:
-        """Reason why the heights of a scan do not fit the map; empty if they fit."""
         view = self.map.view(terrain, pose, time=time)
         known = np.isfinite(terrain.elevation)
         x, y = (axis[known] for axis in np.meshgrid(*terrain.geometry.centres()))

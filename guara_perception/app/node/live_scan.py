@@ -73,13 +73,31 @@ def live_scan(
     failed = False
     worked_ahead = False
     instants: dict[int, float] = {}
+
+    def take(group: Sequence[StripeCapture]) -> None:
+        pairs = []
+        for capture in group:
+            light.look(capture, processor.band(capture.index))
+            if capture.on is None or not capture.verdict.in_step:
+                processor.mark_bad(capture.index, f"frame {capture.verdict.value}")
+                if capture.dark is not None:
+                    processor.add_dark(capture.index, capture.dark, off=capture.off)
+            else:
+                instant = (math.nan, 0.0) if flash is None else flash(capture.on_stamp)
+                pairs.append(FramePair(capture.index, capture.on, capture.off, capture.dark, *instant))
+        if pairs:
+            processor.add_all(pairs)
+        if on_stripe is not None:
+            for capture in group:
+                on_stripe(capture)
+
     stripes = rangefinder.sweep(firing_order, processor.band, should_stop)
     processor.expect_dark(stripes.dark_after)
     try:
         with stripes:
             for group in stripes.groups():
                 instants.update({capture.index: _instant(capture, rangefinder) for capture in group})
-                _take(group, processor, light, on_stripe, flash)
+                take(group)
                 # Otherwise the frames of this group would stay in memory until the next group is complete.
                 del group
                 if 0 < len(firing_order) - len(instants) <= STRIPES_AFTER and not worked_ahead:
@@ -111,27 +129,3 @@ def _instant(capture: StripeCapture, rangefinder: Rangefinder) -> float:
     if not stamps or rangefinder.clock is not None:
         return clock.now()
     return clock.now() - max(0.0, timing.monotonic() - max(stamps))
-
-
-def _take(
-    group: Sequence[StripeCapture],
-    processor: ScanProcessor,
-    light: LightCheck,
-    on_stripe: Callable[[StripeCapture], None] | None,
-    flash: Callable[[float], tuple[float, float]] | None,
-) -> None:
-    pairs = []
-    for capture in group:
-        light.look(capture, processor.band(capture.index))
-        if capture.on is None or not capture.verdict.in_step:
-            processor.mark_bad(capture.index, f"frame {capture.verdict.value}")
-            if capture.dark is not None:
-                processor.add_dark(capture.index, capture.dark, off=capture.off)
-        else:
-            instant = (math.nan, 0.0) if flash is None else flash(capture.on_stamp)
-            pairs.append(FramePair(capture.index, capture.on, capture.off, capture.dark, *instant))
-    if pairs:
-        processor.add_all(pairs)
-    if on_stripe is not None:
-        for capture in group:
-            on_stripe(capture)

@@ -196,23 +196,14 @@ class PerceptionNode:
             current.end(None)
         if phase is not PausePhase.BEGIN or stance is None:
             return None
-        stream = self._stream.begin(
-            lambda: PauseStream(
-                self._robot,
-                stance,
-                stamp,
-                self._gait_clock,
-                epoch=announcement.epoch,
-                transform_camera_to_base=self._camera,
-            ),
-            announcement.epoch,
-        )
+        parts, epoch, camera = (self._robot, stance, stamp, self._gait_clock), announcement.epoch, self._camera
+        stream = self._stream.begin(lambda: PauseStream(*parts, epoch=epoch, transform_camera_to_base=camera), epoch)
         self._pause = self._to_scan = Pause(
             step=step,
             epoch=self._walks.epoch_of(announcement, self._pause),
-            given_epoch=announcement.epoch,
+            given_epoch=epoch,
             stance=stance,
-            stillness=Stillness(self._robot, stance, 0.0, transform_camera_to_base=self._camera),
+            stillness=Stillness(self._robot, stance, 0.0, transform_camera_to_base=camera),
             earliest=self._gait_clock.earliest,
             limits=self._robot.pause_limits,
             begun=now,

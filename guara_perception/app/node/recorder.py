@@ -308,7 +308,7 @@ class ScanRecording:
         self._is_open = False
         self._offs: tuple[Image, FrameReference] | None = None
         self._stripes: list[StripeRecord] = []
-        self._post(0, self._begin)
+        self._post(self._begin)
 
     def add(self, capture: StripeCapture, flash: FlashRecord | None = None) -> None:
         """Record one stripe without blocking. A laser-off frame shared by several stripes is written once.
@@ -333,7 +333,7 @@ class ScanRecording:
         )
         if not self._recorder.post(size, lambda: self._guarded(lambda: self._add(bare, on, off, dark))):
             self._is_full = True
-            self._post(0, lambda: self._fail("the disk is too slow: frames were left out"))
+            self._post(lambda: self._fail("the disk is too slow: frames were left out"))
 
     def extend(self, mode: str | None) -> None:
         """Continue with the intermediate stripes of the sweep.
@@ -345,13 +345,13 @@ class ScanRecording:
         if mode is None:
             self._is_full = True
         else:
-            self._post(0, lambda: self._begin_again(mode))
+            self._post(lambda: self._begin_again(mode))
 
     def restart(self) -> None:
         """Record another sweep of this pause as a separate scan, without the stripes recorded so far."""
         self._is_full = False
-        self._post(0, lambda: self._stripes.clear())
-        self._post(0, lambda: self._begin_again(self._record.mode))
+        self._post(self._stripes.clear)
+        self._post(lambda: self._begin_again(self._record.mode))
 
     def finish(self, terrains: tuple[TerrainMessage, ...] = (), stance_end: Stance | None = None) -> None:
         """End the scan and add its grids (none if it failed) without blocking; the recorder's status reports errors."""
@@ -359,8 +359,8 @@ class ScanRecording:
         now = time.time_ns()
         self._recorder.post(0, lambda: self._finish(terrains, end, now))
 
-    def _post(self, size: int, action: Callable[[], None]) -> None:
-        self._recorder.post(size, lambda: self._guarded(action))
+    def _post(self, action: Callable[[], None]) -> None:
+        self._recorder.post(0, lambda: self._guarded(action))
 
     def _shared(self, image: Image | None) -> tuple[Image | None, int]:
         """Copy of a laser-off frame, one for all its stripes, and the number of bytes newly allocated."""

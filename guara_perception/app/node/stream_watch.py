@@ -38,7 +38,7 @@ class StreamWatch:
         self._heard = -np.inf
         self._arrivals: deque[tuple[float, StanceStream]] = deque()
         self._pause: PauseStream | None = None
-        self._gaps = self._lost = self._flooded = self._refused = 0
+        self._counts = {"gaps": 0, "lost_batches": 0, "flooded": 0, "refused": 0}
         self._trouble = (-np.inf, "")
 
     def add(self, batch: StanceStream) -> bool:
@@ -51,7 +51,7 @@ class StreamWatch:
         problem = self._problem(batch)
         with self._lock:
             if problem:
-                self._refused += 1
+                self._counts["refused"] += 1
                 self._trouble = now, problem
                 return False
             self._heard = now
@@ -59,11 +59,9 @@ class StreamWatch:
             while self._arrivals[0][0] < now - RATE_TIME:
                 self._arrivals.popleft()
             if self._rate() > RATE_SLACK * HIGHEST_RATE:
-                self._flooded += 1
-                self._trouble = (
-                    now,
-                    f"more than {HIGHEST_RATE:g} samples a second: batches are dropped. Sample less often",
-                )
+                self._counts["flooded"] += 1
+                problem = f"more than {HIGHEST_RATE:g} samples a second: batches are dropped. Sample less often"
+                self._trouble = now, problem
                 self._arrivals.pop()
                 return False
             self._follow(batch, now)
@@ -101,7 +99,7 @@ class StreamWatch:
     def refuse(self, error: TransportError) -> None:
         """Count a batch that cannot be decoded."""
         with self._lock:
-            self._refused += 1
+            self._counts["refused"] += 1
             self._trouble = clock.now(), str(error)
 
     def item(self) -> StatusItem:
@@ -113,13 +111,7 @@ class StreamWatch:
         now = clock.now()
         with self._lock:
             rate = 0.0 if now - self._heard > RATE_TIME else self._rate()
-            values = {
-                "rate": f"{rate:.0f}",
-                "gaps": str(self._gaps),
-                "lost_batches": str(self._lost),
-                "flooded": str(self._flooded),
-                "refused": str(self._refused),
-            }
+            values = {"rate": f"{rate:.0f}", **{name: str(count) for name, count in self._counts.items()}}
             since, trouble = self._trouble
             silence = now - self._heard
         if now - since > FORGOTTEN:
@@ -164,9 +156,9 @@ class StreamWatch:
             return
         lost, pause = batch.sequence - last.sequence - 1, (batch.stamp - int(last.stamps[-1])) * 1e-9
         longest = max(pause, float(np.diff(np.asarray(batch.times)).max(initial=0.0)))
-        self._lost += lost
+        self._counts["lost_batches"] += lost
         if longest > LONGEST_GAP or pause <= 0.0 or lost:
-            self._gaps += 1
+            self._counts["gaps"] += 1
             what = (
                 f"{lost} batch{'es were' if lost > 1 else ' was'} lost" if lost else f"{longest:.2f} s without a sample"
             )

@@ -105,15 +105,9 @@ class WalkMap:
             # A requested scan of the same pause: its ground was already fused with the first scan.
             return state.last
         refused, standing = "", None
-        if (state.step is None or state.is_beside) and self._journal is not None and self._journal.claims:
-            refused, standing = self._go_on(
-                self._journal,
-                (epoch, step, standing_pauses),
-                stance,
-                terrain,
-                terrain.stamp * 1e-9 if time is None else time,
-                picture,
-            )
+        if state.step is None or state.is_beside:
+            at = terrain.stamp * 1e-9 if time is None else time
+            refused, standing = self._go_on((epoch, step, standing_pauses), stance, terrain, at, picture)
         state = self._state
         if state.step is not None and epoch != state.epoch:
             self._restart(f"walk {epoch!r} came after walk {state.epoch!r}")
@@ -201,7 +195,6 @@ class WalkMap:
 
     def _go_on(
         self,
-        journal: Journal,
         pause: tuple[str, int, Mapping[str, int]],
         stance: Stance,
         terrain: TerrainGrid,
@@ -211,15 +204,16 @@ class WalkMap:
         """Continue from the newest claim of this walk before a pause, if the scan of the pause fits.
 
         Args:
-            journal: the journal with the claims.
             pause: epoch, step and standing_pauses, as in `update`.
             stance, terrain, time, picture: as in `update`.
 
         Returns:
-            Reason why a new walk begins, empty if the claimed walk continues; and the feet that have stood since the
-            claim, None if a new walk begins.
+            Reason why a new walk begins, empty if the claimed walk continues or there is no claim; and the feet that
+            have stood since the claim, None if a new walk begins.
         """
-        epoch, step, standing_pauses = pause
+        journal, (epoch, step, standing_pauses) = self._journal, pause
+        if journal is None or not journal.claims:
+            return "", None
         may_fit_later = False
         claim = next((each for each in journal.claims if (each.epoch, each.step < step) == (epoch, True)), None)
         if claim is None:
