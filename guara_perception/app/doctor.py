@@ -13,11 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from drivers import DriverError, LaserBoard
+from drivers import AravisCamera, DriverError, LaserBoard, OpenCvCamera
 from drivers.board.board_session import SWEEPS_SINCE
 from drivers.board.usb_link import default_backend
+from drivers.cameras.aravis_library import AravisDevice, find_aravis_cameras, trigger_lines
 from drivers.cameras.camera import evidence_of
-from guara_perception.app.devices_file import Devices
+from drivers.errors import CameraBackendMissing
+from guara_perception.app.devices_file import ARAVIS, Devices
 from guara_perception.app.files.open_scan import open_scan
 from guara_perception.calibration.calibration import Calibration, check_identity
 from guara_perception.calibration.drift import DRIFTING, HOLDS
@@ -42,6 +44,8 @@ NO_FLOOR = (
 # Time to extract a stripe of 1280x1024 px above which a warning is given [s]: just under half the frame interval at 30
 # frames per second.
 STRIPE_SECONDS = 0.015
+# Folder in which the kernel lists video devices.
+VIDEO_CLASS = Path("/sys/class/video4linux")
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,13 +158,58 @@ def check_camera(devices: Devices) -> Finding:
 
 def check_cameras() -> Finding:
     """List the cameras and how the frames of each are verified."""
-    from guara_perception.app.find_cameras import find_cameras
-
     found, missing = find_cameras()
     lines = [f"{camera.source}: {camera.evidence}" for camera in found] + ([missing] if missing else [])
     if not found:
         return Finding(WARN, "; ".join(["none found", *lines]))
     return Finding(OK, "; ".join(lines))
+
+
+@dataclass(frozen=True, slots=True)
+class FoundCamera:
+    """Camera found on this machine.
+
+    Attributes:
+        source: value for --camera and devices.toml.
+        description: name or model, and connection.
+        evidence: how the frames of the camera are verified, or the error if the camera cannot be opened.
+        lines: lines on which the camera can be triggered, for --trigger; empty if none, or if it cannot be opened.
+    """
+
+    source: str
+    description: str
+    evidence: str
+    lines: tuple[str, ...] = ()
+
+
+def find_cameras() -> tuple[list[FoundCamera], str]:
+    """Search for the cameras of this machine; takes a second or two.
+
+    Returns:
+        The cameras, and the reason why GigE Vision and USB3 Vision cameras could not be searched for, or "".
+    """
+    found = [_video(folder) for folder in sorted(VIDEO_CLASS.glob("video*"))]
+    try:
+        return found + [_aravis(device) for device in find_aravis_cameras()], ""
+    except CameraBackendMissing as missing:
+        return found, str(missing)
+
+
+def _video(folder: Path) -> FoundCamera:
+    path = f"/dev/{folder.name}"
+    name = (folder / "name").read_text(errors="replace").strip()
+    return FoundCamera(path, f"{name} (V4L2)", evidence_of(OpenCvCamera(path)))
+
+
+def _aravis(device: AravisDevice) -> FoundCamera:
+    description = f"{device.maker} {device.model} ({device.protocol}, {device.address})"
+    source = f"{ARAVIS}:{device.name}"
+    try:
+        lines = trigger_lines(device.name)
+    except DriverError as error:
+        return FoundCamera(source, description, str(error))
+    camera = AravisCamera(device.name, trigger=lines[0] if lines else None)
+    return FoundCamera(source, description, evidence_of(camera), lines)
 
 
 def check_endpoint(listen: str) -> Finding:

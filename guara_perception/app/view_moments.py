@@ -8,11 +8,9 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.app.scene.scene import cloud_points, planned_footholds
-from guara_perception.arrays import Float, Float32, Image
+from guara_perception.arrays import Float, Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import parse_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
@@ -98,7 +96,7 @@ def _recorded(path: Path, robot: RobotLike | None, calibration: Calibration | No
                 grids.setdefault(pause, {})[extent] = message_to_terrain(message)
         # Each grid is recorded as it was first sent; the range images of a scan follow once the pause has confirmed it.
         confirmed = {read_time(image.header.stamp) for image in recording.messages("range_image")}
-        clouds = {read_time(cloud.header.stamp): cloud_points(cloud) for cloud in recording.messages("scan/points")}
+        clouds = {read_time(cloud.header.stamp): [cloud_points(cloud)] for cloud in recording.messages("scan/points")}
         if calibration is None and recording.calibration is not None:
             calibration = parse_calibration(recording.calibration, f"{path}: calibration.json")
     begins = list(walks.values())
@@ -122,7 +120,7 @@ def _recorded(path: Path, robot: RobotLike | None, calibration: Calibration | No
         scan, terrain = scans.get(pause), grids[pause].get("footprint") or grids[pause]["map"]
         parts: dict[str, Any] = {}
         if terrain.stamp in clouds:
-            parts["stripes"] = partial(_given, clouds[terrain.stamp])
+            parts["stripes"] = partial(clouds.__getitem__, terrain.stamp)
         elif scan is not None and calibration is not None:
             parts["stripes"] = cache(partial(_measured, scan, model, calibration))
         if scan is not None:
@@ -135,10 +133,6 @@ def _recorded(path: Path, robot: RobotLike | None, calibration: Calibration | No
 def _walk_of(stamp: int, begins: list[int]) -> int:
     """Number of the walk that a scan belongs to: the last whose first frame came before the end of the scan."""
     return max((number for number, begin in enumerate(begins) if begin <= stamp), default=0)
-
-
-def _given(points: Float32) -> list[Float]:
-    return [points.astype(np.float64)]
 
 
 def _measured(scan: Scan, robot: RobotModel, calibration: Calibration) -> list[Float]:

@@ -83,7 +83,7 @@ def command(
 
 def list_cameras(context: click.Context, as_json: bool) -> None:
     """Print the cameras found; exit 1 if there are none."""
-    from guara_perception.app.find_cameras import find_cameras
+    from guara_perception.app.doctor import find_cameras
 
     found, missing = find_cameras()
     for camera in found:

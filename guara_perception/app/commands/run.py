@@ -168,7 +168,7 @@ def command(
     from guara_perception.app.node.node_status import NodeStatus, certificates_item
     from guara_perception.app.node.pause_scanner import PauseScanner
     from guara_perception.app.node.recorder import ScanRecorder
-    from guara_perception.app.scene.mirror import SceneMirror
+    from guara_perception.app.scene.live import SceneMirror
     from guara_perception.app.scene.scene import Scene
     from guara_perception.app.service import ServiceManager
     from guara_perception.app.until_stopped import closed_within, stop_event

@@ -40,7 +40,7 @@ class JointWatch:
             if last is not None and (pause.epoch != last.epoch or pause.step <= last.step):
                 self._check.reset()
             self._report, self._last = self._check.update(pause.stance, self._known_heights(pause)), pause
-            self._tell(pause)
+            self._note(pause)
         return self._doubts
 
     def _known_heights(self, pause: Pause) -> dict[str, tuple[float, float]]:
@@ -60,7 +60,7 @@ class JointWatch:
                     heights[leg] = ground.height, ground.sigma
         return heights
 
-    def _tell(self, pause: Pause) -> None:
+    def _note(self, pause: Pause) -> None:
         faults, residual = self._report.faults, self._report.residual
         self._doubts = tuple(str(fault) for fault in faults)
         message = "; ".join(self._doubts)

@@ -17,8 +17,7 @@ from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.sweep import ADAPTIVE, Sweeper, SweepJob
 from guara_perception.app.node.walk_map import WalkMap
-from guara_perception.app.scene.live_view import LiveView
-from guara_perception.app.scene.mirror import SceneMirror
+from guara_perception.app.scene.live import LiveView, SceneMirror
 from guara_perception.app.summary import summary
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import MirrorSlipped

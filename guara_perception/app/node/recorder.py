@@ -7,7 +7,7 @@ import itertools
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ import cv2
 
 from guara_perception.app.files.recording_files import RecordingFiles
 from guara_perception.app.messages import stance_to_message
-from guara_perception.app.scene.scene import Scene
+from guara_perception.app.scene.scene import Named, Scene
 from guara_perception.arrays import Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import to_json
@@ -134,11 +134,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             stance=stance_to_message(stance),
             calibration_hash=self._hash,
         )
-        scene = self._scene
-        if scene is not None:
-            self._add_later(
-                f"the stance of step {step}", lambda: self.writer.add_messages(scene.of_stance(stance, stamp))
-            )
+        self._draw(f"the stance of step {step}", lambda scene: scene.of_stance(stance, stamp))
         return ScanRecording(self, record, self._quality)
 
     def add_terrains(self, step: int, terrains: Sequence[TerrainMessage]) -> None:
@@ -170,18 +166,16 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
 
     def add_points(self, points: Mapping[int, StripePoints], stamp: int) -> None:
         """Add the points of a scan's stripes, by stripe index, without blocking. The arrays must not change later."""
-        scene = self._scene
-        if scene is not None:
-            kept = dict(points)
-            self._add_later("the points of a scan", lambda: self.writer.add_messages(scene.of_points(kept, stamp)))
+        kept = dict(points)
+        self._draw("the points of a scan", lambda scene: scene.of_points(kept, stamp))
 
     def add_range_images(self, step: int, make: Callable[[], Mapping[str, Any]]) -> None:
         """Add the range images of a scan without blocking.
 
         `make` returns their messages by topic; it is called on the recorder's thread.
         """
-        if self._scene is not None and step >= self._first:
-            self._add_later("the range images of a scan", lambda: self.writer.add_messages(make().items()))
+        if step >= self._first:
+            self._draw("the range images of a scan", lambda scene: make().items())
 
     def write_terrains(self, terrains: Sequence[TerrainMessage]) -> None:
         """Write grids, then their messages for viewers; called on the recorder's thread."""
@@ -281,6 +275,12 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         if trouble and trouble != self._trouble:
             logger.error("recording: %s", trouble)
         self._trouble = trouble
+
+    def _draw(self, what: str, messages: Callable[[Scene], Iterable[Named]]) -> None:
+        """Queue messages for viewers, if the recording has a scene."""
+        scene = self._scene
+        if scene is not None:
+            self._add_later(what, lambda: self.writer.add_messages(messages(scene)))
 
     def _add_later(self, what: str, add: Callable[[], None]) -> None:
         """Queue data other than frames; an error is logged and does not affect the recording of scans."""

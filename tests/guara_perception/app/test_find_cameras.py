@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drivers import AravisCamera, CameraSettings, OpenCvCamera, V4l2Camera
-from guara_perception.app import doctor, find_cameras
+from guara_perception.app import doctor
 from guara_perception.app.devices_file import Devices, load_devices, save_devices
 from guara_perception.app.doctor import attempt
 from guara_perception.app.main import run
@@ -28,7 +28,7 @@ def test_each_camera_is_listed_with_what_it_can_prove(
     video_class: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A webcam cannot tell a lost frame; a camera with a trigger is proved by its clock, and its lines are named."""
-    monkeypatch.setattr(find_cameras.find_cameras, "__defaults__", (video_class,))
+    monkeypatch.setattr(doctor, "VIDEO_CLASS", video_class)
     with fake_gige():
         assert run(["doctor", "--cameras"]) == 0
         printed = capsys.readouterr().out
@@ -48,7 +48,7 @@ def test_no_camera_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     """It is said so, with exit 1, and which kind of camera could not be searched for."""
     from drivers.cameras import aravis_library
 
-    monkeypatch.setattr(find_cameras.find_cameras, "__defaults__", (tmp_path,))
+    monkeypatch.setattr(doctor, "VIDEO_CLASS", tmp_path)
     monkeypatch.setitem(__import__("sys").modules, "gi", None)
     monkeypatch.setattr(aravis_library, "SYSTEM_PACKAGES", ("/nowhere",))
     assert run(["doctor", "--cameras"]) == 1

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 import guara_perception as gp
-from guara_perception.app.scene.live_view import PICTURE_WIDTH_PX, THINNED, LiveView
+from guara_perception.app.scene.live import PICTURE_WIDTH_PX, THINNED, LiveView
 from guara_perception.app.scene.scene import cloud_points
 from guara_perception.scanning.process import run_scan
 from kinematics import RobotModel

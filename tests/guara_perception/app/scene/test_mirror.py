@@ -11,7 +11,7 @@ import zenoh.ext
 import guara_perception as gp
 from guara_perception.app.main import run
 from guara_perception.app.publisher import send_terrain
-from guara_perception.app.scene.mirror import SceneMirror
+from guara_perception.app.scene.live import SceneMirror
 from guara_perception.app.scene.scene import Scene
 from guara_perception.scanning.process import run_scan
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
