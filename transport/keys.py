@@ -115,20 +115,16 @@ def claim_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
     return f"{perception_prefix(robot)}/@alive/claim/{run}"
 
 
-def stance_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the stance pauses that the gait controller publishes."""
-    return f"{check_name(robot)}/gait/v1/stance"
+def gait_key(name: str, robot: str = DEFAULT_ROBOT) -> str:
+    """Key of what the gait controller publishes or answers under `name`."""
+    return f"{check_name(robot)}/gait/v1/{name}"
 
 
-def stance_stream_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the joint samples that the gait controller streams."""
-    return f"{stance_key(robot)}_stream"
-
-
-def gait_clock_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the queryable that returns the current time of the clock that stamps the stance pauses."""
-    return f"{check_name(robot)}/gait/v1/clock"
-
+# Stance pauses, and the stream of joint samples.
+stance_key = partial(gait_key, "stance")
+stance_stream_key = partial(gait_key, "stance_stream")
+# Queryable that returns the current time of the clock that stamps the stance pauses.
+gait_clock_key = partial(gait_key, "clock")
 
 # Names of the orthorectified range image, the causes of its unknown pixels, and its standard deviations.
 RANGE_IMAGES = ("range_image", "range_image_causes", "range_image_sigma")

@@ -37,9 +37,11 @@ ACTIONS = (
 STRANGER = "nobody"
 
 # Actions that should succeed, by role.
-READER = ("connect", "read grids", "read the last grid", "see the status")
+WATCHER = ("connect", "see the status")
+READER = (*WATCHER, "read grids", "read the last grid")
+SCANNER = (*READER, "request a scan")
 EXPECTED: dict[str, tuple[str, ...]] = {
-    "planner": (*READER, "request a scan"),
+    "planner": SCANNER,
     "viewer": READER,
     "gait": ("connect", "publish stance pauses", "report the gait's clock"),
     STRANGER: (),
@@ -123,7 +125,7 @@ def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Per
     rows = _own_rows(members, name)
     for router in members.routers:
         if name in members.routers[router].robots and router not in members.revoked:
-            allowed = (*READER, "request a scan") if members.routers[router].scans else READER
+            allowed = SCANNER if members.routers[router].scans else READER
             rows[f"{router}.{ROUTER}"] = (members.root / router, allowed)
     endpoint = _free_endpoint()
     with open_node(listen=endpoint, security=robot_folder / "node", shared_memory=False) as session:
@@ -153,9 +155,7 @@ def check_router(folder: str | Path, router: str, *, robot: str | None = None) -
         raise SecurityError(f"router {router!r} does not serve {name!r}; it serves {', '.join(served.robots)}")
     robot_folder, rows = members.robots[name].folder, _own_rows(members, name)
     if served.uplink and served.uplink not in members.revoked:
-        allowed: tuple[str, ...] = (*READER, "request a scan") if served.scans else READER
-        if served.summary_only:
-            allowed = ("connect", "see the status")
+        allowed = WATCHER if served.summary_only else SCANNER if served.scans else READER
         rows[f"{served.uplink}.{ROUTER}"] = (members.root / served.uplink, allowed)
     for other, found in members.routers.items():
         if found.uplink == router and other not in members.revoked:
@@ -164,7 +164,7 @@ def check_router(folder: str | Path, router: str, *, robot: str | None = None) -
             rows[f"{other}.{ROUTER}"] = (members.root / other, brings)
     for watcher in members.fleet:
         if watcher not in members.revoked:
-            rows[f"{watcher}.{FLEET}"] = (members.root / watcher, ("connect", "see the status"))
+            rows[f"{watcher}.{FLEET}"] = (members.root / watcher, WATCHER)
     endpoint = _free_endpoint()
     configuration = load_configuration(members.root / router, listen=[endpoint], local=True)
     with (
