@@ -1,7 +1,6 @@
 """The emulated board with all of protocol 1.2 and with faults to inject, and a free-running camera with faults.
 
-`bench_backend(BenchBoard())` is a pyusb backend for `LaserBoard(backend=...)`, as `drivers.emulator.emulated_backend`
-is for the board without sweeps and faults.
+`bench_backend(BenchBoard())` is a pyusb backend for `LaserBoard(backend=...)`.
 """
 
 from __future__ import annotations
