@@ -19,40 +19,31 @@ class Switching:
 
 
 class Laser:
-    """Emulated laser with a log of its changes, from which the light during an exposure is computed."""
+    """Emulated laser with a log of its changes, from which the light during an exposure is computed.
+
+    Attributes:
+        log: changes of the laser, oldest first.
+    """
 
     def __init__(self, now: float) -> None:
         """Start with the laser off."""
-        self._log: deque[Switching] = deque([Switching(now, False)], maxlen=8192)
+        self.log: deque[Switching] = deque([Switching(now, False)], maxlen=8192)
 
     @property
     def on(self) -> bool:
         """True while the laser is on."""
-        return self._log[-1].on
+        return self.log[-1].on
 
     def switch(self, on: bool, now: float) -> None:
         """Switch the laser at `now`; does nothing if the laser is already in that state."""
         if on != self.on:
-            self._log.append(Switching(now, on))
-
-    def switchings(self) -> tuple[Switching, ...]:
-        """Return the logged changes, oldest first."""
-        return tuple(self._log)
-
-    def at(self, time: float) -> bool:
-        """Return True if the laser was on at `time`."""
-        for event in reversed(self._log):
-            if event.time <= time:
-                return event.on
-        return False
+            self.log.append(Switching(now, on))
 
     def fraction(self, start: float, end: float) -> float:
         """Return the fraction of the interval from `start` to `end` during which the laser was on, 0 ... 1."""
-        if end <= start:
-            return 1.0 if self.at(start) else 0.0
         # Search backwards from the newest change: the interval is recent, and the log may be long.
         lit, until = 0.0, end
-        for event in reversed(self._log):
+        for event in reversed(self.log):
             if event.time < until:
                 since = max(event.time, start)
                 lit += (until - since) if event.on else 0.0

@@ -11,7 +11,7 @@ from drivers.emulator.board import EmulatedBoard
 from drivers.emulator.config import EmulatorConfig
 from drivers.emulator.light import Switching
 from testbed.bench_board.faults import Fault, FaultKind, FaultPlan
-from testbed.bench_board.light import BenchLight
+from testbed.bench_board.light import BenchLight, lit_at
 from testbed.bench_board.mirror import BenchMirror
 from testbed.bench_board.shutter import Opening, Shutter
 from testbed.bench_board.sweep import SweepUnit, packed
@@ -103,8 +103,8 @@ class BenchBoard(EmulatedBoard):
             return BoardView(
                 time=instant,
                 plugged=self.plugged,
-                laser_on=self._light.laser.at(instant),
-                laser_since=self._light.laser.switchings()[-1].time,
+                laser_on=lit_at(self._light.laser, instant),
+                laser_since=self._light.laser.log[-1].time,
                 mirror_angle=self._mirror.true_angle(instant),
                 mirror_angle_commanded=self._mirror.believed_angle(instant),
                 moving=self._mirror.moving(instant),
@@ -127,7 +127,7 @@ class BenchBoard(EmulatedBoard):
         """Changes of the laser, oldest first (the last few thousand)."""
         with self._lock:
             self._advance()
-            return self._light.laser.switchings()
+            return tuple(self._light.laser.log)
 
     def _power_on(self, now: float) -> None:
         self.plugged = True

@@ -111,12 +111,12 @@ def test_messages_of_other_topics_are_kept(tmp_path: Path, peer) -> None:
     pause = transport.StancePause(robot="guara", step=2, phase=1, stamp=7, stance=peer.make_stance())
     status = transport.Status(stamp=9, items=(transport.StatusItem(name="scanner", level=transport.Health.OK),))
     with RecordingWriter(tmp_path / "a.mcap") as writer:
-        writer.add_message("occupancy", grid)
+        writer.add_messages([("occupancy", grid)])
         writer.add_stance_pause(pause)
         writer.add_status(transport.encode_status(status))
-        writer.add_message("/robot_description", transport.text_message("<robot/>"))
+        writer.add_messages([("/robot_description", transport.text_message("<robot/>"))])
         with pytest.raises(RecordingError, match="'grid_map' does not accept nav_msgs/msg/OccupancyGrid"):
-            writer.add_message("grid_map", grid)
+            writer.add_messages([("grid_map", grid)])
     with open_recording(tmp_path / "a.mcap") as recording:
         assert [message.info.width for message in recording.messages("occupancy")] == [3]
         assert [found.step for found in recording.stance_pauses()] == [2]

@@ -190,19 +190,12 @@ class RecordingWriter(TopicFile):
         """Add a stance batch without acknowledging it; the next acknowledgement includes it."""
         self.add("stance_stream", encode_stance_stream(stream))
 
-    def add_message(self, short: str, message: Any) -> None:
-        """Add a message object to a topic of `TYPES`, such as "occupancy" or "/tf", and acknowledge it.
-
-        Raises:
-            RecordingError: the topic is unknown or has another message type, or the disk is full.
-        """
-        self.add_messages([(short, message)])
-
     def add_messages(self, named: Iterable[tuple[str, Any]]) -> None:
-        """Add several pairs of topic and message object, as in `add_message`, and acknowledge them.
+        """Add pairs of a topic of `TYPES`, such as "occupancy" or "/tf", and a message object, and acknowledge them.
 
         Raises:
-            RecordingError: as in `add_message`; the messages before the faulty one have been added.
+            RecordingError: a topic is unknown or has another message type, or the disk is full; the messages before the
+                faulty one have been added.
         """
         with self._lock:
             for short, message in named:

@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulator.light import Laser
+from testbed.bench_board.light import lit_at
 from tests.thorough import examples
 
 
@@ -16,21 +17,14 @@ from tests.thorough import examples
 )
 @settings(max_examples=examples(150), derandomize=True)
 def test_fraction_is_the_mean_over_instants(gaps: list[float], start: float, length: float) -> None:
-    """The share of an interval equals the mean of `at` over many instants in it."""
+    """The share of an interval equals the mean over many instants in it."""
     laser, now = Laser(0.0), 0.0
     for turn, gap in enumerate(gaps):
         now += gap
         laser.switch(turn % 2 == 0, now)
     instants = [start + (index + 0.5) * length / 500 for index in range(500)]
-    mean = sum(laser.at(instant) for instant in instants) / 500
+    mean = sum(lit_at(laser, instant) for instant in instants) / 500
     assert laser.fraction(start, start + length) == pytest.approx(mean, abs=0.01)
-
-
-def test_an_instant_is_lit_or_not() -> None:
-    """An interval without length is as its instant."""
-    laser = Laser(0.0)
-    laser.switch(True, 1.0)
-    assert laser.fraction(1.5, 1.5) == 1.0 and laser.fraction(0.5, 0.5) == 0.0
 
 
 def test_switching_to_the_same_state_is_no_change() -> None:
@@ -38,4 +32,4 @@ def test_switching_to_the_same_state_is_no_change() -> None:
     laser = Laser(0.0)
     laser.switch(True, 1.0)
     laser.switch(True, 2.0)
-    assert [event.time for event in laser.switchings()] == [0.0, 1.0]
+    assert [event.time for event in laser.log] == [0.0, 1.0]
