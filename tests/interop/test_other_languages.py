@@ -34,7 +34,7 @@ from transport import (
     open_client,
     open_node,
 )
-from transport.grids.evidence import objections, read_word
+from transport.grids.evidence import objections, read_report
 from transport.messages.codec import encode
 from transport.messages.map_messages import decode_summary
 from transport.messages.status_message import encode_status
@@ -148,9 +148,9 @@ def judged(
         paths = folder / f"{len(found)}.bin", folder / f"{len(found)}.status"
         paths[0].write_bytes(encode_terrain(message))
         paths[1].write_bytes(encode_status(status))
-        word = read_word(status, 0.0)
+        report = read_report(status, 0.0)
         age = float((said | values)["clock_s"]) - 100.0
-        found[state] = (*paths, not objections(message, word, age=age, limit=message.valid_for))
+        found[state] = (*paths, not objections(message, report, age=age, limit=message.valid_for))
     return found
 
 
