@@ -13,7 +13,8 @@ import cv2
 
 from benchmarks.command import Table, options
 from testbed.crossing.courses import KINDS
-from testbed.crossing.walk import ARMS, ROBOTS, Crossing, cross
+from testbed.crossing.walk import ARMS, Crossing, cross
+from testbed.physics.guara import ROBOTS
 
 # Above this share of walks that the blind robot crosses, a kind of ground needs no sight.
 NEEDS_NO_SIGHT = 0.30

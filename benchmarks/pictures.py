@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -23,8 +23,8 @@ from benchmarks.sigmas import SAMPLES
 from guara_perception.arrays import Float
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
 from kinematics import LegOdometry, RobotModel, load_robot
-from testbed.crossing.robot import go2
-from testbed.erring_walk import pictured
+from testbed.erring_walk import CRAWLS, pictured
+from testbed.physics.robot import go2
 from testbed.scanned_walk import WalkedPause
 
 # Pauses until feet come to ground seen at the near edge, axes of the drift, and textures of floors.
@@ -119,7 +119,8 @@ def show_floors(name: str, robot: RobotModel, walks: list[list[WalkedPause]]) ->
     )
     print(
         f"{name}: {len(walks)} walks of {pauses} pauses; a standing foot slid by {slips.mean():.2f} mm a pause, "
-        f"95 % by at most {np.quantile(slips, 0.95):.2f}, worst {slips.max():.2f}"
+        f"95 % by at most {np.quantile(slips, 0.95):.2f}, worst {slips.max():.2f}",
+        flush=True,
     )
     tell(f"{name}, no picture", [held(robot, walk, with_pictures=False) for walk in walks], pauses)
     for number, texture in enumerate(FLOORS):
@@ -159,34 +160,38 @@ def main() -> None:
         walks=(2, "walks of each texture and slide"),
         drawn=(0, "walks that draw their texture and slide"),
         go2=(0, "such walks of Go2"),
-        physics=(0, "such walks in MuJoCo"),
-        floors=(0, "walks in MuJoCo of each robot, each over five floors from rich texture to none"),
+        physics=(0, "such walks in MuJoCo of each robot, by forces and by position servos"),
+        floors=(0, "walks in MuJoCo of each robot and crawl, each over five floors from rich texture to none"),
         cycles=(8.0, "cycles of each walk"),
     )
-    robot, cycles = load_robot("guara"), asked.cycles
+    guara, cycles = load_robot("guara"), asked.cycles
     cv2.setNumThreads(1)
 
     def seeds(count: int) -> range:
         return range(asked.first, asked.first + count)
 
     def walks(
-        count: int, texture: float | None = None, slide: float | None = None, *, physics: bool = False
+        robot: RobotModel,
+        count: int,
+        texture: float | None = None,
+        slide: float | None = None,
+        *,
+        crawl: str | None = None,
+        floors: Sequence[float] = (),
     ) -> Iterator[list[WalkedPause]]:
         for seed in seeds(count):
-            yield list(pictured(robot, seed, cycles, texture, slide, physics=physics))
+            yield list(pictured(robot, seed, cycles, texture, slide, crawl=crawl, floors=floors))
 
     kinds = [(1.0, slide) for slide in (0.0, 0.04, 0.08, -0.04)] + [(each, 0.04) for each in (3.0, 0.5, 0.2, 0.0)]
     for texture, slide in kinds if asked.walks else []:
-        show(f"texture {texture:g}, slide {100 * slide:+.0f} %", robot, walks(asked.walks, texture, slide))
+        show(f"texture {texture:g}, slide {100 * slide:+.0f} %", guara, walks(guara, asked.walks, texture, slide))
     if asked.drawn:
-        show("drawn", robot, walks(asked.drawn))
-    if asked.physics:
-        show("physics", robot, walks(asked.physics, physics=True))
+        show("drawn", guara, walks(guara, asked.drawn))
     if asked.go2:
-        show("Go2, drawn", go2(), (list(pictured(go2(), seed, cycles, None, None)) for seed in seeds(asked.go2)))
-    for each in (robot, go2()) if asked.floors else ():
-        show_floors(
-            each.name,
-            each,
-            [list(pictured(each, seed, cycles, 1.0, 0.0, physics=True, floors=FLOORS)) for seed in seeds(asked.floors)],
-        )
+        show("Go2, drawn", go2(), walks(go2(), asked.go2))
+    for crawl in CRAWLS:
+        for robot in (guara, go2()) if asked.physics else ():
+            show(f"{robot.name}, {crawl}", robot, walks(robot, asked.physics, crawl=crawl))
+        for robot in (guara, go2()) if asked.floors else ():
+            found = list(walks(robot, asked.floors, 1.0, 0.0, crawl=crawl, floors=FLOORS))
+            show_floors(f"{robot.name}, {crawl}", robot, found)

@@ -11,7 +11,7 @@ from guara_perception.arrays import Float
 from guara_perception.simulation import World
 from guara_perception.simulation.features import Pit
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE
-from testbed.crossing.robot import go2
+from testbed.physics.robot import go2
 from testbed.scanned_walk import scanned
 
 WIDTH_M, DEPTH_M = 0.080, 0.25

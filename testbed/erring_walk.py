@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -23,6 +24,7 @@ from guara_perception.simulation.walk import WalkNoise, WalkPause, fresh_reading
 from kinematics import LegOdometry, RobotModel, Stance
 from kinematics.footprint import fit_support_plane, transform_base_to_footprint
 from kinematics.transforms import inverse, transform_points
+from testbed.physics.physics_walk import PhysicsPause, physics_walk
 from testbed.random_world import random_world
 from testbed.scanned_walk import WalkedPause, footprint_to_world
 from testbed.scenes import OWN_DATA, real_calibration, with_covariance
@@ -37,6 +39,10 @@ BLOCK_M, LEAST_BLOCK_M = 0.12, 0.002
 LIGHT = Light(speckle=0.3)
 # Factors of texture, and shares of the way by which feet slide, of walks that draw them.
 TEXTURES, SLIDES = (0.4, 3.0), (-0.08, 0.08)
+# Crawls of MuJoCo: by forces, and by position servos, whose feet creep.
+CRAWLS = ("force", "stiff")
+# A foot in MuJoCo is set down that far from any edge, shifted by at most so much to where that holds [m].
+MARGIN_M, LEVEL_M, SHIFTS_M = 0.010, 0.002, (0.0, 0.01, -0.01, 0.02, -0.02, 0.03, -0.03, 0.04, -0.04)
 
 
 @dataclass(frozen=True)
@@ -198,17 +204,24 @@ def pictured(
     texture: float | None,
     slide: float | None,
     *,
-    physics: bool = False,
+    crawl: str | None = None,
     floors: Sequence[float] = (),
 ) -> Iterator[WalkedPause]:
     """A walk through simulated frames; texture and slide are drawn where they are None.
 
-    In MuJoCo contacts decide what slides. `floors` are textures of which there are further laser-off pictures.
+    Args:
+        robot: robot that walks.
+        seed: of ground, robot and noise.
+        cycles: cycles walked.
+        texture: factor of the ground's texture.
+        slide: share of the way by which standing feet slide back.
+        crawl: one of the `CRAWLS` of MuJoCo, whose contacts decide what slides; None = kinematics alone.
+        floors: textures of which there are further laser-off pictures.
     """
     rng = np.random.default_rng(1000 + seed)
     texture = float(np.exp(rng.uniform(*np.log(TEXTURES)))) if texture is None else texture
     noise = WalkNoise(joint=0.0, slide=float(rng.uniform(*SLIDES)) if slide is None else slide)
-    if physics:
+    if crawl:
         world = random_world(seed, boxes=7, rocks=0, pits=0, dark=0, undulation=0.0, box_heights=(0.01, 0.04))
     else:
         world = random_world(seed)
@@ -218,8 +231,7 @@ def pictured(
     rangefinder, *others = (
         SimulatedRangefinder(world, true, robot, seed, light=Light(texture=each)) for each in (texture, *floors)
     )
-    before: Mapping[str, Float] = {}
-    for pause in _walk(robot, world, seed, cycles, noise, physics=physics):
+    for pause in _walk(robot, world, seed, cycles, noise, crawl):
         for each in (rangefinder, *others):
             each.set_pose(pause.transform_base_to_world, pause.joint_positions)
         joints = {name: angle + bias[name] for name, angle in pause.joint_positions.items()}
@@ -232,7 +244,6 @@ def pictured(
         scan = processor.finish("wide")
         to_world = footprint_to_world(pause.transform_base_to_world, scan)
         picture = processor.ground_picture
-        swung = pause.last_footstep.leg if pause.last_footstep else None
         yield WalkedPause(
             stance,
             scan,
@@ -243,18 +254,25 @@ def pictured(
                 picture if isinstance(picture, str) else replace(picture, grey=to_grey(each.frame(laser=0.0)))
                 for each in others
             ),
-            slips=tuple(
-                float(np.hypot(*(pause.soles_in_world[leg] - sole)[:2])) for leg, sole in before.items() if leg != swung
-            ),
+            slips=tuple(pause.slips.values()) if isinstance(pause, PhysicsPause) else (),
         )
-        before = pause.soles_in_world
 
 
 def _walk(
-    robot: RobotModel, world: World, seed: int, cycles: float, noise: WalkNoise, *, physics: bool
+    robot: RobotModel, world: World, seed: int, cycles: float, noise: WalkNoise, crawl: str | None
 ) -> Iterator[WalkPause]:
-    if not physics:
+    if crawl is None:
         return simulate_walk(world, robot, cycles=cycles, seed=seed, noise=noise)
-    from testbed.physics.physics_walk import physics_walk
+    choose = partial(_level_foothold, world, robot)
+    return physics_walk(world, robot, choose, cycles=cycles, seed=seed, noise=noise, is_stiff=crawl == "stiff")
 
-    return physics_walk(world, robot, cycles=cycles, seed=seed, noise=noise)
+
+def _level_foothold(world: World, robot: RobotModel, pause: WalkPause) -> tuple[float, float]:
+    """The foothold nearest to the nominal one whose sole would not stand across an edge."""
+    (x, y), (length, width) = pause.nominal, robot.sole
+    corners = (MARGIN_M + np.array([length, width]) / 2) * [(1, 1), (1, -1), (-1, 1), (-1, -1), (0, 0)]
+    for shift in SHIFTS_M:
+        places = np.array([pause.to_world(x + shift, y)]) + corners
+        if np.ptp(world.height(*places.T)) < LEVEL_M:
+            return x + shift, y
+    return x, y

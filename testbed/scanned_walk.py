@@ -50,7 +50,7 @@ class WalkedPause:
         feet: (n, 3) points in base_footprint under the hind feet's next footholds, at the true height of the ground.
         picture: laser-off picture of the scan, the reason why there is none, or None for a walk without pictures.
         floors: the same of floors with other textures.
-        slips: by how much each standing foot truly slid since the last pause [m].
+        slips: by how much each standing foot truly slid since the last pause, in MuJoCo [m].
     """
 
     stance: Stance

@@ -44,3 +44,11 @@ def stock_urdf(name: str) -> Path:
     if not path.is_file():
         raise StockRobotsMissing(f"{package} holds no {file}; the version of the extra `robots-test` does")
     return path
+
+
+def has_stock_robot(name: str) -> bool:
+    """Check that the URDF of a robot is installed."""
+    try:
+        return stock_urdf(name).is_file()
+    except StockRobotsMissing:
+        return False

@@ -11,10 +11,11 @@ from guara_perception.app.demo.pictures import CourseDrawing
 from guara_perception.settings import Settings
 from guara_perception.simulation.footing import CELL_M
 from guara_perception.terrain.drawing.style import save_figure, styled
-from testbed.crossing.courses import KINDS, START_M, course
+from testbed.crossing.courses import KINDS, SIZES, START_M, course
 from testbed.crossing.eyes import Sight
-from testbed.crossing.robot import LEGS, Robot
-from testbed.crossing.walk import ARMS, ROBOTS, Crossing, cross
+from testbed.crossing.walk import ARMS, Crossing, cross
+from testbed.physics.guara import ROBOTS
+from testbed.physics.robot import LEGS, Robot
 
 
 def main() -> None:
@@ -26,7 +27,7 @@ def main() -> None:
     parser.add_argument("--robot", choices=ROBOTS, default="go2", help="robot that walks")
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="PICTURE", help="file to write (.png)")
     given = parser.parse_args()
-    ground = course(given.kind, given.seed, ROBOTS[given.robot].sizes)
+    ground = course(given.kind, given.seed, SIZES[given.robot])
     drawing = CourseDrawing(ground.world, START_M, ground.goal)
 
     def add(done: Crossing, robot: Robot, sight: Sight) -> None:

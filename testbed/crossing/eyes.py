@@ -14,7 +14,7 @@ from kinematics import RobotModel
 from testbed.crossing import ground
 from testbed.crossing.courses import Course
 from testbed.crossing.ground import SOLE_M
-from testbed.crossing.robot import Robot
+from testbed.physics.robot import Robot
 
 # A depth camera of the D4xx class: cells, noise of their heights and blur of edges (standard deviations), reach ahead
 # of the body, and the largest step between neighbouring cells that its filter allows [m].

@@ -12,7 +12,7 @@ from guara_perception.terrain.scan.policy import ScanPolicy
 from kinematics import LegOdometry, RobotModel, Stance
 from testbed.crossing.courses import Course
 from testbed.crossing.eyes import Sight
-from testbed.crossing.robot import Robot
+from testbed.physics.robot import Robot
 from testbed.scanned_walk import swept
 
 PICTURE = (640, 512)

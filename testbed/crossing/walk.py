@@ -14,13 +14,13 @@ from guara_perception.simulation.strides import Stride, StridePlanner
 from guara_perception.simulation.world import World
 from kinematics import OdometryLost, RobotModel
 from kinematics.transforms import transform_points
-from testbed.crossing.courses import Course, course
-from testbed.crossing.crawl import Crawl, Fell, NoGround
+from testbed.crossing.courses import SIZES, Course, course
 from testbed.crossing.eyes import AllKnowing, Blind, DepthCamera, Eye, Sight
-from testbed.crossing.guara import Guara
 from testbed.crossing.laser import Laser
-from testbed.crossing.robot import LEGS, Robot
-from testbed.crossing.stiff_crawl import StiffCrawl
+from testbed.physics.crawl import Crawl, Fell, NoGround
+from testbed.physics.guara import ROBOTS
+from testbed.physics.robot import LEGS, Robot
+from testbed.physics.stiff_crawl import StiffCrawl
 
 MOST_STEPS = 140
 # So many steps without so much way: stopped.
@@ -99,8 +99,8 @@ def cross(
         MissingExtra: MuJoCo is not installed.
         StockRobotsMissing: the Go2 is not installed.
     """
-    began, way = time.process_time(), course(kind, seed, ROBOTS[robot].sizes)
-    walker = ROBOTS[robot](way)
+    began, way = time.process_time(), course(kind, seed, SIZES[robot])
+    walker = ROBOTS[robot](way.world, ROBOTS[robot].start)
     crawl, eye = (StiffCrawl if is_stiff else Crawl)(walker), ARMS[arm](way, walker.product)
     planner = StridePlanner(walker.product, walker.heights, walker.clearance)
     done = Crossing(kind, seed, f"{robot} stiff" if is_stiff else robot, arm)
@@ -194,7 +194,6 @@ def support(world: World, foot: Float, sole: tuple[float, float]) -> float:
     return float((np.abs(heights - foot[2]) < EDGE_RELIEF_M).mean())
 
 
-ROBOTS: dict[str, type[Robot]] = {"go2": Robot, "guara": Guara}
 ARMS: dict[str, Callable[[Course, RobotModel], Eye]] = {
     "blind": Blind,
     "depth": DepthCamera,

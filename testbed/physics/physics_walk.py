@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from guara_perception.arrays import Float
-from guara_perception.simulation.gait import (
-    CROUCH_STEP_M,
-    DEEPEST_CROUCH_M,
-    OutOfReach,
-    WaveGait,
-    body_pose,
-    stand_on,
-)
+from guara_perception.simulation.gait import CROUCH_STEP_M, DEEPEST_CROUCH_M, OutOfReach, WaveGait, body_pose
 from guara_perception.simulation.walk import (
     KNOWN_GROUND_MARGIN_M,
     Choice,
@@ -29,25 +23,31 @@ from guara_perception.simulation.walk import (
 )
 from guara_perception.simulation.world import World
 from guara_perception.terrain.map.known_ground import KnownGround
-from kinematics.reach import level_sole_pitch
-from testbed.physics.physics_robot import PhysicsRobot
+from kinematics.transforms import inverse, transform_points
+from testbed.physics.crawl import Crawl, Fell, NoGround
+from testbed.physics.guara import ROBOTS
+from testbed.physics.robot import LEGS, Robot
+from testbed.physics.stiff_crawl import StiffCrawl
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
 
-TICK_S = 0.010
 # The body sways away from the leg that lifts: without it the centre of mass is only 6 mm inside the three other feet.
 SWAY_M = 0.040
-CLEARANCE_M = 0.060
-# Mean speed without pauses: that of the paper's robot is 0.45 ... 0.80 m/min.
-SPEED_M_S = 0.60 / 60
-# Share of the time between two pauses for the body, with four feet down; the rest is the swing.
-BODY_SHARE = 0.4
-SETTLE_S = 1.0
 # The lanes are kept by turning the body back, by this much per swing at most [rad].
 LARGEST_TURN = 0.03
-FALLEN_HEIGHT_M, FALLEN_TILT = 0.2, 0.35
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PhysicsPause(WalkPause):
+    """Pause of a walk in MuJoCo.
+
+    Attributes:
+        slips: by how much each foot that stood slid over the ground since the last pause; what rolls does not [m].
+    """
+
+    slips: Mapping[str, float] = field(default_factory=dict)
 
 
 def physics_walk(
@@ -59,40 +59,47 @@ def physics_walk(
     seed: int = 0,
     noise: WalkNoise | None = None,
     is_stiff: bool = False,
-) -> Iterator[WalkPause]:
-    """Walk as `simulate_walk` does, in MuJoCo: feet slip, the body sags and tips, contacts decide.
+) -> Iterator[PhysicsPause]:
+    """Walk as `simulate_walk` does, in MuJoCo: feet slip and roll, the body sags and tips, contacts decide.
 
-    Of `noise` only that of the reports is added (joints, gravity): contacts and slip come from the physics here. A foot
-    is lowered to the true height of the ground, as one with a contact switch would be.
+    Of `noise` only that of the reports is added (joints, gravity): contacts and slip come from the physics here.
 
     Args:
         world: level ground with boxes.
-        robot, choose, cycles, seed, noise: as in `simulate_walk`.
-        is_stiff: True for servos that know positions alone: they push the feet against each other, which creep, always
-            the same way. Otherwise they are told the torques that carry the body.
+        robot: a Guará or a Go2.
+        choose, cycles, seed, noise: as in `simulate_walk`.
+        is_stiff: True for position servos alone, which push the feet against each other, so that they creep, always the
+            same way. Otherwise feet share the least forces that carry and steer the body.
 
     Yields:
-        The pauses, each a second after the foot was set down.
+        The pauses, each once all is still.
 
     Raises:
         MissingExtra: MuJoCo is not installed.
-        WalkEnded: the planner found no foothold, or the robot fell.
+        WalkEnded: the planner found no foothold, the foot no ground, or the robot fell.
+        OutOfReach: a leg cannot reach its foothold.
     """
     gait, noise = WaveGait.of(robot), noise or WalkNoise()
-    rng = np.random.default_rng(seed)
-    soles = {leg: np.array([*xy, 0.0]) for leg, xy in gait.first_stance().items()}
-    transform, joints = stand_on(robot, soles, (0.0, 0.0), gait.hip_height)
-    body = PhysicsRobot(world, robot, transform, joints)
-    body.run(joints, SETTLE_S, _shares(robot, is_stiff=is_stiff))
-    footstep: Footstep | None = None
+    rng, stance = np.random.default_rng(seed), gait.first_stance()
+    body = ROBOTS[robot.name](world, feet=np.array([stance[leg] for leg in LEGS]))
+    crawl = (StiffCrawl if is_stiff else Crawl)(body)
+    footstep, slid = None, body.slid.copy()
     for step in range(round(cycles * len(gait.lift_order)) + 1):
-        pause = _pause(robot, gait, body, step, footstep, noise, rng)
+        crawl.freeze()
+        ways = np.hypot(*(body.slid - slid).T)
+        slips = {leg: float(way) for leg, way in zip(LEGS, ways, strict=True) if footstep and leg != footstep.leg}
+        slid = body.slid.copy()
+        pause = _pause(robot, gait, body, step, footstep, noise, rng, slips)
         yield pause
         x, y, *_ = chosen_foothold(pause, choose)
-        length, width = robot.sole
         xy = pause.to_world(x, y)
-        target = np.array([*xy, world.sole_height(*xy, length, width)])
-        _swing(robot, gait, body, pause.next_leg, target, is_stiff=is_stiff)
+        leg, target = LEGS.index(pause.next_leg), np.array([*xy, world.sole_height(*xy, *robot.sole)])
+        moved = _body_motion(gait, body, leg, target)
+        com, top = transform_points(moved, body.com_in_base), max(target[2], body.feet[leg, 2])
+        try:
+            crawl.step(leg, np.array([body.feet[leg], target]), com, moved[:3, :3], top)
+        except (Fell, NoGround) as error:
+            raise WalkEnded(f"step {step}: {error}") from None
         sole = _soles_in_world(robot, body)[pause.next_leg]
         footstep = Footstep(pause.next_leg, (x, y), (float(sole[0]), float(sole[1]), float(sole[2])))
 
@@ -100,29 +107,27 @@ def physics_walk(
 def _pause(
     robot: RobotModel,
     gait: WaveGait,
-    body: PhysicsRobot,
+    body: Robot,
     step: int,
     footstep: Footstep | None,
     noise: WalkNoise,
     rng: np.random.Generator,
-) -> WalkPause:
-    transform, joints, feet = body.transform_base_to_world, body.joint_positions, tuple(robot.legs)
-    if transform[2, 3] < FALLEN_HEIGHT_M or np.hypot(*transform[2, :2]) > FALLEN_TILT:
-        raise WalkEnded(f"step {step}: the robot fell: its body is {transform[2, 3]:.2f} m above z = 0")
+    slips: Mapping[str, float],
+) -> PhysicsPause:
+    transform, joints, feet = _base_to_world(body), _joints(body), tuple(robot.legs)
     footprint = true_footprint(robot, joints, feet, transform)
     soles = _soles_in_world(robot, body)
     leg = gait.leg_of_swing(step)
     landing = gait.landing(leg)
     # Ahead of where the body will be; sideways back into the leg's lane.
     ahead = float(np.mean([soles[name][0] - gait.hips[name][0] for name in feet])) + _mean_lag(gait)
-    target = np.linalg.inv(footprint) @ (ahead + landing[0], landing[1], 0.0, 1.0)
+    target = inverse(footprint) @ (ahead + landing[0], landing[1], 0.0, 1.0)
     ground: tuple[KnownGround, ...] = ()
     if step == 0:
-        inverse = np.linalg.inv(footprint)
         corners = gait.support_polygon(KNOWN_GROUND_MARGIN_M)
-        outline = np.column_stack((corners, np.zeros(4), np.ones(4))) @ inverse.T
+        outline = transform_points(inverse(footprint), np.column_stack((corners, np.zeros(4))))
         ground = (KnownGround(outline[:, :2], height=float(outline[:, 2].mean()), sigma=0.001),)
-    return WalkPause(
+    return PhysicsPause(
         step=step,
         stance=reported_stance(joints, feet, transform, noise, rng),
         known_ground=ground,
@@ -133,58 +138,32 @@ def _pause(
         transform_base_to_world=transform,
         transform_footprint_to_world=footprint,
         soles_in_world=soles,
+        slips=slips,
     )
 
 
-def _shares(robot: RobotModel, leg: str = "", share: float = 1.0, *, is_stiff: bool) -> dict[str, float] | None:
-    """Weights of the legs that carry the body, `share` for one of them; None for servos that know positions alone."""
-    return None if is_stiff else {each: share if each == leg else 1.0 for each in robot.legs}
+def _body_motion(gait: WaveGait, body: Robot, leg: int, target: Float) -> Float:
+    """Pose (4, 4) of the body in the world while a foot swings; as high as the legs reach feet and target.
 
-
-def _swing(
-    robot: RobotModel, gait: WaveGait, body: PhysicsRobot, leg: str, target_in_world: Float, *, is_stiff: bool
-) -> None:
-    """Move the body forward and aside, then one foot to its target; wait until all is still."""
-    base = body.transform_base_to_world
-    soles = _soles_in_base(robot, body.joint_positions)
-    target = base[:3, :3].T @ (target_in_world - base[:3, 3])
-    moved = _body_motion(robot, gait, leg, soles, target, base)
-    to_moved = np.linalg.inv(moved)
-    goal = {name: to_moved[:3, :3] @ sole + to_moved[:3, 3] for name, sole in soles.items()}
-    up = to_moved[:3, :3] @ base[2, :3]
-    swing_time = gait.advance / SPEED_M_S
-    body_time = BODY_SHARE * swing_time
-    for share in _ticks(body_time):
-        between = {name: soles[name] + share * (goal[name] - soles[name]) for name in soles}
-        joints = _joints(robot, between, base[2, :3] + share * (up - base[2, :3]))
-        body.run(joints, TICK_S, _shares(robot, leg, 1 - share, is_stiff=is_stiff))
-    start, end = goal[leg], to_moved[:3, :3] @ target + to_moved[:3, 3]
-    for share in _ticks(swing_time - body_time):
-        joints = _joints(robot, {**goal, leg: _arc(start, end, share)}, up)
-        body.run(joints, TICK_S, _shares(robot, leg, 0.0, is_stiff=is_stiff))
-    body.run(joints, SETTLE_S, _shares(robot, is_stiff=is_stiff))
-
-
-def _body_motion(
-    robot: RobotModel, gait: WaveGait, leg: str, soles: Mapping[str, Float], target: Float, base: Float
-) -> Float:
-    """Transform (4, 4) from the body's next pose to the present one; as high as the legs can reach feet and target."""
-    offsets = np.array([soles[name][:2] - gait.hips[name] for name in soles])
-    sway = -SWAY_M if gait.hips[leg][1] > 0 else SWAY_M
-    position = (float(offsets[:, 0].mean()) + _mean_lag(gait), float(offsets[:, 1].mean()) + sway)
-    yaw = float(np.clip(-np.arctan2(base[1, 0], base[0, 0]), -LARGEST_TURN, LARGEST_TURN))
-    turn = np.eye(4)
+    Raises:
+        OutOfReach: they do not.
+    """
+    feet, turned = body.feet, body.rotation
+    offset = (feet[:, :2] - np.array([gait.hips[name] for name in LEGS])).mean(axis=0)
+    sway = -SWAY_M if gait.hips[LEGS[leg]][1] > 0 else SWAY_M
+    position = (float(offset[0]) + _mean_lag(gait), float(offset[1]) + sway)
+    turn, yaw = np.eye(4), float(np.arctan2(turned[1, 0], turned[0, 0]))
+    yaw -= float(np.clip(yaw, -LARGEST_TURN, LARGEST_TURN))
     turn[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-    moved = np.eye(4)
+    after = feet.copy()
+    after[leg] = target
     for crouch in np.arange(0.0, DEEPEST_CROUCH_M + 1e-9, CROUCH_STEP_M):
-        moved = body_pose(np.array(list(soles.values())), position, gait.hip_height - float(crouch)) @ turn
-        targets = [*soles.items(), (leg, target)]
-        if all(
-            np.isfinite(robot.reach(name, moved[:3, :3].T @ (target_in_world - moved[:3, 3])).joint_positions).all()
-            for name, target_in_world in targets
-        ):
-            break
-    return moved
+        moved = body_pose(feet, position, body.heights[0] - float(crouch)) @ turn
+        if all(np.isfinite(body.joints_at(each, moved[:3, 3], moved[:3, :3])).all() for each in (feet, after)):
+            return np.asarray(moved)
+    raise OutOfReach(
+        f"leg {LEGS[leg]!r} cannot reach {np.round(target, 3).tolist()}: choose a foothold nearer to its hip"
+    )
 
 
 def _mean_lag(gait: WaveGait) -> float:
@@ -193,54 +172,16 @@ def _mean_lag(gait: WaveGait) -> float:
     return gait.cycle_length / 2 - gait.advance * (legs - 1) / 2
 
 
-def _arc(start: Float, end: Float, share: float) -> Float:
-    """A swing: up for the first third, across, down for the last third."""
-    across = float(np.clip((share - 0.3) / 0.4, 0, 1))
-    across = across**2 * (3 - 2 * across)
-    point = start + across * (end - start)
-    top = max(start[2], end[2]) + CLEARANCE_M
-    if share < 0.3:
-        point[2] = start[2] + (top - start[2]) * np.sin(share / 0.3 * np.pi / 2)
-    elif share > 0.7:
-        point[2] = end[2] + (top - end[2]) * np.sin((1 - share) / 0.3 * np.pi / 2)
-    else:
-        point[2] = top
-    return np.asarray(point)
+def _base_to_world(body: Robot) -> Float:
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = body.rotation, body.base
+    return transform
 
 
-def _ticks(seconds: float) -> Float:
-    """Shares of a motion at the ends of its ticks, with a soft start and end."""
-    count = max(round(seconds / TICK_S), 1)
-    linear = (np.arange(count) + 1) / count
-    return np.asarray(linear**2 * (3 - 2 * linear))
+def _joints(body: Robot) -> dict[str, float]:
+    return dict(zip(body.joint_names, body.joint_positions.tolist(), strict=True))
 
 
-def _joints(robot: RobotModel, soles_in_base: Mapping[str, Float], up_in_base: Float) -> dict[str, float]:
-    joints: dict[str, float] = {}
-    for leg, sole in soles_in_base.items():
-        reached = robot.reach(leg, sole, level_sole_pitch(robot.tree, leg, sole, up_in_base))
-        if not np.isfinite(reached.joint_positions).all():
-            position = np.round(sole, 3).tolist()
-            raise OutOfReach(f"leg {leg!r} cannot reach {position} in base_link: choose a foothold nearer to its hip")
-        # The servos take what is beyond a limit as the limit.
-        config = robot.tree.leg(leg).joints
-        for name, value in zip(config, reached.joint_positions.tolist(), strict=True):
-            index = robot.tree.joint_index(name)
-            joints[name] = float(np.clip(value, robot.tree.lower_limits[index], robot.tree.upper_limits[index]))
-    return joints
-
-
-def _soles_in_base(robot: RobotModel, joints: Mapping[str, float]) -> dict[str, Float]:
-    import warnings
-
-    with warnings.catch_warnings():
-        # Contacts push joints slightly beyond their limits, which is expected here.
-        warnings.simplefilter("ignore")
-        soles = robot.state(joints).soles_in_base()
-    return {leg: np.array(sole) for leg, sole in zip(robot.legs, soles, strict=True)}
-
-
-def _soles_in_world(robot: RobotModel, body: PhysicsRobot) -> dict[str, Float]:
-    transform = body.transform_base_to_world
-    soles = _soles_in_base(robot, body.joint_positions)
-    return {leg: transform[:3, :3] @ sole + transform[:3, 3] for leg, sole in soles.items()}
+def _soles_in_world(robot: RobotModel, body: Robot) -> dict[str, Float]:
+    soles = transform_points(_base_to_world(body), robot.state(_joints(body)).soles_in_base())
+    return dict(zip(robot.legs, soles, strict=True))

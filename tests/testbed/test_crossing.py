@@ -11,24 +11,15 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.features import Pit
 from guara_perception.simulation.world import World
 from kinematics import LegOdometry, Stance
-from testbed.crossing.courses import KINDS, START_M, course
-from testbed.crossing.crawl import FRICTION_USED, shared
+from testbed.crossing.courses import KINDS, SIZES, START_M, course
 from testbed.crossing.eyes import Sight
-from testbed.crossing.guara import Guara
-from testbed.crossing.robot import LEGS, Robot, go2
 from testbed.crossing.walk import Crossing, cross, edge_distance, support
-from testbed.stock_robots import StockRobotsMissing, stock_urdf
+from testbed.physics.crawl import FRICTION_USED, shared
+from testbed.physics.robot import LEGS, Robot, go2
+from testbed.stock_robots import has_stock_robot
 
-
-def go2_is_missing() -> bool:
-    """Whether MuJoCo or the Go2 is not installed."""
-    try:
-        return find_spec("mujoco") is None or not stock_urdf("go2").is_file()
-    except StockRobotsMissing:
-        return True
-
-
-needs_go2 = pytest.mark.skipif(go2_is_missing(), reason="MuJoCo or the Go2 is not installed (sim, robots-test)")
+HAS_GO2 = find_spec("mujoco") is not None and has_stock_robot("go2")
+needs_go2 = pytest.mark.skipif(not HAS_GO2, reason="MuJoCo or the Go2 is not installed (sim, robots-test)")
 GAP = World(features=(Pit(x=0.5, y=0.0, size=(0.10, 1.0), depth=0.2),))
 
 
@@ -47,9 +38,9 @@ def test_courses_are_fixed_by_their_seed(kind: str) -> None:
 def test_courses_of_a_guara_ask_for_less_height_and_more_ground() -> None:
     """Stairs of 30 to 40 mm, stones half as large again."""
     for seed in range(5):
-        steps = {each.top for each in course("stairs", seed, Guara.sizes).world.features}
+        steps = {each.top for each in course("stairs", seed, SIZES["guara"]).world.features}
         assert 0.03 <= min(steps) <= 0.04
-        stones = [each.size for each in course("stones", seed, Guara.sizes).world.features if each.size[0] < 0.5]
+        stones = [each.size for each in course("stones", seed, SIZES["guara"]).world.features if each.size[0] < 0.5]
         # What gaps leave of the field is shared, so that some are a little shorter.
         assert np.min(stones) > 0.225 and np.max(stones) <= 0.36
 

@@ -18,9 +18,12 @@ from testbed.erring_walk import pictured
 from testbed.physics.physics_figures import physics_figures, rms
 from testbed.physics.physics_robot import PhysicsRobot
 from testbed.physics.physics_walk import physics_walk
+from testbed.physics.robot import go2
+from testbed.stock_robots import has_stock_robot
 
 # `find_spec` does not import it, which takes seconds in each worker that collects this file.
 needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="MuJoCo is not installed (extra `sim`)")
+needs_go2 = pytest.mark.skipif(not has_stock_robot("go2"), reason="the Go2 is not installed (extra `robots-test`)")
 pytestmark = [pytest.mark.sim, pytest.mark.heavy, needs_mujoco]
 
 
@@ -69,12 +72,26 @@ def test_the_walk_advances_in_its_lanes(robot: RobotModel) -> None:
         shifts = {leg: np.linalg.norm(two.soles_in_world[leg] - one.soles_in_world[leg]) for leg in robot.legs}
         assert max(shifts, key=shifts.__getitem__) == one.next_leg
         assert shifts[one.next_leg] > 0.09
-        assert all(shift < 0.02 for leg, shift in shifts.items() if leg != one.next_leg)
+        assert all(shift < 0.002 for leg, shift in shifts.items() if leg != one.next_leg)
         for leg, sole in two.soles_in_world.items():
             assert abs(abs(sole[1]) - 0.18) < 0.03
             assert (sole[1] > 0) == leg.startswith("l")
         gravity = np.array(two.stance.gravity_in_base)
         np.testing.assert_allclose(gravity, -two.transform_base_to_world[2, :3], atol=1e-9)
+
+
+@pytest.mark.robots
+@pytest.mark.parametrize("name", ["guara", pytest.param("go2", marks=needs_go2)])
+def test_feet_stand_that_share_forces_and_creep_that_do_not(name: str) -> None:
+    """A standing foot slides by less than 0.8 mm a pause; by position servos further, all the same way."""
+    model = load_robot("guara") if name == "guara" else go2()
+    by_forces, by_servos = (
+        [slip for pause in physics_walk(World(), model, cycles=2, is_stiff=stiff) for slip in pause.slips.values()]
+        for stiff in (False, True)
+    )
+    assert len(by_forces) == len(by_servos) == 24
+    assert np.mean(by_forces) < 0.0004 and max(by_forces) < 0.0008
+    assert np.mean(by_servos) > 0.0008
 
 
 def test_physics_repeats(robot: RobotModel) -> None:
@@ -96,7 +113,7 @@ def test_pictures_hold_a_walk_whose_feet_slide(robot: RobotModel) -> None:
     """In three cycles odometry errs by 8 mm and more, the map that sees pictures by less than 1 mm."""
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
     poses, truths = [], []
-    for pause in pictured(robot, 105, 3.0, None, None, physics=True):
+    for pause in pictured(robot, 105, 3.0, None, None, crawl="stiff"):
         poses.append(odometry.update(pause.stance))
         fused = terrain_map.update(pause.scan, poses[-1], picture=pause.picture)
         truths.append(pause.to_world)
@@ -113,7 +130,9 @@ def test_what_physics_cannot_do_is_refused(robot: RobotModel) -> None:
     """Worlds beyond boxes, and a missing library, are refused with what is allowed."""
     posture = robot.posture("scan")
     rock = World(features=(Patch(x=0.5, y=0, size=(0.1, 0.1)), Rock(x=0.7, y=0, size=(0.1, 0.1), height=0.03)))
-    with pytest.raises(InvalidInput, match="the world holds a rock: physics knows level ground, boxes and patches"):
+    with pytest.raises(
+        InvalidInput, match="the world holds a rock: physics knows level ground, boxes, pits and patches only"
+    ):
         PhysicsRobot(rock, robot, standing(), posture)
     with pytest.raises(InvalidInput, match="the world undulates by 0.01 m: physics needs level ground"):
         PhysicsRobot(World(undulation=0.01), robot, standing(), posture)

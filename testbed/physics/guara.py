@@ -10,9 +10,8 @@ import numpy as np
 from guara_perception.arrays import Float
 from kinematics import RobotModel, load_robot
 from kinematics.transforms import transform_points
-from testbed.crossing.courses import Sizes
-from testbed.crossing.robot import LEGS, SWING_BRAKE, SWING_PULL, Robot
 from testbed.physics.mujoco_robot import FRICTION
+from testbed.physics.robot import LEGS, SWING_BRAKE, SWING_PULL, Robot
 
 # Soles give way sideways, each on a hinge along its middle: no joint of a leg rolls them, and one that leant by its leg
 # would stand on an edge, its middle up to 9 mm over the ground, which no stance of the product knows.
@@ -31,9 +30,6 @@ class Guara(Robot):
     # and a leg in the air folds by 0.11 m. Friction is assumed: 0.2 Nm as in a Go2's gears, in legs that are nearly
     # straight, would hold up a quarter of the body's weight.
     clearance, dry_friction, start = 0.03, 0.05, -0.25
-    # A sole and its margins take half as much ground again. Legs and balance reach across 180 mm, of which margins of
-    # 60 mm a side and rims take 140; down, 40 mm in the scan posture (robot.toml).
-    sizes = Sizes(1.5, gaps=(0.025, 0.030, 0.035, 0.040), rises=(0.03, 0.04), tops=(0.02, 0.04))
 
     def _product(self) -> RobotModel:
         return load_robot("guara")
@@ -107,3 +103,6 @@ class Guara(Robot):
             ankle = 4 * leg + 3
             torques[ankle] = -LEVEL_PULL * pitch - LEVEL_BRAKE * self.data.qvel[self.dofs[ankle]]
         return torques
+
+
+ROBOTS: dict[str, type[Robot]] = {"go2": Robot, "guara": Guara}

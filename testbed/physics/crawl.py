@@ -12,8 +12,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from guara_perception.arrays import Float
-from testbed.crossing.robot import LEGS, Robot
 from testbed.physics.mujoco_robot import STEP_S
+from testbed.physics.robot import LEGS, Robot
 
 GRAVITY = 9.81
 # Steps of the physics from one command to the next.

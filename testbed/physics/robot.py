@@ -16,11 +16,11 @@ import numpy as np
 from guara_perception.app.robot_folder.new_robot import new_robot
 from guara_perception.arrays import Float
 from guara_perception.exceptions import optional_library
-from guara_perception.simulation.features import Pit
+from guara_perception.simulation.world import World
 from kinematics import RobotModel, load_robot
 from kinematics.transforms import transform_points
-from testbed.crossing.courses import GO2_SIZES, Block, Course
-from testbed.physics.mujoco_robot import FRICTION, mujoco_robot
+from testbed.physics.ground import add_ground
+from testbed.physics.mujoco_robot import FRICTION, STEP_S, mujoco_robot
 from testbed.stock_robots import stock_urdf
 
 LEGS = ("lf", "rf", "lh", "rh")
@@ -32,7 +32,6 @@ FOOT_RADIUS_M = 0.023
 TORQUE_LIMIT = np.array([23.7, 23.7, 45.43] * 4)
 # Inertia of the rotors and viscous friction of the gears.
 ARMATURE, DAMPING = 0.01, 0.1
-ROBOT_BIT, GROUND_BIT = 1, 2
 # Pull of a foot in the air to its place: acceleration per metre, per metre a second.
 SWING_PULL, SWING_BRAKE = 1200.0, 60.0
 
@@ -50,27 +49,32 @@ def go2() -> RobotModel:
 
 
 class Robot:
-    """A Go2 on a course; time goes on in `advance` alone. All that it tells is true.
+    """A Go2 on some ground; time goes on in `advance` alone. All that it tells is true.
 
     Attributes:
         sole: length and width of a flat sole; None = balls [m].
         heights: of the body over its feet, best first [m].
         clearance: of a foot in the air [m].
         dry_friction: of a gear [Nm].
-        start: where the body begins, along x [m].
-        sizes: of its courses.
+        start: where the body begins a course, along x [m].
+        slid: (4, 2) way that each foot slid since the start, also in the air; a ball that rolls does not slide [m].
     """
 
     heights, torque_limit = (0.295, 0.27, 0.245), TORQUE_LIMIT
     clearance, dry_friction, start = 0.05, 0.2, 0.0
-    sizes = GO2_SIZES
     sole: Float | None = None
 
-    def __init__(self, course: Course) -> None:
-        """Build it at its start, level, its feet on the ground below the hips."""
+    def __init__(self, world: World, start: float = 0.0, feet: Float | None = None) -> None:
+        """Build it, level, its feet on level ground.
+
+        Args:
+            world: the ground.
+            start: where the body begins, along x [m].
+            feet: (4, 2) positions of the feet in base; None = below the hips [m].
+        """
         self._mujoco = optional_library("mujoco", "sim", "a crossing")
         self.product = self._product()
-        self.model = self._build(course)
+        self.model = self._build(world)
         self.data: Any = self._mujoco.MjData(self.model)
         model = self.model
         self.body = model.body(self.product.config.base_frame).id
@@ -80,13 +84,14 @@ class Robot:
         self.joint_names = names
         self._positions = np.array([model.joint(name).qposadr[0] for name in names])
         self.dofs = np.array([model.joint(name).dofadr[0] for name in names])
-        self.data.qpos[[0, 2]] = self.start, self.heights[0]
+        self.data.qpos[[0, 2]] = start, self.heights[0]
         self._prepare()
-        below = np.column_stack((self.lanes(), np.zeros(4)))
+        below = np.column_stack((self.lanes() if feet is None else feet, np.zeros(4)))
         self.data.qpos[self._positions] = self.joints_at(below, np.array([0, 0, self.heights[0]]), np.eye(3))
         self._jacobian, self._turn_jacobian = np.zeros((3, model.nv)), np.zeros((3, model.nv))
         self._mujoco.mj_forward(model, self.data)
         self._mujoco.mj_subtreeVel(model, self.data)
+        self.slid = np.zeros((4, 2))
         self.com_in_base = self.rotation.T @ (self.com - self.base)
 
     def _product(self) -> RobotModel:
@@ -188,8 +193,10 @@ class Robot:
         self.data.ctrl[:] = np.clip(torques, -self.torque_limit, self.torque_limit)
         self._mujoco.mj_step(self.model, self.data, steps)
         self._mujoco.mj_subtreeVel(self.model, self.data)
+        for leg in range(4):
+            self.slid[leg] += (self.jacobian(leg) @ self.data.qvel)[:2] * steps * STEP_S
 
-    def _build(self, course: Course) -> Any:
+    def _build(self, world: World) -> Any:
         mujoco = self._mujoco
         spec = mujoco_robot(self.product)
         for servo in list(spec.actuators):
@@ -199,9 +206,7 @@ class Robot:
             joint = spec.joint(name)
             joint.armature, joint.damping, joint.frictionloss = ARMATURE, np.r_[DAMPING, 0, 0], self.dry_friction
             spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_motor()
-        for geom in spec.geoms:  # It touches the ground, never itself.
-            geom.contype, geom.conaffinity = ROBOT_BIT, GROUND_BIT
-        _add_ground(spec, course, mujoco)
+        add_ground(spec, world)
         return spec.compile()
 
     def _make_feet(self, spec: Any) -> None:
@@ -250,40 +255,3 @@ class Legs:
         """From the hip: `width` aside, then x and z in link lengths in the plane of the leg, turned by its roll."""
         y, c, s = SIDE * self.width, np.cos(roll), np.sin(roll)
         return np.stack((self.link * x, c * y - s * self.link * z, s * y + c * self.link * z), axis=-1)
-
-
-def _add_ground(spec: Any, course: Course, mujoco: Any) -> None:
-    """Solid ground: blocks as boxes, what is left of a floor with pits as boxes between their edges."""
-    common = {"contype": GROUND_BIT, "conaffinity": ROBOT_BIT, "friction": FRICTION}
-    world = course.world
-    pits = [each for each in world.features if isinstance(each, Pit)]
-    floor = -max([each.depth for each in pits], default=0.0)
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], pos=[0, 0, floor], **common)
-    boxes = [(each.x, each.y, *each.size, each.yaw, each.top) for each in world.features if isinstance(each, Block)]
-    boxes += [((x0 + x1) / 2, (y0 + y1) / 2, x1 - x0, y1 - y0, 0.0, 0.0) for x0, x1, y0, y1 in _between(world, pits)]
-    for x, y, length, width, yaw, top in boxes:
-        half = (top - floor + 0.05) / 2
-        spec.worldbody.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=[length / 2, width / 2, half],
-            pos=[x, y, top - half],
-            quat=[np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)],
-            **common,
-        )
-
-
-def _between(world: Any, pits: list[Pit]) -> list[tuple[float, float, float, float]]:
-    """Rectangles of the world that no pit covers: lowest and highest x and y."""
-    rectangles = [(world.x[0] - 1, world.x[1] + 1, world.y[0] - 1, world.y[1] + 1)] if pits else []
-    for pit in pits:
-        a0, a1, b0, b1 = pit.bounds
-        cut = []
-        for x0, x1, y0, y1 in rectangles:
-            low, high, near, far = max(x0, a0), min(x1, a1), max(y0, b0), min(y1, b1)
-            if low >= high or near >= far:
-                cut.append((x0, x1, y0, y1))
-                continue
-            parts = ((x0, low, y0, y1), (high, x1, y0, y1), (low, high, y0, near), (low, high, far, y1))
-            cut += [each for each in parts if each[0] < each[1] and each[2] < each[3]]
-        rectangles = cut
-    return rectangles
