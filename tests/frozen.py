@@ -18,7 +18,7 @@ from guara_perception.app.map_summary import regions_message, summary_payload
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.simulation import SimulatedRangefinder, World, specimen
 from guara_perception.simulation.features import Box, Step
-from guara_perception.simulation.walk import simulate_walk
+from guara_perception.simulation.walk import WalkNoise, simulate_walk
 from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import LegOdometry, load_robot
 from testbed.truth import truth_calibration
@@ -68,7 +68,7 @@ def _walk() -> gp.TerrainGrid:
     rangefinder = SimulatedRangefinder(world, calibration, robot, seed=1)
     odometry, walk_map = LegOdometry(robot), gp.TerrainMap(robot, resolution=RESOLUTION)
     fused = None
-    for pause, _ in zip(simulate_walk(world, robot, seed=2), range(PAUSES), strict=False):
+    for pause, _ in zip(simulate_walk(world, robot, seed=2, noise=WalkNoise(slide=0.0)), range(PAUSES), strict=False):
         rangefinder.set_pose(pause.transform_base_to_world, pause.joint_positions)
         processor = gp.ScanProcessor(
             calibration,

@@ -18,7 +18,7 @@ from kinematics import RobotModel, load_robot
 from testbed.random_world import random_world
 from tests.thorough import examples
 
-EXACT = WalkNoise(joint=0.0, contact=0.0, slip=0.0, imu=0.0)
+EXACT = WalkNoise(joint=0.0, contact=0.0, slip=0.0, imu=0.0, slide=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,11 @@ def test_the_joints_put_every_sole_where_it_stands(robot: RobotModel, seed: int)
 
 def test_one_foot_moves_and_three_stay(robot: RobotModel) -> None:
     """Between two pauses only the announced leg's sole moves; it lands where it was commanded to."""
-    pauses = list(simulate_walk(World(), robot, lambda p: (p.nominal[0] + 0.02, p.nominal[1] - 0.01), cycles=2))
+
+    def choose(pause: WalkPause) -> tuple[float, float]:
+        return pause.nominal[0] + 0.02, pause.nominal[1] - 0.01
+
+    pauses = list(simulate_walk(World(), robot, choose, cycles=2, noise=WalkNoise(slide=0.0)))
     for one, two in itertools.pairwise(pauses):
         moved = [leg for leg in robot.legs if (one.soles_in_world[leg] != two.soles_in_world[leg]).any()]
         assert moved == [one.next_leg]
@@ -76,6 +80,20 @@ def test_one_foot_moves_and_three_stay(robot: RobotModel) -> None:
         assert footstep.target_in_footprint == pytest.approx((one.nominal[0] + 0.02, one.nominal[1] - 0.01))
         wanted = one.to_world(*footstep.target_in_footprint)
         np.testing.assert_allclose(footstep.sole_in_world[:2], wanted, atol=6 * WalkNoise().slip)
+
+
+def test_standing_feet_slide_by_a_share_drawn_for_each_walk(robot: RobotModel) -> None:
+    """All together, up to 8 % of the way and either way; the same seed draws the same share."""
+    shares = []
+    for seed in (*range(6), 0):
+        one, two = simulate_walk(World(), robot, cycles=0.25, seed=seed)
+        stood = [leg for leg in robot.legs if leg != one.next_leg]
+        ways = np.array([two.soles_in_world[leg] - one.soles_in_world[leg] for leg in stood])
+        np.testing.assert_allclose(ways, ways[[0, 0, 0]], atol=1e-12)
+        np.testing.assert_allclose(ways[0, 1:], 0.0, atol=1e-12)
+        shares.append(-ways[0, 0] / 0.035)
+    assert shares[0] == shares[-1]
+    assert -0.08 <= min(shares) < -0.01 and 0.01 < max(shares) <= 0.08
 
 
 def test_known_ground_is_declared_once_around_the_first_stance(robot: RobotModel) -> None:
