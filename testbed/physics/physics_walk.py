@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 # The body sways away from the leg that lifts: without it the centre of mass is only 6 mm inside the three other feet.
 SWAY_M = 0.040
+# Places of a swing whose ground it passes over.
+ON_THE_WAY = 20
 # The lanes are kept by turning the body back, by this much per swing at most [rad].
 LARGEST_TURN = 0.03
 
@@ -95,9 +97,10 @@ def physics_walk(
         xy = pause.to_world(x, y)
         leg, target = LEGS.index(pause.next_leg), np.array([*xy, world.sole_height(*xy, *robot.sole)])
         moved = _body_motion(gait, body, leg, target)
-        com, top = transform_points(moved, body.com_in_base), max(target[2], body.feet[leg, 2])
+        com, way = transform_points(moved, body.com_in_base), np.linspace(body.feet[leg], target, ON_THE_WAY)
+        top = max(world.sole_height(*place, *robot.sole) for place in way[:, :2].tolist())
         try:
-            crawl.step(leg, np.array([body.feet[leg], target]), com, moved[:3, :3], top)
+            crawl.step(leg, way[[0, -1]], com, moved[:3, :3], top)
         except (Fell, NoGround) as error:
             raise WalkEnded(f"step {step}: {error}") from None
         sole = _soles_in_world(robot, body)[pause.next_leg]
