@@ -98,7 +98,7 @@ def physics_walk(
         leg, target = LEGS.index(pause.next_leg), np.array([*xy, world.sole_height(*xy, *robot.sole)])
         moved = _body_motion(gait, body, leg, target)
         com, way = transform_points(moved, body.com_in_base), np.linspace(body.feet[leg], target, ON_THE_WAY)
-        top = max(world.sole_height(*place, *robot.sole) for place in way[:, :2].tolist())
+        top = max(world.sole_height(x, y, *robot.sole) for x, y, _ in way.tolist())
         try:
             crawl.step(leg, way[[0, -1]], com, moved[:3, :3], top)
         except (Fell, NoGround) as error:
