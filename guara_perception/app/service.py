@@ -8,9 +8,9 @@ import shlex
 import socket
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Self
 
 from guara_perception.app.exit_codes import EXIT_BAD_INPUT, EXIT_CALIBRATION
 from guara_perception.exceptions import InvalidInput
@@ -75,39 +75,33 @@ def notify(*states: str) -> None:
         logger.warning("cannot notify the service manager of %s: %s", ", ".join(states), error)
 
 
-class ServiceManager:
-    """Readiness, watchdog and stop notifications of a node to systemd, sent while the `with` block runs."""
+@contextmanager
+def service_manager(is_well: Callable[[], bool]) -> Iterator[None]:
+    """Notify systemd while the block runs: ready, then the watchdog if systemd expects it, and stopping at the end.
 
-    def __init__(self, is_well: Callable[[], bool]) -> None:
-        """Prepare the notifications.
+    Args:
+        is_well: returns True while the node works. Otherwise the watchdog is not notified, and systemd restarts the
+            node.
+    """
+    is_over = threading.Event()
+    microseconds = os.environ.get("WATCHDOG_USEC", "")
+    # Half the watchdog's time, as sd_watchdog_enabled(3) advises.
+    period = int(microseconds) * 1e-6 / 2.0 if microseconds.isdigit() else 0.0
 
-        Args:
-            is_well: returns True while the node works. Otherwise the watchdog is not notified, and systemd restarts
-                the node.
-        """
-        self._is_well = is_well
-        self._ended = threading.Event()
-        microseconds = os.environ.get("WATCHDOG_USEC", "")
-        # Half the watchdog's time, as sd_watchdog_enabled(3) advises.
-        self._period = int(microseconds) * 1e-6 / 2.0 if microseconds.isdigit() else None
-        self._thread = supervised("guara-watchdog", self._run)
-
-    def __enter__(self) -> Self:
-        """Report that the node is ready, and begin the watchdog notifications if systemd expects them."""
-        notify("READY=1")
-        if self._period:
-            self._thread.start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Report that the node is stopping."""
-        self._ended.set()
-        if self._thread.ident is not None:
-            self._thread.join()
-        notify("STOPPING=1")
-
-    def _run(self) -> None:
-        while not self._ended.is_set():
-            if self._is_well():
+    def watch() -> None:
+        while not is_over.is_set():
+            if is_well():
                 notify("WATCHDOG=1")
-            self._ended.wait(self._period)
+            is_over.wait(period)
+
+    notify("READY=1")
+    thread = supervised("guara-watchdog", watch)
+    if period:
+        thread.start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        if period:
+            thread.join()
+        notify("STOPPING=1")

@@ -170,7 +170,7 @@ def command(
     from guara_perception.app.node.recorder import ScanRecorder
     from guara_perception.app.scene.live import SceneMirror
     from guara_perception.app.scene.scene import Scene
-    from guara_perception.app.service import ServiceManager
+    from guara_perception.app.service import service_manager
     from guara_perception.app.until_stopped import closed_within, stop_event
     from guara_perception.scanning.stripe_finder import check_method
     from guara_perception.stripes.kernel.library import kernel
@@ -296,7 +296,7 @@ def command(
             report(f"recording to {recorder.path}: {recording_size(quality)}")
             if cut := recorder.cut:
                 report(f"incomplete files: {len(cut)}; `guara recover {cut[-1]}` makes the newest readable")
-        stack.enter_context(ServiceManager(node.is_well))
+        stack.enter_context(service_manager(node.is_well))
         if gait == "external":
             report(f"{instance}: waiting for your gait to announce stance pauses on {stance_key(instance)}")
         elif rig.simulation is not None:

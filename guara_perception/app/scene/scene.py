@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from guara_perception.app.files.export import cell_cloud
 from guara_perception.app.messages import message_to_terrain
@@ -54,12 +53,11 @@ class Scene:
         if calibration.robot != robot.name:
             raise InvalidInput(f"the calibration belongs to robot {calibration.robot!r}, not {robot.name!r}")
         self._robot, self._calibration = robot, calibration
-        self._frames = RobotFrames(robot, calibration.transform_camera_to_base)
 
     def unchanging(self, stamp: int) -> Iterator[Named]:
         """Messages that do not change during a walk: the robot's URDF and its fixed frames."""
         yield "/robot_description", text_message(self._robot.tree.urdf.text)
-        yield "/tf_static", frames_message(self._frames.fixed(), stamp)
+        yield "/tf_static", frames_message(self._fixed(), stamp)
 
     def of_stance(self, stance: Stance, stamp: int) -> Iterator[Named]:
         """Messages of the robot's stance before a scan, and of its camera.
@@ -67,7 +65,10 @@ class Scene:
         Raises:
             kinematics.KinematicsError: the stance does not fit the robot.
         """
-        yield "/tf", frames_message(self._frames.standing(stance), stamp)
+        mount, base = self._calibration.transform_camera_to_base, self._robot.config.base_frame
+        to_footprint = self._robot.stance_pose(stance, transform_camera_to_base=mount).transform_base_to_footprint
+        body = TransformMessage(source_frame=base, destination_frame=BASE_FOOTPRINT, matrix=to_footprint)
+        yield "/tf", frames_message([body, *self._between_links(stance.joint_positions)], stamp)
         camera = self._calibration.camera
         yield (
             "camera/camera_info",
@@ -113,18 +114,9 @@ class Scene:
             for item in message.transforms
             if item.source_frame in ("base_link", BASE_FOOTPRINT)
         ]
-        return [*body, *self._frames.moving(message.stance.joint_positions)]
+        return [*body, *self._between_links(message.stance.joint_positions)]
 
-
-class RobotFrames:
-    """Transforms between the links of a robot, with the camera at its calibrated mount instead of the URDF's."""
-
-    def __init__(self, robot: RobotModel, transform_camera_to_base: npt.ArrayLike) -> None:
-        """Create the frames of a robot whose camera is at the calibrated mount (4, 4)."""
-        self._robot = robot
-        self._camera_to_base = np.asarray(transform_camera_to_base, dtype=np.float64)
-
-    def fixed(self) -> list[TransformMessage]:
+    def _fixed(self) -> list[TransformMessage]:
         """Transforms of fixed joints, and of CAMERA_FRAME if the camera's link has another name."""
         nominal = self._robot.posture(self._robot.config.scan_posture)
         fixed = self._between_links(nominal, of_fixed_joints=True)
@@ -134,35 +126,15 @@ class RobotFrames:
             fixed.append(TransformMessage(source_frame=CAMERA_FRAME, destination_frame=camera, matrix=np.eye(4)))
         return fixed
 
-    def moving(self, joint_positions: Mapping[str, float]) -> list[TransformMessage]:
-        """Transforms of moving joints.
-
-        Raises:
-            kinematics.KinematicsError: the joints are not those of the robot.
-        """
-        return self._between_links(joint_positions, of_fixed_joints=False)
-
-    def standing(self, stance: Stance) -> list[TransformMessage]:
-        """Transforms of the moving joints, and of the body to base_footprint.
-
-        Raises:
-            kinematics.KinematicsError: the stance does not fit the robot.
-        """
-        pose = self._robot.stance_pose(stance, transform_camera_to_base=self._camera_to_base)
-        base = self._robot.config.base_frame
-        return [
-            TransformMessage(
-                source_frame=base, destination_frame=BASE_FOOTPRINT, matrix=pose.transform_base_to_footprint
-            ),
-            *self.moving(stance.joint_positions),
-        ]
-
-    def _between_links(self, joint_positions: Mapping[str, float], *, of_fixed_joints: bool) -> list[TransformMessage]:
+    def _between_links(
+        self, joint_positions: Mapping[str, float], *, of_fixed_joints: bool = False
+    ) -> list[TransformMessage]:
+        """Transforms of the moving or fixed joints, with the camera at its calibrated mount instead of the URDF's."""
         state = self._robot.state(joint_positions)
 
         def to_base(link: str) -> Float:
             if link == self._robot.config.camera_frame:
-                return self._camera_to_base
+                return self._calibration.transform_camera_to_base
             return state.transform_to_base(link)
 
         return [

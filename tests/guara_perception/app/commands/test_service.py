@@ -11,7 +11,7 @@ import pytest
 
 from guara_perception.app.exit_codes import EXIT_CALIBRATION
 from guara_perception.app.main import run
-from guara_perception.app.service import ServiceManager, notify
+from guara_perception.app.service import notify, service_manager
 from tests.ports import free_endpoint as free_port_endpoint
 
 PATIENCE = 120.0
@@ -83,7 +83,7 @@ def test_signs_of_life_end_when_the_node_is_not_well(manager: socket.socket, mon
     """READY, one sign of life while it is well, none afterwards, STOPPING."""
     monkeypatch.setenv("WATCHDOG_USEC", "20000")
     asked = [False, False, True]
-    with ServiceManager(lambda: bool(asked) and asked.pop()):
+    with service_manager(lambda: bool(asked) and asked.pop()):
         assert manager.recv(100) == b"READY=1"
         assert manager.recv(100) == b"WATCHDOG=1"
         while asked:

@@ -1,12 +1,15 @@
 """The scene of a pause: grids, clouds, transforms and markers say the same as grid, robot and calibration."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 import guara_perception as gp
 from guara_perception.app.files.export import cell_cloud
 from guara_perception.app.messages import terrain_to_message
-from guara_perception.app.scene.scene import RobotFrames, Scene, stripe_cloud
+from guara_perception.app.scene.scene import Scene, stripe_cloud
 from guara_perception.scanning.process import run_scan
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.map.terrain_map import TerrainMap
@@ -132,7 +135,8 @@ def test_a_cloud_of_stripes_holds_every_point_with_its_sigma(
 def test_a_robot_whose_camera_has_another_name_has_the_frame_of_its_pictures(root) -> None:
     """Pictures name `camera_optical_frame`; TF leads from there to the URDF's own."""
     tapir = load_robot(root / "tests" / "robots" / "tapir")
-    frames = {item.source_frame for item in RobotFrames(tapir, tapir.transform_camera_to_base).fixed()}
+    mounted: Any = SimpleNamespace(robot=tapir.name, transform_camera_to_base=tapir.transform_camera_to_base)
+    frames = {item.child_frame_id for item in dict(Scene(tapir, mounted).unchanging(0))["/tf_static"].transforms}
     assert CAMERA_FRAME in frames and tapir.config.camera_frame in frames
 
 
