@@ -106,17 +106,12 @@ class Controls:
         """Show the camera image, (h, w) or (h, w, 3) BGR; None = not available."""
         self._picture.visible, self._caption.visible = image is not None, image is None
         if image is not None and image is not self._sent:
-            self._picture.image = for_page(image)
+            self._picture.image = to_rgb(for_screen(image, PICTURE_WIDTH_PX))
         self._sent = image
 
     def cell(self, text: str | None) -> None:
         """Show the text of the clicked cell; None = no cell."""
         self._cell.content = NO_CELL if text is None else text
-
-
-def for_page(image: Image) -> Image:
-    """Convert a camera image for the page: 8-bit RGB, at most `PICTURE_WIDTH_PX` wide."""
-    return to_rgb(for_screen(image, PICTURE_WIDTH_PX))
 
 
 def legend_html(mesh: TerrainMesh) -> str:

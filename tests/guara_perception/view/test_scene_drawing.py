@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from guara_perception.view.controls import PICTURE_WIDTH_PX, for_page
+from guara_perception.images import for_screen, to_rgb
+from guara_perception.view.controls import PICTURE_WIDTH_PX
 from guara_perception.view.scene_drawing import OUTLINE_M, outline, prism, simplify, track
 
 
@@ -61,6 +62,6 @@ def test_pictures_of_every_camera_are_shown(shape: tuple[int, ...], kind: type) 
     """BGR becomes RGB, grey stays grey, of 16 bits the upper 8 are kept, and none is wider than the panel."""
     image = np.zeros(shape, kind)
     image[..., 0 if len(shape) == 3 else slice(None)] = np.iinfo(kind).max
-    shown = for_page(image)
+    shown = to_rgb(for_screen(image, PICTURE_WIDTH_PX))
     assert shown.dtype == np.uint8 and shown.shape[1] == min(PICTURE_WIDTH_PX, shape[1]) and shown.shape[2] == 3
     assert tuple(shown[5, 5]) == ((0, 0, 255) if len(shape) == 3 else (255, 255, 255))
