@@ -1,7 +1,7 @@
-// A gait's side in C++ with guara_msgs: gait STANCE.txt PAUSES SECONDS, the file a line `JOINT ANGLE` for each joint and one `FOOT NAME`
-// for each foot that carries weight. It announces stance pauses, streams the joints and tells the clock of the stamps. Lines `KEY PAYLOAD` (hexadecimal) on standard
-// output are what is to be published there; to each line `clock` on standard input it answers with the time now. Here
-// examples/relay_gait.py carries them; a gait that has a Zenoh client puts and replies itself.
+// Gait controller in C++ with guara_msgs: gait STANCE.txt PAUSES SECONDS. The file has a line `JOINT ANGLE` for each joint
+// and a line `FOOT NAME` for each supporting foot. The program announces stance pauses, streams the joints and reports the
+// clock of their stamps. It prints messages as lines `KEY PAYLOAD` (hexadecimal), and answers each line `clock` on standard
+// input with the current time. examples/relay_gait.py relays these lines; a gait with a Zenoh client needs no relay.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -25,13 +25,13 @@ using builtin_interfaces::msg::Time;
 using guara_msgs::msg::StancePause;
 using guara_msgs::msg::StanceStream;
 
-// Between two samples of the stream, of which ten lie between two HOLDs, and an encoder's noise [rad].
+// Sampling period of the joint stream, number of samples between two HOLDs, and noise of an encoder [rad].
 constexpr auto SAMPLE_PERIOD = std::chrono::milliseconds(5);
 constexpr int SAMPLES = 10;
 constexpr double ENCODER_NOISE = 0.0002;
 std::mutex output;
 
-// The clock that stamps the joints.
+// Clock of the joints' stamps.
 Time now()
 {
   const auto since = std::chrono::system_clock::now().time_since_epoch();
@@ -86,7 +86,7 @@ int main(int count, char ** words)
   pause.robot = "guara";
   pause.header.frame_id = "base_footprint";
   pause.epoch = std::to_string(random());
-  // Joints are read anew for every message; here the posture with an encoder's noise.
+  // Each message has new joint readings; here they are the posture with encoder noise.
   const auto say = [&](std::uint8_t phase, double time_available) {
       pause.header.stamp = now();
       pause.phase = phase;
@@ -106,7 +106,7 @@ int main(int count, char ** words)
       batch.times.clear();
       batch.joint_positions.clear();
       batch.supports.assign(SAMPLES * batch.legs.size(), 1);
-      // There is no IMU: all NaN, never empty.
+      // Without an IMU, all values are NaN; the array must not be empty.
       batch.gravity_in_base.assign(3 * SAMPLES, std::numeric_limits<double>::quiet_NaN());
       batch.angular_velocity = batch.gravity_in_base;
       for (int k = 0; k < SAMPLES; ++k) {

@@ -1,6 +1,6 @@
-// Says what a lossless payload of `<robot>/perception/v1/terrain` holds, and what is known of a place, with the message package
-// guara_msgs of ROS 2 (ros/guara_msgs): read_terrain PAYLOAD X Y [STATUS]. Whatever Zenoh client brings the payload, the reading is the same.
-// With the node's status of now, asked for after the payload, it also says whether a robot may step by it.
+// Reads a lossless payload of `<robot>/perception/v1/terrain` with the ROS 2 message package guara_msgs (ros/guara_msgs), and
+// prints what it contains and what is known about a position: read_terrain PAYLOAD X Y [STATUS]. Any Zenoh client may have
+// received the payload. Given the node's status, queried after the payload arrived, it also prints if the grid may be used.
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -22,7 +22,7 @@ using diagnostic_msgs::msg::DiagnosticArray;
 using guara_msgs::msg::Terrain;
 using guara_msgs::msg::TerrainLayer;
 
-// Flags of `hazard` with which nothing is known of a cell; any other is a reason not to step there.
+// Flags of `hazard` of an unknown cell; all other flags are hazards of known ground.
 constexpr unsigned UNKNOWN = 0x003f;
 
 template<typename Message>
@@ -42,7 +42,7 @@ Message read_message(const char * name)
   return message;
 }
 
-// A field of the metadata, JSON text of an object: texts with their quotes, as they stand there.
+// Field of the metadata, which is the text of a JSON object; strings are returned with their quotes.
 std::string said(const std::string & metadata, const std::string & name)
 {
   const std::string key = "\"" + name + "\": ";
@@ -55,8 +55,8 @@ std::string said(const std::string & metadata, const std::string & name)
   return metadata.substr(from, end - from);
 }
 
-// Why a grid must not be used by what the node says after it came; empty when it may. A node that does not answer
-// vouches for nothing: then none may be used.
+// Reasons why a grid may not be used, from the node's status queried after the grid arrived; empty if it may be used.
+// If the node does not answer, no grid may be used.
 std::string stale_because(const Terrain & terrain, const DiagnosticArray & status)
 {
   std::map<std::string, std::string> now;
@@ -129,7 +129,7 @@ int main(int count, char ** words)
     }
     std::printf("%s, %s of step %lld: %u x %u cells, %u safe\n", terrain.robot.c_str(), terrain.extent.c_str(),
       static_cast<long long>(terrain.step), terrain.nx, terrain.ny, safe);
-    // On the border of two cells the one beyond counts, and rounding must not choose the other.
+    // A point on the border of two cells belongs to the farther one; the margin protects against rounding errors.
     const double ix = std::floor((std::atof(words[2]) - terrain.origin_x) / terrain.resolution + 1e-6);
     const double iy = std::floor((std::atof(words[3]) - terrain.origin_y) / terrain.resolution + 1e-6);
     if (!(ix >= 0 && ix < terrain.nx && iy >= 0 && iy < terrain.ny)) {

@@ -1,7 +1,7 @@
-// A gait's side in JavaScript: node gait.mjs STANCE.json PAUSES SECONDS. It announces stance pauses as `guara_msgs/StancePause`, streams
-// the joints as `guara_msgs/StanceStream` and tells the clock of their stamps. Lines `KEY PAYLOAD` (hexadecimal) on standard output are what is to be published there; to each
-// line `clock` on standard input it answers with the time now. Here examples/relay_gait.py carries them; a gait that has a Zenoh
-// client puts and replies itself.
+// Gait controller in JavaScript: node gait.mjs STANCE.json PAUSES SECONDS. It announces stance pauses as
+// `guara_msgs/StancePause`, streams the joints as `guara_msgs/StanceStream` and reports the clock of their stamps. It prints
+// messages as lines `KEY PAYLOAD` (hexadecimal), and answers each line `clock` on standard input with the current time.
+// examples/relay_gait.py relays these lines; a gait with a Zenoh client needs no relay.
 import { randomUUID } from "node:crypto";
 import { readFileSync } from "node:fs";
 import { createInterface } from "node:readline";
@@ -9,14 +9,14 @@ import { setTimeout as sleep } from "node:timers/promises";
 import { writer } from "./terrain.mjs";
 
 const BEGIN = 1, END = 2, HOLD = 3;
-// Seconds between two HOLDs and two samples of the stream, radians of an encoder's noise.
+// Interval between two HOLDs and sampling period of the joint stream [s], noise of an encoder [rad].
 const HOLD_PERIOD = 0.05, SAMPLE_PERIOD = 0.005, ENCODER_NOISE = 0.0002;
 const [file, pauses, seconds] = process.argv.slice(2);
 const { joint_positions: posture, support_feet: feet } = JSON.parse(readFileSync(file, "utf8"));
 const pauseWriter = writer("StancePause"), streamWriter = writer("StanceStream");
 const epoch = randomUUID();
 
-// The clock that stamps the joints; `builtin_interfaces/Time`.
+// Clock of the joints' stamps, as `builtin_interfaces/Time`.
 function now() {
   const milliseconds = performance.timeOrigin + performance.now();
   return { sec: Math.floor(milliseconds / 1000), nanosec: Math.floor((milliseconds % 1000) * 1e6) };
@@ -26,7 +26,7 @@ function send(key, payload) {
   process.stdout.write(`${key} ${Buffer.from(payload).toString("hex")}\n`);
 }
 
-// Twelve bytes of CDR: the header, seconds, nanoseconds.
+// CDR of a time, twelve bytes: header, seconds, nanoseconds.
 function tellClock() {
   const payload = Buffer.from([0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
   const { sec, nanosec } = now();
@@ -35,13 +35,13 @@ function tellClock() {
   send("guara/gait/v1/clock", payload);
 }
 
-// Joints are read anew for every message; here the posture with an encoder's noise.
+// Each message has new joint readings; here they are the posture with encoder noise.
 function joints() {
   const noise = () => ENCODER_NOISE * Math.sqrt(-2 * Math.log(1 - Math.random())) * Math.cos(2 * Math.PI * Math.random());
   return Object.values(posture).map((angle) => angle + noise());
 }
 
-// Samples since the last batch, each with its stamp: a batch is sent with every announcement.
+// Samples since the last batch, each with its stamp. A batch is sent with each announcement.
 let samples = [], batches = 0;
 const seconds_of = ({ sec, nanosec }, since) => sec - since.sec + (nanosec - since.nanosec) * 1e-9;
 function sample() {
@@ -52,7 +52,7 @@ function sample() {
 function stream() {
   sample();
   const stamp = samples[0].stamp;
-  const not_measured = Array(3 * samples.length).fill(NaN); // there is no IMU: all NaN, never empty
+  const not_measured = Array(3 * samples.length).fill(NaN); // without an IMU, all values are NaN; the array must not be empty
   const message = {
     header: { stamp, frame_id: "base_link" }, robot: "guara", epoch, sequence: BigInt(batches++), joint_names: Object.keys(posture), legs: feet,
     times: samples.map((each) => seconds_of(each.stamp, stamp)), joint_positions: samples.flatMap((each) => each.joint_positions),

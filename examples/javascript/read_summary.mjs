@@ -1,9 +1,9 @@
-// Says what the summary of a map holds, and what is known of a place: node read_summary.mjs PAYLOAD X Y [STATUS]
-// With the node's status of now, asked for after the payload, it also says whether a robot may step by it.
+// Prints what the summary of a map contains, and what is known about a position: node read_summary.mjs PAYLOAD X Y [STATUS]
+// Given the node's status, queried after the payload arrived, it also prints if the grid may be used.
 import { readFileSync } from "node:fs";
 import { cellAt, readStatus, readSummary, staleBecause } from "./terrain.mjs";
 
-// What is refused ends in one line.
+// Print errors as one line.
 process.on("uncaughtException", (error) => {
   console.error(error.message);
   process.exit(1);

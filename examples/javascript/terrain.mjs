@@ -1,4 +1,4 @@
-// Reads grids in JavaScript: payloads of `<robot>/perception/v1/terrain` or `/map`, lossless or compact, and cells of them.
+// Reader of grids and their cells: payloads of `<robot>/perception/v1/terrain` or `/map`, lossless or compact.
 import { readFileSync, readdirSync } from "node:fs";
 import { join } from "node:path";
 import { fileURLToPath } from "node:url";
@@ -8,12 +8,12 @@ import { decompress } from "fzstd";
 
 const DEFINITIONS = fileURLToPath(new URL("../../transport/msg", import.meta.url));
 const FRAME_MAGIC = [0x28, 0xb5, 0x2f, 0xfd];
-// Flags of `hazard` with which nothing is known of a cell; any other is a reason not to step there.
+// Flags of `hazard` of an unknown cell; all other flags are hazards of known ground.
 export const UNKNOWN = 0x003f;
-// Layers without which nothing is said of a cell, and the types that they have.
+// Required layers, and their types.
 const NEEDED = { elevation: 1, traversability: 1, hazard: 2 };
 
-// One type with all that it uses, as a parser of ROS 2 definitions wants it.
+// Definition of a type and of all types in it, for the parser of ROS 2 definitions.
 function definition(name, home) {
   const others = [["guara_msgs", DEFINITIONS]];
   const standard = join(DEFINITIONS, "standard");
@@ -30,14 +30,14 @@ function definition(name, home) {
 }
 
 const reader = (name, home = DEFINITIONS) => new MessageReader(definition(name, home));
-// Writes messages of one type as CDR.
+// Writer of messages of one type as CDR.
 export const writer = (name, home = DEFINITIONS) => new MessageWriter(definition(name, home));
 
 const terrainReader = reader("Terrain");
 const summaryReader = reader("TerrainSummary");
 const statusReader = reader("DiagnosticArray", join(DEFINITIONS, "standard", "diagnostic_msgs"));
 
-// The compact encoding: one zstd frame; inside, all first bytes of each group of four, then all second ones, and so on.
+// Decoder of the compact encoding: a zstd frame with the first bytes of all groups of four, then the second bytes, and so on.
 export function plainCdr(payload) {
   if (!FRAME_MAGIC.every((byte, i) => payload[i] === byte)) return payload;
   const shuffled = decompress(payload);
@@ -58,7 +58,7 @@ export function readTerrain(payload) {
   for (const { name, type, ...values } of terrain.layers) {
     const wanted = NEEDED[name];
     if (wanted !== undefined && type !== wanted) throw new Error(`layer ${name} has type ${type}, ${wanted} is read here`);
-    // A type of a later version: the layer is left out.
+    // Skip layers of a type of a later version.
     if (!(type in arrays)) continue;
     const count = values[arrays[type]].length;
     if (count !== terrain.nx * terrain.ny) throw new Error(`layer ${name} has ${count} values`);
@@ -69,7 +69,7 @@ export function readTerrain(payload) {
   return terrain;
 }
 
-// The summary of a map (`<robot>/perception/v1/summary`): three layers, each a zstd frame of shuffled bytes.
+// Reader of the summary of a map (`<robot>/perception/v1/summary`): three layers, each a zstd frame of shuffled bytes.
 export function readSummary(payload) {
   const summary = summaryReader.readMessage(payload);
   if (summary.version_major !== 1) throw new Error(`summary of version ${summary.version_major}, 1 is read here`);
@@ -92,15 +92,15 @@ export function readSummary(payload) {
   return summary;
 }
 
-// What the node says of the robot now: the reply to a query of `<robot>/perception/v1/status`, asked anew for every use.
+// Values of the current status of the node: the reply to a query of `<robot>/perception/v1/status`, made before each use.
 export function readStatus(payload) {
   const own = statusReader.readMessage(payload).status.find((item) => item.name === "transport");
   if (own === undefined) throw new Error("a status without the item transport");
   return Object.fromEntries(own.values.map(({ key, value }) => [key, value]));
 }
 
-// Why a grid or a summary must not be used by what the node says after it came; empty when it may. A node that does not
-// answer vouches for nothing: then none may be used.
+// Reasons why a grid or summary may not be used, from the node's status queried after it arrived; empty if it may be used.
+// If the node does not answer, neither may be used.
 export function staleBecause(grid, status) {
   const said = grid.metadata === undefined ? grid : JSON.parse(grid.metadata);
   const because = said.withdrawn ? ["it was withdrawn"] : [];
@@ -117,8 +117,8 @@ export function staleBecause(grid, status) {
   return because;
 }
 
-// What is known of the cell under a place [m] in the grid's frame; off the grid nothing is. On the border of two cells the
-// one beyond counts, and rounding must not choose the other: 0.70 - 0.50 is a hair less than 40 * 0.005.
+// Content of the cell at a position [m] in the grid's frame; outside the grid nothing is known. A point on the border of two
+// cells belongs to the farther one; the margin protects against rounding errors: 0.70 - 0.50 is slightly less than 40 * 0.005.
 export function cellAt(terrain, x, y) {
   const ix = Math.floor((x - terrain.origin_x) / terrain.resolution + 1e-6);
   const iy = Math.floor((y - terrain.origin_y) / terrain.resolution + 1e-6);

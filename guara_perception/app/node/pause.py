@@ -90,7 +90,7 @@ class Pause:
         """Instant until which the robot is known to have stood as at BEGIN.
 
         With a stream, this is the instant until which the pose of the body is known. The value is -inf while the
-        gait's clock is not known or the stamp lies in the future.
+        gait's clock is not known or the stamp is in the future.
         """
         stream = self.stream
         stamp, arrival = self._still if stream is None else stream.shown
@@ -101,7 +101,7 @@ class Pause:
     def is_clock_known(self) -> bool:
         """True if the gait's clock is known and fits the pause.
 
-        It does not fit if a stamp lies in the future, for instance after the clock was changed.
+        It does not fit if a stamp is in the future, for instance after the clock was changed.
         """
         instants = [(self.earliest(stamp), arrival) for stamp, arrival in ((self.stamp, self.begun), self._still)]
         return all(earliest is not None and earliest <= arrival + AHEAD_S for earliest, arrival in instants)
