@@ -21,11 +21,10 @@ from drivers import (
     timing,
 )
 from drivers.cameras.camera import Camera, CameraSettings
-from drivers.emulator import EmulatedClock, EmulatorConfig, ExposureView
+from drivers.emulator import EmulatedBackend, EmulatedClock, EmulatorConfig, ExposureView
 from testbed.bench_board import BenchBoard, BenchCamera, bench_backend
 from testbed.scenes import ScanInMemory
 from testbed.triggered_camera import EmulatedTriggeredCamera
-from testbed.usb.backend import EmulatedBackend
 
 # How long the laser is on for a stripe [s].
 FLASH = 0.004

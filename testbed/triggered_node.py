@@ -23,6 +23,7 @@ import guara_perception as gp
 from drivers import CameraSettings, StripeCapture
 from drivers.board import usb_link
 from drivers.cameras.aravis_camera import AravisCamera
+from drivers.emulator import EmulatedBackend
 from drivers.sweep.acquisition import StripeStream
 from guara_perception.app.devices_file import Devices, save_devices
 from guara_perception.app.main import run
@@ -39,7 +40,6 @@ from guara_perception.simulation.world import load_world
 from testbed.bench_board.shutter import Opening
 from testbed.chip import Chip, ChipBus, ChipClock, Wiring, load_firmware
 from testbed.gige import FakeGigeCamera
-from testbed.usb.backend import EmulatedBackend
 from transport.messages.terrain_message import encode_terrain
 
 FIRMWARE = Path(__file__).resolve().parents[1] / "firmware" / "guara_board.uf2"

@@ -70,11 +70,10 @@ class BoardSession(Board):
 
         Args:
             config: configuration of the connection; None = defaults.
-            backend: pyusb backend, or function that makes the connection from the configuration, such as
-                `drivers.emulator.emulated_backend(board)`; None = libusb.
+            backend: pyusb backend, such as that of an emulated board; None = libusb.
         """
         self.config = config or BoardConfig()
-        self._link: UsbLink = backend(self.config) if callable(backend) else UsbLink(self.config, backend)
+        self._link = UsbLink(self.config, backend)
         self._identity: BoardIdentity | None = None
         self.sweep_table: dict[int, int] = {}
         self.sweep_darks: set[int] = set()

@@ -154,6 +154,11 @@ def split_argument(argument: int) -> tuple[int, int]:
     return argument & 0xFFFF, argument >> 16 & 0xFFFF
 
 
+def join_argument(value: int, index: int) -> int:
+    """Join wValue and wIndex into a signed 32-bit argument; inverse of `split_argument`."""
+    return signed((index & 0xFFFF) << 16 | (value & 0xFFFF))
+
+
 def signed(argument: int) -> int:
     """Convert an unsigned 32-bit argument to the signed value with the same bits."""
     return argument - (1 << 32) if argument >= 1 << 31 else argument

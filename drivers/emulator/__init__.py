@@ -1,14 +1,15 @@
-"""Emulated laser board, and an emulated camera that sees it.
+"""Laser board emulated at the USB level, and an emulated camera that sees it.
 
-`LaserBoard(backend=emulated_backend(EmulatedBoard()))` controls the emulated board. Imports `drivers.board`,
+`emulated_backend(EmulatedBoard())` is a pyusb backend for `LaserBoard(backend=...)`. Imports `drivers.board`,
 `drivers.cameras` and the files directly in `drivers`.
 """
 
 from __future__ import annotations
 
+from drivers.emulator.backend import EmulatedBackend as EmulatedBackend
+from drivers.emulator.backend import emulated_backend as emulated_backend
 from drivers.emulator.board import EmulatedBoard as EmulatedBoard
 from drivers.emulator.config import EmulatorConfig as EmulatorConfig
 from drivers.emulator.emulated_camera import EmulatedCamera as EmulatedCamera
-from drivers.emulator.link import emulated_backend as emulated_backend
 from drivers.emulator.views import ExposureView as ExposureView
 from drivers.timing import EmulatedClock as EmulatedClock

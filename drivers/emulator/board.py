@@ -27,7 +27,6 @@ class EmulatedBoard:
     Attributes:
         config: configuration of the emulator.
         clock: function that returns the time [s].
-        claim: lock that is held while a driver uses the board.
     """
 
     def __init__(self, config: EmulatorConfig | None = None, clock: Callable[[], float] = timing.monotonic) -> None:
@@ -39,7 +38,6 @@ class EmulatedBoard:
         """
         self.config = config or EmulatorConfig()
         self.clock = clock
-        self.claim = threading.Lock()
         self._lock = threading.RLock()
         self._reports: deque[bytes] = deque(maxlen=REPORTS_KEPT)
         now = clock()

@@ -1,6 +1,7 @@
 """The emulated board with all of protocol 1.2 and with faults to inject, and a free-running camera with faults.
 
-`bench_backend(BenchBoard())` is a pyusb backend for `LaserBoard(backend=...)`.
+`bench_backend(BenchBoard())` is a pyusb backend for `LaserBoard(backend=...)`, as `drivers.emulator.emulated_backend`
+is for the board without sweeps and faults.
 """
 
 from __future__ import annotations

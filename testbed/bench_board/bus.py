@@ -7,10 +7,10 @@ import random
 
 from drivers import timing
 from drivers.board.protocol import Request
+from drivers.emulator.backend import EmulatedBackend
+from drivers.emulator.bus import Bus, BusError
 from testbed.bench_board.board import BenchBoard
 from testbed.bench_board.faults import Fault, FaultKind
-from testbed.usb.backend import EmulatedBackend
-from testbed.usb.bus import Bus, BusError
 
 BEFORE = (FaultKind.UNPLUG, FaultKind.STALL, FaultKind.TIMEOUT)
 AFTER = (FaultKind.UNPLUG_AFTER, FaultKind.TIMEOUT_AFTER, FaultKind.SHORT_READ, FaultKind.GARBAGE)
@@ -40,7 +40,7 @@ class FaultyBus(Bus):
     def claim(self) -> None:
         """Claim the interface, unless it is claimed already."""
         self._check_plugged()
-        if not self._board.claim.locked() and self._board.plan.strike("claim", (FaultKind.BUSY,)):
+        if not self._claimed and self._board.plan.strike("claim", (FaultKind.BUSY,)):
             raise BusError(errno.EBUSY, "Resource busy")
         super().claim()
 

@@ -7,10 +7,10 @@ import threading
 from typing import Any
 
 from drivers import timing
+from drivers.emulator.bus import Bus, BusError
 from drivers.emulator.views import ExposureView
 from testbed.bench_board.shutter import Opening
 from testbed.chip.chip import Chip
-from testbed.usb.bus import Bus, BusError
 
 BOOT_TIME = 1.0  # s in which the firmware must have been enumerated
 SLICE = 0.001  # s for which another thread may have to wait

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from testbed.usb.bus import BusError
+from drivers.emulator.bus import BusError
 
 # Buffer controls in the controller's memory, and their bits (RP2040 data sheet 4.1.2.5, 4.1.3).
 EP0_IN, EP0_OUT, EP1_IN = 0x80, 0x84, 0x88

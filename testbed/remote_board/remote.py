@@ -6,14 +6,14 @@ import errno
 import threading
 from typing import Any
 
+from drivers.emulator.backend import EmulatedBackend
+from drivers.emulator.bus import Bus, BusError
 from drivers.emulator.light import Switching
 from drivers.emulator.views import ExposureView
 from testbed.bench_board import BoardView
 from testbed.bench_board.faults import Fault
 from testbed.remote_board.server import encode_fault
 from testbed.remote_board.wire import Channel
-from testbed.usb.backend import EmulatedBackend
-from testbed.usb.bus import Bus, BusError
 
 
 class _Line:

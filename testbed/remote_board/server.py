@@ -8,10 +8,10 @@ from dataclasses import asdict
 from typing import Any
 
 from drivers.board.protocol import Request
+from drivers.emulator.bus import BusError
 from testbed.bench_board import BenchBoard, FaultyBus
 from testbed.bench_board.faults import Fault, FaultKind
 from testbed.remote_board.wire import Channel, listen
-from testbed.usb.bus import BusError
 
 
 class EmulatorServer:

@@ -10,10 +10,10 @@ import pytest
 
 from drivers import BoardConfig, BoardFault, LaserBoard
 from drivers.board.protocol import MICROSOFT_REQUEST, REPORT_ENDPOINT, REPORT_SIZE, REQUEST_IN, Request
+from drivers.emulator.backend import EmulatedBackend
+from drivers.emulator.bus import BusError
 from drivers.errors import BoardInUse, BoardStalled, HomeNotFound, LaserDead, LaserRefused, LaserStuckOn
 from testbed.chip import Chip, ChipBus, ChipClock
-from testbed.usb.backend import EmulatedBackend
-from testbed.usb.bus import BusError
 
 pytestmark = pytest.mark.chip
 

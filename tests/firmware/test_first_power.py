@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from drivers import BoardConfig, LaserBoard
+from drivers.emulator.backend import EmulatedBackend
 from guara_perception.app.bring_up import bring_up
 from testbed.chip import Chip, ChipBus, ChipClock
-from testbed.usb.backend import EmulatedBackend
 
 pytestmark = pytest.mark.chip
 

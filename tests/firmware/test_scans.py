@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from drivers import AcquireOptions, BoardConfig, BoardFault, LaserBoard, OffFrames, SweepOptions, acquire, prepare
+from drivers.emulator.backend import EmulatedBackend
 from drivers.errors import LaserRefused
 from testbed.bench_board import BenchCamera
 from testbed.chip import Chip, ChipBus, ChipClock
 from testbed.triggered_camera import EmulatedTriggeredCamera
-from testbed.usb.backend import EmulatedBackend
 from tests.drivers.conftest import Scene
 
 pytestmark = pytest.mark.chip

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 import drivers
 from drivers.board import protocol
 from drivers.board.protocol import BoardFault, BoardFlag, Request, Result
-from testbed.usb.bus import join_argument
 from tests.thorough import examples
 
 DOCUMENT = (Path(drivers.__file__).parent / "PROTOCOL.md").read_text()
@@ -51,7 +50,7 @@ def test_argument_survives_being_split(argument: int) -> None:
     """A signed 32-bit argument comes back from the two halves of the setup packet."""
     value, index = protocol.split_argument(argument)
     assert 0 <= value <= 0xFFFF and 0 <= index <= 0xFFFF
-    assert join_argument(value, index) == argument
+    assert protocol.join_argument(value, index) == argument
 
 
 def test_minus_one_is_all_ones_on_the_wire() -> None:

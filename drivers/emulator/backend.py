@@ -14,8 +14,9 @@ from typing import ParamSpec, TypeVar
 import usb.backend
 import usb.core
 
-from testbed.usb import descriptors
-from testbed.usb.bus import CLEAR_FEATURE, SET_CONFIGURATION, TO_DEVICE, TO_ENDPOINT, Bus, BusError
+from drivers.emulator import descriptors
+from drivers.emulator.board import EmulatedBoard
+from drivers.emulator.bus import CLEAR_FEATURE, SET_CONFIGURATION, TO_DEVICE, TO_ENDPOINT, Bus, BusError
 
 _T = TypeVar("_T")
 _P = ParamSpec("_P")
@@ -131,6 +132,11 @@ class EmulatedBackend(usb.backend.IBackend):
     def intr_read(self, dev_handle: Bus, ep: int, intf: int, buff: array[int], timeout: int) -> int:
         """Read a record from the interrupt endpoint; overflow error if the record is longer than the buffer."""
         return _fill(buff, _translated(dev_handle.interrupt, len(buff), timeout / 1e3))
+
+
+def emulated_backend(*boards: EmulatedBoard) -> EmulatedBackend:
+    """Make a pyusb backend with the given emulated boards plugged in."""
+    return EmulatedBackend(*(Bus(board) for board in boards))
 
 
 def _fill(buffer: array[int], answer: bytes) -> int:

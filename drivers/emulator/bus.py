@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import errno
+import threading
 
 from drivers import timing
-from drivers.board.protocol import REPORT_ENDPOINT, REQUEST_IN, REQUESTS, Request, signed
+from drivers.board.protocol import REPORT_ENDPOINT, REQUEST_IN, REQUESTS, Request, join_argument
 from drivers.emulator.board import EmulatedBoard
-from testbed.usb.descriptors import descriptor
+from drivers.emulator.descriptors import descriptor
 
 # bmRequestType and bRequest of standard USB requests.
 TO_DEVICE, TO_ENDPOINT, FROM_DEVICE = 0x00, 0x02, 0x80
@@ -15,11 +16,6 @@ CLEAR_FEATURE, GET_DESCRIPTOR, GET_CONFIGURATION, SET_CONFIGURATION = 1, 6, 8, 9
 CLEAR_REPORT_HALT = (TO_ENDPOINT, CLEAR_FEATURE, 0, REPORT_ENDPOINT)
 # Interval of checks for a report while the mirror is at rest [s].
 REPORT_SLICE = 0.002
-
-
-def join_argument(value: int, index: int) -> int:
-    """Join wValue and wIndex into a signed 32-bit argument; inverse of `protocol.split_argument`."""
-    return signed((index & 0xFFFF) << 16 | (value & 0xFFFF))
 
 
 class BusError(OSError):
@@ -35,6 +31,8 @@ class Bus:
     def __init__(self, board: EmulatedBoard) -> None:
         """Plug `board` into the bus."""
         self._board = board
+        self._claimed = False
+        self._claim_lock = threading.Lock()
 
     def present(self) -> bool:
         """Return True: this board is always plugged in."""
@@ -45,13 +43,15 @@ class Bus:
 
     def claim(self) -> None:
         """Claim the interface; BusError if it is already claimed."""
-        if not self._board.claim.acquire(blocking=False):
-            raise BusError(errno.EBUSY, "Resource busy")
+        with self._claim_lock:
+            if self._claimed:
+                raise BusError(errno.EBUSY, "Resource busy")
+            self._claimed = True
 
     def release(self) -> None:
         """Release the interface."""
-        if self._board.claim.locked():
-            self._board.claim.release()
+        with self._claim_lock:
+            self._claimed = False
 
     def control(self, request_type: int, request: int, value: int, index: int, length: int, timeout: float) -> bytes:
         """Make a control transfer with data to the host: a command of the board, or a standard request."""
