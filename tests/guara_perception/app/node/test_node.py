@@ -15,7 +15,7 @@ from drivers import CameraSettings
 from drivers.board.protocol import Request
 from guara_perception.app.files.open_scan import open_scans
 from guara_perception.app.messages import message_to_terrain
-from guara_perception.app.node.claim import Claim, Seal
+from guara_perception.app.node.claim import Seal
 from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.walk_map import WalkMap
@@ -398,9 +398,9 @@ def test_a_map_is_confirmed_when_it_is_in_the_journal(
         assert wait_until(lambda: bench.node._pause.still_until > named["time"])
         return fuse(walk_map, *given, **named)
 
-    def write_when_told(journal: Journal, claim: Claim) -> None:
+    def write_when_told(journal: Journal, *given: object) -> None:
         assert may_write.wait(60.0)
-        write(journal, claim)
+        write(journal, *given)  # type: ignore[arg-type]
 
     monkeypatch.setattr(WalkMap, "update", fuse_when_confirmed)
     monkeypatch.setattr(Journal, "_replace", write_when_told)
