@@ -400,7 +400,7 @@ def test_a_map_is_confirmed_when_it_is_in_the_journal(
 
     def write_when_told(journal: Journal, *given: object) -> None:
         assert may_write.wait(60.0)
-        write(journal, *given)  # type: ignore[arg-type]
+        write(journal, *given)
 
     monkeypatch.setattr(WalkMap, "update", fuse_when_confirmed)
     monkeypatch.setattr(Journal, "_replace", write_when_told)
