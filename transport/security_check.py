@@ -38,7 +38,7 @@ STRANGER = "nobody"
 
 # Actions that should succeed, by role.
 WATCHER = ("connect", "see the status")
-READER = (*WATCHER, "read grids", "read the last grid")
+READER = ("connect", "read grids", "read the last grid", "see the status")
 SCANNER = (*READER, "request a scan")
 EXPECTED: dict[str, tuple[str, ...]] = {
     "planner": SCANNER,
