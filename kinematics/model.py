@@ -35,6 +35,7 @@ class RobotModel:
         noise: standard deviations of the errors of a stance (table [stance]).
         odometry_limits: limits of leg odometry (table [odometry]).
         pause_limits: limits of a stance pause (table [pause]).
+        self_filter_settings: margin around the robot's own shapes, and ignored links (table [self_filter]).
         notes: content of the files that is not used or could not be checked.
         doubts: content that is accepted but should be corrected; at present only a scan pattern that misses part of
             the area.
@@ -64,6 +65,7 @@ class RobotModel:
         self.noise = settings.noise
         self.odometry_limits = settings.odometry_limits
         self.pause_limits = settings.pause_limits
+        self.self_filter_settings = settings.self_filter
         self._postures = dict(postures)
         nominal = RobotState(tree, self.posture(self.config.scan_posture))
         self.transform_camera_to_base: Float = nominal.transform_to_base(self.config.camera_frame)
