@@ -75,7 +75,7 @@ def _slid(ground: Ground, last: Pause, step: int) -> tuple[str, ...]:
 
 
 def soft() -> None:
-    """Print the table."""
+    """Feet that sink or slide: false alarms and detected feet, with an IMU and without [--walks, --imu]."""
     asked = options(__doc__, walks=(5, "walks of a row"), imu=(["yes", "no"], "with an IMU, without"))
     robot = load_robot("guara")
     table = Table(

@@ -15,7 +15,10 @@ def truth_calibration(data: Path) -> gp.Calibration:
 
     Its k-th plane belongs to the k-th stripe of the specimen's pattern, which any of its full scans lists by index.
     """
-    truth = json.loads((data / "calibration" / "truth.json").read_text())
+    file = data / "calibration" / "truth.json"
+    if not file.is_file():
+        raise SystemExit(f"{data}: no calibration/truth.json: give a data folder of rendered scans with their truth")
+    truth = json.loads(file.read_text())
     planes = truth["laser_planes_camera"]
     stripes = indices_and_angles(data, len(planes))
     camera = truth["camera"]

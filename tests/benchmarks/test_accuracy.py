@@ -173,3 +173,15 @@ def test_command_prints_one_row_per_scan(data: Path, root: Path):
     lines = done.stdout.splitlines()
     assert lines[1].split()[:3] == ["scan", "method", "mean"] and len(lines) == 3 and len(set(map(len, lines[1:]))) == 1
     assert lines[2].startswith("data/tilt") and " precise " in lines[2]
+
+
+@pytest.mark.heavy
+def test_a_folder_without_truth_is_refused(root: Path, tmp_path: Path):
+    """In one line that names what is missing."""
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks", "accuracy", str(tmp_path)], capture_output=True, text=True, cwd=root
+    )
+    assert done.returncode == 1
+    assert (
+        done.stderr == f"{tmp_path}: no calibration/truth.json: give a data folder of rendered scans with their truth\n"
+    )
