@@ -72,8 +72,8 @@ class Ros2Stream:
     """Receiver of `/<robot>/joint_states` and `/<robot>/imu` that converts their messages to StanceStream batches.
 
     JointState contains neither the support feet nor the walk. Every leg is marked as supporting, so that the support
-    feet of BEGIN apply, and the samples belong to the current walk. The stamps of both topics must be on the clock that
-    stamps the pauses.
+    feet announced at the begin of the pause apply, and the samples belong to the current walk. Both topics must be
+    stamped by the clock that stamps the pauses.
     """
 
     def __init__(
@@ -117,7 +117,8 @@ class Ros2Stream:
         if missing := [name for name in self._joints if name not in found]:
             self._on_refused(
                 MessageError(
-                    f"JointState lacks joints such as {', '.join(missing[:4])}; required: all joints of the URDF"
+                    f"JointState lacks {len(missing)} of {len(self._joints)} joints, among them "
+                    f"{', '.join(missing[:4])}; required: all movable joints of the URDF"
                 )
             )
             return

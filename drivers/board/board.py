@@ -80,7 +80,7 @@ class Board(ABC):
         """Turn the laser off and disconnect; does nothing if the board is closed.
 
         Raises:
-            LaserStuckOn: the laser did not go off on command.
+            LaserStuckOn: the laser did not turn off on command.
         """
 
     @abstractmethod
@@ -106,7 +106,7 @@ class Board(ABC):
         """Switch the laser off and check that it is off.
 
         Raises:
-            LaserStuckOn: the laser did not go off on command.
+            LaserStuckOn: the laser did not turn off on command.
         """
 
     @abstractmethod
@@ -135,7 +135,7 @@ class Board(ABC):
     def clear_faults(self) -> BoardStatus:
         """Clear every fault whose cause is gone, and return the status.
 
-        The default implementation only reads the status; it is for boards without faults.
+        The default implementation only reads the status; it suits boards that report no faults.
         """
         return self.status()
 
@@ -143,7 +143,8 @@ class Board(ABC):
         """Make the board ready for a scan: clear faults, and home the mirror if necessary. Return the status.
 
         Args:
-            timeout: longest search for a board that was lost [s]; the default implementation does not search.
+            timeout: longest time to search for a board whose connection was lost [s]; the default implementation does
+                not search.
 
         Raises:
             LaserRefused: the cause of a fault persists.

@@ -15,12 +15,12 @@ from guara_perception.ranging.surface import EVERYWHERE, Lines, shares, surface_
 from guara_perception.terrain.assessment.raster import ROUNDING, TOP_LAYER_M
 from kinematics.arrays import FrozenArrays
 
-# Image size of the paper: rows along x, columns along y.
+# Image size in the paper (docs/paper.md): rows along x, columns along y.
 ROWS, COLUMNS = 512, 640
-# Largest magnification by the central projection for which the perspective image must have no gaps between neighbouring
-# image columns.
+# Largest magnification by the central projection up to which neighbouring columns of the camera leave no gaps in the
+# perspective image.
 LARGEST_STRETCH = 1.25
-# Largest number of lines added between neighbouring image columns: enough for columns 4 mm apart, as on distant ground.
+# Largest number of lines added between neighbouring columns of the camera: enough for 4 mm, as on distant ground.
 MOST_BETWEEN = 5
 
 
@@ -70,8 +70,8 @@ def range_images(
                 continue
             lines = _filled(found, followed, between) if between else found
             share = shares(lines.number)
-            # Pixels relative to the nadir, because the central projection, which eqs. 20 and 21 undo, is a scaling
-            # about the nadir.
+            # Pixels relative to the nadir: the central projection is a scaling about it, which eqs. 20 and 21 of the
+            # paper undo.
             first, difference = (lines.first[:2] - nadir[:, None]) / size[:, None], lines.difference[:2] / size[:, None]
             row, column, height = (
                 share * along + start
@@ -87,13 +87,13 @@ def range_images(
 
 
 def _lines_between(points: Mapping[int, StripePoints], width: float) -> int:
-    """Number of lines to add between neighbouring image columns so that pixels of this width [m] are not left empty."""
+    """Number of lines to add between neighbouring columns so that pixels of this width [m] are not left empty."""
     apart = [np.nanmax(np.abs(np.diff(stripe.points[:, 1])), initial=0.0) for stripe in points.values()]
     return min(math.ceil(max(apart, default=0.0) * LARGEST_STRETCH / width) - 1, MOST_BETWEEN) if any(apart) else 0
 
 
 def _filled(lines: Lines, followed: Index, between: int) -> Lines:
-    """Lines with interpolated lines added between those of neighbouring image columns.
+    """Add interpolated lines between those of neighbouring columns of the camera.
 
     Args:
         lines: the given lines.

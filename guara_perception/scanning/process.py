@@ -18,7 +18,7 @@ from kinematics.stillness import check_camera_still
 
 logger = logging.getLogger(__name__)
 
-NO_CODE = "no dark flashes were recorded: foreign laser light and frames of another instant cannot be detected"
+NO_CODE = "no dark flashes were recorded: light of other lasers and frames exposed at a wrong time cannot be detected"
 # Difference of a mirror angle from the calibrated one above which a warning is logged [rad]. Commanded angles of one
 # rangefinder repeat to 2e-5 rad; this difference turns the light by 1 mrad, which shifts the stripe by half a
 # millimetre.

@@ -1,4 +1,4 @@
-"""Light and sensor of the simulated rangefinder, and effects outside a laboratory, by their strength in photographs."""
+"""Light and sensor of the simulated rangefinder, and disturbances scaled to their strength in photographs."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class Light:
         flicker: relative standard deviation of the ambient light from image to image.
         drift: gains of blue, green and red in laser-on images relative to laser-off images, due to automatic exposure
             and white balance.
-        chessboard: share, 0 ... 1, of a chessboard with 20 mm squares in the albedo of the ground, except that of
-            absorbing material.
+        chessboard: weight, 0 ... 1, of a chessboard with 20 mm squares in the albedo of the ground; absorbing material
+            stays as it is.
         demosaiced: True to interpolate the pixels from a colour filter array.
         jpeg_quality: quality of JPEG compression with halved colour resolution (4:2:0), 1 ... 100; 0 = none.
     """
@@ -96,7 +96,7 @@ class Light:
 
     @property
     def is_even(self) -> bool:
-        """True if laser-on and laser-off images differ only by noise where no laser light falls."""
+        """True if, where no laser light falls, laser-on and laser-off images differ only by the noise of pixels."""
         return not (self.is_scattered or self.blotches or self.flicker or self.demosaiced or self.jpeg_quality) and (
             self.drift == (1.0, 1.0, 1.0)
         )
@@ -105,15 +105,15 @@ class Light:
 PLAIN = Light()
 # Values at strength 1, unless noted: the strongest in photographs of laser lines (21 combinations of camera and scene),
 # converted to images of the simulated camera (0.88 mm of ground per pixel at 640 x 512).
-WIDEST_SIGMA_M = 0.0045  # 12 px wide at half its height
+WIDEST_SIGMA_M = 0.0045  # full width at half maximum: 12 px
 STRONGEST_SKIRT = 0.12
 STRONGEST_HALO = 150.0
-# Factors of the laser light for "halo" and "clipping": without the halo, the clipped cores on soil are up to about 1 px
-# and 3 px wide.
+# Factors of the laser light for "halo" and "clipping": without the halo, the clipped core on soil is up to
+# about 1 px wide at the least and 3 px at the most.
 LEAST_CLIPPED, MOST_CLIPPED = 3.0, 8.0
 MOST_LEAKAGE = (0.25, 0.52, 1.0)
-# Factor of the ambient light. Most red levels of soil are then 170 to 310 before clipping at 255, and brighter surfaces
-# are clipped.
+# Factor of the ambient light. The red level of most pixels of soil is then 170 to 310 before clipping at 255, and
+# brighter surfaces are clipped.
 MOST_AMBIENT = 4.0
 # Factor of the laser light: a line of 85 grey levels on soil then has 34.
 WEAKEST_LASER = 0.4

@@ -21,8 +21,8 @@ from guara_perception.simulation.world import World
 from kinematics import RobotModel
 from kinematics.transforms import inverse, transform_points
 
-# Distance from the laser plane [sigmas] beyond which the light is neglected. Sigma includes the blur of the lens in the
-# largest pixel; with the default light, less than 0.03 % of the peak remains there.
+# Distance from the laser plane [sigmas] beyond which the light is neglected: with the default light, less than 0.03 %
+# of the peak remains there. Sigma includes the blur of the lens in a pixel of MAX_FOOTPRINT_M.
 REACH_SIGMAS = 4.5
 # Largest extent of a pixel across the laser plane. A larger extent occurs at depth edges and is reduced to this value.
 MAX_FOOTPRINT_M = 0.002
@@ -147,7 +147,7 @@ class SimulatedRangefinder:
             exposure: exposure time relative to the nominal one.
 
         Raises:
-            InvalidInput: `set_pose` has not been called, or the exposure is not finite and above 0.
+            InvalidInput: `set_pose` has not been called, or the exposure is not a finite number above 0.
         """
         view = self.view
         if not (np.isfinite(exposure) and exposure > 0):
@@ -197,7 +197,7 @@ class SimulatedRangefinder:
         return light, (first, end)
 
     def _rows_near(self, normal: Float, offset: float, height: int) -> tuple[int, int]:
-        """First and end row of the pixels that may be near a laser plane."""
+        """Range of rows that may be near a laser plane: the first, and one past the last."""
         thin = self._thin_points
         distance = thin.reshape(-1, 3) @ normal.astype(np.float32) + np.float32(offset)
         rows = np.flatnonzero((np.abs(distance) < NEAR_PLANE_M).reshape(thin.shape[:2]).any(axis=1))

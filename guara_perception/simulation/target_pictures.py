@@ -48,7 +48,7 @@ class TargetCamera:
         return cls(camera, rays / rays[..., 2:], light or Light(), seed)
 
     def board(self, board: BoardSpec, transform_board_to_camera: Float) -> Image:
-        """Render a board, (h, w, 3) BGR; the origin of its frame is the first inner corner (`BoardSpec.points`)."""
+        """Image (h, w, 3) of a board, BGR; the origin of the board's frame is its first inner corner."""
         x, y, size = self._on_plane(transform_board_to_camera)
         s = board.square
         b = 1 + BORDER

@@ -43,7 +43,7 @@ class Controls:
 
         Args:
             gui: `gui` of viser, to which the controls are added.
-            go_to: called with the number of a moment when the slider moves.
+            go_to: called when the slider moves, with the number of the selected moment.
             play: called when the play button is pressed.
             redraw: called when the colouring, the extent or a check box of `SHOWN` changes.
         """

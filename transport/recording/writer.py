@@ -24,7 +24,7 @@ class RecordingWriter(TopicFile):
 
     A scan is acknowledged when `end_scan` returns, a grid when `add_terrain` returns. Acknowledged data survive the end
     of the process. Records that do not fit on a full disk are buffered, up to `MAXIMUM_PENDING`, and written when there
-    is space again. The file never contains an incomplete record before a complete one.
+    is space again. Only the last record of the file can be incomplete.
 
     Methods that add data raise RecordingError if the file is closed or the buffer is full, and those that acknowledge
     data also if the disk is full. They raise MessageError if a value does not fit its ROS 2 type.
@@ -111,8 +111,8 @@ class RecordingWriter(TopicFile):
         Args:
             index: index in the standard pattern.
             mirror_angle: commanded mirror angle [rad].
-            on: frame with the laser on, or the reference of a frame added before; None if the frame was lost.
-            off: frame with the laser off, or the reference of a frame that several stripes share; None if there is
+            on: frame with the laser on, or a reference to a frame added before; None if the frame was lost.
+            off: frame with the laser off, or a reference to a frame that several stripes share; None if there is
                 none.
             stamp: time of the stripe [ns]; None = stamp of the frame with the laser on, or of the scan if that frame
                 was lost.
@@ -191,7 +191,7 @@ class RecordingWriter(TopicFile):
         self.add("stance_stream", encode_stance_stream(stream))
 
     def add_messages(self, named: Iterable[tuple[str, Any]]) -> None:
-        """Add pairs of a topic of `TYPES`, such as "occupancy" or "/tf", and a message object, and acknowledge them.
+        """Add messages, each with its topic (a key of `TYPES`, such as "occupancy" or "/tf"), and acknowledge them.
 
         Raises:
             RecordingError: a topic is unknown or has another message type, or the disk is full; the messages before the

@@ -75,7 +75,7 @@ def record_session(
             not found.
         CalibrationRefused: the camera cannot be calibrated or located with the recorded images.
         PlateScanFailed, MirrorSlipped: the scan of a plate failed, as in `scan_uncalibrated`.
-        CalibrationMismatch: another camera than that of the interrupted session is connected.
+        CalibrationMismatch: the connected camera is not that of the interrupted session.
         FileFormatError: a file of the interrupted session cannot be read.
         drivers.DriverError: a device failed; another call with the same folder resumes the session.
     """
@@ -118,7 +118,7 @@ def record_session(
 
 
 def planned_crosses(path: Path | None, robot: RobotModel, scale: float = 1.0) -> Float:
-    """Positions (n, 2) of the crosses in base_footprint [m], which are checked before anything is recorded.
+    """Positions (n, 2) of the crosses in base_footprint [m], after a check that they can be used.
 
     Args:
         path: JSON file with measured positions; None = those of the printed mat.

@@ -170,12 +170,14 @@ def _balance(robot: RobotModel) -> Iterator[Finding]:
     if margin < BALANCE_M:
         yield wrong(
             f"posture {robot.config.scan_posture!r}",
-            f"the centre of mass is {1e3 * margin:.0f} mm inside the polygon of the soles; {1e3 * BALANCE_M:.0f} mm "
-            "are needed: are the masses of the URDF right, and do the feet stand below the body?",
+            f"the centre of mass is {1e3 * abs(margin):.0f} mm {'inside' if margin >= 0 else 'outside'} the polygon of "
+            f"the soles; {1e3 * BALANCE_M:.0f} mm inside are needed: are the masses in the URDF right, and do the feet "
+            "stand below the body?",
         )
     if robot.config.imu_frame is None:
         yield note(
-            "frames.imu", "none: gravity comes from the gait's message or from odometry; without either, from the soles"
+            "frames.imu",
+            "not set: gravity comes from the gait's message or from odometry; without either, from the soles",
         )
 
 
@@ -195,4 +197,4 @@ def _shapes(robot: RobotModel) -> Iterator[Finding]:
         bodies.setdefault(carriers, []).append(link)
     bare = [links[0].name for links in bodies.values() if not any(link.shapes for link in links)]
     if bare:
-        yield note("urdf", f"the self-filter does not know {', '.join(bare)}: no collision shape")
+        yield note("urdf", f"the self-filter ignores links without a collision shape: {', '.join(bare)}")

@@ -26,10 +26,11 @@ from guara_perception.terrain.questions.path import (
 from guara_perception.terrain.questions.reason import Reason, Verdict
 from kinematics.arrays import FrozenArrays
 
-# Corners of detours: fractions of the length of the straight track, and distances beside it [m].
+# Waypoints of detours: fractions of the length of the straight track, and distances beside it [m].
 CORNER_SHARES = (0.25, 0.5, 0.75)
 ASIDE_M = (0.03, -0.03, 0.06, -0.06, 0.09, -0.09, 0.12, -0.12)
-# Rises above the least height, in the order of trial; the first one covers what samples half a cell apart may miss.
+# Margins above the lowest possible height, tried in this order; the first one covers what samples half a cell apart may
+# miss.
 RISES_M = (0.001, 0.005, 0.010, 0.020)
 # Spacing of the samples at which the reach of a leg is tested.
 REACH_SPACING_M = 0.010
@@ -73,7 +74,7 @@ def swing(
     The path goes straight up, along the upper hull of the ground between start and end (highest samples plus
     confidence plus clearance), and straight down. If this is refused, a horizontal path at the height of the hull's
     highest point is tried, and then both up to 20 mm higher. If no path over the straight track is accepted,
-    tracks around a corner up to 0.12 m beside it are tried.
+    tracks over a waypoint up to 0.12 m beside it are tried.
 
     Args:
         start, end: (3,) positions of the sole's centre on the ground, in base_footprint [m].
@@ -103,7 +104,7 @@ def _none(reasons: tuple[Reason, ...]) -> Swing:
 
 
 def _tracks(ends: Float) -> Iterator[Float]:
-    """Yield tracks (n, 3) at z = 0 from start to end: straight, then around one corner, shortest first."""
+    """Yield tracks (n, 3) at z = 0 from start to end: straight, then over one waypoint, shortest first."""
     start, end = ends * (1, 1, 0)
     yield np.array([start, end])
     along = end - start
