@@ -1,4 +1,4 @@
-"""Reader of the named postures in an SRDF file; names that the URDF does not have are rejected."""
+"""Readers of an SRDF file: named postures, checked against the URDF, and disabled collision pairs."""
 
 from __future__ import annotations
 

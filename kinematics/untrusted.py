@@ -1,4 +1,4 @@
-"""Parsers of XML and TOML from untrusted sources, with limits on file size and, for TOML, on nesting.
+"""Parsers of XML and TOML from untrusted sources, with limits on file size and on the nesting of TOML.
 
 Robot files may come from anywhere, even over the network as part of a grid. XML entities and files far larger than
 those of any robot are rejected.
@@ -16,9 +16,9 @@ from xml.parsers import expat
 
 from kinematics.exceptions import RobotFileError
 
-# Largest XML file that is read [bytes]. The URDF of the stock robot guara has 31 kB.
+# Largest XML file that is read [bytes]. The URDF of the stock robot guara is 31 kB long.
 LARGEST_XML = 16 * 1024 * 1024
-# Largest TOML file that is read [characters]. The robot.toml of the stock robot guara has 6,500.
+# Largest TOML file that is read [characters]. The robot.toml of the stock robot guara is 6,500 long.
 LARGEST_FILE = 1024 * 1024
 # Largest number of parts of a dotted key, and greatest depth of nested tables and lists.
 DEEPEST = 16
@@ -48,7 +48,7 @@ def read_xml(path: Path) -> tuple[Element, str]:
     except OSError as error:
         raise RobotFileError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise RobotFileError(f"{path}: is not valid XML: {error}") from error
+        raise RobotFileError(f"{path}: is not UTF-8: {error}") from error
     return parse_xml(text, path), text
 
 

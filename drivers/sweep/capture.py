@@ -12,7 +12,7 @@ from drivers.sweep.firing_order import PlannedStripe
 
 
 class StripeVerdict(enum.Enum):
-    """Verdict on a stripe. A stripe is in step if laser, mirror and frame match the commands.
+    """Verdict on a stripe. A stripe is in step unless laser, mirror or frame contradict the commands.
 
     Attributes:
         OK: laser, mirror and frame are in step.
@@ -56,8 +56,8 @@ class StripeEvidence:
 
     Attributes:
         lit_fraction: fraction of the sampled columns that show the laser, 0 ... 1.
-        leak_fraction: fraction of the sampled columns in which the off frame is brighter, as if it showed a stripe; 0
-            without an off frame.
+        leak_fraction: fraction of the sampled columns in which the off frame is the brighter one, as if it showed a
+            stripe; 0 without an off frame.
         contrast: median excess of the stripe over the reference, minus `offset`, in counts summed over channels; NaN if
             no column is lit.
         offset: median excess of the whole frame over the reference, in the same unit.
@@ -77,7 +77,7 @@ class StripeEvidence:
 
 @dataclass(frozen=True, slots=True)
 class StripeCapture:
-    """Captured stripe; the verdict is set when the stripe is handed over to the caller.
+    """Captured stripe; the verdict is final once the stripe is handed over to the caller.
 
     Attributes:
         index: index of the stripe in the standard pattern.
@@ -141,10 +141,10 @@ class ScanReport:
         failure: text of the error that ended the scan, or None.
         frames_used: number of frames accepted, where a shared off frame counts once; in a sweep, number of stripes with
             verified frames.
-        frames_skipped: number of frames dropped because they may have been exposed before a command had taken effect;
+        frames_skipped: number of frames discarded because they may have been exposed before a command had taken effect;
             in a sweep, because they have no device time.
-        frames_dropped: number of frames that the camera counted but did not deliver while one was expected; in a sweep,
-            all that it did not deliver.
+        frames_dropped: number of frames that the camera counted but never delivered while one was expected; in a sweep
+            (the board moves the mirror by itself), at any time.
         frames_repeated: number of frames that were delivered twice.
         duration: time from the start of the scan to the stamp of its last frame [s].
         problems: descriptions of problems; empty for a good scan.

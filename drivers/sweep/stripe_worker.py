@@ -76,7 +76,7 @@ class LaserSwitch:
             try:
                 self._board.laser_on()
             except LaserRefused as refusal:
-                logger.warning("%s; clearing and trying once more", refusal)
+                logger.warning("%s; clearing the faults and trying once more", refusal)
                 self.interruptions += 1
                 timing.sleep(self._board.identity.laser_rest)
                 self._board.clear_faults()
@@ -154,7 +154,7 @@ class StripeWorker(threading.Thread, ABC):
         self.switch.close()
 
     def run(self) -> None:
-        """Run the scan; afterwards, also after an exception, the laser is turned off."""
+        """Run the scan; the laser is turned off at its end, even after an exception."""
         self.begun = timing.monotonic()
         try:
             self._take()

@@ -83,7 +83,7 @@ def calibrate_session(
 ) -> CalibrationResult:
     """Calibrate the rangefinder of a session and judge the result.
 
-    A calibration with the verdict `refused` is returned like any other.
+    A poor calibration is returned too, with the verdict `refused`; `CalibrationRefused` means that there is none.
 
     Args:
         session: images and the geometry of their targets.
@@ -129,7 +129,7 @@ def calibrate_session(
     if given and given != (width, height):
         raise CalibrationMismatch(
             f"{session.source}: the lens was calibrated at {given[0]}x{given[1]} px, but {session.fiducials.image} has "
-            f"{width}x{height} px: give a lens calibrated at this picture size"
+            f"{width}x{height} px: give camera info for this picture size"
         )
     views, size = find_boards(session, advance, camera)
     intrinsics = calibrate_boards(session, views, size, distortion, camera)
@@ -214,7 +214,7 @@ def find_boards(
 
     Raises:
         CalibrationMismatch: an image differs in size from the others or from the known camera.
-        CalibrationRefused: no camera is known, and board images, or the one with the board on the floor, are missing.
+        CalibrationRefused: no camera is known, and the session has no board images or none of the board on the floor.
         MissingFile, FileFormatError: an image cannot be read.
     """
     views: list[BoardView] = []
@@ -254,7 +254,7 @@ def calibrate_boards(
         raise CalibrationRefused(
             f"{session.source}: {len(mirrored)} of {len(views)} board pictures are mirrored ({mirrored[0]}): switch "
             "off the flip in the camera's driver and record the session again, or pass --not-mirrored if black and "
-            "white are swapped on the board compared with `guara targets`"
+            "white are swapped relative to the board printed by `guara targets`"
         )
     usable = [view for view in views if view.is_usable]
     if camera is None and len(usable) < MIN_VIEWS:
@@ -277,9 +277,9 @@ def find_lines(
     """Find the laser lines on all plates, and check them for swapped heights and missed steps.
 
     Raises:
-        CalibrationRefused: no stripe meets a plate, or too few of those that meet it were found; too few stripes were
-            found at two heights; plate heights are swapped; or the laser lines jump, for instance because the mirror
-            missed a step.
+        CalibrationRefused: a plate is met by no stripe, or too few of those that meet it were found; too few stripes
+            were found at two heights; plate heights are swapped; or the laser lines jump, for instance because the
+            mirror missed a step.
         CalibrationMismatch: the size of a frame differs from that of the camera.
         MissingFile, FileFormatError: a frame cannot be read.
     """

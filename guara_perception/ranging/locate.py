@@ -41,7 +41,7 @@ class Triangulator:
         """
         self._camera = camera
         self._per_row = 1.0 / camera.matrix[1, 1]
-        # Polynomials take rows scaled by this one: 0 and twice this row become -1 and 1.
+        # Polynomials take (row - centre) / centre: -1 in the first row, 1 in the last.
         self._centre_row = (camera.size[1] - 1) / 2
         self._coefficients = _coefficients(camera.size, camera.matrix.tobytes(), camera.distortion.tobytes())
         self._place(transform_camera_to_footprint)
@@ -71,7 +71,8 @@ class Triangulator:
             grazing angle or behind the camera; and standard deviations (..., w) of their heights [m], propagated to
             first order.
         """
-        # d(depth R r)_z / dv = depth / fy * (R_zy - (R r)_z n_y / (n . r)); the lens changes 1 / fy by a few per cent.
+        # d(depth R r)_z / dv = depth / fy * (R_zy - (R r)_z n_y / (n . r)); that the lens changes
+        # 1 / fy by a few per cent is neglected.
         rows, sigma, planes = (np.ascontiguousarray(v, np.float64) for v in (position_px, sigma_px, plane_in_camera))
         points, deviation = np.empty((3, *rows.shape)), np.empty(rows.shape)
         size = rows.size // rows.shape[-1], rows.shape[-1]
@@ -112,7 +113,7 @@ def locator(
 
 @lru_cache(maxsize=2)
 def _coefficients(size: tuple[int, int], matrix: bytes, distortion: bytes) -> Float | None:
-    """Coefficients as of `_fitted`, or None if none fit the lens; kept for the next scan, which has the same camera."""
+    """Coefficients as from `_fitted`, None if none fit the lens; cached, since the next scan has the same camera."""
     camera = CameraModel(size, np.frombuffer(matrix).reshape(3, 3), np.frombuffer(distortion))
     return next((read_only(c) for n in COUNTS if (c := _fitted(camera, n)) is not None), None)
 

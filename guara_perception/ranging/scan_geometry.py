@@ -46,8 +46,8 @@ class StripePlace:
     Attributes:
         transform_camera_to_footprint: (4, 4) pose of the camera.
         body: body of the robot, in base_footprint.
-        covariance: (6, 6) covariance of the camera's pose relative to that at the other stripes, in REP-103 order along
-            the axes of base_footprint: translation of the optical centre [m], rotation [rad].
+        covariance: (6, 6) covariance of the camera's motion since the stance of the scan, in REP-103 order along the
+            axes of base_footprint: translation of the optical centre [m], rotation [rad].
     """
 
     transform_camera_to_footprint: Float
@@ -84,7 +84,7 @@ class ScanGeometry:
         return self.calibration.camera.project((points_in_footprint - transform[:3, 3]) @ transform[:3, :3])
 
     def moved(self, places: Mapping[int, StripePlace]) -> ScanGeometry:
-        """Copy for a moving camera: planes at the poses of their stripes, the rest at the pose of the middle stripe."""
+        """Copy for a moving camera: planes at the poses of their stripes, the sensors at that of the middle one."""
         poses = {index: place.transform_camera_to_footprint for index, place in places.items()}
         planes = [
             plane_in_frame(stripe.plane_in_camera[None], poses.get(index, self.transform_camera_to_footprint))

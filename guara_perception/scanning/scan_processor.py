@@ -357,7 +357,7 @@ class ScanProcessor:
         frames, is estimated from their own frames. A later stripe is rejected if one of its two earlier frames was
         lost or unusable.
 
-        A frame that cannot be used, for example because it is blank, has another size or is swapped with its pair,
+        A frame that cannot be used, for example because it is blank, has the wrong size or is swapped with the other,
         marks its stripe as bad; the scan continues and its report lists the stripe.
 
         Args:

@@ -62,7 +62,7 @@ class Proved:
         proof: findings on the light of the scan.
         profiles: profile of each stripe; those not confirmed are bad.
         surface: surface of the confirmed stripes.
-        motion: description of detected motion during the scan, and of a track that is not used; may be empty.
+        motion: description of detected motion during the scan, and reason why a track is not used; may be empty.
         may_sway: True if neither joint stream nor background can show whether the body sways.
         places: pose of camera and body at each stripe; None if all stripes have the pose of the stance.
     """
@@ -100,7 +100,7 @@ def planned_record(
         validity_pauses=settings.validity_pauses,
         validity_seconds=settings.validity_seconds,
         stripes_planned=len(geometry.stripes),
-        # A calibration without a verdict is recorded as null.
+        # Null if the calibration has no verdict.
         extra={"calibration_verdict": None},
     )
 
@@ -118,7 +118,7 @@ def scan_record(
     mirrored_points: Callable[[], Mapping[int, StripePoints]],
     lost_cells: tuple[Run, ...],
 ) -> ScanRecord:
-    """Record of a scan, from the one before its first frame."""
+    """Record of a scan: that of `planned_record`, completed with the results."""
     proof, profiles, motion = proved.proof, proved.profiles, proved.motion
     points, counts = proved.surface.stripes, proved.surface.counts
     bad = {index: profile.reason for index, profile in sorted(profiles.items()) if profile.is_frame_bad}

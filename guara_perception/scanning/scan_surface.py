@@ -38,7 +38,8 @@ from guara_perception.terrain.layers.record import Run
 from kinematics import RobotModel, StancePose
 from kinematics.self_filter import SelfFilter
 
-# Upper bound of the raster's cell edge [m]. Coarser grids are pooled from it, so that a lost stripe leaves a gap.
+# Upper bound of the raster's cell edge [m]. Coarser grids are pooled from such a raster: cells of their size could
+# hide the gap that a lost stripe leaves.
 FINEST_CELL_M = 0.005
 AREAS = ("footprint", "wide")
 # Tolerance for rounding errors [cells].
@@ -105,7 +106,7 @@ class SurfaceRaster:
     can change it, and otherwise when `raster` is called.
 
     Attributes:
-        counts: number of columns of the stripes with each `StripeStatus`.
+        counts: number of image columns of all stripes, by `StripeStatus`.
     """
 
     def __init__(
@@ -177,7 +178,7 @@ class SurfaceRaster:
         return without_cells(self._raster, self._too_high)
 
     def marks(self) -> Flags:
-        """Flags of the cells with unusable returns, which later stripes extend; those of new stripes are added."""
+        """Flags of the cells with unusable returns of all stripes so far: not a copy, later stripes change it."""
         new = [stripe for index, stripe in self._stripes.items() if index not in self._marked]
         self._marked.update(self._stripes)
         doubtful = np.concatenate([np.empty((0, 3)), *(stripe.doubtful.points for stripe in new)])
@@ -359,16 +360,16 @@ class ScanSurface(SurfaceRaster):
 
 
 class ByHeight:
-    """Values of cells that depend on the height of each, computed again only where this height has changed."""
+    """Values of cells that depend on the height of the cell, computed again only where it has changed."""
 
     def __init__(self, cells: int, kind: npt.DTypeLike) -> None:
-        """Start without values of a type for this number of cells."""
+        """Start with no values, for a number of cells and a type of values."""
         self._heights, self._values = np.full(cells, np.nan), np.zeros(cells, kind)
 
     def of(self, heights: Float, compute: Callable[[Index], Array]) -> Array:
         """Values (cells,) at heights (cells,) [m]; `compute` returns those of some cells.
 
-        The value of a cell with height NaN is any earlier one.
+        The value of a cell with height NaN has no meaning: it may be left from earlier heights.
         """
         new = np.flatnonzero((self._heights != heights) & ~np.isnan(heights))
         if new.size:

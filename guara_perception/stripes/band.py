@@ -97,7 +97,7 @@ def clipped_from(picture: Image) -> int:
 
 
 def full_scale(picture: Image) -> int:
-    """Highest level of a uint8 or uint16 image; a tenth of the time of `np.iinfo`."""
+    """Highest possible level of a uint8 or uint16 image; ten times as fast as `np.iinfo`."""
     return 255 if picture.itemsize == 1 else 65535
 
 
@@ -165,7 +165,7 @@ def _of_sums(sums: Float) -> Float:
 
 
 def _agree(contrast: Float, least: float) -> bool:
-    """Test if even or odd rows have a contrast above `least` of the same sign in all quarters except at most one."""
+    """Test if, in even or in odd rows, the contrast exceeds `least` with one sign in at least QUARTERS - 1 parts."""
     more, less = (contrast > least).sum(axis=1), (contrast < -least).sum(axis=1)
     return bool((np.maximum(more, less) >= QUARTERS - 1).any())
 

@@ -82,7 +82,7 @@ LAYERS: Mapping[str, LayerKind] = MappingProxyType(
 )
 
 
-# Values of layers in an unscanned cell; the layers not listed are NaN. The value of `hazard` is gp.Hazard.UNSCANNED.
+# Values of layers in an unscanned cell; the layers not listed are NaN. The value of `hazard` is the flag UNSCANNED.
 EMPTY = {"clearance": 0.0, "traversability": 0.0, "hazard": 4, "age": 255, "looks": 0}
 
 
@@ -117,7 +117,7 @@ class TerrainMessage:
         extent: "footprint" or "map".
         sequence: number of the message, ascending from 1 within its extent and run; numbers may be skipped.
         step: number of the stance pause.
-        stamp: end of the scan or, of a withdrawn grid, time of the withdrawal [ns since the epoch].
+        stamp: end of the scan; time of the withdrawal for a withdrawn grid [ns since the epoch].
         scan_start: time of the first frame [ns].
         scan_end: time of the last frame [ns].
         valid_for: time after `scan_end` during which the grid may be used [s]; may be infinite.
@@ -286,7 +286,7 @@ def crop_terrain(terrain: TerrainMessage, region: tuple[float, float, float, flo
     """Crop a grid to the cells that overlap a region.
 
     Values are not recomputed: `clearance`, for example, still refers to the border of the whole grid. All obstacles are
-    kept, also those outside the region.
+    kept, even those outside the region.
 
     Args:
         terrain: the whole grid.
@@ -304,7 +304,7 @@ def crop_terrain(terrain: TerrainMessage, region: tuple[float, float, float, flo
     last_y = min(ny, math.ceil((y_max - y0) / edge - 1e-9))
     if first_x >= last_x or first_y >= last_y:
         raise MessageError(
-            f"region x {x_min:g} ... {x_max:g}, y {y_min:g} ... {y_max:g} m is outside the grid, which covers "
+            f"region x {x_min:g} ... {x_max:g}, y {y_min:g} ... {y_max:g} m is empty or outside the grid, which covers "
             f"x {x0:g} ... {x0 + nx * edge:g}, y {y0:g} ... {y0 + ny * edge:g} m"
         )
     layers = {name: array[first_y:last_y, first_x:last_x].copy() for name, array in terrain.layers.items()}
@@ -458,5 +458,5 @@ ROUND: Mapping[str, Callable[[Array], Array]] = MappingProxyType(
         "traversability": _in_bits(SCORE_BITS, up=False),
     }
 )
-# Largest rounding error of an elevation [m], and largest relative increase of a variance.
+# Largest rounding error of an elevation [m], and largest relative increase of the layer `variance`.
 ROUNDING: Mapping[str, float] = MappingProxyType({"elevation": HEIGHT_UNIT / 2, "variance": 2.0**-VARIANCE_BITS})

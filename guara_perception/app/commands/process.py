@@ -63,7 +63,8 @@ def command(
     methods = list(dict.fromkeys(name.strip() for name in method.split(",")))
     for name in methods:
         if name not in METHODS:
-            raise InvalidInput(f"--method has {name!r}; allowed: {', '.join(METHODS)}, or several, separated by commas")
+            allowed = f"allowed: {', '.join(METHODS)}, or several of them, separated by commas"
+            raise InvalidInput(f"--method is {name!r}; {allowed}")
         # If there are several methods, the threshold is passed only to the paper's methods.
         check_method(name, threshold if METHODS[name] is not None or len(methods) == 1 else None)
     recorded = open_scan(scan, step, missing_ok=keep_going)

@@ -76,10 +76,10 @@ def answer(client: TerrainClient, request: dict[str, Any], steps: set[int]) -> d
 
 
 def fitted_stride(terrain: TerrainGrid) -> dict[str, Any]:
-    """Part of an answer: leg, foothold, swing and place of the body (x, y)."""
+    """Part of an answer: leg, foothold, swing, clearance and position of the body (x, y), or the reasons for none."""
     stride = stride_planner(str(terrain.record.robot_description)).next_stride(terrain)
     if stride is None or stride.swing is None:
-        return {"reasons": ["no leg finds a foothold on the way ahead"]}
+        return {"reasons": ["no leg has a safe foothold and swing ahead"]}
     points, body = stride.swing.points.tolist(), stride.body[:2, 3].tolist()
     clearance = SWING_CLEARANCES[-1]
     return {"leg": stride.leg, "foothold": points[-1], "swing": points, "clearance": clearance, "body": body}

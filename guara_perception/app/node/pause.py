@@ -53,7 +53,8 @@ class Pause:
         end_stance: stance of END; None before END, and if that stance was unusable or showed motion without a stream.
         newest_stamp: latest stamp of this pause's announcements.
         broken: reason why the robot is not known to have stood still to the end; empty otherwise.
-        moved: True if a reading shows motion or could not be tested; False if readings are merely missing.
+        moved: True if the pause was ended by a reading that shows motion or could not be tested; False if readings are
+            merely missing.
     """
 
     step: int
@@ -150,7 +151,7 @@ class Pause:
             self.ended.set()
 
     def begin_again(self, stance: Stance, now: float, stamp: int) -> bool:
-        """Handle a second BEGIN; end the pause and return False as in `_add`."""
+        """Handle a second BEGIN; if `_add` rejects its stance, end the pause and return False."""
         if self._add(stance, now, stamp):
             return True
         self.broken = f"a second BEGIN of step {self.step} came with other joints: {self.broken}"

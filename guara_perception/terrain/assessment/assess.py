@@ -12,7 +12,7 @@ from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import KNOWN_SHARE, disc_kernel, half_cells
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
-# Layers that are those of a raster, in its order, and layers that the kernel computes.
+# Layers taken from the raster, in its order, and layers computed by the kernel.
 FROM_RASTER = "elevation", "variance_local", "elevation_min", "elevation_max"
 JUDGED = "slope", "step_height", "roughness", "traversability"
 # Limits as the kernel takes them.
@@ -47,8 +47,8 @@ def assess_layers(
         slope_sigma: standard deviation of slopes due to errors that the cells of a disc share, such as the frame's tilt
             relative to gravity: one value, or (ny, nx) [rad].
         beyond: width of a margin on each side that the tests read but the returned layers do not contain [cells].
-        discs: tests of an earlier call with the same resolution, limits and sigma of slopes, which are kept where
-            no change can reach them; it receives those of this call.
+        discs: cache of the disc tests, used with one resolution, limits and sigma of slopes: what no change can
+            affect is used again, and the cache is updated.
 
     Returns:
         All layers by name, read-only, in the types of `LAYERS`, with age and looks of a single scan.

@@ -261,5 +261,5 @@ def test_crop_returns_the_cells_that_the_region_touches(peer) -> None:
 def test_crop_off_the_grid_is_refused(peer) -> None:
     """The message says what the grid covers."""
     terrain = peer.make_terrain(shape=(10, 20), resolution=0.1, origin=(1.0, -0.5))
-    with pytest.raises(MessageError, match=r"is outside the grid, which covers x 1 \.\.\. 3"):
+    with pytest.raises(MessageError, match=r"is empty or outside the grid, which covers x 1 \.\.\. 3"):
         crop_terrain(terrain, (5, 6, 0, 1))

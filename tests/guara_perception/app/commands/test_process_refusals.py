@@ -122,7 +122,7 @@ def bad_options(data: Path, calibration: Path, folder: Path) -> dict[str, tuple[
             [scan, "-c", calibration, "-o", out, "--method", "precise,exact"],
             "'exact'; allowed: precise",
         ),
-        "method empty": ([scan, "-c", calibration, "-o", out, "--method", ""], "--method has ''; allowed: precise"),
+        "method empty": ([scan, "-c", calibration, "-o", out, "--method", ""], "--method is ''; allowed: precise"),
         "resolution": (
             [scan, "-c", calibration, "-o", out, "--resolution", "0.007"],
             "0.007 m does not divide the area",
