@@ -297,7 +297,7 @@ class NumericLeg:
         error, jacobian = sole - placement.translation + (0.0, 0.0, lifted), full[:3]
         if not self.seeks_pitch:
             return error, jacobian
-        # Pitch is measured in the plane through the x axis, the hip and the target, as in the closed form.
+        # Pitch is measured in the plane through hip and target that is parallel to the x axis, as in the closed form.
         reach = (sole - self.hip) * (0.0, 1.0, 1.0)
         up = -reach / max(float(np.linalg.norm(reach)), 1e-12)
         along = placement.rotation[:, 0]

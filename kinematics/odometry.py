@@ -63,8 +63,8 @@ class OdometryPose(PoseInOdom):
         gravity: gravity estimate from which the next pause continues.
         stayed_feet: feet that stayed, of those named as supporting at both pauses (even if found unloaded) and in the
             argument `standing` of `LegOdometry.update`.
-        swung_feet: others of these feet that moved by `swing_least` or more.
-        slipped_feet: others of these feet that moved by less than `swing_least`.
+        swung_feet: the other feet named and `standing` that moved by `swing_least` or more.
+        slipped_feet: the other feet named and `standing` that moved by less than `swing_least`.
         residual: rms horizontal distance of the feet that stayed from their footholds [m].
         foot_slips: leg -> distance by which the foot moved since the last pause [m], for `stayed_feet` and
             `slipped_feet`. Leg odometry cannot observe a slide common to all feet; it is included only if camera images
@@ -195,8 +195,8 @@ class LegOdometry:
         pose = self._pose(state, stance, self._carried(state, stance, last, stayed))
         if len(stayed) < 2:
             raise OdometryLost(
-                f"feet that stayed between two pauses: {len(stayed)} ({', '.join(common) or 'none'} carried the body "
-                "at both); two are needed: scan more often than the feet move, or reset the odometry"
+                f"feet that stayed between two pauses: {len(stayed)} ({', '.join(common) or 'none'} were named as "
+                "supporting at both); two are needed: scan more often than the feet move, or reset the odometry"
             )
         legs, before = _named_feet(pose), footholds
         readings = sole_readings(pose, legs, self._robot.noise)
@@ -260,7 +260,7 @@ class LegOdometry:
     def _feet(
         self, state: RobotState, stance: Stance, last: OdometryPose, standing: Sequence[str] | None = None
     ) -> tuple[list[str], list[tuple[str, ...]]]:
-        """Feet that carried the body at both pauses, and sets of them that may have stayed, the likeliest first."""
+        """Feet that support at both pauses (and are in `standing`), and sets that may have stayed, likeliest first."""
         # A foot that was found unloaded is included: it may stand on a block, and if it hangs free, its distances to
         # the other feet change.
         may_stand = stance.support_feet if standing is None else set(standing).intersection(stance.support_feet)
@@ -280,7 +280,7 @@ class LegOdometry:
     def _instead(
         self, common: Sequence[str], stayed: Sequence[str], moved: Mapping[str, float]
     ) -> Sequence[tuple[str, ...]]:
-        """Foot that may have stood alone, if the two feet that seem to have stayed slid by the same vector."""
+        """The one foot that may have stayed, if the two that seem to have stayed slid alike; may be empty."""
         others = {leg: moved[leg] for leg in common if leg not in stayed}
         if len(stayed) > 2 or not others:
             return ()

@@ -34,8 +34,8 @@ _LAST: WeakKeyDictionary[Session, WeakValueDictionary[str, StancePublisher]] = W
 class StancePublisher(Sender):
     """Publisher of stance pauses and of the clock that stamps them. It never waits for a receiver.
 
-    Receivers that start during a pause still receive the BEGIN of the pause. They receive nothing of an older publisher
-    of the same robot in the same session, so that the END of an earlier walk does not end the pause.
+    Receivers that start during a pause still receive the BEGIN of the pause. They receive nothing from an older
+    publisher of the same robot in the same session, so that the END of an earlier walk does not end the pause.
 
     Args:
         session: open session.
@@ -67,7 +67,7 @@ class StancePublisher(Sender):
         if pause.robot != self._robot:
             raise MessageError(
                 f"a pause of robot {pause.robot!r} cannot be published on the key of {self._robot!r}; "
-                f"publish it by StancePublisher(session, robot={pause.robot!r})"
+                f"publish it with StancePublisher(session, robot={pause.robot!r})"
             )
         if pause.phase is PausePhase.HOLD:
             self._outbox.post(f"{self._holds.key} hold", lambda: self._holds.put(encode_stance_pause(pause)))

@@ -143,6 +143,6 @@ def _settled(board: Board, camera: Camera, timeout: float) -> tuple[Frame, float
     count = frames[-1].counter - frames[0].counter
     if span <= 0 or count <= 0:
         raise CameraTimeout(
-            f"stamps or numbers of frames of {camera.name} do not increase: use a live camera, not a replay"
+            f"stamps or counters of the frames of {camera.name} do not increase: use a live camera, not a replay"
         )
     return frames[-1], span / count

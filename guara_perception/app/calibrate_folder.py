@@ -33,7 +33,7 @@ def calibrate(
         camera_info: file with known intrinsics (OpenCV, ROS or Kalibr); images of the board are then optional: they
             verify the intrinsics but do not change them. None = estimate the intrinsics.
         square: edge of the board's squares [m]; None = as in the session.
-        not_mirrored: True to assert that the images are not mirrored, whatever the colours of the board.
+        not_mirrored: True to assert that the images are not mirrored; the colours of the board are then not checked.
         force: True to return a calibration even if its verdict is `refused`.
 
     Raises:

@@ -30,7 +30,7 @@ NUMBERS = {
     "white_balance": (500.0, 20_000.0),
     "gamma": (0.01, 1e4),
 }
-UNITS = dict.fromkeys(("lag", "exposure"), " s (8 ms are 0.008)")
+UNITS = dict.fromkeys(("lag", "exposure"), " s (0.008 for 8 ms)")
 LINES = ("trigger", "exposure_output", "pixel_format")
 # Prefixes of a camera's source that select a driver other than OpenCV.
 ARAVIS, V4L2 = "aravis", "v4l2"
@@ -47,7 +47,7 @@ KNOWN = {
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """Camera and laser board of a robot, and their settings during the calibration.
+    """Camera and laser board of a robot, and the settings with which they are opened, those of the calibration.
 
     Attributes:
         source: source of the camera: number, device path, GStreamer pipeline, "aravis" or "aravis:NAME" for GigE and
@@ -155,7 +155,7 @@ class Devices:
 def devices_of(chosen: DeviceOptions) -> Devices:
     """Devices from the devices.toml of the options, or the default devices; further options override both.
 
-    Another camera than that of the file has no identity.
+    If the options name a camera, the identity in the file is dropped.
 
     Raises:
         MissingFile, FileFormatError: see `load_devices`.

@@ -1,4 +1,4 @@
-"""Logging of the command line, as text or JSON, with priorities for journald and a rate limit."""
+"""Logging for the command-line tools, as text or JSON, with priorities for journald and a rate limit."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def log_to_stderr(style: str = "text") -> None:
 
 
 def _is_journal() -> bool:
-    """True if standard error is connected to journald, which sets $JOURNAL_STREAM to the stream's device and inode."""
+    """True if standard error is connected to journald: systemd then sets $JOURNAL_STREAM to its device and inode."""
     try:
         status = os.fstat(sys.stderr.fileno())
     except (OSError, ValueError):

@@ -36,7 +36,7 @@ HANDEDNESS_ADVICE = (
 MAX_RESIDUAL_PX = {"found": 1.0, "given": 3.0}
 GIVEN_SIGMA_PX = 0.5
 # Any three crosses fit some pose, so a wrong cross can be identified only among five or more. It is named if the others
-# fit without it, with a misfit CLEARER times smaller than without any other cross.
+# fit without it, and their misfit is CLEARER times smaller than when any other cross is left out instead.
 LEAST_OTHERS = 4
 CLEARER = 2.0
 # Correlation below which a match may be a spot of the floor. Crosses reach 0.8 or more, floor texture rarely 0.6.
@@ -146,8 +146,8 @@ def _misplaced(camera: CameraModel, points: Float, pose: FloorPose, nominal: Flo
     found = to_floor(camera, fits[wrong].transform_camera_to_footprint, pose.marks[wrong].centre_px[None])[0]
     apart = 1e3 * float(np.linalg.norm(found - points[wrong]))
     return (
-        f"according to the others, {_named(points, [wrong])} is {apart:.0f} mm away, at ({found[0]:.3f}, "
-        f"{found[1]:.3f}): measure it again"
+        f"according to the others, {_named(points, [wrong])} is {apart:.0f} mm off: it is at ({found[0]:.3f}, "
+        f"{found[1]:.3f}); measure it again"
     )
 
 
@@ -195,8 +195,8 @@ def check_extent(points: Float) -> None:
     extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if extent[1] < MIN_EXTENT_RATIO * extent[0]:
         raise CalibrationRefused(
-            f"fiducials: the points are collinear (extent {extent[1] * 1e3:.0f} mm across a line of "
-            f"{extent[0] * 1e3:.0f} mm): put them at the corners of the area"
+            f"fiducials: the points are collinear (their spread across the line is {extent[1] / extent[0]:.0%} of that "
+            f"along it, allowed: {MIN_EXTENT_RATIO:.0%} or more): put them at the corners of the area"
         )
 
 
@@ -286,7 +286,7 @@ def _fit(camera: CameraModel, points: Float, marks: list[Mark], start: Float, mo
 
 
 def _from_given(camera: CameraModel, fiducials: Fiducials, nominal: Float) -> FloorPose:
-    """Pose from the pixels that the user gave. Other orders are tried only to explain a misfit of up to six marks."""
+    """Pose from the pixels that the user gave. If up to six marks do not fit, other orders are tried to explain why."""
     points = fiducials.points_in_footprint
     given = [Mark(pixel, GIVEN_SIGMA_PX, np.nan) for pixel in np.asarray(fiducials.points_px, dtype=np.float64)]
     best = _best_mount(camera, points, given, nominal)

@@ -64,7 +64,7 @@ def compare(a: LayeredGrid | str | Path, b: LayeredGrid | str | Path) -> GridCom
     if not same or not np.allclose(a.origin, b.origin, rtol=0, atol=1e-6 * a.resolution):
         raise InvalidInput(
             f"a has {a.shape} cells of {a.resolution:g} m from {a.origin}, b has {b.shape} of {b.resolution:g} m from "
-            f"{b.origin}; allowed: grids of the same cells (equal extent and resolution)"
+            f"{b.origin}; allowed: grids of the same cells (equal origin, resolution and shape)"
         )
     known_a, known_b = known_cells(a), known_cells(b)
     free_a, free_b = a.layers["traversability"] > 0, b.layers["traversability"] > 0

@@ -213,7 +213,9 @@ def test_too_few_feet_that_stayed_are_refused(guara: RobotModel, crawl: Crawl) -
     odometry = LegOdometry(guara)
     before = odometry.update(Stance(walk[0][1], guara.legs, (0.0, 0.0, -1.0)))
     other = Stance(walk[2][1], ("lf",), (0.0, 0.0, -1.0))
-    with pytest.raises(OdometryLost, match=r"feet that stayed between two pauses: 0 \(lf carried the body at both\)"):
+    with pytest.raises(
+        OdometryLost, match=r"feet that stayed between two pauses: 0 \(lf were named as supporting at both\)"
+    ):
         odometry.update(other)
     assert odometry.last is before
     odometry.reset()

@@ -48,7 +48,7 @@ class Router:
         robots: instance names of the robots that the router serves.
         uplink: name of the router to which this router connects; empty = none.
         scans: True if nodes accept scan requests through this router, from its clients and, unless `summary_only`, from
-            the router above. A node that is a client of this router accepts requests of its planners in any case.
+            the router above. A node that is a client of this router accepts requests of its own planners in any case.
         summary_only: True if the router above receives only summaries, status and liveliness tokens.
     """
 
@@ -244,7 +244,7 @@ def open_authority(folder: str | Path) -> Credentials:
         SecurityError: certificate or key of the CA cannot be read.
     """
     root = Path(folder)
-    with errors_as(SecurityError, f"cannot read the CA of {root}, kept where `guara security init` was run"):
+    with errors_as(SecurityError, f"cannot read the CA of {root}; it is kept only where `guara security init` was run"):
         return Credentials((root / "ca" / "ca.pem").read_bytes(), (root / "ca" / "ca.key").read_bytes())
 
 

@@ -42,7 +42,7 @@ COLUMNS = ("robot", "step", "age", "health", "links")
     help="compact: about an eighth of the size, for slow links",
 )
 @click.option("--security", type=FILE, help="folder of a role made by `guara security init`")
-@click.option("--count", type=click.IntRange(min=1), help="end after this many grids; default: until Ctrl-C")
+@click.option("--count", type=click.IntRange(min=1), help="end after this many grids or withdrawals; default: Ctrl-C")
 @click.option(
     "--timeout",
     type=click.FloatRange(min=0.1),
@@ -106,8 +106,8 @@ def report_missing_node(client: TerrainClient, robot: str) -> None:
     while not client.is_alive:
         if time.monotonic() > deadline:
             click.echo(
-                f"waiting for a node with instance name {robot!r}: none is seen here; `guara listen --all` lists those "
-                "that are, and --name selects one",
+                f"waiting for a node with instance name {robot!r}: none is seen here; `guara listen --all` lists the "
+                "robots that are seen, and --name selects one",
                 err=True,
             )
             return

@@ -43,8 +43,8 @@ def command(
 ) -> None:
     """Replay recorded SCANs (folders or .mcap) in the order given, with fusion over pauses.
 
-    If a scan belongs to another walk than the previous one, or its step is not higher, a new map begins. Scans whose
-    grids were withdrawn by the node are skipped.
+    A new map begins if a scan belongs to a different walk from the previous one, or if its step is not higher. Scans
+    whose grids were withdrawn by the node are skipped.
 
     \b
     Example:

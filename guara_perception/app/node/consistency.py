@@ -51,7 +51,7 @@ class JointWatch:
         try:
             pose, feet = self._robot.stance_pose(pause.stance), pause.stance.support_feet
         except StanceError:
-            # Of two feet without an IMU, the pose is known by odometry alone.
+            # With two support feet and no IMU, the pose is known from odometry alone.
             return heights
         soles = transform_points(pose.transform_base_to_footprint, pose.state.soles_in_base(feet))
         for ground in pause.known_ground:

@@ -26,8 +26,8 @@ DEEPEST_M = -0.2
 # Largest distance, in addition to half a cell, at which the outermost stripe counts as meeting the last known cell of a
 # row [m]. It allows for the slope of the ground within the cell, and for samples cut off at the end of a stripe.
 END_MARGIN_M = 0.0005
-# Heights relative to the assumed ground at which a cell may be instead [m]. From one to the next, the area in view
-# grows by less than two cells.
+# Offsets from the assumed height at which the ground of a cell is also tried [m]. From one to the next, the area in
+# view grows by less than two cells.
 ELSEWHERE_M = np.arange(-20, 11) * 0.01
 
 
@@ -182,7 +182,7 @@ def _could_be_met(
     pair_usable: Mask,
     targets: Float,
 ) -> Mask:
-    """Mask of the targets (n, 3) that are in the camera's view, or would be met by light in it at another height.
+    """Mask of the targets (n, 3) in the camera's view, or lit and in view if the ground is at another height.
 
     On ground that rises towards the camera, less is in view than the plan for flat ground expects. A target outside
     the view was not observed, unless the ground there may be so much lower or higher that a stripe meets it in view.

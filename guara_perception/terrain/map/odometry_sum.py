@@ -8,12 +8,12 @@ sums since j are compared with the drift of odometry since j:
     d = T_j^-1 T                        corrections of the map, where T is the correction of the drift
     d = sum of the motions from scan to scan minus those of odometry
 
-The second sum detects slow ground first: if few heights show the motion, the corrections follow only a small part of
-it. Let w be the displacement since j, and s the sigma of odometry along w as a fraction of w, with an error of the same
-sign at all pauses: if all feet slide back together, the distances between them do not change, so odometry cannot detect
-the slide. Let P_j be the covariance at j, of the drift for the first sum and of the noise for the second, F the
-transition from footprint j to the present one (`transition_between`), and N the covariance of the heights and of the
-present noise, for the second sum only. Then the covariance of d is
+The second sum detects slowly moving ground first: if few heights show the motion, the corrections follow only a small
+part of it. Let w be the displacement since j, and s the sigma of odometry along w, relative to its length. This error
+has the same sign at all pauses: odometry cannot detect a slide of all feet together, because it does not change the
+distances between them. Let P_j be the covariance at j, of the drift for the first sum and of the noise for the second,
+F the transition from footprint j to the present one (`transition_between`), and N the covariance of the heights and of
+the present noise, for the second sum only. Then the covariance of d is
 
     S = F P_j F' + drift of odometry since + N + s^2 w w'
 
@@ -153,7 +153,7 @@ class OdometrySum(FrozenArrays):
         kind = int(np.argmax(squares[:, first]))
         x, y, yaw = sums[kind, first].tolist()
         reason = (
-            f"{('registration has moved the walk', 'scans show that the ground moved')[kind]} by "
+            f"{('registration shifted the walk', 'scans and odometry differ')[kind]} by "
             f"{1e3 * np.hypot(x, y):.0f} mm and {1e3 * yaw:+.0f} mrad in "
             f"{len(self.transforms) - first} pauses, {np.sqrt(squares[kind, first]):.1f} sigma of the error "
             "accumulated by odometry: the ground in view may be moving, so it is not used"

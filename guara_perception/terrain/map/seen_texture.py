@@ -12,12 +12,13 @@ correlated, so their information is divided by n. The covariance of the measured
 
 A pixel keeps the texture with which it was first seen, at the pose of the walk at that time. Errors therefore
 accumulate only as texture leaves the view. Let f be the fraction of the ground in view that is new at each pause. The
-mean age of the texture is then (1/f + 1)/2 pauses. Half of the noise C of a motion is due to the texture, of which each
-part has 1/f times the noise of the whole. The variance of the walk therefore grows by
+mean age of the texture is then (1/f + 1)/2 pauses. Let C be the covariance of one motion. Half of it comes from the new
+image, half from the texture; the part first seen at one pause covers the fraction f of the view, so its noise is 1/f
+times that of the whole texture. The variance of the walk therefore grows by
 
     (1/2 + 1/(2f)) C / ((1/f + 1)/2)^2 = 2 f / (1 + f) C
 
-at each pause, in addition to C at both ends.
+at each pause; C is added once at the start and once at the end.
 """
 
 from __future__ import annotations
@@ -58,9 +59,9 @@ WHOLE, LEAST_EXTENT_M = 0.8, 0.08
 # Largest deviation of an agreeing corner, in units of the spread, and bounds of the spread. The upper bound is about
 # half a pixel of the image; with a larger spread, corners would agree by chance.
 AGREEING_SIGMAS, LEAST_SPREAD_M, MOST_SPREAD_M = 3.0, 0.0003, 0.0006
-# Least sigma of a corner per axis, a thirtieth of PIXEL_M, and number of corners that count as one. Two motions, each
-# estimated from every other corner, differ by 1.2 times as much as with independent corners. This comparison does not
-# show the errors that neighbouring corners share.
+# Least sigma of a corner per axis, a thirtieth of PIXEL_M, and number of corners that count as one: motions
+# estimated from two interleaved halves of the corners differ by 1.2 times as much as if corners were independent, which
+# gives 1.44, and errors common to neighbouring corners do not show in this test.
 LEAST_SIGMA_M, CORNERS_THAT_COUNT_AS_ONE = 0.0001, 2.0
 # Sigmas of a view as a whole, due to heights and lens [m, m, rad].
 VIEW_SIGMA = np.array([5e-5, 5e-5, 5e-5])
@@ -76,10 +77,10 @@ class VisualMotion:
     """Motion of a pause estimated from texture.
 
     Attributes:
-        motion: (3,) x, y [m] and yaw [rad] from odometry to the texture, about the footprint; zero if refused.
+        motion: (3,) correction of the pose of odometry to that of the texture: x, y [m] and yaw [rad] about the
+            footprint; zero if refused.
         covariance: (6, 6) covariance of the pose, the prior if refused.
-        corners: number of corners that agree; the number of corners found if these are too few, 0 if none were looked
-            for.
+        corners: number of corners that agree; if too few were found, the number found; 0 if none were looked for.
         is_whole: True if nearly all corners agree and they extend over the view, which means that either the robot or
             all ground in view moved; False if refused.
         inherited: fraction of the covariance that later pauses inherit.

@@ -31,7 +31,7 @@ class ScanDecision:
         stripes: indices still to be fired, ascending; if time is short, those that cross the most obstacle cells. Empty
             for "coarse".
         is_whole: True if `stripes` complete the standard pattern.
-        reasons: obstacles found at this pause, and lack of time for further stripes; empty if there is neither.
+        reasons: obstacles found at this pause, and lack of time if not even one further stripe fits; may be empty.
     """
 
     mode: str

@@ -72,7 +72,7 @@ def test_a_replay_has_no_rhythm(board: LaserBoard, scene) -> None:
     same = [Frame(np.zeros((4, 4), np.uint8), 3, 0.0)] * 40
     with (
         ReplayCamera(same) as tape,
-        pytest.raises(CameraTimeout, match="stamps or numbers of frames .* do not increase"),
+        pytest.raises(CameraTimeout, match="stamps or counters of the frames .* do not increase"),
     ):
         measure_lag(board, tape)
 

@@ -76,7 +76,7 @@ def test_what_is_written_is_read_back(devices: Devices, tmp_path: Path):
         ('format = "guara-devices/2"\n[camera]\nsource = "0"', "guara-devices/1"),
         ('format = "guara-devices/1"\n[camera]', "camera.source is missing"),
         ('format = "guara-devices/1"\n[camera]\nsource = "0"\nexposur = 1', "unknown exposur; allowed: exposure"),
-        ('format = "guara-devices/1"\n[camera]\nsource = "0"\nexposure = 8', "1.0 s (8 ms are 0.008)"),
+        ('format = "guara-devices/1"\n[camera]\nsource = "0"\nexposure = 8', "1.0 s (0.008 for 8 ms)"),
         ('format = "guara-devices/1"\n[camera]\nsource = "0"\nsize = [1, 2]', "camera.size is [1, 2]; allowed: 64"),
         ('format = "guara-devices/1"\n[camera]\nsource = "0"\n[board]\nvendor_id = 70000', "board.vendor_id is 70000"),
         ("format = ", "not valid TOML"),

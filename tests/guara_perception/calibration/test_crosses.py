@@ -81,7 +81,7 @@ def test_the_one_cross_that_was_measured_wrongly_is_named(wrong: int, off: tuple
     lie = given.copy()
     lie[wrong] += off
     named = f"according to the others, cross {wrong + 1} at"
-    told = rf"{named} .* is (9|10|11) mm away, at \((.*), (.*)\): measure it again"
+    told = rf"{named} .* is (9|10|11) mm off: it is at \((.*), (.*)\); measure it again"
     found = re.search(told, refusal(lie, given))
     assert found is not None
     assert np.abs(np.array(found.groups()[1:], float) - lie[wrong]).max() < 0.002
