@@ -27,12 +27,14 @@ def clocked(seconds: list[float], function: Callable[..., Any]) -> Callable[...,
     return call
 
 
-def sorted_by_path(precise: Any) -> tuple[list[float], list[float]]:
+def sorted_by_path(precise: Any, finder: Any) -> tuple[list[float], list[float]]:
     """Lists that fill with the seconds of each stripe: by its highest peaks, and in any light."""
     cheap: list[float] = []
     strong: list[float] = []
     in_any_light: list[float] = []
-    of_band = precise._extract
+    # Before it took one band, `extract_precise` called `_extract` for each.
+    module, name = (precise, "_extract") if hasattr(precise, "_extract") else (finder, "extract_precise")
+    of_band = getattr(module, name)
     precise.extract_in_any_light = clocked(in_any_light, precise.extract_in_any_light)
 
     def sort(band: Any) -> Any:
@@ -41,7 +43,7 @@ def sorted_by_path(precise: Any) -> tuple[list[float], list[float]]:
         (strong if len(in_any_light) > before else cheap).append(time.process_time() - start)
         return found
 
-    precise._extract = sort
+    setattr(module, name, sort)
     return cheap, strong
 
 
@@ -52,7 +54,8 @@ def main_of_peer(scan: Path) -> None:
     print("{}", flush=True)
     cv2.setNumThreads(1)
     in_memory = import_module("testbed.scenes").recorded(scan)
-    by_path = sorted_by_path(import_module("guara_perception.stripes.precise"))
+    modules = "guara_perception.stripes.precise", "guara_perception.scanning.stripe_finder"
+    by_path = sorted_by_path(*map(import_module, modules))
     for _ in sys.stdin:
         for seconds_of_stripes in by_path:
             seconds_of_stripes.clear()

@@ -215,7 +215,7 @@ def test_query_returns_the_newest_grid_or_a_region(endpoint: str, peer) -> None:
             assert part.shape == (40, 20)
             np.testing.assert_allclose(part.origin, (0.6, -0.1))
             np.testing.assert_array_equal(part.layers["slope"], terrain.layers["slope"][34:74, 20:40])
-            with pytest.raises(transport.MessageError, match="is outside the grid"):
+            with pytest.raises(transport.MessageError, match="is empty or outside the grid"):
                 client.query(region=(5.0, 6.0, 0.0, 1.0))
             with pytest.raises(transport.MessageError, match="is empty"):
                 client.query(region=(1.0, 0.0, 0.0, 1.0))

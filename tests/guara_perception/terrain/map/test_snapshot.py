@@ -25,7 +25,7 @@ NOW = 200
 def memory_of_a_walk(seed: int, reach: float) -> OdomCells:
     """Random cells in every state: known, unknown, in conflict, old."""
     rng = np.random.default_rng(seed)
-    cells = OdomCells(RESOLUTION, reach)
+    cells = OdomCells(RESOLUTION, 2 * (int(np.ceil(reach / RESOLUTION)) + 1))
     cells.centre_on(1.0, -0.5)
     memory, n = cells.memory, cells.side**2
     is_unknown = rng.random(n) < 0.03
