@@ -247,6 +247,7 @@ def test_a_recording_can_be_processed_again(
             bench.gait.say(step, PausePhase.BEGIN)
             bench.client.wait_for_step(step, timeout=TIMEOUT, extent="map")
             bench.gait.say(step, PausePhase.END)
+        assert wait_until(lambda: bench.node._pause is not None and bench.node._pause.ended.is_set())
     scans = open_scans(path)
     assert [scan.step for scan in scans] == [0, 1] and scans[0].epoch == scans[1].epoch != ""
     terrain = gp.process_scan(scans[1], calibration, robot, pictures=False)
