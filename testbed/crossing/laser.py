@@ -40,11 +40,8 @@ class Laser:
 
     def look(self, robot: Robot) -> Sight:
         """Scan, fuse, and ask the map."""
-        base_to_world = np.eye(4)
-        base_to_world[:3, :3], base_to_world[:3, 3] = robot.rotation, robot.base
-        stance = self._stance(robot)
-        true_joints = dict(zip(robot.joint_names, robot.joint_positions.tolist(), strict=True))
-        self._rangefinder.set_pose(base_to_world, true_joints)
+        base_to_world, stance = robot.transform_base_to_world, self._stance(robot)
+        self._rangefinder.set_pose(base_to_world, robot.joints)
         processor = gp.ScanProcessor(self._calibration, robot.product, stance, "coarse", step=self._pause)
         processor, scanned, stripes = swept(processor, self._rangefinder, self._policy.first_stripes, self._policy)
         self.standing_s = stripes * STRIPE_S

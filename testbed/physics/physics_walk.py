@@ -117,7 +117,7 @@ def _pause(
     rng: np.random.Generator,
     slips: Mapping[str, float],
 ) -> PhysicsPause:
-    transform, joints, feet = _base_to_world(body), _joints(body), tuple(robot.legs)
+    transform, joints, feet = body.transform_base_to_world, body.joints, tuple(robot.legs)
     footprint = true_footprint(robot, joints, feet, transform)
     soles = _soles_in_world(robot, body)
     leg = gait.leg_of_swing(step)
@@ -175,16 +175,6 @@ def _mean_lag(gait: WaveGait) -> float:
     return gait.cycle_length / 2 - gait.advance * (legs - 1) / 2
 
 
-def _base_to_world(body: Robot) -> Float:
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = body.rotation, body.base
-    return transform
-
-
-def _joints(body: Robot) -> dict[str, float]:
-    return dict(zip(body.joint_names, body.joint_positions.tolist(), strict=True))
-
-
 def _soles_in_world(robot: RobotModel, body: Robot) -> dict[str, Float]:
-    soles = transform_points(_base_to_world(body), robot.state(_joints(body)).soles_in_base())
+    soles = transform_points(body.transform_base_to_world, robot.state(body.joints).soles_in_base())
     return dict(zip(robot.legs, soles, strict=True))

@@ -124,6 +124,13 @@ class Robot:
         return np.array(self.data.xpos[self.body])
 
     @property
+    def transform_base_to_world(self) -> Float:
+        """Pose of the body, (4, 4)."""
+        transform = np.eye(4)
+        transform[:3, :3], transform[:3, 3] = self.rotation, self.base
+        return transform
+
+    @property
     def com(self) -> Float:
         """Centre of mass (3,) [m]."""
         return np.array(self.data.subtree_com[self.body])
@@ -141,6 +148,11 @@ class Robot:
     def joint_positions(self) -> Float:
         """(joints,) [rad], in the order of `joint_names`."""
         return np.array(self.data.qpos[self._positions])
+
+    @property
+    def joints(self) -> dict[str, float]:
+        """Joint positions by name [rad]."""
+        return dict(zip(self.joint_names, self.joint_positions.tolist(), strict=True))
 
     @property
     def joint_speeds(self) -> Float:
