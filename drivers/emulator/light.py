@@ -40,7 +40,12 @@ class Laser:
             self.log.append(Switching(now, on))
 
     def fraction(self, start: float, end: float) -> float:
-        """Return the fraction of the interval from `start` to `end` during which the laser was on, 0 ... 1."""
+        """Return the fraction of the interval from `start` to `end` during which the laser was on, 0 ... 1.
+
+        Of an instant, 1.0 if the laser was on.
+        """
+        if end <= start:
+            return float(next((event.on for event in reversed(self.log) if event.time <= start), False))
         # Search backwards from the newest change: the interval is recent, and the log may be long.
         lit, until = 0.0, end
         for event in reversed(self.log):

@@ -11,7 +11,7 @@ from drivers.emulator.board import EmulatedBoard
 from drivers.emulator.config import EmulatorConfig
 from drivers.emulator.light import Switching
 from testbed.bench_board.faults import Fault, FaultKind, FaultPlan
-from testbed.bench_board.light import BenchLight, lit_at
+from testbed.bench_board.light import BenchLight
 from testbed.bench_board.mirror import BenchMirror
 from testbed.bench_board.shutter import Opening, Shutter
 from testbed.bench_board.sweep import SweepUnit, packed
@@ -103,7 +103,7 @@ class BenchBoard(EmulatedBoard):
             return BoardView(
                 time=instant,
                 plugged=self.plugged,
-                laser_on=lit_at(self._light.laser, instant),
+                laser_on=self._light.laser.fraction(instant, instant) == 1.0,
                 laser_since=self._light.laser.log[-1].time,
                 mirror_angle=self._mirror.true_angle(instant),
                 mirror_angle_commanded=self._mirror.believed_angle(instant),

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from drivers.board.board_records import BoardIdentity
 from drivers.board.protocol import BLOCKING, BoardFault
-from drivers.emulator.light import Laser, LightUnit
+from drivers.emulator.light import LightUnit
 from testbed.bench_board.faults import FaultKind, FaultPlan
 
 # Temperature at which the laser is turned off, and at which that fault can be cleared [degrees Celsius].
 TOO_HOT, COOL_ENOUGH = 60.0, 55.0
 # Time for which the firmware waits for the photodiode before it disconnects the supply [s].
 SENSE_DELAY = 0.005
-
-
-def lit_at(laser: Laser, time: float) -> bool:
-    """Return True if the laser was on at a time [s]."""
-    return next((event.on for event in reversed(laser.log) if event.time <= time), False)
 
 
 class BenchLight(LightUnit):

@@ -5,7 +5,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulator.light import Laser
-from testbed.bench_board.light import lit_at
 from tests.thorough import examples
 
 
@@ -23,7 +22,7 @@ def test_fraction_is_the_mean_over_instants(gaps: list[float], start: float, len
         now += gap
         laser.switch(turn % 2 == 0, now)
     instants = [start + (index + 0.5) * length / 500 for index in range(500)]
-    mean = sum(lit_at(laser, instant) for instant in instants) / 500
+    mean = sum(laser.fraction(instant, instant) for instant in instants) / 500
     assert laser.fraction(start, start + length) == pytest.approx(mean, abs=0.01)
 
 
@@ -33,3 +32,10 @@ def test_switching_to_the_same_state_is_no_change() -> None:
     laser.switch(True, 1.0)
     laser.switch(True, 2.0)
     assert [event.time for event in laser.log] == [0.0, 1.0]
+
+
+def test_the_fraction_of_an_instant_is_all_or_nothing() -> None:
+    """An exposure of no length has the light of its instant; before the log there was none."""
+    laser = Laser(0.0)
+    laser.switch(True, 1.0)
+    assert laser.fraction(1.5, 1.5) == 1.0 and laser.fraction(0.5, 0.5) == laser.fraction(-1.0, -1.0) == 0.0
