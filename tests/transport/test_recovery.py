@@ -23,7 +23,7 @@ def test_what_was_acknowledged_survives_a_kill(tmp_path: Path, start) -> None:
         process.kill()
         process.wait()
         acknowledged = int(process.lines[-1].split()[1]) if process.lines[-1].count(" ") else -1
-        with pytest.raises(RecordingError, match="guara recover"):
+        with pytest.raises(RecordingError, match="guara convert"):
             open_recording(path)
         recovery = recover_recording(path, mended)
         assert not recovery.was_whole
@@ -70,7 +70,7 @@ def test_a_damaged_piece_is_left_out_and_reported(tmp_path: Path, peer) -> None:
     assert recovery.damaged_chunks == 1 and not recovery.was_whole and 0 < recovery.messages < 42
     with open_recording(tmp_path / "c.mcap") as recording:
         assert recording.scans
-    with pytest.raises(RecordingError, match="guara recover"):
+    with pytest.raises(RecordingError, match="guara convert"):
         with open_recording(tmp_path / "b.mcap") as recording:
             for scan in recording.scans:
                 for stripe in scan.stripes:

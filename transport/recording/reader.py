@@ -60,7 +60,7 @@ class Recording(AbstractContextManager["Recording"]):
             self._reader = make_reader(cast(Any, self._file), validate_crcs=True)
             self._summary = self._reader.get_summary()
             if self._summary is None or not self._summary.statistics:
-                raise RecordingError(f"{self.path} has no index; `guara recover` creates one")
+                raise RecordingError(f"{self.path} has no index; `guara convert OLD.mcap NEW.mcap` creates one")
             self.calibration = self._read_calibration()
             self._frames: dict[tuple[str, int], int] = {}
             self.scans = tuple(self._read_scans())
@@ -71,7 +71,7 @@ class Recording(AbstractContextManager["Recording"]):
             self._file.close()
             raise RecordingError(
                 f"{self.path} is not a complete recording ({type(error).__name__}: {error}); if it was truncated, "
-                f"`guara recover` restores what is in it"
+                f"`guara convert OLD.mcap NEW.mcap` restores what is in it"
             ) from error
 
     def __exit__(self, *error: object) -> None:
@@ -163,7 +163,8 @@ class Recording(AbstractContextManager["Recording"]):
             raise
         except Exception as error:  # of the container, the decompressor or Python
             raise RecordingError(
-                f"{self.path} is damaged ({type(error).__name__}: {error}); `guara recover` restores the rest"
+                f"{self.path} is damaged ({type(error).__name__}: {error}); `guara convert OLD.mcap NEW.mcap` "
+                f"restores the rest"
             ) from error
 
     def _stored(

@@ -34,11 +34,12 @@ def command(
     note: str,
     chosen: DeviceOptions,
 ) -> None:
-    """Scan blocks of known height on a flat floor and write FOLDER/report.html; exit 1 if an error is too large.
+    """Measure blocks of known height in several scans.
 
-    Place all blocks on the floor at once: gauge blocks, or objects measured with a caliper. Switch the device off and
-    on before each scan. An error is too large if it exceeds three times the standard deviation stated by the grid.
-    The grids are kept in FOLDER. Run the same command again to resume an interrupted test.
+    Writes FOLDER/report.html; exit 1 if an error is too large. Place all blocks on a flat floor at once: gauge blocks,
+    or objects measured with a caliper. Switch the device off and on before each scan. An error is too large if it
+    exceeds three times the standard deviation stated by the grid. The grids are kept in FOLDER. Run the same command
+    again to resume an interrupted test.
 
     \b
     Example:

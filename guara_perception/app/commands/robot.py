@@ -37,10 +37,11 @@ command.add_command(service.command)
     help="height of the hips above the soles during a scan [m]; default: chosen for the reach of the legs",
 )
 def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
-    """Create a robot folder (robot.toml, URDF, SRDF, README) from a URDF.
+    """Create a robot folder from a URDF.
 
-    Legs, feet, soles, postures, camera and laser mounts, scan pattern and limits are proposed, each with its reason.
-    The table [assumed] of robot.toml lists the values to be measured before the robot walks.
+    It contains robot.toml, URDF, SRDF and README. Legs, feet, soles, postures, camera and laser mounts, scan pattern
+    and limits are proposed, each with its reason. The table [assumed] of robot.toml lists the values to be measured
+    before the robot walks.
 
     \b
     Example:
@@ -75,9 +76,10 @@ def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
 def check(
     context: click.Context, folder: Path, picture: Path | None, walk: bool, view: bool, port: int, as_json: bool
 ) -> None:
-    """Report everything that is wrong or doubtful in FOLDER, a robot folder or the name of a robot.
+    """Report everything that is wrong or doubtful in a robot folder.
 
-    Exit 0: sound; 1: something is wrong; 2: the folder cannot be used. Notes do not affect the exit code.
+    FOLDER may also be the name of a robot. Exit 0: sound; 1: something is wrong; 2: the folder cannot be used. Notes do
+    not affect the exit code.
 
     \b
     Example:

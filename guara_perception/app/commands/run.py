@@ -295,7 +295,7 @@ def command(
         if recorder is not None:
             report(f"recording to {recorder.path}: {recording_size(quality)}")
             if cut := recorder.cut:
-                report(f"incomplete files: {len(cut)}; `guara recover {cut[-1]}` makes the newest readable")
+                report(f"incomplete files: {len(cut)}; `guara convert {cut[-1]} NEW.mcap` makes the newest readable")
         stack.enter_context(service_manager(node.is_well))
         if gait == "external":
             report(f"{instance}: waiting for your gait to announce stance pauses on {stance_key(instance)}")

@@ -32,9 +32,10 @@ def command() -> None:
     help="name or address at which clients reach the node; repeatable; with several robots: one for each, in order",
 )
 def init(folder: Path, robots: tuple[str, ...], hosts: tuple[str, ...]) -> None:
-    """Create a CA and one folder per role (node, gait, planner, viewer) in the new FOLDER.
+    """Create a CA and one folder per role in the new FOLDER.
 
-    With several robots, FOLDER has one folder per robot, with the folders of its roles.
+    The roles are node, gait, planner and viewer. With several robots, FOLDER has one folder per robot, with the folders
+    of its roles.
 
     \b
     Example:
@@ -53,7 +54,9 @@ def init(folder: Path, robots: tuple[str, ...], hosts: tuple[str, ...]) -> None:
 @click.argument("name")
 @click.option("--host", "hosts", multiple=True, help="name or address at which clients reach its node; repeatable")
 def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
-    """Add the robot NAME to FOLDER, with certificates of the same CA and a folder for each role.
+    """Add the robot NAME to FOLDER, with a folder for each role.
+
+    Its certificates are of the same CA.
 
     \b
     Example:
@@ -79,9 +82,10 @@ def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
     "--place", help="path of the router's folder on the machine where it runs; default: the folder created here"
 )
 def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> None:
-    """Create the certificate and configuration of a Zenoh router (`zenohd`) that serves one or more robots.
+    """Create the certificate and configuration of a Zenoh router.
 
-    Robots that FOLDER does not have yet are added, and FOLDER is created if needed.
+    The router (`zenohd`) serves one or more robots. Robots that FOLDER does not have yet are added, and FOLDER is
+    created if needed.
 
     \b
     Example:
@@ -106,9 +110,10 @@ def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> 
 @click.option("--robot", help="instance name of the robot; default: all robots of the folder")
 @click.pass_context
 def check(context: click.Context, folder: Path, robot: str | None) -> None:
-    """On this machine, start a copy of each node and router, try every action in each role, and print what is allowed.
+    """Try every action in each role and print what is allowed.
 
-    Running nodes are not affected. Exit 1 if any result differs from the rules.
+    Copies of each node and router run on this machine for this; running nodes are not affected. Exit 1 if any result
+    differs from the rules.
 
     \b
     Example:
@@ -137,7 +142,9 @@ def check(context: click.Context, folder: Path, robot: str | None) -> None:
 @click.argument("folder", type=FILE)
 @click.argument("names", nargs=-1)
 def renew(folder: Path, names: tuple[str, ...]) -> None:
-    """Renew keys and certificates of all members of FOLDER that are not revoked, or only of NAMES, with the same CA.
+    """Renew keys and certificates of the members of FOLDER.
+
+    All that are not revoked are renewed, or only NAMES, with the same CA.
 
     \b
     Example:
@@ -159,7 +166,7 @@ def renew(folder: Path, names: tuple[str, ...]) -> None:
     help="role whose rights the member gets",
 )
 def add(folder: Path, name: str, role: str) -> None:
-    """Add the member NAME with the rights of a role, such as a second planner.
+    """Add the member NAME with the rights of a role.
 
     If FOLDER has several robots, write ROBOT.NAME. Members with the role `fleet` belong to no robot: they connect to
     routers, list the running robots and read their status.
@@ -184,7 +191,9 @@ def add(folder: Path, name: str, role: str) -> None:
 @click.argument("folder", type=FILE)
 @click.argument("name")
 def revoke(folder: Path, name: str) -> None:
-    """Revoke the member NAME, for instance after its machine was stolen. The name cannot be used again.
+    """Revoke the member NAME, for instance after theft of its machine.
+
+    The name cannot be used again.
 
     \b
     Example:

@@ -28,7 +28,7 @@ def unit_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 @click.group(name="service")
 def command() -> None:
-    """Run the node as a service that systemd starts, monitors and restarts.
+    """Run the node as a systemd service, restarted when it fails.
 
     \b
     Example:

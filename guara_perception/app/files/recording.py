@@ -88,7 +88,7 @@ def open_recording(path: str | Path) -> Recording:
     Raises:
         MissingFile: the file does not exist.
         FileFormatError: the file is not a recording, its calibration, a scan or a grid is invalid, or it is truncated
-            (`guara recover` then makes it readable).
+            (`guara convert` then makes it readable).
     """
     return Recording(path)
 

@@ -43,7 +43,7 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
 
     Raises:
         MissingFile: the file does not exist.
-        FileFormatError: the file is not a recording, has an invalid scan or grid, or is truncated (`guara recover` then
+        FileFormatError: the file is not a recording, has an invalid scan or grid, or is truncated (`guara convert` then
             makes it readable).
     """
     path = existing_file(path)

@@ -108,7 +108,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             self._outbox.close()
             self.writer.close()
         else:
-            logger.error("%s: disk too slow, unwritten data are lost; `guara recover` recovers the rest", self.path)
+            logger.error("%s: disk too slow, unwritten data are lost; `guara convert` recovers the rest", self.path)
 
     @property
     def path(self) -> Path:
@@ -117,7 +117,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
 
     @property
     def cut(self) -> list[Path]:
-        """Incomplete files of earlier recordings, oldest first; `guara recover` makes them readable."""
+        """Incomplete files of earlier recordings, oldest first; `guara convert` makes them readable."""
         return [path for path in self._files.cut() if path != self.path]
 
     def begin(self, step: int, mode: str, stance: Stance) -> ScanRecording | None:
@@ -267,7 +267,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         try:
             full.close()
         except RecordingError as error:
-            logger.error("%s; `guara recover` makes the file readable", error)
+            logger.error("%s; `guara convert` makes the file readable", error)
         _guarded("the robot description", self._add_robot)
 
     def _report(self, trouble: str) -> None:

@@ -79,6 +79,14 @@ def test_help_lists_every_command(guara):
     assert not any(f"\n  {name} " in said.out for name in ALIASES)
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_of_a_group_shows_whole_lines(guara, name: str):
+    """The line of each subcommand is whole at 80 columns."""
+    for arguments in with_subcommands(name):
+        _, *listed = guara(*arguments, "--help").out.split("\nCommands:\n")
+        assert "...\n" not in "".join(listed)
+
+
 @pytest.mark.parametrize("name", ALIASES)
 def test_an_earlier_spelling_of_a_command_still_works(guara, name: str):
     """Its help tells the new one, which is a command that is listed."""

@@ -194,8 +194,8 @@ def test_a_killed_node_comes_up_and_goes_on_recording(free_endpoint: str, tmp_pa
         finally:
             node.kill()
     assert f"recording to {tmp_path / 'w-2.mcap'}" in printed
-    assert f"incomplete files: 1; `guara recover {recording}` makes the newest readable" in printed
-    assert run(["recover", str(recording)]) == 0
+    assert f"incomplete files: 1; `guara convert {recording} NEW.mcap` makes the newest readable" in printed
+    assert run(["convert", str(recording), str(tmp_path / "w-recovered.mcap")]) == 0
     for name in ("w-recovered.mcap", "w-2.mcap"):
         assert gp.open_scan(tmp_path / name, step=0).step == 0 and run(["info", str(tmp_path / name)]) == 0
     assert {path.name for path in tmp_path.iterdir()} == {"w.mcap", "w-2.mcap", "w-recovered.mcap"}

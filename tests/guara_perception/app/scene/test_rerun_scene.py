@@ -128,7 +128,7 @@ def test_files_without_a_scene_are_refused(tmp_path: Path, walk: Path, capsys: p
         ([str(bare), "--save", out], "contains no scene"),
         ([str(picture), "--save", out], "Rerun shows recordings (.mcap)"),
         ([str(tmp_path / "none.mcap"), "--save", out], "no such file"),
-        ([str(tmp_path / "cut.mcap"), "--save", out], "guara recover"),
+        ([str(tmp_path / "cut.mcap"), "--save", out], "guara convert"),
         ([str(walk), "--save", str(tmp_path / "a.txt")], "must end in .rrd"),
         ([], "give its FILE"),
     ):
