@@ -11,7 +11,7 @@ class DriverError(Exception):
     """Base class of the errors in this module; invalid arguments may raise a plain ValueError instead."""
 
 
-class BoardError(DriverError):
+class BoardError(DriverError, RuntimeError):
     """Failure of the laser board or of its connection."""
 
 
@@ -91,7 +91,7 @@ class HomeNotFound(BoardError, RuntimeError):
     """The board did not find the home switch over the whole travel."""
 
 
-class CameraError(DriverError):
+class CameraError(DriverError, RuntimeError):
     """Failure of a camera."""
 
 
@@ -123,7 +123,7 @@ class CameraSettingRefused(CameraError, ValueError):
     """The camera lacks a setting, format or size, does not allow a value, or reports a different one."""
 
 
-class AcquisitionError(DriverError):
+class AcquisitionError(DriverError, RuntimeError):
     """Failure of a scan, or of the measurement of a camera's lag or exposure."""
 
 

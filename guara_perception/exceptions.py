@@ -55,6 +55,10 @@ class PlannerFailed(PerceptionError, RuntimeError):
     """The planner process of the demo has ended or does not answer."""
 
 
+class ViewerFailed(PerceptionError, RuntimeError):
+    """The viewer of a scene ended with an error."""
+
+
 class MirrorSlipped(PerceptionError, RuntimeError):
     """The mirror lost motor steps during a scan, so that the measured heights are wrong."""
 

@@ -9,6 +9,7 @@ from transport.exceptions import ConnectionFailed as ConnectionFailed
 from transport.exceptions import KeyNameError as KeyNameError
 from transport.exceptions import MessageError as MessageError
 from transport.exceptions import NameTaken as NameTaken
+from transport.exceptions import OperationFailed as OperationFailed
 from transport.exceptions import ReceiveTimeout as ReceiveTimeout
 from transport.exceptions import RecordingError as RecordingError
 from transport.exceptions import ScanBusy as ScanBusy

@@ -34,6 +34,10 @@ class NameTaken(TransportError, ConnectionError):
     """Another node with this instance name is running on the router."""
 
 
+class OperationFailed(TransportError, RuntimeError):
+    """Zenoh or the node refused an operation for a reason that has no error class of its own."""
+
+
 class SessionClosed(TransportError, RuntimeError):
     """The session, or an object that belongs to it, was used after being closed."""
 

@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 import guara_perception as gp
 
+ROOT = Path(__file__).parents[2]
 # Names of the user's side; what a planner's code may rely on.
 PROMISED = """
 Calibration Foothold FootholdVerdict Hazard Obstacle PerceptionError Scan ScanBusy ScanFailed ScanProcessor ScanTimeout
@@ -85,6 +87,11 @@ def test_errors_come_from_one_root_and_from_the_builtin_that_fits():
         assert issubclass(getattr(gp, name), (gp.PerceptionError)) and issubclass(getattr(gp, name), ValueError)
     assert issubclass(gp.MissingFile, gp.PerceptionError) and issubclass(gp.MissingFile, FileNotFoundError)
     assert issubclass(gp.CalibrationRefused, RuntimeError) and issubclass(gp.UnsafeGrid, RuntimeError)
+    # A root alone is of no builtin, so nothing raises one.
+    raised = re.compile(rf"raise ({'|'.join(root.__name__ for root in gp.Errors)})\b")
+    for package in ("guara_perception", "kinematics", "transport", "drivers"):
+        for path in (ROOT / package).rglob("*.py"):
+            assert not raised.search(path.read_text()), path
 
 
 @pytest.mark.parametrize("name", ["kinematics", "transport"])

@@ -74,7 +74,7 @@ def test_a_closed_session_says_so(endpoint: str) -> None:
 def test_a_key_that_zenoh_refuses_is_our_error(endpoint: str) -> None:
     """Zenoh's own error class does not get out."""
     with transport.open_node(listen=endpoint) as session:
-        with pytest.raises(transport.TransportError, match="cannot publish on '/a/'"):
+        with pytest.raises(transport.OperationFailed, match="cannot publish on '/a/'"):
             transport.Publisher(session, "/a/")
 
 

@@ -18,7 +18,7 @@ from transport.configuration import (
     client_configuration,
     node_configuration,
 )
-from transport.exceptions import ConfigurationError, ConnectionFailed, SessionClosed, TransportError
+from transport.exceptions import ConfigurationError, ConnectionFailed, OperationFailed, SessionClosed
 from transport.links import exit_watcher
 from transport.links.exit_watcher import Closable
 from transport.links.pulse import Pulse
@@ -137,14 +137,14 @@ class Session(AbstractContextManager["Session"]):
 
         Raises:
             SessionClosed: the session is closed.
-            TransportError: Zenoh reported another error; the error message begins with `what`.
+            OperationFailed: Zenoh reported another error; the error message begins with `what`.
         """
         try:
             return action(*arguments, **options)
         except zenoh_api.zenoh_error() as error:
             if self.is_closed or self._raw.is_closed():
                 raise SessionClosed(f"{what}: the Zenoh session is closed") from error
-            raise TransportError(f"{what}: {zenoh_api.error_text(error)}") from error
+            raise OperationFailed(f"{what}: {zenoh_api.error_text(error)}") from error
 
     def close(self) -> None:
         """Close everything declared, newest first, then the session; may be called twice."""

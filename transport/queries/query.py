@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from transport.exceptions import MessageError, ReceiveTimeout, ScannerUnavailable, StaleTerrain, TransportError
+from transport.exceptions import (
+    MessageError,
+    OperationFailed,
+    ReceiveTimeout,
+    ScannerUnavailable,
+    StaleTerrain,
+    TransportError,
+)
 from transport.keys import DEFAULT_ROBOT, check_encoding, query_key
 from transport.links.answerer import Answerer, refuse
 from transport.links.session import Session
@@ -83,7 +90,7 @@ def query_terrain(
             not query it.
         ReceiveTimeout: no reply arrived in time.
         SessionClosed: the session is closed.
-        TransportError: the node or Zenoh refused the query for another reason.
+        OperationFailed: the node or Zenoh refused the query for another reason.
     """
     request = QueryRequest(extent=extent, region=region)
     payload = encode_query_request(request)
@@ -94,7 +101,7 @@ def query_terrain(
         if answer.error is not None:
             refusal = decode_refusal(answer.error)
             kinds: dict[str, type[TransportError]] = {"no_terrain": StaleTerrain, "bad_request": MessageError}
-            raise kinds.get(refusal.code, TransportError)(refusal.message)
+            raise kinds.get(refusal.code, OperationFailed)(refusal.message)
         if answer is TIMED_OUT:
             raise ReceiveTimeout(f"no reply on {query_key(robot)!r} within {timeout:g} s")
     raise ScannerUnavailable(

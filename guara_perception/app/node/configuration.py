@@ -13,7 +13,7 @@ from guara_perception.app.options import DeviceOptions
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import PerceptionError
 from kinematics import KinematicsError, load_robot
-from transport import Health, StatusItem, TransportError
+from transport import Health, SecurityError, StatusItem, TransportError
 from transport.security.certificates import judge_security
 
 EXPECTED = (PerceptionError, KinematicsError, TransportError, OSError)
@@ -63,7 +63,7 @@ def _mistake(load: Callable[[Any], object], given: object) -> str:
 def _refuse_unsafe(folder: str) -> None:
     level, message = judge_security(folder)
     if level is Health.ERROR:
-        raise TransportError(f"{folder}: {message}")
+        raise SecurityError(f"{folder}: {message}")
 
 
 class ConfigurationWatch:

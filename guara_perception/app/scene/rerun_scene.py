@@ -16,7 +16,7 @@ import numpy as np
 
 from guara_perception.app.scene.scene import cloud_field, cloud_points
 from guara_perception.arrays import Float
-from guara_perception.exceptions import FileFormatError, InvalidInput, PerceptionError, optional_library
+from guara_perception.exceptions import FileFormatError, InvalidInput, ViewerFailed, optional_library
 from guara_perception.files import check_target, existing_file, whole_file
 from kinematics import ODOM
 from transport import TerrainMessage, TransportError
@@ -38,7 +38,7 @@ def open_in_rerun(path: Path) -> None:
     """Show a recording in the Rerun viewer; return when the viewer is closed.
 
     Raises:
-        PerceptionError: the viewer failed, for instance without a display.
+        ViewerFailed: the viewer failed, for instance without a display.
         MissingExtra, MissingFile, FileFormatError, InvalidInput: as in `save_rerun_scene`.
     """
     with tempfile.TemporaryDirectory(prefix="guara-rerun-") as folder:
@@ -49,7 +49,7 @@ def open_in_rerun(path: Path) -> None:
             check=False,
         ).returncode
     if code:
-        raise PerceptionError(
+        raise ViewerFailed(
             f"the Rerun viewer ended with code {code}; without a display, --save {path.stem}.rrd writes a file "
             "that `rerun` opens elsewhere"
         )
