@@ -54,9 +54,12 @@ def extract_stripe(
     if along == "rows":
         on, off = _turned(on), _turned(off) if isinstance(off, np.ndarray) and off.ndim >= 2 else off
     height, width = on.shape[:2]
-    first, end = (0, height) if band is None else (int(band[0]), int(band[1]))
+    try:
+        first, end = (0, height) if band is None else map(int, band)
+    except (TypeError, ValueError, OverflowError):
+        first, end = 0, 0
     if not 0 <= first < end <= height or end - first < 8:
-        raise InvalidInput(f"band is {band}, it must be (first, end) with 8 lines or more inside 0 ... {height}")
+        raise InvalidInput(f"band is {band!r}, it must be (first, end) with 8 lines or more inside 0 ... {height}")
     reason = unusable_frame(on[first:end], None if off is None else off, on.shape)
     if reason:
         return bad_frame(width, reason)

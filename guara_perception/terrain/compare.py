@@ -56,10 +56,13 @@ def compare(a: LayeredGrid | str | Path, b: LayeredGrid | str | Path) -> GridCom
         b: grid of the same cells (equal origin, resolution and shape), or the path of its file.
 
     Raises:
-        InvalidInput: the grids have different cells.
+        InvalidInput: the grids have different cells, or an argument is no grid.
         MissingFile, FileFormatError: a file is missing or does not contain a grid.
     """
     a, b = (load_terrain(grid) if isinstance(grid, str | Path) else grid for grid in (a, b))
+    for name, grid in (("a", a), ("b", b)):
+        if not isinstance(grid, LayeredGrid):
+            raise InvalidInput(f"{name} is {type(grid).__name__}; allowed: a grid, or the path of its file")
     same = a.shape == b.shape and np.isclose(a.resolution, b.resolution, rtol=1e-9, atol=0)
     if not same or not np.allclose(a.origin, b.origin, rtol=0, atol=1e-6 * a.resolution):
         raise InvalidInput(

@@ -176,15 +176,25 @@ def best_refused(
     return RefusedFoothold(float(px[best]), float(py[best]), verdicts[best], leg)
 
 
-def _candidates(terrain: LayeredGrid, x: float, y: float, radius: float) -> tuple[Float, Float]:
-    """Cell centres within the radius, followed by the nominal position."""
+def checked_disc(x: float, y: float, radius: float) -> tuple[float, float, float]:
+    """Reject a nominal position that is not finite, and a radius outside 0 ... 1 m.
+
+    Raises:
+        InvalidInput: as above, or a value is no number.
+    """
     if not all(isinstance(value, int | float | np.number) for value in (x, y, radius)):
         raise InvalidInput(f"x, y and radius are {x!r}, {y!r}, {radius!r}; three numbers are needed [m]")
     x, y, radius = float(x), float(y), float(radius)
     if not (np.isfinite(x) and np.isfinite(y)):
         raise InvalidInput(f"the nominal position is ({x}, {y}); it must be finite [m]")
-    if not (np.isfinite(radius) and 0 <= radius <= 1):
+    if not 0 <= radius <= 1:
         raise InvalidInput(f"radius is {radius}; it must be 0 ... 1 m")
+    return x, y, radius
+
+
+def _candidates(terrain: LayeredGrid, x: float, y: float, radius: float) -> tuple[Float, Float]:
+    """Cell centres within the radius, followed by the nominal position."""
+    x, y, radius = checked_disc(x, y, radius)
     cx, cy = terrain.geometry.centres()
     cx, cy = cx[np.abs(cx - x) <= radius], cy[np.abs(cy - y) <= radius]
     gx, gy = (a.ravel() for a in np.meshgrid(cx, cy))

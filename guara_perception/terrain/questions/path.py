@@ -121,8 +121,8 @@ def check_clearance(clearance: float) -> None:
     Raises:
         InvalidInput: the clearance is outside 0 ... 1 m.
     """
-    if not (np.isfinite(clearance) and 0 <= clearance <= 1):
-        raise InvalidInput(f"clearance is {clearance}; it must be 0 ... 1 m")
+    if not (isinstance(clearance, int | float | np.number) and 0 <= clearance <= 1):
+        raise InvalidInput(f"clearance is {clearance!r}; it must be 0 ... 1 m")
 
 
 def check_polygon(terrain: LayeredGrid, corners: npt.ArrayLike, *, allow_stale: bool = False) -> PathVerdict:

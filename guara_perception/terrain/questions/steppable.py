@@ -13,6 +13,7 @@ from guara_perception.settings import RobotLike
 from guara_perception.terrain.layers.hazard import with_neighbours
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.areas import Depth, connected_to
+from guara_perception.terrain.questions.best_foothold import checked_disc
 from guara_perception.terrain.questions.convex import ConvexPolygon, grow_polygon
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
 from guara_perception.terrain.questions.obstacles import fit_plane
@@ -94,18 +95,17 @@ def steppable_region(
             is safe and within the radius, unless the new region is at least a third larger.
 
     Raises:
-        InvalidInput: x or y is not finite, the radius is not above 0 and at most 1 m, or `previous` is of another type.
-            Also as in `check_foothold`.
+        InvalidInput: x or y is not a finite number, the radius is not above 0 and at most 1 m, or `previous` is of
+            another type. Also as in `check_foothold`.
         kinematics.KinematicsError: no such leg, or the robot cannot be loaded or does not fit the stance.
     """
     terrain = asked(terrain, allow_stale)
-    if not np.isfinite([x, y]).all():
-        raise InvalidInput(f"the nominal position is ({x}, {y}); it must be finite [m]")
-    if not (np.isfinite(radius) and 0 < radius <= 1):
+    x, y, radius = checked_disc(x, y, radius)
+    if radius == 0:
         raise InvalidInput(f"radius is {radius}; it must be above 0 and at most 1 m")
     if previous is not None and not isinstance(previous, SteppableRegion):
         raise InvalidInput(f"previous is {type(previous).__name__}; it must be a SteppableRegion or None")
-    window = _Window.about(terrain, float(x), float(y), float(radius), leg, robot)
+    window = _Window.about(terrain, x, y, radius, leg, robot)
     seeds = window.free & (np.abs(window.x - x) < radius) & (np.abs(window.y[:, None] - y) < radius)
     if not seeds.any():
         return None

@@ -18,6 +18,11 @@ GREY = np.full((40, 60, 3), 30, dtype=np.uint8)
         ({"band": (10, 12)}, r"band is \(10, 12\), it must be \(first, end\) with 8 lines or more inside 0 ... 40"),
         ({"band": (0, 41)}, "inside 0 ... 40"),
         ({"band": (-1, 30)}, "inside 0 ... 40"),
+        ({"band": (0, 10, 40)}, r"band is \(0, 10, 40\)"),
+        ({"band": 20}, "band is 20, it must be"),
+        ({"band": "ab"}, "band is 'ab', it must be"),
+        ({"band": (0, np.nan)}, "band is .*nan"),
+        ({"band": (0, np.inf)}, "band is .*inf"),
     ],
 )
 def test_arguments_that_cannot_be_are_refused(arguments: dict, message: str) -> None:

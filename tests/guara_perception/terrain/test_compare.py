@@ -41,5 +41,7 @@ def test_nothing_in_common_has_no_mean(make_scan):
 def test_other_cells_are_refused(make_scan):
     """Both geometries are named."""
     fine = make_scan(0.0)
+    with pytest.raises(gp.InvalidInput, match="b is NoneType; allowed: a grid"):
+        gp.compare(fine, None)
     with pytest.raises(gp.InvalidInput, match=r"a has \(108, 90\) cells .* allowed: grids of the same cells"):
         gp.compare(fine, fine.coarser(2))

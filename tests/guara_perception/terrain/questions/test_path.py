@@ -279,6 +279,8 @@ def test_off_the_grid_is_unknown() -> None:
         ([[0, 0, 0], [1000, 0, 0]], 0.01, "allowed: 20 m"),
         ([[0, 0, 0]], -0.01, "clearance is -0.01; it must be 0 ... 1 m"),
         ([[0, 0, 0]], np.nan, "clearance is nan"),
+        ([[0, 0, 0]], "0.01", "clearance is '0.01'"),
+        ([[0, 0, 0]], None, "clearance is None"),
     ],
 )
 def test_bad_paths_are_refused(points: object, clearance: float, message: str) -> None:

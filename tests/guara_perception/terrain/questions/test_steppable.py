@@ -193,6 +193,7 @@ def test_a_grown_polygon_enters_no_square(seed: int, count: int) -> None:
     [
         ((np.nan, 0.0, 0.1), "the nominal position is .nan, 0.0.; it must be finite"),
         ((0.0, 0.0, 0.0), "radius is 0.0; it must be above 0"),
+        ((None, 0.0, 0.1), "x, y and radius are None, 0.0, 0.1; three numbers are needed"),
         ((0.0, 0.0, 0.1, None, "that one"), "previous is str; it must be a SteppableRegion"),
     ],
 )
