@@ -1,10 +1,10 @@
-// A stripe in any light: from one picture or a pair to its profile in one call.
+// Extraction of a stripe in any light: from one picture or a pair to the profile in one call.
 #include "any_light.h"
 
-// Result that is no number of doubtful columns, as in precise.py: more columns must be looked at.
+// Result in place of a number of doubtful columns, as in precise.py: repeat without averaging columns.
 enum { EVERY_COLUMN = -1 };
 #define WEAKEST 1e-3f
-// Of a wide stripe three quarters are as wide as its ridge is taken to be, or less.
+// The width of the ridge is the third quartile over its columns.
 #define RIDGE_QUARTERS 3
 enum { JUMP_ROWS = 4 };
 
@@ -41,7 +41,7 @@ int64_t any_light_size(int64_t rows, int64_t columns, int64_t channels, int64_t 
     return carve(&parts, nothing, rows, columns, channels, factor, has_off);
 }
 
-// The path found in `count` columns in each of n: its row, and whether there may be a stripe, is one, and it is clipped.
+// Expand a stripe found in `count` columns to n: rows are interpolated, masks taken from the nearest column.
 static void expand(const Found *f, int64_t count, int64_t n, Parts *w) {
     for (int64_t c = 0; c < n; c++) {
         const double at = ((double)c + 0.5) * (double)count / (double)n - 0.5;
@@ -54,11 +54,11 @@ static void expand(const Found *f, int64_t count, int64_t n, Parts *w) {
     }
 }
 
-// Extract a stripe from a picture, or from a pair. factor: columns that become one where the path is looked for. is_changed:
-// whether the light changed so much that `off` must be shown to be of the same view. weak_row, is_weak: (n,) rows of peaks
-// that may be a stripe, and whether there is one, or NULL: where no stripe is found these are doubtful returns. memory: begins
-// with the row of a return that may not be used (n,). profile, status: (3, n), (n,), as of `measure`, and the peak. told: what
-// is wrong with `off`, and its numbers. Returns the number of doubtful columns.
+// Extract a stripe from a picture, or from a pair. factor: number of columns averaged to search for the path. is_changed: 1 if
+// the light changed so much that `off` is used only if it shows the same view. weak_row, is_weak: (n,) rows of weak peaks and
+// mask of the columns that have one, or NULL; where no stripe is found, they are doubtful returns. memory: receives the rows
+// (n,) of doubtful returns at its beginning. profile, status: (3, n) and (n,), position, its standard deviation, peak, and
+// status. told: fault of `off`, and its numbers. Returns the number of doubtful columns, or EVERY_COLUMN.
 int64_t extract_any_light(const Picture *on, const Picture *off, int64_t factor, int64_t is_changed, int64_t first_row,
     const int64_t *weak_row, const uint8_t *is_weak, char *memory, float *profile, uint8_t *status, double *told) {
     Parts parts, *w = &parts;

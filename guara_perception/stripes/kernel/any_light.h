@@ -1,4 +1,4 @@
-// The path of a stripe in any light, searched in a pair of pictures or in one alone: what its files share.
+// Declarations shared by the files that search for the path of a stripe in any light, in a pair of pictures or in one.
 #ifndef GUARA_ANY_LIGHT_H
 #define GUARA_ANY_LIGHT_H
 #include "kernel.h"
@@ -6,30 +6,31 @@
 #define CHANNELS 3
 #define WIDTHS 3
 #define NONE (-1)
-// Levels of planes: LEVEL to a grey level, 255 of which are full scale.
+// Units of a plane per grey level; full scale is 255 grey levels.
 #define LEVEL 256
-// Grey level, of 255, from which a pixel may be clipped: JPEG and demosaicing keep it from reaching the end.
+// Level from which a pixel may be clipped, 245 of 255: JPEG and demosaicing make clipped pixels slightly darker.
 #define LEVEL_CLIPPED (245 * LEVEL)
-// Columns of a strip: a row of one is in one or a few registers.
+// Columns of a strip: one of its rows fits into a few vector registers.
 #define STRIP 16
 enum { USED = 0, OTHER_EXPOSURE, OTHER_SCENE };
-// Widths of ridges [px], the distance of their sides, and how far their weights reach.
+// Ridge filters: sigma [px], distance from the centre to the sides, and half-width of the taps [rows].
 static const double SIGMAS[WIDTHS] = {1.2, 2.4, 4.8};
 static const int SIDES[WIDTHS] = {3, 6, 12}, REACHES[WIDTHS] = {3, 5, 10};
 
-// (width,) row of the stripe, and whether there is one.
+// Path (width,): row of the stripe, and mask of the columns that have one.
 typedef struct {
     int32_t *row;
     uint8_t *is_stripe;
 } Path;
 
-// Path in one channel, from some columns.
+// Path of a laser of one channel, from the search in some of the columns.
 typedef struct {
     int channel;
     Path path;
 } First;
 
-// What was found: row, and whether there is a stripe beyond doubt, may be one, and it is clipped.
+// Stripe of a laser of one channel: its path with the columns that are certain; masks of the columns that may have a stripe
+// and of those that are clipped; sigma and height of its ridge; weights of the channels.
 typedef struct {
     Path path;
     uint8_t *is_path, *is_core;
@@ -38,30 +39,29 @@ typedef struct {
     double weights[CHANNELS];
 } Found;
 
-// A pair of pictures as planes (channels, rows, width). `gain` times the laser-off picture and an offset are subtracted,
-// channel by channel, of exposures unlike no more than `most`; light: what is left. shrunk: columns of the camera's
-// pictures that became one. remark: what is wrong with the laser-off picture, and its numbers.
+// Pair of pictures as planes (channels, rows, width). In each channel, light = on - min(gain * off + offset, most). shrunk:
+// columns of the camera's pictures per column. remark: fault of the laser-off picture, or USED; its numbers.
 typedef struct {
     uint16_t *on, *off;
     float *light;
     int64_t rows, width, channels, shrunk;
-    float gain[CHANNELS], offset[CHANNELS], most, across[3], down[9]; // the last two: weights of details
+    float gain[CHANNELS], offset[CHANNELS], most, across[3], down[9]; // across, down: taps of details
     int64_t has_dark, remark;
     double remark_numbers[2];
 } Scene;
 
-// A picture in which paths are followed: the whole pair, or some columns of it.
+// Columns of a scene in which a path is searched for: all, or some.
 typedef struct {
     const Scene *scene;
-    int64_t rows, width, first, step; // column c of it is column first + step * c of the pair
+    int64_t rows, width, first, step; // column c is column first + step * c of the scene
     const float *light;               // (channels, rows, width)
     const uint16_t *on;
-    const uint8_t *level; // (rows, width) of the scene without the laser, where it is known of a mono camera, or NULL
-    const float *detail;  // (channels, rows, detail_width): of every column, or of some
+    const uint8_t *level; // (rows, width) brightness of the scene; NULL without a laser-off picture, and in colour
+    const float *detail;  // (channels, rows, detail_width) of all columns, or of some
     int64_t detail_width, detail_first, detail_step;
 } View;
 
-// Work memory: planes of (rows, width) and what is smaller.
+// Work memory: planes (rows, width) and smaller arrays.
 typedef struct {
     float *laser, *closed, *evidence, *samples; // (rows, width)
     float *paths;                               // (width + 4, rows)
@@ -106,9 +106,9 @@ void relative_colour(const double *added, int channel, double *colour);
 double purity(const View *v, const Path *p, int channel);
 void in_laser_colour(const View *v, const double *weights, int channel, float *mixed, uint8_t *core, Any *w);
 // ridges.c
-// Rows on either side of a pixel that its ridges reach.
+// Rows above and below a pixel that its ridge filters read.
 enum { FAR_PX = 22 };
-typedef struct { double noises[WIDTHS]; float quiet[256]; } Noises; // of ridges, and by the level of the scene: 1 or less
+typedef struct { double noises[WIDTHS]; float quiet[256]; } Noises; // noise of each ridge filter; factor of a ridge by the scene's level, at most 1
 void noises_of_ridges(const View *v, const float *laser, const Path *away, int reach, Noises *found, Any *w);
 void strengths(const View *v, const float *laser, const Noises *noises, float *strength, float *evidence, float *line);
 float ridge_at(const float *laser, int64_t rows, int64_t width, int64_t row, int64_t c, const Noises *noises,

@@ -1,19 +1,21 @@
 // Tests of the disc around each cell of a grid: slope, step, roughness, their flags, and the score.
 #include "kernel.h"
 
-// Columns that are summed side by side, so that their sums stay in the nearest cache.
+// Columns summed together, so that their sums stay in the first-level cache.
 enum { CHUNK = 64 };
 // As in hazard.py.
 enum { UNKNOWN = 0x3F, STEEP = 256, STEP = 512, DROP = 1024, ROUGH = 2048, UNCERTAIN = 8192 };
-// Least score of a safe cell: 0 is of hazards and unknown cells alone.
+// Least score of a safe cell; only hazards and unknown cells have a score of 0.
 #define LEAST_SAFE_SCORE 0.01
-// Share of the product of the two spreads that their determinant must exceed: known cells of a line fit no plane.
+// Least determinant of the scatter matrix, relative to the product of its diagonal: known cells on a line determine no plane.
 #define LEAST_DETERMINANT 1e-6
 
-// Limits of slope [rad], rise, fall, roughness and sigma of a height [m], and sigmas added to each before it is tested.
+// Limits of slope [rad], rise, fall, roughness and sigma of a height [m]; number of sigmas added to each value but the last
+// before it is tested.
 typedef struct { double slope, step, drop, roughness, sigma, confidence; } Limits;
 
 // Sums over the known cells of each disc: x and y are counted in cells from its centre, z is the height.
+// beside: numbers of known cells on each of the four sides.
 typedef struct {
     double n[CHUNK], x[CHUNK], y[CHUNK], xx[CHUNK], xy[CHUNK], yy[CHUNK], z[CHUNK], xz[CHUNK], yz[CHUNK], zz[CHUNK];
     double variance[CHUNK], lowest[CHUNK], highest[CHUNK], beside[5][CHUNK];
@@ -21,10 +23,10 @@ typedef struct {
 
 static double score(double value, double limit) { return MIN(fmax(1 - value / limit, 0), 1); }
 
-// Planes of the rows that discs around one row of cells reach into: what an unknown cell adds to a sum is 0.
+// Planes of the rows that discs around one row of cells cover. An unknown cell adds 0 to each sum.
 enum { KNOWN, HEIGHT, VARIANCE, LOW, HIGH, PLANES };
 
-// Add the cell (x, y) of the disc around each of n columns to its sums. planes: PLANES of `width`, from that cell on.
+// Add the cell at offset (x, y) in the disc around each of n cells to the sums. planes: (PLANES, width), from the first such cell.
 static void add(Sums *s, const double *restrict planes, int64_t width, int64_t n, double x, double y) {
     const double *one = planes, *height = one + HEIGHT * width, *variance = one + VARIANCE * width;
     const double *low = one + LOW * width, *high = one + HIGH * width, xx = x * x, xy = x * y, yy = y * y;
@@ -40,7 +42,8 @@ static void add(Sums *s, const double *restrict planes, int64_t width, int64_t n
     for (int64_t c = 0; c < n; c++) beside_y[c] += one[c];
 }
 
-// Judge a known cell by its disc; values: slope, step, roughness and score. It is NaN where no plane is fitted.
+// Flags of a known cell by its disc. values: receives slope, step, roughness and score; slope and roughness are NaN if no plane
+// can be fitted.
 static uint16_t judge_cell(const Sums *s, int64_t c, const double *const *raster, int64_t at, double resolution,
     double least_known, const Limits *l, float *values[4]) {
     const double n = s->n[c], xx = s->xx[c] - s->x[c] * s->x[c] / n, xy = s->xy[c] - s->x[c] * s->y[c] / n;
@@ -70,9 +73,10 @@ static uint16_t judge_cell(const Sums *s, int64_t c, const double *const *raster
         | (roughness > l->roughness) * ROUGH | (sigma > l->sigma) * UNCERTAIN);
 }
 
-// Test the discs around the known cells in columns first ... end of a grid (rows, columns). raster: heights, variances, lowest
-// and highest samples [m, m^2], heights NaN where unknown, and sigmas of slopes that the cells of a disc share [rad], (5, rows,
-// columns). disc: (side, side) cells of the disc. least_known: cells of it that a plane takes. work: (side, PLANES, columns + side).
+// Test the discs around the known cells in columns first ... end - 1 of a grid (rows, columns). raster: heights, variances, lowest
+// and highest samples [m, m^2], heights NaN where unknown, and sigmas of the slope that all cells of a disc share [rad], (5, rows,
+// columns). disc: (side, side) mask of the disc. least_known: least number of known cells for a plane. work: (side, PLANES,
+// columns + side).
 // layers: (4, rows, columns) receives slope, step, roughness and score. hazard: has a cause in each unknown cell, and
 // receives the flags of the known ones.
 void test_discs(const double *const *raster, int64_t rows, int64_t columns, int64_t first, int64_t end, const uint8_t *disc,
@@ -110,16 +114,17 @@ void test_discs(const double *const *raster, int64_t rows, int64_t columns, int6
     }
 }
 
-// Squared distances (n,) to the nearest of what lies across at squared distances, some of which are FAR. Those of places at
-// distance 0 are not needed. work: (2, n + 1).
+// Distance transform of a row (Felzenszwalb, Huttenlocher: Distance transforms of sampled functions, Theory of Computing 8,
+// 2012): found[c] is the minimum over k of (c - k)^2 + across[k]. across: (n,) squared distances along the columns, FAR if there
+// is none. Results at places with across = 0 are not needed. work: (2, n + 1).
 #define FAR 1e18
 static void nearest(const double *across, int64_t n, double *work, double *found) {
-    double *from = work, *lowest = work + n + 1; // The parabola lowest[k] is the lowest one from from[k] on.
+    double *from = work, *lowest = work + n + 1; // the parabola of place lowest[k] is the lowest from from[k] on
     int64_t k = -1;
     for (int64_t c = 0; c < n; c++) {
         double meet = -INFINITY;
         if (across[c] >= FAR) continue;
-        // Within a row of places at distance 0, none is the nearest to anything else.
+        // Inside a run of zeros, no place is the nearest to a place outside.
         if (across[c] == 0 && (!c || across[c - 1] == 0) && (c + 1 == n || across[c + 1] == 0)) continue;
         for (; k >= 0; k--) {
             const double other = lowest[k], apart = (double)c - other;
@@ -137,11 +142,11 @@ static void nearest(const double *across, int64_t n, double *work, double *found
 }
 
 #define IS_GOOD(R, C) ((hazard[(R) * columns + (C)] & flags) == 0)
-// Signed distance to the nearest cell with any of these flags, or to the border; in a cell with one, negative and to the nearest
-// without one. work: 4 * (columns + 1) and (rows, columns).
+// Signed clearance of every cell [m]: distance to the nearest cell with any of `flags` or to the border of the grid; in a cell
+// with such a flag, minus the distance to the nearest cell without. work: 4 * (columns + 1), and (rows, columns).
 void clearance(const uint16_t *hazard, int64_t rows, int64_t columns, int64_t flags, double resolution, double *work, float *out) {
     double *found = work + 3 * (columns + 1), *across = found + columns + 1;
-    for (int is_bad = 0; is_bad < 2; is_bad++) { // Distances to bad cells are those of good ones, and the reverse.
+    for (int is_bad = 0; is_bad < 2; is_bad++) { // First distances of good cells to bad ones, then the reverse.
         for (int64_t r = 0; r < rows; r++)
             for (int64_t c = 0; c < columns; c++)
                 across[r * columns + c] = IS_GOOD(r, c) == is_bad ? 0 : r ? across[(r - 1) * columns + c] + 1 : FAR;

@@ -1,11 +1,12 @@
-// Samples of a surface, summed in the cells of a grid.
+// Sums of the samples of a surface in the cells of a grid.
 #include "kernel.h"
 
-// Samples this far below the highest of a cell belong to another surface; a foot meets the top one [m].
+// Samples this far below the highest of a cell belong to another surface; a foot touches the top one [m].
 #define TOP_LAYER_M 0.004
 
-// Cells (n,) of samples (3, n): column and row counted from 1, those of unknown and outside ones in the ring around the
-// grid; column * (rows + 2) + row. offset: origin of the frame in columns and rows. Gives the first and the last column.
+// Cells (n,) of samples (3, n), as column * (rows + 2) + row. Columns and rows are counted from 1; samples of unknown height or
+// outside the grid fall into the ring around it. offset: column and row of the origin of the frame. ends: receives the first and
+// the last column.
 void cells_of_samples(const double *points, int64_t n, double per_cell, const double *offset, int64_t columns, int64_t rows,
     int32_t *restrict cell, int64_t *ends) {
     int32_t first = INT32_MAX, last = -1;
@@ -13,7 +14,7 @@ void cells_of_samples(const double *points, int64_t n, double per_cell, const do
     const int32_t per_column = (int32_t)rows + 2;
     for (int64_t i = 0; i < n; i++) {
         double x = points[i] * per_cell + from_x, y = points[n + i] * per_cell + from_y;
-        // NaN is not above 0, and so in the ring.
+        // NaN fails the comparison and falls into the ring.
         x = x > 0 ? x : 0, y = y > 0 ? y : 0;
         x = x < most_x ? x : most_x, y = y < most_y ? y : most_y;
         y = isnan(points[2 * n + i]) ? 0 : y;
@@ -24,16 +25,16 @@ void cells_of_samples(const double *points, int64_t n, double per_cell, const do
     ends[0] = n ? first : INT64_MAX, ends[1] = last;
 }
 
-// Sum the samples of each of several swaths, which come in runs (2, number) of swath and length. first: cell from which
-// on `span` cells hold all samples. work: (5, span). sums: (5, n), and receives, side by side for the cells that samples fall
-// into: sum of heights, number, sum of variances, lowest and highest. cells: (n,) receives them. ends: (swaths,) receives where
-// those of each swath end.
+// Sum the samples of each of several swaths per cell. runs: (2, number) swath and length of each run of successive samples. The
+// `span` cells from `first` on contain all samples. work: (5, span). sums: (5, n), receives for each cell with samples: sum of the
+// heights, number and sum of the variances of its top layer, lowest and highest height. cells: (n,) receives these cells. ends:
+// (swaths,) receives the end of each swath in both.
 void sum_cells(const int32_t *cell, const double *height, const double *variance, int64_t n, const int64_t *runs, int64_t number,
     int64_t swaths, int64_t first, int64_t span, double *work, double *sums, int32_t *cells, int64_t *ends) {
     double *total = work, *count = total + span, *doubt = count + span, *low = doubt + span, *high = low + span;
     int64_t used = 0;
     for (int64_t swath = 0; swath < swaths; ends[swath++] = used) {
-        // Of the cells, a swath fills few.
+        // A swath fills only a few of the cells.
         int64_t begin = span, end = 0;
         for (int64_t run = 0, i = 0; run < number; i += runs[number + run++])
             for (int64_t k = i; runs[run] == swath && k < i + runs[number + run]; k++)
@@ -60,11 +61,10 @@ void sum_cells(const int32_t *cell, const double *height, const double *variance
     }
 }
 
-// Merge sums of cells (n,) as of `sum_cells` into the heights of columns of a grid, from `first` on (rows, columns). They are
-// numbered from the ring around the grid on: column * (rows + 2) + row; those of other columns are left out. sums: total of
-// heights, number, total of variances, lowest and highest. work: (3, cells), ends: (2, cells) of these columns and of one more on
-// each side. raster: (4, rows, columns) receives mean height and variance of the top layer, lowest and highest, NaN where there is
-// nothing.
+// Merge sums of cells (n,) from `sum_cells` into the heights of part of a grid (rows, columns), which begins at column `first`.
+// Cells are numbered as in `cells_of_samples`; those in other columns are ignored. total, number, doubt, low, high: (n,) sums as
+// in `sum_cells`. work: (3, cells) and ends: (2, cells), for these columns and one more on each side. raster: (4, rows, columns)
+// receives mean height and variance of the top layer, lowest and highest height, NaN where there are no samples.
 void merge_cells(const int32_t *cell, const double *total, const float *number, const float *doubt, const float *low,
     const float *high, int64_t n, int64_t first, int64_t rows, int64_t columns, double *work, float *ends, double *raster) {
     const int64_t cells = (rows + 2) * (columns + 2), size = rows * columns, before = first * (rows + 2);

@@ -1,25 +1,26 @@
-// Which of the peaks of a band are its stripe, and whether that is in doubt.
+// Choice of the peaks that are the stripe of a band, and test for doubt.
 #include "find.h"
 
 // The highest peaks are trusted if their median height exceeds this many sigmas of the noise, at most MOST_JUMPS of them
-// jump by more than JUMP_PX rows to the next column, and at most MOST_RIVALS of them have a rival: weak ones, such as a
-// reflection all along the stripe, more often if the highest peaks hardly jump.
+// jump by more than JUMP_PX rows to the next column, and at most MOST_RIVALS of them have a rival. More of them may
+// have weak rivals, such as a reflection along the whole stripe, if at most MOST_JUMPS_BESIDE_RIVALS of them jump and at most
+// MOST_STRONG_RIVALS have a strong rival.
 #define CLEAR_SIGMAS 15.0
 #define JUMP_PX 4
 #define MOST_JUMPS 0.05
 #define MOST_JUMPS_BESIDE_RIVALS 0.02
 #define MOST_RIVALS 0.2
 #define MOST_STRONG_RIVALS 0.05
-// Noise above this is not the sensor's: the two frames do not match, and may hide a stripe [grey levels of 8 bits]. The same for a
-// laser-off picture of another exposure, where the difference is known to contain some of the scene.
+// Noise above this is not the sensor's: the two frames do not match, and may hide a stripe [grey levels of 8 bits]. The
+// second limit holds for a laser-off picture of another exposure, where the difference is known to contain some of the scene.
 #define MOST_NOISE 4.0
 #define MOST_UNEVEN_NOISE 2.5
-// Peaks in a smaller share of the columns are chance: the band holds no stripe, which leaves no doubt.
+// Peaks in a smaller fraction of the columns are noise: the band contains no stripe, and there is no doubt.
 #define LEAST_COLUMNS 0.05
 // Height of a second peak, as a share of the highest, from which it is a rival.
 #define RIVAL_OF_PEAK 0.35f
 #define STRONG_RIVAL 0.65f
-// Columns without a rival that are added on both sides of a run of columns with one, and the longest run that is a jump.
+// Columns added on both sides of a run of columns with rivals, and length of the longest run that is taken for a jump.
 #define CONTEXT_COLUMNS 6
 #define EDGE_COLUMNS 4
 // A choice is ambiguous if the cost of the next best exceeds its own by less than this.
@@ -84,7 +85,7 @@ void follow_candidates(const int64_t *rows, const float *heights, int64_t n, int
 }
 
 // Up to MOST_CANDIDATES local maxima of a column, highest first, further apart than `distance`; height 0 for none. Those
-// of less than RIVAL_OF_PEAK of the highest are none. maxima: (rows,).
+// below RIVAL_OF_PEAK of the highest are omitted. maxima: (rows,).
 static void candidates(const void *searched, const Light *light, const void *blocks, int64_t column, float least,
     int64_t distance, int32_t *maxima, int64_t *rows, float *heights) {
     const int64_t last = light->rows - 1, n = light->columns;
@@ -131,12 +132,12 @@ int is_doubtful(const Light *light, const int64_t *top, const float *height, con
     }
     const double all = (double)count;
     if ((double)rivals <= MOST_RIVALS * all) return (double)jumps > MOST_JUMPS * all;
-    // Without colour only a search of the whole band tells a laser from what is bright.
+    // Without colour, only a search of the whole band distinguishes the laser from other bright light.
     return is_uneven || light->on->channels < 3 || (double)jumps > MOST_JUMPS_BESIDE_RIVALS * all || (double)strong > MOST_STRONG_RIVALS * all;
 }
 
-// Choose the highest peak where it has no rival; elsewhere follow the stripe from column to column. is_unsure: another
-// choice would have been as good.
+// Choose the highest peak where it has no rival; elsewhere follow the stripe from column to column. is_unsure:
+// receives 1 where another choice is almost as good.
 void choose(const Light *light, Work *work, const void *searched, int64_t *top, float *height, const float *second,
     double threshold, double sigma, uint8_t *is_unsure) {
     const int64_t n = light->columns, distance = MAX((int64_t)ceil(APART_SIGMAS * sigma), APART_PX) / light->step;

@@ -1,16 +1,19 @@
-// Colour of the laser from the picture itself (Fisher's linear discriminant), and the picture in that colour.
+// Colour of the laser, estimated from the picture, and projection of the picture on it (Fisher's linear discriminant).
 #include "any_light.h"
 
-// Distance of the samples of a covariance in rows and in columns of a view with details of every column, and of some.
+// Distance of the samples of a covariance: in rows; in columns of a view with details of all columns, and of one with some.
 enum { COVARIANCE_ROWS = 2, COVARIANCE_COLUMNS = 5, COVARIANCE_SOME = 1 };
-// Deviation of a channel that JPEG and whole grey levels cause, and share of all that is not known of the covariance.
+// Standard deviation that JPEG and quantisation cause in a channel [grey levels], and regularisation of the covariance as a
+// fraction of its trace.
 #define LEAST_DEVIATION 0.15
 #define UNKNOWN_SHARE 1e-3
-// Number of columns from which a colour is measured; background and rim of the stripe, in rows from its centre.
+// Number of columns from which a colour is measured; distance of the background from the centre of the stripe, and half-width of
+// the stripe with its rim [rows].
 enum { COLOUR_COLUMNS = 200, BACKGROUND_PX = 12, RIM_PX = 6 };
-// No camera sees a line laser in another channel by more than this share of its own.
+// Largest response of another channel to a line laser, as a fraction of that of the laser's own channel.
 #define MOST_LEAKAGE 0.8
-// A clipped core and the halo in which it lies are narrower than this; what the other channels add there.
+// A clipped core with its halo is narrower than this. Weight of the other channels in a core, and their largest contribution as
+// a fraction of the light of the rim.
 enum { WIDEST_CORE_PX = 25 };
 #define OTHERS_SHARE 0.1f
 #define MOST_OF_CORE 0.5f
@@ -44,7 +47,7 @@ void covariance(const View *v, const Path *near, int reach, double scene[CHANNEL
     for (int i = 0; i < CHANNELS; i++) scene[i][i] += LEAST_DEVIATION * LEAST_DEVIATION + UNKNOWN_SHARE * trace;
 }
 
-// Weights that leave light of the laser's colour as bright as it is.
+// Weights of the channels that suppress the scene and do not change the brightness of light in the laser's colour.
 void laser_weights(int64_t channels, double scene[CHANNELS][CHANNELS], const double *colour, double *weights) {
     double a[CHANNELS][CHANNELS + 1], along = 0;
     for (int i = 0; i < CHANNELS; i++) {
@@ -70,7 +73,7 @@ void laser_weights(int64_t channels, double scene[CHANNELS][CHANNELS], const dou
 }
 
 // ---- colours of a path -------------------------------------------------------------------------------------------------
-static int some_columns(const View *v, const Path *p, int64_t *columns) { // COLOUR_COLUMNS or fewer of those with a stripe
+static int some_columns(const View *v, const Path *p, int64_t *columns) { // up to COLOUR_COLUMNS of those with a stripe
     int64_t n = 0, m = 0, i = 0;
     for (int64_t c = 0; c < v->width; c++) n += p->is_stripe[c];
     const int64_t apart = MAX((n + COLOUR_COLUMNS - 1) / COLOUR_COLUMNS, 1);
@@ -78,13 +81,13 @@ static int some_columns(const View *v, const Path *p, int64_t *columns) { // COL
     return (int)m;
 }
 
-static int is_clear(const View *v, int64_t r, int64_t c, int besides) { // in all channels, or all besides one
+static int is_clear(const View *v, int64_t r, int64_t c, int besides) { // not clipped in any channel besides the given one
     int clear = 1;
     for (int k = 0; k < v->scene->channels; k++) clear &= k == besides || v->on[at_pixel(v, k, r, c)] < LEVEL_CLIPPED;
     return clear;
 }
 
-// Median colour that a stripe adds to its surroundings where it is brighter, and nothing is clipped.
+// Median colour that a stripe adds to its surroundings in the brighter half of the columns, from pixels that are not clipped.
 void rim_colour(const View *v, const Path *p, int channel, double added[CHANNELS]) {
     int64_t columns[COLOUR_COLUMNS + 1];
     const int n = some_columns(v, p, columns), channels = (int)v->scene->channels;
@@ -115,7 +118,7 @@ void rim_colour(const View *v, const Path *p, int channel, double added[CHANNELS
     for (int k = 0; k < channels; k++) added[k] = (double)upper_median(kept[k], m);
 }
 
-// Median colour of the centre of a stripe where no channel but the laser's own is clipped, which is then a lower bound.
+// Median colour of the centre of a stripe where no channel but the laser's own is clipped. If that is clipped, it is a lower bound.
 static void core_colour(const View *v, const Path *p, int channel, double added[CHANNELS]) {
     int64_t columns[COLOUR_COLUMNS + 1];
     const int n = some_columns(v, p, columns), channels = (int)v->scene->channels;
@@ -132,7 +135,7 @@ static void core_colour(const View *v, const Path *p, int channel, double added[
     for (int k = 0; m && k < channels; k++) added[k] = (double)upper_median(kept[k], m);
 }
 
-// A colour relative to one channel, within what a laser can look like.
+// Colour relative to one channel, with the others limited to MOST_LEAKAGE.
 void relative_colour(const double *added, int channel, double *colour) {
     for (int k = 0; k < CHANNELS; k++) colour[k] = MIN(MAX(added[k] / MAX(added[channel], 1e-6), 0.0), MOST_LEAKAGE);
     colour[channel] = 1;
@@ -145,7 +148,7 @@ static double purity_of(const double *added, int channel) { // 0 for white or an
     return MIN(MAX((1.05 - other / added[channel]) / 0.6, 0.0), 1.0);
 }
 
-// Purity of the colour of a path: of its rim where the core is white, otherwise of its core.
+// Purity of the colour of a path: the higher of the purities of its rim and of its core, which may be white.
 double purity(const View *v, const Path *p, int channel) {
     double rim[CHANNELS], core[CHANNELS];
     if (v->scene->channels < CHANNELS) return 1;
@@ -158,7 +161,7 @@ double purity(const View *v, const Path *p, int channel) {
 }
 
 // ---- the picture in the laser's colour ---------------------------------------------------------------------------------
-static void extreme(float *x, int64_t n, int is_highest) { // over WIDEST_CORE_PX rows of n + 24, of a strip; in place
+static void extreme(float *x, int64_t n, int is_highest) { // running extreme over WIDEST_CORE_PX rows of a strip (n + 24, STRIP), in place
     static const int BY[5] = {1, 2, 4, 8, WIDEST_CORE_PX - 16};
     for (int step = 0; step < 5; step++) {
         const int64_t by = BY[step] * STRIP, end = (step < 4 ? n + WIDEST_CORE_PX - 1 - BY[step] : n) * STRIP;
@@ -167,8 +170,8 @@ static void extreme(float *x, int64_t n, int is_highest) { // over WIDEST_CORE_P
     }
 }
 
-// Grey closing along the columns, in strips about their cores (rows, width); what lies beyond does not count. work: (rows + 24,
-// STRIP).
+// Grey closing along the columns near the clipped cores (rows, width), strip by strip; rows beyond the picture are ignored. work:
+// (rows + 24, STRIP).
 static void close_columns(const float *in, const uint8_t *core, float *out, int64_t rows, int64_t width, float *work) {
     enum { HALF = WIDEST_CORE_PX / 2 * STRIP };
     for (int64_t begin = 0; begin < width; begin += STRIP) {
@@ -194,9 +197,9 @@ static void close_columns(const float *in, const uint8_t *core, float *out, int6
     }
 }
 
-// The picture seen in the colour of the laser, and where it is clipped. A clipped pixel is at least as bright as the rim of
-// its core, whatever the other channels say: there it is filled from the rim, and slightly raised by the other channels,
-// which still show the centre.
+// Picture in the colour of the laser, and mask of its clipped pixels. A clipped pixel is at least as bright as the rim of its core,
+// whatever its other channels show. It is therefore filled from the rim and slightly raised by the other channels, which still
+// show the centre.
 void in_laser_colour(const View *v, const double *weights, int channel, float *mixed, uint8_t *core, Any *w) {
     const int64_t rows = v->rows, width = v->width, n = rows * width;
     const int is_colour = v->scene->channels == CHANNELS;
@@ -213,7 +216,7 @@ void in_laser_colour(const View *v, const double *weights, int channel, float *m
         if (most >= LEVEL_CLIPPED) first = MIN(first, r), last = r;
     }
     if (last < 0 || !is_colour) return;
-    // One row more above and below.
+    // Extend the cores by one row above and below.
     const int64_t top = MAX(first - 1, 0), end = MIN(last + 2, rows);
     uint8_t *before = (uint8_t *)w->line, *here = before + width;
     memset(before, 0, (size_t)width);

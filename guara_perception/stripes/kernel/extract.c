@@ -1,14 +1,14 @@
-// A stripe by the highest peaks of its band: from the pictures to its profile in one call.
+// Extraction of a stripe by the highest peaks of its band: from a pair of pictures to the profile in one call.
 #include "kernel.h"
 
-// Results that are no numbers of doubtful columns, as in precise.py.
+// Results in place of a number of doubtful columns, as in precise.py.
 enum { IN_DOUBT = -1, SWAPPED = -2, CHANGED = -3 };
 
-// What was found, column by column (n,): row and light of the peak, the row of a return that may not be used, and
-// whether there is a peak, it is clipped, and it is unsure. Before them what was judged, and the stripe's width and noise.
+// Stripe in every column (n,): row and light of the peak, row of a doubtful return, masks of the columns with a peak, with a
+// clipped core and with an uncertain peak. told: judgement (5 numbers), sigma of the stripe, noise of a response.
 typedef struct { double *told; int64_t *top; float *height, *doubtful; uint8_t *is_peak, *is_clipped, *is_unsure; } Columns;
 
-// Memory: of the judgement, of the search, of smoothed light, of filters and their responses.
+// Work memory of the judgement and the search, smoothed light, filters and their responses.
 typedef struct { char *judge, *find, *smooth; float *filters, *responses, *work, *window; } Memory;
 
 static int64_t carve(Memory *parts, char *memory, int64_t rows, int64_t columns, int64_t channels) {
@@ -40,9 +40,9 @@ int64_t clean_size(int64_t rows, int64_t columns, int64_t channels) {
     return carve_columns(&found, nothing, columns) + carve(&parts, nothing, rows, columns, channels);
 }
 
-// Extract a stripe from a pair of pictures. most_change: brightness by which their surroundings may differ [grey levels].
-// memory: begins with what was found, as precise.py has it. profile, status: (3, n), (n,): position, its standard deviation
-// and peak. Returns the number of doubtful columns, or why there is no profile.
+// Extract a stripe from a pair of pictures. most_change: largest change of brightness beside the stripe [grey levels]. memory:
+// receives `Columns` at its beginning, which precise.py reads. profile, status: (3, n) and (n,), position, its standard
+// deviation, peak, and status. Returns the number of doubtful columns; IN_DOUBT, SWAPPED or CHANGED without a profile.
 int64_t extract_clean(const Picture *on, const Picture *off, int64_t first_row, double most_change, char *memory,
     float *profile, uint8_t *status) {
     Memory parts;

@@ -1,13 +1,13 @@
-// A stripe by the highest peaks of its band: from the pictures of a pair to the row of its peak in every column.
+// Search for a stripe by the highest peaks of its band: from a pair of pictures to the row of the peak in every column.
 #include "find.h"
 
-// Noise below a third of a quantum cannot be seen.
+// Least noise [grey levels]: less than a third of a quantisation step cannot be measured.
 #define LEAST_NOISE 0.3
 // A relative floor of the threshold keeps a faint halo out of the gaps of a bright stripe.
 #define THRESHOLD_OF_MEDIAN_PEAK 0.05
-// Distance of the columns in which the stripe's width is measured.
+// Distance of the columns in which the width of the stripe is measured.
 #define WIDTH_COLUMNS 32
-// Light that rises by less, of the median peak, beside a wide stripe is its own.
+// Light beside a wide stripe that rises by less than this fraction of the median peak belongs to the stripe.
 #define RISE_OF_MEDIAN_PEAK 0.15
 
 static int64_t carve(Work *work, char *memory, int64_t rows, int64_t columns) {
@@ -25,7 +25,7 @@ static int64_t carve(Work *work, char *memory, int64_t rows, int64_t columns) {
     TAKE(indices, 8 * columns);
     TAKE(candidates, 8 * MOST_CANDIDATES * columns);
     TAKE(costs, (int64_t)sizeof(Costs) * columns);
-    // Only a wide stripe is searched for in other light.
+    // Only used to search for a wide stripe.
     TAKE(bins, 4 * bins * columns);
     TAKE(wide, 4 * bins * columns);
     return at;
@@ -38,7 +38,7 @@ int64_t find_size(int64_t rows, int64_t columns) {
     return carve(&work, nothing, rows, columns);
 }
 
-// Noise of the light that is searched for peaks; and the columns (n) whose peak stands out from it.
+// Noise of the light that is searched for peaks. work->indices receives the n columns whose peak stands out from it.
 static double noise_of(const Light *light, Work *work, const void *searched, const float *height, int64_t *n) {
     int64_t count = 0;
     for (int64_t r = 0; r < light->rows; r += light->step > 1 ? 1 : SAMPLE_ROWS)
@@ -51,10 +51,11 @@ static double noise_of(const Light *light, Work *work, const void *searched, con
     return noise;
 }
 
-// Find a stripe in a pair of pictures, column by column: the row and the height of its peak, whether it counts, whether
-// its core is clipped, and whether it is unsure. Returns whether it is in doubt: then the highest peaks are given.
-// is_fused: whether all channels together are searched. smooth: (rows, columns), receives the smoothed light. mix: weights
-// of the channels. found: sigma of the stripe and noise of the light; a wide stripe is found to BIN_ROWS rows.
+// Find a stripe in a pair of pictures: row and height of the peak in every column, and masks of the columns with a peak, with
+// a clipped core and with an uncertain peak. Returns 1 if the stripe is in doubt; top and height are then those of the highest
+// peaks. is_fused: search all channels together. smooth: (rows, columns), receives the smoothed light. mix: receives the
+// weights of the channels. found: receives sigma of the stripe [px] and noise of the light. Rows of a wide stripe are
+// multiples of BIN_ROWS plus BIN_ROWS / 2.
 int64_t find_stripe(const Picture *on, const Picture *off, const Judgement *seen, int64_t is_fused, char *memory,
     void *smooth, int64_t *top, float *height, uint8_t *is_peak, uint8_t *is_clipped, uint8_t *is_unsure, double *mix,
     double *found) {

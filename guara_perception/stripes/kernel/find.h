@@ -1,4 +1,4 @@
-// A stripe by the highest peaks of its band: what its files share.
+// Declarations shared by the files that search for a stripe by the highest peaks of its band.
 #ifndef GUARA_FIND_H
 #define GUARA_FIND_H
 #include "kernel.h"
@@ -8,29 +8,30 @@
 // Rows and columns from one sample of the noise to the next.
 #define SAMPLE_ROWS 8
 #define SAMPLE_COLUMNS 24
-// A second peak is at least one block of rows away from the block of the highest. Columns that are handled at a time.
+// Rows of a block: a second peak is searched for outside the block of the highest and its two neighbours. CHUNK: columns
+// processed at a time.
 #define BLOCK_ROWS 8
 enum { CHUNK = 64 };
-// Rows that are one where a wide stripe is looked for, and the most weights beside the middle one.
+// Rows binned to one to search for a wide stripe, and largest number of bins that are smoothed on each side.
 #define BIN_ROWS 4
 #define MOST_BINS 8
-// 5 sigma lets 0.1 % false columns through.
+// At 5 sigmas, noise exceeds the threshold in 0.1 % of the columns.
 #define THRESHOLD_SIGMAS 5.0
 #define MOST_CANDIDATES 4
 
-// Costs of the ways through the candidates of a column.
+// Costs of the candidates of a column, the last of which is no peak: their own, and those of the cheapest path up to each
+// (its own included) and after it.
 typedef struct { double own[MOST_CANDIDATES + 1], forward[MOST_CANDIDATES + 1], backward[MOST_CANDIDATES + 1]; } Costs;
 
-// Light of a band: of one channel or of all together, whole numbers (int16_t) of one channel of 8 bits, float otherwise.
-// step: rows of the pictures that are one row of it.
+// Light of a band: int16_t if it is of one channel of 8 bits, float otherwise. step: rows of the pictures per row.
 typedef struct {
     const Picture *on, *off;
     int64_t rows, columns, channel, is_fused, is_float, step;
-    float mix[3], offset; // Light: the mixture of the channels, less the offset.
-    int32_t highest;      // highest level of that channel in the rows made so far
+    float mix[3], offset; // light = weighted sum of the channels - offset
+    int32_t highest;      // highest level of the channel in the rows computed so far; INT32_MAX if fused
 } Light;
 
-// Memory: lines (columns,) of samples, light, sums and blocks, samples of a statistic, ways through candidates.
+// Work memory: lines (columns,) of samples, light, sums and blocks; samples of a statistic; paths through candidates.
 typedef struct {
     char *lines, *light, *ring, *blocks;
     float *samples, *values, *heights, *bins, *wide;
@@ -42,7 +43,7 @@ static inline float value(const void *light, int64_t is_float, int64_t at) {
     return is_float ? ((const float *)light)[at] : (float)((const int16_t *)light)[at];
 }
 
-// The middle row of a bin.
+// Middle row of a bin.
 static inline int64_t row_of_bin(int64_t bin, int64_t rows) { return within(BIN_ROWS * bin + BIN_ROWS / 2, rows); }
 
 void mix_channels(Light *light, Work *work);

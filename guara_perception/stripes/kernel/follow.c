@@ -1,10 +1,10 @@
-// The best path of a stripe through the columns of a picture, "no stripe here" included: the Viterbi algorithm (Forney: The
-// Viterbi algorithm, Proc. IEEE 61, 1973), run from both ends until the two runs meet: the sum of the best paths up to a
-// pixel from either side is the best path through it.
+// Best path of a stripe, which may have gaps, through the columns of a picture: the Viterbi algorithm (Forney: The Viterbi
+// algorithm, Proc. IEEE 61, 1973), run from both ends until the two runs meet. The best paths from both sides to a pixel
+// together are the best path through it.
 #include "any_light.h"
 
-// In units of evidence: a path pays for every row that it moves by from one column to the next, but never more than for a
-// jump, and for every end.
+// Costs in units of evidence: of each row by which a path moves between neighbouring columns, at most that of a jump; and of
+// each end of the path.
 #define PRICE_OF_ROW 0.7
 #define PRICE_OF_JUMP 6.0
 #define PRICE_OF_END 4.0
@@ -21,7 +21,8 @@ static float highest_of(const float *v, int64_t n) {
     return lanes[0];
 }
 
-// Scores of the best paths up to every pixel of `count` columns: (count, rows), and of the ends (count, 3).
+// Scores of the best paths up to every pixel of `count` columns, best: (count, rows); and of those that reach a column from
+// elsewhere (by a jump or a start), have no stripe in it, or end at its best pixel, ends: (count, 3).
 static void best_paths(const float *evidence, int64_t step, int64_t count, int64_t rows, float *best, float *ends, float *line) {
     float *start = line + 4, *near = start + rows + 8;
     for (int64_t i = 1; i <= 4; i++) start[-i] = start[rows + i - 1] = near[-i] = near[rows + i - 1] = -INFINITY;
@@ -54,7 +55,7 @@ static int64_t argmax(const float *v, int64_t n) {
     return i;
 }
 
-// Follows the best path back from a row, or NONE, of column `last` to the first column.
+// Trace the best path from a row of column `last`, or from NONE, back to the first column.
 static void trace(const float *best, const float *ends, int64_t rows, int64_t last, int64_t row, int32_t *path, int step) {
     path[0] = (int32_t)row;
     for (int64_t column = last - 1; column >= 0; column--) {
@@ -79,7 +80,8 @@ static void trace(const float *best, const float *ends, int64_t rows, int64_t la
     }
 }
 
-// The stripe's path, and the evidence along it minus its costs. Where there is no stripe the path has the row of the nearest.
+// Path of the stripe; returns the evidence along it minus its costs. A column without a stripe has the row of the nearest
+// column with one.
 double follow_columns(const float *evidence, int64_t columns, int64_t rows, Any *w, Path *found) {
     const int64_t centre = columns / 2, met = columns - 1 - centre;
     float *first = w->paths, *second = first + (centre + 1) * rows, *through = w->line;

@@ -1,32 +1,32 @@
-// What some columns of a pair of pictures tell: the laser's channel, another exposure, clipping.
+// Judgement of a pair of pictures by some of its columns: channel of the laser, change of exposure, clipping.
 #include "kernel.h"
 
-// Rows from one judged row to the next, and number of judged columns: a thin stripe is missed in some, never in all.
+// Distance of the examined rows, and number of examined columns: a thin stripe is missed in some columns, never in all.
 #define JUDGED_ROWS 3
 #define AHEAD_ROWS (2 * JUDGED_ROWS)
 #define JUDGED_COLUMNS 16
 #define MOST_COLUMNS (2 * JUDGED_COLUMNS)
-// Mean deviations of the noise above which the peak of a column stands out: noise alone reaches four of them.
+// Height that noise reaches in a column, and height above which a peak stands out [mean absolute deviations].
 #define NOISE_DEVIATIONS 4.0f
 #define PEAK_DEVIATIONS 6.0f
-// From this share of clipped tops on, the channels are fused.
+// Fraction of clipped tops above which the channels are fused.
 #define FUSE_FROM_CLIPPED 0.2
-// Change of the brightness beside the stripe from which on the exposure was another, as a share of full scale.
+// Change of brightness beside the stripe above which the exposures differ, as a fraction of full scale.
 #define EVEN_AMBIENT_CHANGE (1.0 / 64)
-// A clipped core wider than this, in sigmas of the stripe, leaves no shoulders to judge by; and how far to each side of
-// its top the core is looked at.
+// Width of a clipped core above which the stripe has too little of its shoulders left, and distance from the top within which
+// the core is searched for [sigmas of the stripe].
 #define MAX_CLIPPED_SIGMAS 5.0
 #define REACH_SIGMAS 3.0
 
-// Of one channel of one column: highest level, and of the light the highest, the lowest and the mean deviation.
+// One channel of a column: highest level of the laser-on picture; highest and lowest light, and its mean absolute deviation.
 typedef struct { float seen, high, low, noise; } Column;
 
-// Numbers of `work` of a judgement.
+// Length of `work` of `judge` (float).
 int64_t judge_size(int64_t rows, int64_t columns, int64_t channels) {
     return (rows / JUDGED_ROWS + 1) * MIN(columns, MOST_COLUMNS) * (channels + 1);
 }
 
-// Test that the deepest dips exceed twice the highest peaks, and most columns have one.
+// Test for swapped pictures: the deepest dip exceeds twice the highest peak, and most columns have a dip.
 static int swapped(Column columns[][MOST_COLUMNS], int64_t n, int64_t channels) {
     float deepest = -INFINITY, highest = -INFINITY, most = -INFINITY, above[MOST_COLUMNS];
     int64_t channel = 0;
@@ -42,13 +42,13 @@ static int swapped(Column columns[][MOST_COLUMNS], int64_t n, int64_t channels) 
     return deepest > 2 * highest && median(above, n) > 0;
 }
 
-// Median of the light: how much brighter the surroundings are.
+// Median of the light: change of brightness of the surroundings.
 static float change_of(const float *light, int64_t n, float *copy) {
     memcpy(copy, light, (size_t)n * sizeof *copy);
     return upper_median(copy, n);
 }
 
-// off: NULL where there is none: the light is then what exceeds the median of a column.
+// Judge a pair of pictures. off: NULL if there is none; the light is then the excess over the median of a column.
 void judge(const Picture *on, const Picture *off, float *work, Judgement *found) {
     const int64_t apart = MAX(on->columns / JUDGED_COLUMNS, 1), columns = (on->columns + apart - 1) / apart;
     const int64_t rows = (on->rows + JUDGED_ROWS - 1) / JUDGED_ROWS, channels = MIN(on->channels, 3), each = rows * columns;
@@ -57,7 +57,7 @@ void judge(const Picture *on, const Picture *off, float *work, Judgement *found)
     int is_uneven = 0;
     for (int64_t r = 0; r < rows; r++)
         for (int64_t i = 0; i < columns; i++) {
-            // Far apart in memory: asked for long before they are read.
+            // Prefetched long before they are read, since they are far apart in memory.
             const int64_t row = JUDGED_ROWS * r, column = apart * i, soon = MIN(row + AHEAD_ROWS, on->rows - 1);
             __builtin_prefetch(on->data + soon * on->row_step + column * on->column_step);
             if (off) __builtin_prefetch(off->data + soon * off->row_step + column * off->column_step);
@@ -77,7 +77,7 @@ void judge(const Picture *on, const Picture *off, float *work, Judgement *found)
                 for (int64_t r = 0; r < rows; r++) own[r] -= middle;
             }
             for (int64_t r = 0; r < rows; r++) high = MAX(high, own[r]), low = MIN(low, own[r]), sum += own[r];
-            // Without the brightest pixel of each column: the stripe's own light is no change of the surroundings.
+            // The brightest pixel of each column is omitted: the light of the stripe is no change of the surroundings.
             beside += sum - high, of[k][i].high = high, of[k][i].low = low;
         }
         beside = beside / (float)columns / (float)MAX(rows - 1, 1);
@@ -87,13 +87,13 @@ void judge(const Picture *on, const Picture *off, float *work, Judgement *found)
     int64_t channel = 0;
     for (int64_t k = 0; k < channels; k++) {
         if (is_uneven) change = change_of(light + k * each, each, copy);
-        // A change of brightness is no noise, and differs from channel to channel.
+        // A change of brightness, which differs between the channels, is not noise.
         const float shift = is_uneven ? change : 0;
         float stands_out = 0;
         for (int64_t i = 0; i < columns; i++) {
             const float *restrict own = light + k * each + i * rows;
             float deviation = 0;
-            // Mean absolute value instead of a robust sigma: the stripe is a small share of a column and raises it alike.
+            // The mean absolute value suffices in place of a robust sigma: the stripe is a small part of every column.
             for (int64_t r = 0; r < rows; r++) deviation += fabsf(own[r] - shift);
             of[k][i].high -= shift, of[k][i].low -= shift, of[k][i].noise = deviation / (float)rows;
             stands_out += of[k][i].high - NOISE_DEVIATIONS * of[k][i].noise;
@@ -109,8 +109,8 @@ void judge(const Picture *on, const Picture *off, float *work, Judgement *found)
         (double)clipped > FUSE_FROM_CLIPPED * (double)MAX(tops, 1)};
 }
 
-// Columns whose core is clipped in one channel, and those whose core is lost. top: (columns,) rows of the stripe.
-// is_fused: light of all channels was used: the core is lost only where all are clipped.
+// is_clipped: columns whose core is clipped in `channel`. is_lost: columns whose clipped core is too wide to be measured; if the
+// channels are fused, only pixels clipped in all channels count. top: (columns,) rows of the stripe.
 void clipped_columns(const Picture *on, const int64_t *top, double sigma, int64_t channel, int64_t is_fused,
     uint8_t *is_clipped, uint8_t *is_lost) {
     const int64_t reach = (int64_t)(REACH_SIGMAS * sigma);

@@ -1,5 +1,5 @@
-// Plain C11 without Python.h, allocation or state: every function may run in any thread, in memory of its caller.
-// Compiled with -ffp-contract=off: a fused multiply-add would round otherwise on one machine than on another.
+// Plain C11 without Python.h, allocation or state: every function can run in any thread and uses memory of its caller.
+// Compiled with -ffp-contract=off: fused multiply-adds round differently, and not every machine has them.
 #ifndef GUARA_KERNEL_H
 #define GUARA_KERNEL_H
 #include <math.h>
@@ -9,24 +9,25 @@
 
 #define MAX(A, B) ((A) > (B) ? (A) : (B))
 #define MIN(A, B) ((A) < (B) ? (A) : (B))
-// Numbers that are handled side by side, so that compilers use vector instructions.
+// Numbers processed together in loops of constant length, which compilers turn into vector instructions.
 #define LANES 16
 
-// Makes the median of absolute deviations the standard deviation of a normal distribution.
+// Ratio of the standard deviation of a normal distribution to its median absolute deviation.
 #define SIGMA_PER_DEVIATION 1.4826
-// Rows of light that are added up before its centre is measured, and sums of how many pixels the light then is.
+// Rows summed before the centre of a stripe is measured; number of pixels in each sum over rows and columns; variance that
+// the sum over rows adds to the width of the stripe [px^2].
 #define ROW_MEAN_PX 3
 #define SCALE 9
 #define ROW_SMOOTHING_VARIANCE (2.0 / 3)
-// Shifts from the top at which the filters of the centre answer, and most weights of one of them.
+// Number of shifts from the top at which the derivative filters are evaluated, and largest number of taps of a filter.
 #define SHIFTS 7
 #define MOST_TAPS 64
 // Share of full scale from which a sample counts as clipped, as in band.py.
 #define CLIPPED 0.98
-// A wider stripe is looked for by its own width, and measured as in window.c.
+// A stripe wider than this is searched for in light smoothed to its width, and measured by window.c.
 #define WIDE_SIGMA_PX 2.5
 
-// A picture (rows, columns, channels) as a camera gives it: samples of 1 or 2 bytes, anywhere in memory [bytes].
+// Picture (rows, columns, channels) with samples of `size` bytes, 1 or 2, and any strides [bytes].
 typedef struct {
     const char *data;
     int64_t rows, columns, channels, row_step, column_step, channel_step, size;
@@ -43,7 +44,8 @@ static inline int32_t level(const Picture *p, int64_t row, int64_t column, int64
 static inline double full_scale(const Picture *p) { return p->size == 1 ? 255 : 65535; }
 static inline int32_t clipped_from(const Picture *p) { return (int32_t)ceil(CLIPPED * full_scale(p)); }
 
-// What some columns of a pair of pictures tell, as in band.py.
+// Judgement of a pair of pictures by some of its columns: channel of the laser, swapped pictures, change of brightness
+// beside the stripe [grey levels], different exposures, clipped core.
 typedef struct { double channel, is_swapped, change, is_uneven, is_core_clipped; } Judgement;
 
 int64_t judge_size(int64_t rows, int64_t columns, int64_t channels);

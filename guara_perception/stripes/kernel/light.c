@@ -1,16 +1,16 @@
-// The laser's light from the pictures of a pair, row by row: no copy of the band.
+// Laser light of a pair of pictures, computed row by row without copying the band.
 #include "find.h"
 
-// Fusing the channels: columns from one sampled top of the stripe to the next, sigmas of noise by which a top stands out,
-// and the headroom of a channel that is clipped throughout: even that shows where the shoulders of the stripe are.
+// Fusion of the channels: distance of the columns in which tops of the stripe are sampled; sigmas of noise by which a top
+// stands out; headroom of a channel that is clipped at every top, since it still shows the shoulders of the stripe.
 #define TOP_COLUMNS 16
 #define TOP_SIGMAS 5.0
 #define LEAST_HEADROOM 0.3
 
-// Every third byte of 3 n from the first on. Whole vectors are read only up to the last of these bytes.
+// Copy n bytes, each the first of three. No vector is read beyond the last of them.
 typedef uint8_t Pair __attribute__((vector_size(32)));
 typedef uint8_t Bytes __attribute__((vector_size(16)));
-// What lies 48 bytes apart, each in its half of a register.
+// Two vectors that are 48 bytes apart in memory, in the halves of one register.
 #define BOTH(A, FROM)                                                                                                  \
     Bytes A##1, A##2;                                                                                                  \
     memcpy(&A##1, FROM, 16), memcpy(&A##2, (FROM) + 48, 16);                                                           \
@@ -31,7 +31,7 @@ static void every_third(const uint8_t *restrict from, int64_t n, uint8_t *restri
     for (; i < n; i++) to[i] = from[3 * i];
 }
 
-// One channel of a row, side by side; `line` is used where they do not lie so already.
+// Samples of one channel of a row, contiguous; they are copied to `line` unless they already are.
 const void *samples_of(const Picture *p, int64_t row, int64_t channel, void *line) {
     const char *restrict from = p->data + row * p->row_step + channel * p->channel_step;
     const int64_t step = p->column_step, n = p->columns;
@@ -88,7 +88,7 @@ static void differences(const Light *light, int64_t column, float *own) {
     else for (int64_t r = 0; r < light->rows; r++)
         own[r] = (float)(*(const uint8_t *)(p + r * on->row_step) - *(const uint8_t *)(q + r * off->row_step));
     if (column + TOP_COLUMNS >= on->columns) return;
-    for (int64_t r = 0; r < light->rows; r++) { // far apart in memory: the next column is asked for
+    for (int64_t r = 0; r < light->rows; r++) { // prefetch the next column, which is far apart in memory
         __builtin_prefetch(p + r * on->row_step + TOP_COLUMNS * on->column_step);
         __builtin_prefetch(q + r * off->row_step + TOP_COLUMNS * off->column_step);
     }

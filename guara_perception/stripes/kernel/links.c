@@ -6,8 +6,8 @@
 #define WEAK_RATIO 0.4f
 #define WEAK_JOIN_HEIGHT_M 0.0015
 
-// Of a stripe: its row; whether it is linked to the one before and to the one after, in no column, in all, or where their returns
-// agree; and whether its own points and the lines to the next are asked for.
+// Row of a stripe; columns in which it is linked to the stripe before and after: none, all, or those in which the returns agree;
+// flags that its points and the lines to the next stripe are requested.
 enum { NOWHERE, EVERYWHERE, WHERE_THEY_AGREE };
 typedef struct { int64_t row, before, after, is_asked, is_pair_asked; } Stripe;
 
@@ -21,10 +21,11 @@ static void link(const float *height, const float *strength, int64_t n, int64_t 
     }
 }
 
-// Links of some of several neighbouring stripes (rows, n). points: (3, rows, n), NaN where there is none. join: largest height
-// difference of one surface. low, high: points beyond these y are not asked for, nor lines all beyond one of them. masks: (5,
-// count, n): linked to the stripe before, and after; points that both confirm; lines to the next stripe, and those not all
-// beyond. numbers: (2, count) of such points and lines. longest: (count,) length of lines along the ground.
+// Link some of the stripes (rows, n) to their neighbours. points: (3, rows, n), NaN where there is none. join: limit of the height
+// difference on one surface [m]. low, high: range of y; points outside it, and lines wholly outside it, are omitted. masks: (5,
+// count, n), receives: linked to the stripe before; linked to the one after; points that both confirm; lines to the next stripe;
+// lines not wholly outside the range. numbers: (2, count) of such points and lines. longest: (count,) length of the longest line
+// along the ground [m].
 void link_stripes(const float *points, const float *strength, int64_t rows, int64_t n, const Stripe *stripes, int64_t count,
     double join, double low, double high, uint8_t *masks, int64_t *numbers, float *longest) {
     const float *x = points, *y = x + rows * n, *z = y + rows * n, least = (float)low, most = (float)high;

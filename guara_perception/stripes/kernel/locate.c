@@ -1,14 +1,15 @@
-// Points of stripes: rays of the camera met with laser planes, and what of them can be used.
+// Triangulation of stripes: intersection of camera rays with laser planes, and selection of the usable points.
 #include "kernel.h"
 
-// Columns that are handled at a time.
+// Columns processed at a time.
 enum { CHUNK = 64 };
 
-// Points (3, stripes, n) and standard deviations (stripes, n) of their heights. position, deviation: rows (stripes, n) of the
-// stripes [px]. rays: (terms, 2, n) polynomials of x and y of a column's rays, highest power first, by rows scaled to -1 ... 1;
-// with no terms, (2, stripes, n) x and y themselves.
-// planes: (stripes, 4) in the camera's frame. pose: (3, 4) of the camera. least_sine: between ray and plane. The order of all
-// operations is that of the rows one by one, so that no point depends on its neighbours.
+// Points (3, stripes, n) and standard deviations (stripes, n) of their heights. position, deviation: (stripes, n) rows of the
+// stripes and their standard deviations [px]. rays: (terms, 2, n) coefficients, highest power first, of x and y of the ray in
+// each column as polynomials of the row scaled to -1 ... 1; if terms is 0, (2, stripes, n) x and y of each ray. middle_row: row
+// scaled to 0. planes: (stripes, 4) in the camera's frame. pose: (3, 4) of the camera. per_row: change of y per row. least_sine:
+// of the angle between ray and plane; below it, points are NaN. Operations have the same order for every point, so that the
+// rounding of a point does not depend on its neighbours.
 void locate(const double *position, const double *deviation, int64_t stripes, int64_t n, const double *rays, int64_t terms,
     double middle_row, const double *planes, const double *pose, double per_row, double least_sine, double *points,
     double *sigma) {
@@ -40,9 +41,10 @@ void locate(const double *position, const double *deviation, int64_t stripes, in
         }
 }
 
-// What of the points (3, stripes, n) of stripes can be used: they and their variances (stripes, n) in 4 bytes, NaN where not; the
-// status of a return (stripes, n), if it is at the end of a run or beyond the lowest and the highest height. strength: (stripes, n).
-// work: 4 (n + 1) numbers of 8 bytes. is_mixed, is_beyond: (stripes, n).
+// Select the usable points of stripes (3, stripes, n). variance, strength: (stripes, n). mixed, beyond: statuses of returns at the
+// end of a run, and below `lowest` or above `highest`. kept, single: points and variances as float, NaN where they cannot be used.
+// status: (stripes, n), updated. is_mixed, is_beyond: (stripes, n) masks of both kinds of returns. work: 4 (n + 1) numbers of
+// 8 bytes.
 void settle_points(const double *points, const double *variance, const double *strength, int64_t stripes, int64_t n, double lowest,
     double highest, int64_t mixed, int64_t beyond, double *work, float *kept, float *single, uint8_t *status, uint8_t *is_mixed,
     uint8_t *is_beyond) {

@@ -3,11 +3,11 @@
 
 // Statuses, as in band.py.
 enum { OK = 0, DROPOUT = 1, AMBIGUOUS = 2, SATURATED = 3, OUT_OF_BAND = 5 };
-// Shifts from the top at which the filters answer: their distance and the first [px].
+// Distance of the shifts from the top at which the filters are evaluated, and largest shift to either side [px].
 #define GRID_PX 0.5f
 #define SEARCH_PX 1.5f
-// The filter is cut where it has fallen to 4 %. It is wider than a thin stripe, because of speckle, by so much [px], and
-// narrower than a wide one (clipped or in a halo) by this share, because the core is the most accurate part.
+// Half-width of the filter, where its Gaussian has fallen to 4 %. Its sigma is CORE_SHARE of the stripe's, because the core of a
+// wide stripe (clipped or in a halo) is the most accurate part, and SPECKLE_PX in quadrature, because of speckle.
 #define FILTER_SIGMAS 2.5
 #define SPECKLE_PX 1.3
 #define CORE_SHARE 0.85
@@ -25,8 +25,8 @@ enum { OK = 0, DROPOUT = 1, AMBIGUOUS = 2, SATURATED = 3, OUT_OF_BAND = 5 };
 // Steepest slope of a line; a steeper one is a jump, which is not smoothed.
 #define STEEPEST_PX_PER_COLUMN 0.5f
 
-// Derivatives (SHIFTS, taps) of a Gaussian about each shift, for a stripe of this width [px] in light that was smoothed
-// over three rows. Returns the number of taps.
+// Derivatives (SHIFTS, taps) of a Gaussian about each shift, for a stripe of this sigma [px] in light summed over three rows.
+// Returns the number of taps.
 int64_t derivative_filters(double sigma, float *filters) {
     const double core = CORE_SHARE * sigma;
     const double width = rint(10 * sqrt(core * core + SPECKLE_PX * SPECKLE_PX - ROW_SMOOTHING_VARIANCE)) / 10;
@@ -44,8 +44,8 @@ int64_t derivative_filters(double sigma, float *filters) {
     return taps;
 }
 
-// Standard deviation of a row times the slope of its response, for noise of one grey level per pixel of light of which
-// so many rows were added up before.
+// Standard deviation of the centre [px] times the slope of its response, for noise of one grey level per pixel in light summed
+// over `smoothed_rows` rows.
 double noise_gain(const float *filters, int64_t taps, int64_t smoothed_rows) {
     const float *middle = filters + SHIFTS / 2 * taps;
     double squares = 0;
@@ -57,8 +57,8 @@ double noise_gain(const float *filters, int64_t taps, int64_t smoothed_rows) {
     return sqrt(squares) * (double)GRID_PX;
 }
 
-// Sub-pixel peaks of filtered light: rows (n,) from the top on at which the responses (SHIFTS, n) fall through zero, of
-// several the one nearest to the top, NaN where there is none; and by how much they fall there from shift to shift.
+// Sub-pixel centres (n,), relative to the top [px]: zero crossings of the falling responses (SHIFTS, n), of several the one
+// nearest to the top, NaN if there is none. slope: (n,) receives the fall of the response from one shift to the next.
 void centres(const float *responses, int64_t n, float *row, float *slope) {
     static const int NEAREST_FIRST[SHIFTS - 1] = {3, 2, 4, 1, 5, 0};
     for (int64_t c = 0; c < n; c++) {
@@ -74,9 +74,10 @@ void centres(const float *responses, int64_t n, float *row, float *slope) {
     }
 }
 
-// Smooths the positions of a stripe (n,), NaN where there is none, along its columns: speckle is independent between
+// Smooth the positions of a stripe (n,), NaN where there is none, along its columns: speckle is independent between
 // columns, the surface is not. Neighbours count in pairs, one from each side with the same weight, so a straight line is
-// not changed. Nothing is averaged across a gap or a jump. Gives the factors by which independent noise shrinks.
+// not changed. Nothing is averaged across a gap or a jump. shrink: receives the factors by which
+// independent noise is reduced.
 void smooth_line(const float *position, const float *weight, int64_t n, float *smooth, float *shrink) {
     for (int64_t c = 0; c < n; c++) {
         smooth[c] = NAN, shrink[c] = 0;
@@ -97,10 +98,10 @@ void smooth_line(const float *position, const float *weight, int64_t n, float *s
     }
 }
 
-// Standard deviations (n,) and positions (n,) of a stripe of which the peaks are known, in rows of the full picture; both
-// NaN where there is none. Returns the number of doubtful columns: peaks that may not be used.
-// top, height: row within the band and light of the peak. is_peak, is_clipped, is_unsure: of each column.
-// background: the band without the laser, of which a channel is read beside the stripe, or NULL. work: (3, n).
+// Positions (n,) and standard deviations (n,) of a stripe whose peaks are known, as rows of the whole picture, NaN where they
+// cannot be used; and statuses (n,). Returns the number of doubtful columns, whose peaks must not be used; doubtful: (n,) their
+// rows. top, height: (n,) row within the band and light of the peak. is_peak, is_clipped, is_unsure: (n,) masks. background:
+// laser-off band, whose brightness beside the stripe is read in `channel`, or NULL. work: (3, n).
 int64_t measure(const int64_t *top, const float *height, const uint8_t *is_peak, const uint8_t *is_clipped,
     const uint8_t *is_unsure, const float *responses, const Picture *background, int64_t channel, int64_t n, int64_t rows,
     int64_t first_row, double sigma, double noise, float *work, float *position, float *deviation, uint8_t *status,

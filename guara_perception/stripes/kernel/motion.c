@@ -1,8 +1,8 @@
-// The background of pictures: a small one of each, and the motion of the camera by what moved in it.
+// Motion of the camera, from the background of its pictures: small pictures, and corners followed in them.
 #include "kernel.h"
 
-// Levels (rows / factor, columns / factor) of a channel: means of factor x factor pixels times a gain. line, sums: of a row
-// (columns,) of samples of 2 bytes, and two of uint32_t.
+// Small picture (rows / factor, columns / factor) of a channel: means of factor x factor pixels, times a gain. line: (columns,)
+// samples of 2 bytes. sums: (2, columns).
 void shrink(const Picture *p, int64_t channel, int64_t factor, double gain, void *line, uint32_t *sums, uint8_t *out) {
     const int64_t rows = p->rows / factor, columns = p->columns / factor;
     const float share = (float)(gain / (double)(factor * factor));
@@ -30,17 +30,17 @@ void shrink(const Picture *p, int64_t channel, int64_t factor, double gain, void
     }
 }
 
-// Half the side of the square about a corner that is compared, farthest that a corner is followed, and half the side of the
-// square of the picture that this takes [px of the small picture].
+// Half side of the compared square around a corner, largest motion of a corner, and half side of the square that this requires
+// [px of the small picture].
 enum { HALF = 6, FAR = 1, REACH = HALF + FAR + 1, SIDE = 2 * REACH + 1, WINDOW = 2 * HALF + 1 };
-// Floats of a square, LANES of which may be read from any column of its rows.
+// Length of a square, including floats that are read beyond its last row, LANES at a time.
 enum { SQUARE = SIDE * SIDE + LANES };
-// Most steps, step at which they end [px], and share of the square's contrast that may remain.
+// Largest number of steps, length of the last step [px], and largest residual as a fraction of the contrast of the square.
 enum { MOST_STEPS = 10 };
 #define LEAST_STEP 0.01f
 #define MOST_LEFT 0.2f
 
-// A square of the small picture about (x, y), by the same rounding as `shrink`.
+// Square of the small picture around (x, y), rounded as by `shrink`.
 enum { MOST_STEP = 4, MOST_FACTOR = 8, MOST_BYTES = SIDE * MOST_FACTOR * MOST_STEP };
 static void small_square(const Picture *p, int64_t channel, int64_t factor, double gain, int64_t x, int64_t y, float *out) {
     const float share = (float)(gain / (double)(factor * factor));
@@ -53,7 +53,7 @@ static void small_square(const Picture *p, int64_t channel, int64_t factor, doub
         for (int64_t i = 0; i < factor; i++) {
             const int64_t row = (y - REACH + r) * factor + i;
             const uint8_t *restrict from = (const uint8_t *)p->data + row * p->row_step + channel * p->channel_step + first * step;
-            // All channels first: these sums are the processor's fastest.
+            // Sum all channels: contiguous sums are the fastest.
             if (is_close) for (int64_t k = 0; k < bytes; k++) whole[k] = (uint16_t)(whole[k] + from[k]);
             else for (int64_t c = 0; c < SIDE * factor; c++) sum[c / factor] += level(p, row, first + c, channel);
         }
@@ -70,12 +70,12 @@ static float sum_of(const float *lanes) {
     return sum;
 }
 
-// One corner by Lucas and Kanade at full size of the small pictures; 0 where it is lost. own: reference at the corner.
+// Follow one corner by the method of Lucas and Kanade, without a pyramid. Returns 0 if it is lost. own: reference at the corner.
 static int follow_corner(const uint8_t *own, int64_t columns, const float *square, float *moved) {
     float light[WINDOW][LANES], along_x[WINDOW][LANES], along_y[WINDOW][LANES], sums[5][LANES] = {{0}};
     float dx = 0, dy = 0;
     for (int64_t r = 0; r < WINDOW; r++)
-        // Lanes beyond the window read what follows in the reference, and count nothing.
+        // Lanes beyond the window read the pixels that follow in the reference; their weight is 0.
         for (int64_t k = 0; k < LANES; k++) {
             const uint8_t *at = own + (r - HALF) * columns + k - HALF, *up = at - columns, *down = at + columns;
             const float counts = k < WINDOW, level = counts * (float)*at;
@@ -109,9 +109,9 @@ static int follow_corner(const uint8_t *own, int64_t columns, const float *squar
     return 0;
 }
 
-// How far some corners of a small reference (rows, columns) have moved (n, 2) in a picture, if that is little, and the change
-// (n, 2) of their rays; NaN where a corner is lost. Only what surrounds the corners is read. used: (n,) numbers of corners.
-// turn: (corners, 2, 2) change of the rays by each pixel.
+// Motion (n, 2) of some corners of a small reference (rows, columns) in a picture [px], less than FAR in each direction, and
+// change (n, 2) of their rays; NaN if a corner is lost. Only the surroundings of the corners are read. used: (n,) indices of the
+// corners. turn: (corners, 2, 2) change of a ray per pixel.
 void follow_corners(const Picture *p, int64_t channel, int64_t factor, double gain, const uint8_t *reference,
     const double *corners, const double *turn, const int64_t *used, int64_t n, float *moved, double *flow) {
     const int64_t rows = p->rows / factor, columns = p->columns / factor;
@@ -130,7 +130,7 @@ void follow_corners(const Picture *p, int64_t channel, int64_t factor, double ga
     }
 }
 
-// Inverse of a symmetric positive definite matrix by Gauss and Jordan; 0 where it is none.
+// Inverse of a symmetric positive definite matrix by Gauss-Jordan elimination. Returns 0 if the matrix is not positive definite.
 enum { DEGREES = 6 };
 static int invert(const double *matrix, double *inverse) {
     double a[DEGREES][2 * DEGREES] = {0};
@@ -151,11 +151,12 @@ static int invert(const double *matrix, double *inverse) {
     return 1;
 }
 
-// Rises of some points by the motion of the camera that explains flows (n, 2) by their rows (corners, 2, 6): steps of least
-// squares with Tukey's weights, so that what moves by itself counts nothing. used: (n,) numbers of corners; flows that are NaN
-// count nothing. moved: (n, 2) [px]. by_motion: (points, 6) rise of each by each part of the motion. work: 2 n numbers of 8
-// bytes. found: rises and their standard deviations (2, points) by the noise of both pictures, and the median of what moved.
-// Returns 0 where fewer flows are known or agree than `least` or this share, or their equations' condition exceeds the given one.
+// Fit the motion (6,) of the camera to flows (n, 2), and compute the rise of some points due to it. rows: (corners, 2, 6) flow per
+// unit of each component of the motion. Least squares are repeated with Tukey's weights, so that objects that move by themselves
+// have no effect. used: (n,) indices of the corners; flows of NaN are ignored. moved: (n, 2) motion of the corners [px].
+// by_motion: (points, 6) rise per unit of each component. work: 2 n numbers of 8 bytes. found: receives rises and their standard
+// deviations (2, points) due to the noise of one picture, and the median motion of the corners [px]. Returns 0 if fewer flows than
+// `least` or `least_share` are known or agree, or the condition number of the equations reaches `most_condition`.
 int64_t fit_motion(const double *rows, const double *wanted, const float *moved, const int64_t *used, int64_t n, int64_t least,
     double least_share, int64_t steps, double least_noise, double most_condition, const double *by_motion, int64_t points,
     double *work, double *found) {
@@ -213,8 +214,8 @@ int64_t fit_motion(const double *rows, const double *wanted, const float *moved,
     return 1;
 }
 
-// Motion as of `fit_motion` by at most `most` of the corners outside the rows `first` to `end` of the small pictures, spread over
-// them all. memory: 6 most numbers of 8 bytes. Returns -1 where fewer than `least` corners lie there.
+// Motion as from `fit_motion`, from at most `most` corners outside rows first ... end - 1 of the small picture, evenly selected.
+// memory: 6 most numbers of 8 bytes. Returns -1 if there are fewer than `least` such corners.
 int64_t look_at_corners(const Picture *p, int64_t channel, int64_t factor, double gain, const uint8_t *reference,
     const double *corners, const double *turn, const double *rows, int64_t n, int64_t most, double first, double end, int64_t least,
     double least_share, int64_t steps, double least_noise, double most_condition, const double *by_motion, int64_t points,

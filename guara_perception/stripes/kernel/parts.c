@@ -1,4 +1,4 @@
-// Parts of stripes, as the drift check compares them with straight lines.
+// Parts of stripes, which the drift check compares with straight lines.
 #include "kernel.h"
 
 // The k-th smallest of n > k values, which are reordered (Hoare: Algorithm 65, Find, Comm. ACM 4, 1961).
@@ -21,8 +21,8 @@ static double select_double(double *v, int64_t n, int64_t k) {
 }
 
 // Mean x, mean y and upper median of z (3, stripes, parts) of parts of stripes, which divide the range of y of all points (3, n)
-// evenly; NaN where there are fewer than `least` points. ends: (stripes,) end of each one's points, in order; a point whose z is not
-// finite does not count. work: 2 (n + parts) numbers of 8 bytes.
+// evenly; NaN where there are fewer than `least` points. ends: (stripes,) end of the points of each stripe, which are in order. A
+// point whose z is not finite is ignored. work: 2 (n + parts) numbers of 8 bytes.
 void parts_of_stripes(const double *points, int64_t n, const int64_t *ends, int64_t stripes, int64_t parts, int64_t least,
     double *work, double *found) {
     const double *x = points, *y = x + n, *z = y + n;

@@ -1,12 +1,13 @@
-// The path of a stripe in any light: passes in some and in all columns.
+// Search for the path of a stripe in any light: first passes in some of the columns, last one in all.
 #include "any_light.h"
 
-// Distance of the columns in the first passes, which find the laser's channel, and least width of a picture of which columns
-// are left out.
+// Distance of the columns in the first passes, which find the laser's channel, and least width of a picture in which they
+// omit columns.
 #define FIRST_PASS_COLUMNS 4
 #define FIRST_PASS_FROM 160
-// A path in one channel of this purity and evidence per column is the laser's: the other channels are not searched. Channels
-// whose score reaches this share of the best are searched in full.
+// A path with a purity of SURE_PURITY and an evidence of SURE_SCORE per column is the laser's: the other channels are not
+// searched. With an evidence of CLEAR_SCORE in the first pass, there is no second pass. Channels whose score reaches HOPEFUL of
+// the best are searched in all columns. LEAST_NOISE: of details [grey levels].
 #define SURE_PURITY 0.99
 #define SURE_SCORE 1.0
 #define CLEAR_SCORE 3.0
@@ -15,13 +16,13 @@
 // The stripe and its halo lie within this many rows of its path; the scene is what is further away.
 #define NEAR_PEAK_PX 10
 #define NEAR_PATH_PX 12
-// Least share of the height of the strong pieces: a line's dimmest parts have a tenth of its brightest; without a laser-off
-// picture, and more so without colour, there is texture as strong.
+// Least height of a piece, relative to the strong pieces: the dimmest parts of a line have a tenth of the height of its
+// brightest. Without a laser-off picture, and more so without colour, texture can be stronger than that.
 #define LEAST_SHARE 0.1
 #define LEAST_SHARE_ALONE 0.15
 #define LEAST_SHARE_MONO 0.5
 
-// The picture of a laser of this colour, and the noise of its ridges; beside the path `away` there is only scene.
+// Picture in the colour of the laser, and noise of its ridges. Outside `reach` rows of the path `away` there is only scene.
 static void seek(const View *v, const Path *away, int reach, int is_texture_noise, const double *colour, int channel,
     double *weights, Noises *noises, Any *w) {
     double scene[CHANNELS][CHANNELS];
@@ -31,7 +32,7 @@ static void seek(const View *v, const Path *away, int reach, int is_texture_nois
     noises_of_ridges(v, w->laser, is_texture_noise ? away : NULL, reach, noises, w);
 }
 
-// How much the highest details of the columns stand out in a channel; `peaks` are their rows. high: (width,).
+// Sum over the columns of the highest details of a channel, relative to its noise. peaks: receives their rows. high: (width,).
 static double stands_out(const View *thin, int k, Path *peaks, float *restrict high, float *samples) {
     const int64_t n = thin->width, rows = thin->rows;
     int32_t *restrict row = peaks->row;
@@ -47,8 +48,8 @@ static double stands_out(const View *thin, int k, Path *peaks, float *restrict h
     return sum / MAX(robust_sigma(samples, count), LEAST_NOISE);
 }
 
-// The path of a laser of one channel in some columns, its score, and whether it leaves no doubt of that channel: of two
-// passes the second, in which texture counts as noise and the colour is that of the first, scores.
+// Path of a laser of one channel in some columns, and its score. is_sure: receives 1 if the laser certainly has this channel.
+// The score is that of the second pass, in which texture counts as noise and the colour is the one that the first pass found.
 static double first_pass(const View *thin, int k, const Path *peaks, Any *w, Path *path, int *is_sure) {
     const int64_t n = thin->width;
     double weights[CHANNELS], colour[CHANNELS], added[CHANNELS];
@@ -59,7 +60,7 @@ static double first_pass(const View *thin, int k, const Path *peaks, Any *w, Pat
     const double first = follow_columns(w->evidence, n, thin->rows, w, path);
     *is_sure = 1;
     if (thin->scene->channels < CHANNELS) return 1;
-    // Clear in a pair at once: the other passes would change nothing.
+    // The first pass in a pair is clear: a second one would change nothing.
     if (thin->scene->has_dark && first >= CLEAR_SCORE * (double)n && purity(thin, path, k) >= SURE_PURITY) return first;
     rim_colour(thin, path, k, added), relative_colour(added, k, colour);
     seek(thin, path, NEAR_PATH_PX, 1, colour, k, weights, &noises, w);
@@ -88,7 +89,7 @@ static int first_passes(const View *thin, int64_t width, Any *w) {
         if (!(scores[k] >= HOPEFUL * most)) continue;
         First *f = &w->firsts[found++];
         f->channel = k;
-        for (int64_t c = 0; c < width; c++) { // between the columns that were searched
+        for (int64_t c = 0; c < width; c++) { // interpolate between the columns that were searched
             const int64_t here = MIN(MAX((c - thin->first) / thin->step, 0), n - 1), at = thin->first + thin->step * here;
             const double from = path->row[here], to = path->row[MIN(here + 1, n - 1)];
             f->path.row[c] = c <= at ? (int32_t)from : (int32_t)rint((to - from) / (double)thin->step * (double)(c - at) + from);
@@ -98,8 +99,8 @@ static int first_passes(const View *thin, int64_t width, Any *w) {
     return found;
 }
 
-// The stripe of a laser of one channel, and its score. What only the first pass sees, before texture counts as noise, is
-// doubtful.
+// Stripe of a laser of one channel in all columns, and its score. Columns in which only the first pass found a stripe, before
+// texture counted as noise, are doubtful.
 static double path_of(const View *full, First *first, Any *w, Found *f) {
     const Scene *s = full->scene;
     const int64_t width = s->width, rows = s->rows;
@@ -163,13 +164,13 @@ int64_t carve_any(Any *w, char *memory, int64_t channels, int64_t rows, int64_t 
     return at;
 }
 
-// Find the path of the stripe in a scene. Returns what is wrong with its laser-off picture, or USED.
+// Find the path of the stripe in a scene. Returns the fault of its laser-off picture, or USED.
 int64_t find_path(Scene *s, int64_t is_changed, Any *w, Found **found) {
     const int64_t step = s->width >= FIRST_PASS_FROM ? FIRST_PASS_COLUMNS : 1, first = step / 2, thin = (s->width - first + step - 1) / step;
     gaussian(3, 0.8, s->across), gaussian(9, 1.6, s->down);
     for (int k = 0; k < CHANNELS; k++) s->gain[k] = 1, s->offset[k] = 0;
     if (s->has_dark) fit_exposure(s, is_changed, w);
-    if (s->remark == OTHER_SCENE && s->shrunk > 1) return s->remark; // The texture of the scene asks for every column.
+    if (s->remark == OTHER_SCENE && s->shrunk > 1) return s->remark; // The texture of the scene must be searched in every column.
     s->most = s->remark || is_changed ? 255 : INFINITY;
     subtract(s);
     if (s->channels == CHANNELS || !s->has_dark) w->level = w->thin_level = NULL;

@@ -1,14 +1,14 @@
-// Smoothed light of a band, its highest peaks, and the width of its stripe.
+// Smoothed light of a band, its highest peaks, and the width of the stripe.
 #include "find.h"
 
-// Widths that make sense [px]: the lens never images a line sharper than the first.
+// Bounds of the sigma of a stripe [px]; no lens images a line sharper than the first.
 #define LEAST_SIGMA_PX 1.0
 #define LARGEST_SIGMA_PX 8.0
 #define FWHM_PER_SIGMA 2.3548
 
-// The whole band: sums of three columns and three rows, and the highest of every block of rows; of every eighth row some
-// sums of three columns. At the edges the light is mirrored. Returns the number of these samples.
-// Then sums of BIN_ROWS rows of it.
+// smooth_: sums over three columns and three rows of the whole band, and the highest of every block of rows; light is mirrored
+// at the borders. work->values receives samples of the sums over columns, whose number is returned. bins_: sums over BIN_ROWS
+// rows. peaks_: highest peak of each column, and highest light outside its block and the two blocks beside it.
 #define SMOOTHING(NAME, TYPE)                                                                                          \
     static void columns_##NAME(Light *light, int64_t row, Work *work, TYPE *restrict sums) {                           \
         const int64_t n = light->columns, inner = n > 1;                                                               \
@@ -100,7 +100,7 @@ void find_peaks(const Light *light, Work *work, const void *searched, int64_t *t
     else peaks_int16(light, work, searched, top, height, second);
 }
 
-// Light in which a wide stripe is looked for: means of BIN_ROWS rows, smoothed to its width, in work->wide.
+// Light in which a wide stripe is searched for: means of BIN_ROWS rows, smoothed to its width, in work->wide.
 void wide_light(const Light *light, Work *work, const void *smooth, double sigma, Light *wide) {
     const int64_t n = light->columns, bins = (light->rows + BIN_ROWS - 1) / BIN_ROWS;
     const double width = sqrt(sigma * sigma - ROW_SMOOTHING_VARIANCE - (BIN_ROWS * BIN_ROWS - 1) / 12.0) / BIN_ROWS;
@@ -124,7 +124,8 @@ void wide_light(const Light *light, Work *work, const void *smooth, double sigma
     }
 }
 
-// The highest light of each column that rises again, by this much, beside the hill of a wide stripe: another peak.
+// Second peak of each column: highest light that rises again by more than `rise` with distance from the top of a wide stripe;
+// 0 if there is none.
 void find_rises(const Light *light, Work *work, const int64_t *top, float rise, float *restrict second) {
     const int64_t n = light->columns;
     float *restrict lowest = (float *)work->light;
@@ -141,9 +142,9 @@ void find_rises(const Light *light, Work *work, const int64_t *top, float rise, 
         }
 }
 
-// Typical width of a stripe as the sigma of a Gaussian [px], from the rows above half the peak: only the unbroken stretch
-// around the top counts, not a second stripe further off. smoothed: variance of the Gaussian that the rows of `smooth`
-// were smoothed by. top, height: of n columns, some of which are looked at. work: (n,).
+// Typical width of a stripe as the sigma of a Gaussian [px], from the rows above half the peak: only the unbroken run around
+// the top counts, not a second stripe elsewhere. smoothed: variance added by the smoothing over rows [px^2]. some, top, height:
+// (n,) examined columns, row and height of their peaks. work: (n,).
 double stripe_sigma(const void *smooth, int64_t is_float, int64_t rows, int64_t columns, const int64_t *top,
     const float *height, const int64_t *some, int64_t n, double smoothed, float *work) {
     const int64_t reach = (int64_t)ceil(FWHM_PER_SIGMA * LARGEST_SIGMA_PX);

@@ -1,29 +1,32 @@
-// The unbroken pieces of a path that are the laser's.
+// Selection of the unbroken pieces of a path that belong to the laser.
 #include "any_light.h"
 
 // A piece of the path ends where it moves by more rows than this from one column to the next.
 #define PIECE_JUMP_PX 4
-// Shorter pieces are no stripe: least number of columns, and least number times relative strength.
+// A stripe has pieces of at least this number of columns, and of this number times relative strength; and quantile of the heights
+// that is the height of the strong pieces.
 #define LEAST_COLUMNS 12
 #define LEAST_STRONG_COLUMNS 6
 #define STRONG_SHARE 0.75f
-// A laser keeps the ratio of its channels on any surface; other light deviates by more.
+// A laser keeps the ratio of its channels on any surface; other light deviates by more than this.
 #define MOST_COLOUR_DEVIATION 0.9
 // Laser light is coherent, so it looks grainy on every rough surface; ambient light does not. The grain is measured in
-// pieces of at least GRAINED_COLUMNS, as what a running mean over GRAIN_COLUMNS leaves of the light across the stripe. It
-// shows where it is CLEAR_GRAIN times the noise beside it, and more than ROUNDING: a drawn picture has neither. A piece with
-// less than LEAST_GRAIN of the brightest piece's grain is not lit by the laser. From a share of clipped columns on a piece is
-// too bright to show its grain.
+// pieces of at least GRAINED_COLUMNS, as the deviation of the light across the stripe from its running mean over GRAIN_COLUMNS.
+// It is visible if it is at least CLEAR_GRAIN times the noise beside it, and ROUNDING: a drawn picture has neither grain nor noise.
+// A piece with less than LEAST_GRAIN of the brightest piece's grain is not lit by the laser. A piece of which MOST_CLIPPED or more
+// is clipped is too bright to show its grain.
 enum { GRAINED_COLUMNS = 24, GRAIN_COLUMNS = 9 };
 #define CLEAR_GRAIN 2.0
 #define ROUNDING 1e-3
 #define LEAST_GRAIN (1.0 / 3)
 #define MOST_CLIPPED 0.25
-// Rows within which a ridge is that of the path, and the share of its strength from which another may as well be the stripe.
+// Distance within which a ridge belongs to the path [rows], and fraction of its strength above which another ridge may equally be
+// the stripe.
 #define NEAR_PATH_PX 12
 #define TWIN_OF_RIDGE 0.5f
-// Least share of what a stripe adds to the laser-off picture that is a ridge of the laser-on picture, and least share of a
-// piece's columns in which it must be, of those looked at: beside the scene's edges it need not. A moved edge is no ridge.
+// A stripe is also a ridge in the laser-on picture: least height of that ridge, as a fraction of its height in the difference of
+// both pictures; least fraction of the examined columns of a piece that have it, since edges of the scene can hide it in some; and
+// distance of these columns. An edge that moved between the pictures is no ridge in either.
 #define LEAST_OWN_RIDGE 0.4f
 #define LEAST_OWN_COLUMNS 0.25
 #define OWN_COLUMNS 2
@@ -44,7 +47,8 @@ static float quantile(float *v, int64_t n, float share) {
     return a + (b - a) * (at - (float)low);
 }
 
-// Pieces that are long enough and have this share of the height of the strong ones. work: (width,).
+// Mask of the pieces that are long enough and higher than `least` times the strong ones. shrunk: columns of the camera's pictures
+// per column. work: (width,).
 void strong_pieces(const float *height, const Path *p, const uint8_t *is_core, int64_t width, int64_t shrunk, double least,
     uint8_t *good, float *work) {
     int64_t n = 0;
@@ -64,7 +68,7 @@ static void keep(const Path *p, const uint8_t *good, int64_t width, Path *kept) 
     memcpy(kept->row, p->row, sizeof *p->row * (size_t)width), memcpy(kept->is_stripe, good, (size_t)width);
 }
 
-// Of the pieces those that have the laser's colour, as far as they are not clipped.
+// Keep the pieces that have the laser's colour; mostly clipped pieces are not judged.
 void of_laser_colour(const Scene *s, const Path *p, const double *colour, int channel, uint8_t *good, Path *kept) {
     const int64_t width = s->width;
     keep(p, good, width, kept);
@@ -89,7 +93,7 @@ void of_laser_colour(const Scene *s, const Path *p, const double *colour, int ch
 }
 
 // ---- grain -----------------------------------------------------------------------------------------------------------------
-static double unevenness(const float *v, int64_t n, float *apart) { // standard deviation from the running mean
+static double unevenness(const float *v, int64_t n, float *apart) { // robust standard deviation from the running mean
     for (int64_t i = 0; i < n; i++) {
         float sum = 0;
         for (int64_t t = i - GRAIN_COLUMNS / 2; t <= i + GRAIN_COLUMNS / 2; t++) sum += v[t < 0 ? -t : t >= n ? 2 * n - 2 - t : t];
@@ -115,15 +119,15 @@ static void grain_of(const float *light, int64_t rows, int64_t width, const Path
     *grain = unevenness(added, n, work + 2 * n) / level, *noise = sqrt(0.75) * unevenness(beside, n, work + 2 * n) / level;
 }
 
-static int is_grained(const uint8_t *is_core, int64_t begin, int64_t end) { // long, and not clipped
+static int is_grained(const uint8_t *is_core, int64_t begin, int64_t end) { // long enough and hardly clipped
     int64_t clipped = 0;
     for (int64_t c = begin; c < end; c++) clipped += is_core[c];
     return end - begin >= GRAINED_COLUMNS && (double)clipped < MOST_CLIPPED * (double)(end - begin);
 }
 
-// Of the pieces those that are as grainy as laser light, or whose grain cannot be judged. Speckle (Goodman: Some fundamental
-// properties of speckle, JOSA 66, 1976) depends on camera and laser more than on the surface: the pieces are compared with
-// the brightest. None is judged where that one shows no grain, nor a piece whose grain is lost in clipped light or noise.
+// Keep the pieces that are as grainy as laser light, or whose grain cannot be judged. Speckle (Goodman: Some fundamental
+// properties of speckle, JOSA 66, 1976) depends on camera and laser more than on the surface, so the pieces are compared
+// with the brightest one. If that shows no grain, all are kept, and so is a piece whose grain is lost in clipped light or noise.
 void of_laser_speckle(const float *light, int64_t rows, int64_t width, const Path *p, const uint8_t *is_core,
     const float *sigma, uint8_t *good, Path *kept, float *work) {
     int64_t first = 0, last = 0;
@@ -146,9 +150,9 @@ void of_laser_speckle(const float *light, int64_t rows, int64_t width, const Pat
     }
 }
 
-// ---- columns that are not sure ---------------------------------------------------------------------------------------------
-// Columns in which a clipped ridge elsewhere is as strong or nearly so: one of the two is a reflection, and where light is
-// clipped no grey level shows which. high: (width,).
+// ---- uncertain columns -----------------------------------------------------------------------------------------------------
+// Columns in which a clipped ridge elsewhere has more than TWIN_OF_RIDGE of the path's strength: one of the two is a reflection,
+// and clipped light does not show which. high: (width,) work memory.
 void has_twin(const float *strength, const uint8_t *core, const Path *p, int64_t rows, int64_t width, uint8_t *twin,
     float *restrict high) {
     for (int64_t c = 0; c < width; c++) high[c] = 0;
@@ -163,7 +167,8 @@ void has_twin(const float *strength, const uint8_t *core, const Path *p, int64_t
     for (int64_t c = 0; c < width; c++) twin[c] = high[c] > TWIN_OF_RIDGE * strength[p->row[c] * width + c];
 }
 
-// Only the pieces that are ridges of the laser-on picture too: an edge that moved between both is no ridge. good: (width,).
+// Keep only the pieces that are ridges of the laser-on picture too: an edge that moved between the pictures is none. good: (width,)
+// work memory.
 void without_moved_edges(const Scene *s, Found *f, uint8_t *good) {
     const int64_t width = s->width, rows = s->rows;
     float taps[WIDTHS][32];

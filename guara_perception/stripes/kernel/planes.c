@@ -1,25 +1,28 @@
-// Light of pictures as planes, also of a pair of unlike exposures, and what of it changes across the columns.
+// Pictures as planes, laser light of a pair, whose exposures may differ, and details of the light along the columns.
 #include "any_light.h"
 
-// Ratio of exposures beyond which noise, clipping and the camera's own curve differ too. Such a picture is used, up to the
-// second, if no more than so many grey levels of the scene are left in most of its pixels: it shows the same view.
+// Ratio of exposures beyond which noise, clipping and the camera's own curve differ too. Such a laser-off picture is
+// used, up to MOST_USED_GAIN, if its subtraction leaves at most MOST_LEFT grey levels of the scene in most pixels: then it shows
+// the same view.
 #define MOST_GAIN 1.6
 #define MOST_USED_GAIN 3.0
 #define MOST_LEFT 0.9
-// A fit of so many rounds, or that changes by less, is done. It is used where it leaves this share of a plain difference:
-// of all pixels, and of the brightest, which show a gain best and may be few.
+// The fit ends after ROUNDS, or when gain and offset change by less than SAME_GAIN and SAME_OFFSET. It is used if it leaves less
+// than FITTED_OF_PLAIN of what a plain difference leaves in all pixels, and in those above the quantile BRIGHT_FROM, which show a gain
+// best and may be few.
 #define ROUNDS 6
 #define SAME_GAIN 2e-4
 #define SAME_OFFSET 0.02
 #define FITTED_OF_PLAIN 0.7
 #define BRIGHT_FROM 0.9f
-// A laser-off picture that leaves more than this share of the scene's own contrast, and more than these grey levels, is of
-// another scene.
+// A laser-off picture that leaves more than this fraction of the scene's contrast, and more than these grey levels, shows another
+// scene.
 #define MOST_SCENE_LEFT 0.5
 #define LEAST_SCENE_LEFT 6.0
-// The fit sees some rows and columns, by levels of a sixteenth; scenes are compared by means of blocks of BLOCK pixels.
+// The fit uses every FIT_ROWS-th row and FIT_COLUMNS-th column in units of FIT_LEVEL per grey level, and every MEDIAN_APART-th of
+// these samples for a median. Scenes are compared by the means of blocks of BLOCK x BLOCK pixels.
 enum { MEDIAN_APART = 3, FIT_ROWS = 8, FIT_COLUMNS = 4, FIT_LEVEL = 16, BLOCK = 8 };
-// What is subtracted from a detail lies so many rows above and below.
+// Rows above and below a pixel whose mean is subtracted from it to obtain its detail.
 enum { DETAIL_SIDE = 5 };
 
 // Planes (channels, rows, columns / factor) of a picture: means of `factor` columns. line: 2 columns bytes.
@@ -48,7 +51,7 @@ void planes(const Picture *p, int64_t factor, char *line, uint16_t *out) {
 }
 
 // ---- exposure ----------------------------------------------------------------------------------------------------------
-// Gain and offset by which the bright levels follow from the dark ones; outliers are left out.
+// Fit bright = gain * dark + offset by least squares, without outliers. work: 2 n. use: (n,).
 static void fit(const uint16_t *restrict dark, const uint16_t *restrict bright, int64_t n, float *work, uint8_t *restrict use,
     double *gain, double *offset) {
     *gain = 1, *offset = 0;
@@ -101,8 +104,8 @@ static void block_means(const Scene *s, const uint16_t *plane, int64_t ny, int64
     }
 }
 
-// Exposure of the laser-off picture of one channel; returns what is wrong with it. `is_told`: another channel has told that
-// the exposures are unlike.
+// Fit the exposure of one channel of the laser-off picture. Returns the fault of that picture, or USED. is_told: 1 if a channel
+// before showed that the exposures differ.
 static int64_t fit_channel(Scene *s, int64_t k, int64_t is_changed, int64_t is_told, Any *w) {
     const int64_t rows = s->rows, width = s->width, most = ((rows + FIT_ROWS - 1) / FIT_ROWS) * ((width + FIT_COLUMNS - 1) / FIT_COLUMNS);
     float *work = w->samples;
@@ -163,8 +166,7 @@ void fit_exposure(Scene *s, int64_t is_changed, Any *w) {
     for (int64_t k = 0; k < s->channels && s->has_dark; k++) s->remark = fit_channel(s, k, is_changed, s->remark == OTHER_EXPOSURE, w);
 }
 
-// Light of the laser: what the laser-on picture shows beyond the scene, which is up to `most`: where that is clipped, light
-// cannot be seen.
+// Laser light: laser-on picture minus the expected scene, which is limited to `most` because the laser-on picture is clipped there.
 void subtract(Scene *s) {
     const int64_t n = s->rows * s->width;
     for (int64_t k = 0; k < s->channels; k++) {
@@ -179,7 +181,7 @@ void subtract(Scene *s) {
     }
 }
 
-// ---- details: what of the light changes from row to row within a few pixels --------------------------------------------------
+// ---- details: light above the mean of the rows DETAIL_SIDE above and below ----------------------------------------------------
 static inline int64_t reflected(int64_t r, int64_t rows) { return r < 0 ? -r : r >= rows ? 2 * rows - 2 - r : r; }
 
 static void down(const float *across, const float *taps, float *detail, int64_t rows, int64_t width) { // smooth over nine rows
@@ -194,7 +196,7 @@ static void down(const float *across, const float *taps, float *detail, int64_t 
     }
 }
 
-// Light, pictures and details of some columns.
+// Light, laser-on picture and details of some columns, in w->thin_light, w->thin_on and w->thin_detail.
 void look(const Scene *s, int64_t first, int64_t step, int64_t thin, Any *w) {
     const int64_t rows = s->rows, width = s->width;
     float *across = w->evidence, *smooth = w->closed; // (rows, thin)
@@ -242,7 +244,7 @@ float detail_at(const Scene *s, int64_t row, int64_t column, int64_t k) { // of 
     return (smooth[0] + smooth[2]) * -0.5f + smooth[1];
 }
 
-// Grey levels (rows, width) of the scene of a mono camera, means of 5 x 5 pixels. sums: (rows, width).
+// Brightness (rows, width) of the scene of a mono camera [grey levels]: means of 5 x 5 pixels. sums: (rows, width).
 void brightness(const Scene *s, uint16_t *sums, uint8_t *level) {
     const int64_t rows = s->rows, width = s->width;
     for (int64_t r = 0; r < rows; r++) for (int64_t c = 0; c < width; c++) {

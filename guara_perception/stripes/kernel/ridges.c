@@ -1,13 +1,13 @@
-// Ridges of some widths: light above the higher of its two sides. An edge between dark and bright, which a second
-// derivative takes for a line, has a higher side: it is no ridge here.
+// Ridges of several widths: height of the light above the higher of its two sides. An edge between dark and bright, to which a
+// second derivative responds as to a line, is no ridge by this definition.
 #include "any_light.h"
 
-// Evidence is ZERO less than the strength, and from LINEAR on its logarithm grows by GAIN_OF_LOG.
+// Evidence of a ridge of strength s: min(s, LINEAR) - ZERO, plus GAIN_OF_LOG * log(s / LINEAR) above LINEAR.
 #define ZERO 3.2f
 #define LINEAR 8.0f
 #define GAIN_OF_LOG 3.0f
-// Noise of fewer grey levels than this cannot be separated from quantisation. Texture counts as noise whose strongest
-// hundredth begins at this number of sigmas.
+// Noise of fewer grey levels than this cannot be separated from quantisation. Texture counts as noise of
+// which TEXTURE_QUANTILE is below TEXTURE_SIGMAS sigmas.
 #define LEAST_NOISE 0.15
 #define TEXTURE_QUANTILE 0.99
 #define TEXTURE_SIGMAS 3.0
@@ -15,11 +15,11 @@
 #define LEAST_THINNED 160
 // Number of parts of equal size into which a scene is divided by brightness, to measure the noise of each.
 #define PARTS 8
-// A strip of columns stays in the nearest cache. Its rows above and below the picture are those at its edge.
+// Rows of a strip above and below the picture, which repeat its first and last row. A strip stays in the first-level cache.
 #define BEYOND 12
 
-// Light smoothed to one width over the rows of a strip (rows, STRIP), then its height above the higher side. Loops of
-// constant length: all of them become vector instructions.
+// Light of a strip (rows, STRIP) smoothed over rows to one width, then its height above the higher side. The loops have constant
+// length and become vector instructions.
 #define RIDGE(K, REACH, SIDE)                                                                                          \
     static void ridge##K(const float *restrict strip, float *restrict smooth, int64_t rows, const float *restrict taps, \
         float *restrict out) {                                                                                         \
@@ -63,9 +63,9 @@ static void heights_of_strip(const float *laser, int64_t rows, int64_t width, in
     ridge2(strip, smooth, rows, taps[2], heights + 2 * n);
 }
 
-// How much less a ridge counts by the level of the scene: the variance of a camera's noise grows in proportion to the light
-// (photon transfer, EMVA standard 1288). Where it is darker than usual the factor stays 1: else a halo alone would count as
-// a stripe there. ordered: (n,) heights of chance ridges, by rising level; number: how many of each level.
+// Factors of the strength of a ridge by the level of the scene: the variance of a camera's noise grows in proportion to the light
+// (photon transfer, EMVA standard 1288). Where the scene is darker than usual, the factor stays 1, because otherwise a halo alone
+// would count as a stripe there. ordered: (n,) heights of ridges of noise, by rising level. number: (256,) count of each level.
 static void quiet_levels(float *ordered, const int32_t *number, int64_t n, Noises *found) {
     double levels[PARTS], variances[PARTS], mean = 0, variance = 0, above = 0, square = 0;
     for (int i = 0; i < PARTS; i++) {
@@ -83,9 +83,9 @@ static void quiet_levels(float *ordered, const int32_t *number, int64_t n, Noise
         found->quiet[level] = (float)sqrt(usual / MAX(variance + slope * ((double)level - mean), usual));
 }
 
-// How high ridges are by chance; where `away` is given texture beside that path is chance too.
+// Noise of the ridge filters. If `away` is given, texture more than `reach` rows from that path counts as noise too.
 void noises_of_ridges(const View *v, const float *laser, const Path *away, int reach, Noises *found, Any *w) {
-    const int is_pair = v->scene->has_dark && v->scene->channels == CHANNELS; // where fewer samples are enough
+    const int is_pair = v->scene->has_dark && v->scene->channels == CHANNELS; // in which fewer samples suffice
     const int64_t rows = v->rows, width = v->width, step = !away ? 7 : is_pair && width >= LEAST_THINNED ? 6 : 3;
     float taps[WIDTHS][32], *some[WIDTHS];
     enum { DOWN = 2 };
@@ -131,7 +131,7 @@ void noises_of_ridges(const View *v, const float *laser, const Path *away, int r
     if (is_known) quiet_levels(ordered, number, n, found);
 }
 
-// Strength of the strongest ridge at every pixel, where it is wanted, and its evidence column by column.
+// Strength (rows, width) of the strongest ridge at every pixel, unless NULL, and its evidence (width, rows).
 void strengths(const View *v, const float *laser, const Noises *noises, float *strength, float *evidence, float *line) {
     const int64_t rows = v->rows, width = v->width, size = rows * STRIP;
     const float f0 = (float)(1 / noises->noises[0]), f1 = (float)(1 / noises->noises[1]), f2 = (float)(1 / noises->noises[2]);
@@ -157,7 +157,7 @@ void strengths(const View *v, const float *laser, const Noises *noises, float *s
             float *restrict to = shown + r * STRIP, highest = -INFINITY;
             for (int c = 0; c < STRIP; c++) to[c] = MIN(x[c], LINEAR) - ZERO;
             for (int c = 0; c < STRIP; c++) highest = MAX(highest, x[c]);
-            if (highest > LINEAR) // few, and logarithms are dear
+            if (highest > LINEAR) // rare, and logarithms are slow
                 for (int c = 0; c < STRIP; c++)
                     if (x[c] > LINEAR) to[c] += GAIN_OF_LOG * (float)log((double)(x[c] / LINEAR));
         }
@@ -168,8 +168,8 @@ void strengths(const View *v, const float *laser, const Noises *noises, float *s
     }
 }
 
-// Height of a ridge of one width about a row, from the light (2 FAR_PX + 1,) of that column about it. A row beyond the
-// picture is that at its edge.
+// Height of a ridge of one width at a row, from the light (2 FAR_PX + 1,) of its column around that row. Rows beyond the picture
+// repeat its first or last row.
 float ridge_of_column(const float *mean, int64_t row, int64_t rows, int k, const float *taps) {
     float smooth[3];
     for (int i = 0; i < 3; i++) {
@@ -181,7 +181,7 @@ float ridge_of_column(const float *mean, int64_t row, int64_t rows, int k, const
     return smooth[1] - MAX(smooth[0], smooth[2]);
 }
 
-// Height and width of the strongest ridge at one pixel, as the strips have them.
+// Height and sigma [px] of the strongest ridge at one pixel, computed as in the strips.
 float ridge_at(const float *laser, int64_t rows, int64_t width, int64_t row, int64_t c, const Noises *noises,
     float taps[WIDTHS][32], float *sigma) {
     const float third = (float)(1.0 / 3);

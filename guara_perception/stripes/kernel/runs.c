@@ -1,4 +1,4 @@
-// Runs of returns along a stripe: where they end, and the returns there that cannot be used; relief between two stripes.
+// Runs of returns along a stripe, whose ends cannot be used; relief and samples of the surface between stripes.
 #include "kernel.h"
 
 // Height difference between neighbouring columns above which they belong to different surfaces [m].
@@ -22,10 +22,10 @@ enum { DIM_COLUMNS = 3 };
 #define DIM_OF_LEVEL 0.85
 // Half-width of the window over which the relief is averaged, in units of half the stripe spacing.
 enum { AVERAGED = 4 };
-// Columns from one to the next that a median of distances is taken of.
+// Distance of the columns from which medians of distances are computed.
 enum { SPARSE = 4 };
 
-// A row seen from either end: column i from there is i, or n - 1 - i.
+// Columns of a stripe counted from either end: column i from that end is i or n - 1 - i.
 typedef struct { const double *height, *strength; const uint8_t *is_trusted; int64_t n, is_reversed; } Row;
 static int64_t at(const Row *row, int64_t i) { return row->is_reversed ? row->n - 1 - i : i; }
 
@@ -35,7 +35,8 @@ static int is_sound(const Row *row, const double *total, int64_t i, int64_t last
     return row->strength[own] >= FADED_OF_LEVEL * level;
 }
 
-// First columns of a run before two in a row reach FADED_OF_LEVEL of those that follow. total: (n + 1) sums from that end.
+// Number of columns at the start of a run before two successive ones reach FADED_OF_LEVEL of those that follow. total: (n + 1,)
+// cumulative strength from that end.
 static int64_t fade_length(const Row *row, const double *total, int64_t first, int64_t last) {
     for (int64_t i = first; i <= last; i++) if (is_sound(row, total, i, last) && is_sound(row, total, i + 1, last)) return i - first;
     return last - first + 1;
@@ -52,8 +53,8 @@ static double median_of_level(const Row *row, int64_t first) {
     return (sorted[LEVEL_COLUMNS / 2 - 1] + sorted[LEVEL_COLUMNS / 2]) / 2;
 }
 
-// First columns of runs of trusted returns that are dim, and higher or lower than the run is further in. A run all of
-// whose first columns differ from those further in is a slope, and stays.
+// Mark the first columns of runs of trusted returns if they are dim and displaced in height relative to the run further in. If
+// the first LEVEL_COLUMNS all differ, the run is a slope and is kept.
 static void displaced(const Row *row, uint8_t *is_end) {
     for (int64_t c = 1; c + 2 * LEVEL_COLUMNS <= row->n; c++) {
         if (row->is_trusted[at(row, c - 1)]) continue;
@@ -115,12 +116,12 @@ void run_ends(const double *height, const double *strength, int64_t n, double *w
 // Variance (n,) of the ground halfway between two stripes about the straight line between them [m^2]. The ground is taken
 // to be as rough across the stripes as along them: there, its heights are compared with the mean of those half the distance
 // of the stripes to either side. x, y, z: (2, n) points of both, NaN where there is none. variance: (2, n) of the heights
-// [m^2], whose share is subtracted. work: 3 (n + 1) numbers of 8 bytes.
+// [m^2], whose contribution is subtracted. work: 3 (n + 1) numbers of 8 bytes.
 void pair_relief(const float *x, const float *y, const float *z, const float *variance, int64_t n, double *work, double *relief) {
     double *square = work, *number = square + n + 1;
     float *some = (float *)(number + n + 1);
     for (int64_t c = 0; c < n; c++) relief[c] = 0;
-    // A part of the columns is enough for the medians, unless it holds nothing.
+    // Some columns are enough for the medians, unless they contain no points.
     double apart = NAN, beside = NAN;
     for (int64_t step = SPARSE; step && isnan(apart + beside); step /= SPARSE) {
         int64_t many = 0;
@@ -138,10 +139,10 @@ void pair_relief(const float *x, const float *y, const float *z, const float *va
     if (isnan(apart + beside)) return;
     const int64_t lag = MAX((int64_t)rint(0.5 * apart / MAX(beside, 1e-6)), 1), half = AVERAGED * lag;
     if (n <= 2 * lag) return;
-    // Sums of all columns before each one.
+    // Cumulative sums over the columns before each one.
     for (int64_t c = 0; c <= n; c++) square[c] = number[c] = 0;
     for (int64_t k = 0; k < 2; k++) {
-        int64_t gap = -1; // The last column without a point: no gap and no jump lies between the three.
+        int64_t gap = -1; // last column without a point; there must be none between the three
         for (int64_t c = 0; c < n; c++) {
             const float *height = z + k * n, *own = variance + k * n;
             if (!isfinite(height[c])) gap = c;
@@ -158,22 +159,23 @@ void pair_relief(const float *x, const float *y, const float *z, const float *va
     }
 }
 
-// Samples of the surface of several stripes (stripes, n): points that are confirmed, and lines between each stripe and the next.
-// points: (3, stripes, n), NaN where there is none. variance: of the heights. is_confirmed: (stripes, n). before, is_line, after,
-// is_wanted: (stripes - 1, n), columns in which the surface goes on before the first of two, in which they are joined, in which
-// it goes on after the second, and of which lines are wanted. number: (stripes - 1,) of samples on each line, 0 where none are
-// wanted. open_end: length by which a line is cut where the surface ends [m]; the heights of samples in it are NaN. work:
-// 15 (n + 1) numbers of 8 bytes. samples: (3, all), deviation: (all,), of a pair the first samples of all lines, then the second.
+// Samples of the surface of several stripes (stripes, n): confirmed points, and lines between each stripe and the next. points:
+// (3, stripes, n), NaN where there is none. variance: (stripes, n) of the heights. is_confirmed: (stripes, n). before_first,
+// is_line, after_second, is_wanted: (stripes - 1, n) columns in which the surface continues before the first stripe of a pair,
+// in which both are joined, in which it continues after the second, and whose lines are requested. number: (stripes - 1,) of
+// samples on each line, 0 if none are requested. open_end: length by which a line is shortened where the surface ends [m]; the
+// heights of the samples cut off are NaN. work: 15 (n + 1) numbers of 8 bytes. samples, variances: (3, all) and (all,), receive the
+// samples and the variances of their heights; of a pair, the first samples of all lines, then the second ones.
 void sample_surface(const float *points, const float *variance, int64_t stripes, int64_t n, const uint8_t *is_confirmed,
     const uint8_t *before_first, const uint8_t *is_line, const uint8_t *after_second, const uint8_t *is_wanted,
-    const int64_t *number, double open_end, int64_t all, double *work, double *restrict samples, double *restrict deviation) {
+    const int64_t *number, double open_end, int64_t all, double *work, double *restrict samples, double *restrict variances) {
     double *relief = work, *hidden = relief + n + 1, *first = hidden + n + 1, *change = first + 3 * n, *before = change + 3 * n;
     double *after = before + n, *start = after + n, *end = start + n, *rest = end + n;
     int64_t at = 0;
     for (int64_t i = 0; i < stripes * n; i++) {
         if (!is_confirmed[i]) continue;
         for (int64_t k = 0; k < 3; k++) samples[k * all + at] = (double)points[k * stripes * n + i];
-        deviation[at++] = (double)variance[i];
+        variances[at++] = (double)variance[i];
     }
     for (int64_t k = 0; k + 1 < stripes; k++) {
         if (!number[k]) continue;
@@ -197,7 +199,7 @@ void sample_surface(const float *points, const float *variance, int64_t stripes,
             for (int64_t i = 0; i < 3; i++)
                 for (int64_t l = 0; l < lines; l++) samples[i * all + at + l] = share * change[i * n + l] + first[i * n + l];
             for (int64_t l = 0; l < lines; l++)
-                deviation[at + l] = (1 - share) * before[l] + share * after[l] + bend * hidden[l];
+                variances[at + l] = (1 - share) * before[l] + share * after[l] + bend * hidden[l];
             for (int64_t i = 0; i < cuts; i++) if ((share < start[i]) | (share > end[i])) samples[2 * all + at + cut[i]] = NAN;
         }
     }

@@ -1,15 +1,15 @@
-// The light of a frame, from few of its pixels.
+// Light of a frame, from a few of its pixels.
 #include "kernel.h"
 
-// Of every how many of the rows that are looked at a column's background is made, and least light of the stripe, in grey
-// levels of 255 and in median absolute deviations.
+// The background of a column is the median of every USUAL_ROWS_APART-th of the sampled rows. The stripe stands out from it by
+// LEAST_LEVEL [grey levels of 255] and by LEAST_SIGMAS median absolute deviations.
 enum { USUAL_ROWS_APART = 8 };
-// Pixels of these rows and pixels ahead are asked for: they lie far apart in memory.
+// Sampled rows, and sampled pixels, by which reading is prefetched, since they are far apart in memory.
 enum { AHEAD = 4, AHEAD_PIXELS = 24 };
 #define LEAST_LEVEL 12.0f
 #define LEAST_SIGMAS 8.0f
 
-// Loops over pictures of colour in 1 byte a sample, and over all others: channels and size are known to the compiler.
+// Compile a loop twice: for colour pictures of 8 bits, whose channels and size the compiler then knows, and for all others.
 #define FOR_KIND(P, CALL) \
     if ((P)->channels == 3 && (P)->size == 1) CALL(3, 1); else CALL((P)->channels, (P)->size)
 #define ALWAYS static inline __attribute__((always_inline))
@@ -24,8 +24,8 @@ ALWAYS int32_t brightest_of(const Picture *p, int64_t row, int64_t column, int64
 int64_t levels_size(const Picture *p) { return 8 * (p->size == 1 ? 256 : 65536); }
 int64_t look_down_size(int64_t rows, int64_t n) { return 4 * (rows * n + rows / USUAL_ROWS_APART + 1 + 2 * n); }
 
-// Counts of the levels (of all channels) of every pixels_apart-th pixel of every rows_apart-th row. Returns how many of these
-// pixels are clipped in any channel.
+// Count the levels, of all channels, in every pixels_apart-th pixel of every rows_apart-th row. Returns the number of these
+// pixels that are clipped in any channel.
 ALWAYS int64_t count_levels(Picture p, int64_t channels, int64_t size, int64_t rows_apart, int64_t pixels_apart, int64_t *counts) {
     const int32_t from = clipped_from(&p);
     int64_t clipped = 0;
@@ -40,8 +40,8 @@ ALWAYS int64_t count_levels(Picture p, int64_t channels, int64_t size, int64_t r
     return clipped;
 }
 
-// Of every pixels_apart-th pixel of every rows_apart-th row: mean level without the brightest ones, which are this share of the
-// samples, and the share of the pixels that are clipped in any channel.
+// Mean level of every pixels_apart-th pixel of every rows_apart-th row without the brightest `share` of the samples, and fraction
+// of these pixels that are clipped in any channel.
 void levels_of(const Picture *p, int64_t rows_apart, int64_t pixels_apart, double share, int64_t *memory, double *found) {
     const int64_t across = (p->columns + pixels_apart - 1) / pixels_apart, pixels = (p->rows + rows_apart - 1) / rows_apart * across;
     int64_t clipped = 0, left = 0, number = 0;
@@ -57,8 +57,8 @@ void levels_of(const Picture *p, int64_t rows_apart, int64_t pixels_apart, doubl
     found[0] = sum / (double)number, found[1] = (double)clipped / (double)pixels;
 }
 
-// Light (n, rows) of every apart-th row in some columns (n,): the most that any channel exceeds the picture without the laser by,
-// in grey levels of 255; and in how many of these rows of each the laser clips it (n,).
+// Light (n, rows) of every apart-th row in some columns (n,): largest difference of a channel from the laser-off picture [grey
+// levels of 255]. cores: (n,) receives the number of these rows in which the laser clips a channel.
 ALWAYS void light_at(Picture on, Picture off, int is_off, int64_t channels, int64_t size, int64_t apart, const int64_t *columns,
     int64_t n, float *light, float *cores) {
     const int64_t rows = (on.rows + apart - 1) / apart;
@@ -79,9 +79,9 @@ ALWAYS void light_at(Picture on, Picture off, int is_off, int64_t channels, int6
         }
 }
 
-// Brightest of every apart-th row (n,) in some columns (n,) after the subtraction of a picture without the laser, counted in
-// these rows; NaN where none stands out. off: or NULL. Returns how many of these rows the laser clips, as the median over the
-// columns that have any.
+// Brightest of every apart-th row in some columns (n,). off: laser-off picture, which is subtracted, or NULL. brightest: (n,)
+// receives the number of that row among the sampled ones, NaN where none stands out. Returns the number of sampled rows that the
+// laser clips, as the median over the columns that have any; 0 without any.
 double look_down(const Picture *on, const Picture *off, int64_t apart, const int64_t *columns, int64_t n, float *memory,
     double *brightest) {
     const int64_t rows = (on->rows + apart - 1) / apart;

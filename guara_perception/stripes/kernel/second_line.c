@@ -1,7 +1,7 @@
 // A second line beside a stripe or merged with it, from the pictures of a pair.
 #include "kernel.h"
 
-// Number of columns in which the surroundings of a stripe are examined, the most that result, and the least number that
+// Number of columns in which the surroundings of a stripe are examined, its upper bound after rounding, and the least number that
 // must show the stripe.
 enum { COLUMNS = 96, MOST_COLUMNS = 2 * COLUMNS, LEAST_COLUMNS = 12 };
 // Largest distance of a second line, as a fraction of the image height: 16 px of 512, about three stripes.
@@ -33,11 +33,11 @@ int64_t second_line_size(int64_t rows) {
     return 4 * lines * (MOST_COLUMNS + 2) + 2 * 8 * (int64_t)((double)(lines + 2) / BIN_PX);
 }
 
-// Light (lines,) of a column from a row on: the brightest channel, less that without the laser.
+// Light (lines,) of a column, from a row on: brightest channel of the laser-on picture minus that of the laser-off picture.
 static inline __attribute__((always_inline)) void light_below(const Picture *on, const Picture *off, int64_t row, int64_t column,
     int64_t lines, int64_t channels, int64_t size, float *out) {
     Picture first = *on, second = *off;
-    first.size = second.size = size; // Known to the compiler.
+    first.size = second.size = size; // known to the compiler
     for (int64_t r = 0; r < lines; r++) {
         int32_t most = level(&first, row + r, column, 0), dark = level(&second, row + r, column, 0);
         for (int64_t k = 1; k < channels; k++)
@@ -56,9 +56,9 @@ static double width_at(const double *section, int64_t n, double height) {
     return (double)(last - first) + before + (section[last] - height) / MAX(section[last] - section[last + 1], 1e-6);
 }
 
-// Brightness of a second line as a fraction of the stripe's, 1 where they merge; most columns must show it. at_most: limit
-// for clipped tops, whose ragged edges make the unsigned difference large in every stripe. position: (columns,) of the
-// stripe, NaN where there is none.
+// Brightness of a second line that most columns show, as a fraction of the stripe's; 1 if both merge. at_most: limit of the
+// unsigned difference for stripes with clipped tops, whose ragged edges make it large. position: (columns,) row of the stripe,
+// NaN where there is none.
 double second_line(const Picture *on, const Picture *off, const float *position, double at_most, char *memory) {
     const int64_t reach = reach_of(on->rows), lines = 2 * reach + 1;
     int64_t known = 0, n = 0, number = 0, column[MOST_COLUMNS], top[MOST_COLUMNS];
@@ -77,7 +77,7 @@ double second_line(const Picture *on, const Picture *off, const float *position,
         inside++;
         if (on->size == 1 && on->channels == 3) light_below(on, off, row - reach, c, lines, 3, 1, own);
         else light_below(on, off, row - reach, c, lines, on->channels, on->size, own);
-        // The highest pixel, which may be one beside the rounded row.
+        // The highest pixel may be beside the rounded row.
         const float highest = MAX(MAX(own[reach - 1], own[reach]), own[reach + 1]);
         if (!((double)highest * 255 / full_scale(on) > LEAST_TOP)) continue;
         for (int64_t r = 0; r < lines; r++) own[r] /= highest;
@@ -96,7 +96,7 @@ double second_line(const Picture *on, const Picture *off, const float *position,
             differences[i] = below[i] - above[i], sizes[i] = fabsf(differences[i]);
             within_share += (double)sizes[i] <= share;
         }
-        // Where more than half are so small, the median is as well.
+        // If more than half are at most `share`, so is the median.
         if (2 * within_share < n + 2) share = MAX(share, median(sizes, n));
         if (is_ragged) odd = MAX(odd, fabs(median(differences, n)));
     }
@@ -112,7 +112,7 @@ double second_line(const Picture *on, const Picture *off, const float *position,
     const int64_t half = (int64_t)(nearest_end / BIN_PX) - 1, bins = 2 * half + 1;
     double *section = (double *)(own + 2 * lines), *count = section + bins, most = 1e-6;
     memset(section, 0, 2 * (size_t)bins * sizeof *section);
-    // The bin of each column's first row. Columns whose bins are the same follow each other: their sums stay in a register.
+    // Bin of the first row of each column. Columns with the same bin are summed together, so that the sum stays in a register.
     int64_t sorted[MOST_COLUMNS], first_bin[MOST_COLUMNS], m = 0, lowest = INT64_MAX, last = INT64_MIN;
     for (int64_t i = 0; i < n; i++) {
         const double far = (double)-reach - ((double)position[column[i]] - (double)top[i]);

@@ -1,7 +1,7 @@
-// Order statistics of numbers without NaN, and what is made of them.
+// Order statistics of numbers without NaN, and statistics derived from them.
 #include "kernel.h"
 
-static float select_in_place(float *v, int64_t n, int64_t k) { // quickselect in three parts
+static float select_in_place(float *v, int64_t n, int64_t k) { // quickselect with a three-way partition
     int64_t low = 0, high = n;
     for (;;) {
         const float a = v[low], b = v[(low + high) / 2], c = v[high - 1];
@@ -17,19 +17,19 @@ static float select_in_place(float *v, int64_t n, int64_t k) { // quickselect in
             const float x = v[i];
             v[i] = v[end], v[end] = x, end += x <= pivot;
         }
-        if (k < end || end == low) return pivot; // The second with NaN alone.
+        if (k < end || end == low) return pivot; // the second condition holds only with NaN
         low = end;
     }
 }
 
-// The same of few, of which only those that may be it are kept: faster than to put all in order.
+// The same for few values, faster: discard those that cannot be the result.
 static float select_of_few(float *v, int64_t n, int64_t k) {
     for (;;) {
         const float a = v[0], b = v[n / 2], c = v[n - 1];
         const float pivot = a < b ? (b < c ? b : MAX(a, c)) : (a < c ? a : MAX(b, c));
         int32_t less = 0, equal = 0;
         for (int64_t i = 0; i < n; i++) less += v[i] < pivot, equal += v[i] == pivot;
-        if (k >= less && (k < less + equal || !equal)) return pivot; // The second with NaN alone.
+        if (k >= less && (k < less + equal || !equal)) return pivot; // !equal holds only with NaN
         const int is_less = k < less;
         int64_t m = 0;
         for (int64_t i = 0; i < n; i++) {
@@ -41,8 +41,9 @@ static float select_of_few(float *v, int64_t n, int64_t k) {
     }
 }
 
-// Values between two bounds that a sample of SOME suggests for the k-th smallest: few, and by counting alone they are known to
-// hold it. More than MOST_KEPT are not looked at by themselves.
+// SOME values are sampled, and the k-th smallest of all is expected between two of them, BESIDE places below and above its own.
+// If counting confirms it, only the values between these bounds are searched, at most MOST_KEPT. Fewer than LEAST_COUNTED values
+// are searched directly.
 enum { SOME = 48, BESIDE = 4, MOST_KEPT = 4096, LEAST_COUNTED = 128 };
 
 // The k-th smallest of n > k values, which may be reordered.
@@ -68,18 +69,18 @@ float select_value(float *v, int64_t n, int64_t k) {
 
 float upper_median(float *v, int64_t n) { return select_value(v, n, n / 2); }
 
-// Standard deviation by the median absolute deviation from the median, as if the values were normal. They are changed.
+// Standard deviation of normally distributed values, estimated by their median absolute deviation. The values are overwritten.
 double robust_sigma(float *v, int64_t n) {
     const float middle = upper_median(v, n);
     for (int64_t i = 0; i < n; i++) v[i] = fabsf(v[i] - middle);
     return SIGMA_PER_DEVIATION * (double)upper_median(v, n);
 }
 
-// Median as numpy has it: of an even number of values the mean of the two in the middle. They are reordered.
+// Median as in NumPy: of an even number of values, the mean of the two in the middle. The values may be reordered.
 double median(float *v, int64_t n) {
     const float upper = select_value(v, n, n / 2);
     if (n % 2) return (double)upper;
-    // The lower one is the largest that is less, unless so few are less that both are equal.
+    // The lower middle value is the largest below the upper one, unless so few are below it that both are equal.
     float lanes[LANES], lower = -INFINITY;
     int64_t less = 0, i = 0;
     for (int64_t l = 0; l < LANES; l++) lanes[l] = -INFINITY;

@@ -1,15 +1,16 @@
-// What the measured surface hides from a camera or a laser.
+// Occlusion by the measured surface, as seen from a camera or a laser.
 #include "kernel.h"
 
-// The cell of a coordinate, from 0 to `most`.
+// Cell index, from 0 to `most`, of a point on a line at a fraction of its length.
 static int64_t cell_at(float share, float change, float begin, int64_t most) {
     const float at = share * change + begin;
     return at >= (float)most ? most : at > 0 ? (int64_t)at : 0;
 }
 
-// Targets (n, 3) whose line to any of some sensors (number, 3) passes below a surface (rows, columns), which has a border of
-// unknown cells. top: its highest cell. offset: of the frame in columns and rows. margin: by which the surface must be higher
-// [m]. Steps of half a cell from the target on, up to the height of `top`. Single precision is accurate to 1e-5 of a cell.
+// Targets (n, 3) whose line to any of the sensors (number, 3) passes below a surface (rows, columns), which has a border of
+// unknown cells. top: height of its highest cell. offset: column and row of the origin of the frame. margin: height by which the
+// surface must exceed the line [m]. The line is followed in steps of half a cell from the target to the height of `top`. Single
+// precision is accurate to 1e-5 of a cell.
 void behind_surface(const float *surface, int64_t rows, int64_t columns, const double *targets, int64_t n, const double *sensors,
     int64_t number, double top, double resolution, const double *offset, double margin, uint8_t *is_hidden) {
     memset(is_hidden, 0, (size_t)n);
@@ -34,12 +35,13 @@ void behind_surface(const float *surface, int64_t rows, int64_t columns, const d
     }
 }
 
-// Cells of a grid (rows, columns) before the first or beyond the last known one of their row, where an outermost stripe meets it.
-// elevation: NaN where unknown. planes: (2, 4) of these stripes. x, y: centres of columns and rows. tolerance: distance of a stripe
-// that meets a cell [m]. deepest: ground that light may reach after it has crossed other rows [m]. laser: (3,). work: 2 rows + 1.
+// Cells of a grid (rows, columns) outside the sweep: before the first or after the last known cell of their row, if an outermost
+// stripe meets that cell, and the corresponding cell of all rows that light to `deepest` crosses. elevation: NaN where unknown.
+// planes: (2, 4) of the outermost stripes. x, y: centres of columns and rows. tolerance: largest distance of a stripe that meets
+// a cell [m]. deepest: lowest height that light may reach [m]. laser: (3,) position. work: 2 rows + 1.
 void unmet_cells(const double *elevation, int64_t rows, int64_t columns, const double *planes, const double *x, const double *y,
     double resolution, double tolerance, double deepest, const double *laser, int64_t *work, uint8_t *is_unmet) {
-    int64_t *end = work, *others = work + rows; // Rows before each one whose end is not met.
+    int64_t *end = work, *others = work + rows; // others[r]: number of rows before r whose end is not met
     memset(is_unmet, 0, (size_t)(rows * columns));
     for (int sign = 1; sign >= -1; sign -= 2) {
         double top = deepest;
@@ -69,7 +71,7 @@ void unmet_cells(const double *elevation, int64_t rows, int64_t columns, const d
     }
 }
 
-// The lowest known cells (rows, columns) of a surface within `near` rows and columns of each; INFINITY where none is known.
+// Lowest known height (rows, columns) of a surface within `near` rows and columns of each cell; INFINITY where none is known.
 // elevation: NaN where unknown. work: columns + 2 near.
 void lowest_nearby(const double *elevation, int64_t rows, int64_t columns, int64_t near, double *work, double *lowest) {
     for (int64_t c = 0; c < columns + 2 * near; c++) work[c] = INFINITY;

@@ -1,4 +1,4 @@
-// Variance of heights by the covariance of the calibration, of a point after the other: rounding depends on no other.
+// Variance of heights due to the covariance of the calibration, point by point, so that rounding does not depend on others.
 #include "kernel.h"
 
 enum { TERMS = 10 };
@@ -13,9 +13,10 @@ static double quadratic_form(const double *vector, const double *matrix, int64_t
     return sum;
 }
 
-// Variances (n,) of the heights of points (3, n): stripe: (n,) row of its plane (4,) in the camera frame and of the
-// covariance (4, 4) of that plane. camera, base: (4, 4) pose of the camera in the frame of the points, and in that of the
-// field, whose terms are as in height_sigma.py and whose origin is given. A baseline below `least` gives NaN.
+// Variances (n,) of the heights of points (3, n). stripe: (n,) index of each point's plane, (4,) in the camera frame, and of
+// that plane's covariance (4, 4). camera, base: (4, 4) poses of the camera in the frame of the points and in the base frame.
+// origin, field: centre (3,) in the base frame and covariance (TERMS, TERMS) of the height polynomial, whose terms are those of
+// height_sigma.py. A baseline below `least` gives NaN.
 void height_variance(const double *points, const int64_t *stripe, int64_t n, const double *planes, const double *covariances,
     const double *camera, const double *base, const double *origin, const double *field, double least, double *variance) {
     for (int64_t i = 0; i < n; i++) {
@@ -36,14 +37,15 @@ void height_variance(const double *points, const int64_t *stripe, int64_t n, con
     }
 }
 
-// Row (n,) of the plane of s (s, 4) that lies nearest to each point (3, n); the first of two alike. distance: (s,).
+// Index (n,) of the plane, of planes (s, 4), nearest to each point (3, n); the first of several at the same distance.
+// distance: (s,) work memory.
 void nearest_planes(const double *points, int64_t n, const double *planes, int64_t s, float *restrict distance,
     int64_t *row) {
     for (int64_t i = 0; i < n; i++) {
         const double x = points[i], y = points[n + i], z = points[2 * n + i];
         for (int64_t k = 0; k < s; k++)
             distance[k] = (float)fabs(planes[4 * k] * x + planes[4 * k + 1] * y + planes[4 * k + 2] * z + planes[4 * k + 3]);
-        // The least distance by many lanes, then the first row that has it: a search one by one takes three times as long.
+        // Find the least distance in lanes, then the first plane that has it: a search plane by plane takes three times as long.
         float lanes[LANES], least = INFINITY;
         int64_t best = 0, k = 0;
         for (int j = 0; j < LANES; j++) lanes[j] = INFINITY;

@@ -1,27 +1,29 @@
-// A stripe whose path is known, measured at full size in a window of rows about that path.
+// Measurement of a stripe along a known path, at full resolution, in a window of rows about the path.
 #include "kernel.h"
 
-// Rows of a window; the path is in the middle one. Rows that a neighbour's window may begin higher or lower.
+// Rows of a window, of which the path is in row MIDDLE; largest shift between the windows of neighbouring columns, whose
+// INNER rows are then averaged.
 enum { ROWS = 64, MIDDLE = 31, MARGIN = 7, INNER = ROWS - 2 * MARGIN };
-// Height of the opening that stands in for what is no stripe: wider than any stripe, narrower than texture.
+// Rows of the grey opening that estimates the background: wider than any stripe, narrower than texture.
 #define OPENING 25
-// A path that moves by more rows from one column to the next jumps; there both sides are tried, this many rows about each.
+// A path jumps where it moves by more rows than JUMP_ROWS between neighbouring columns. The light on both sides of a jump is
+// compared within NEAR_ROWS of each.
 #define JUMP_ROWS 4
 #define NEAR_ROWS 3
-// How far from the path a peak may be, in sigmas of its ridge, or of the stripe where that is wide, and [px].
+// Largest distance of a peak from the path, in sigmas of its ridge (of the stripe if that is wide), and its least value [px].
 #define REACH_SIGMAS 1.5
 #define LEAST_REACH_PX 2
-// Distance of the columns in which the stripe's width is measured. A wide stripe is smoothed again to its own width.
+// Largest distance of the columns in which the width of the stripe is measured, and bounds of its sigma.
 #define WIDTH_COLUMNS 8
 #define FWHM_PER_SIGMA 2.3548
 #define LEAST_SIGMA_PX 1.0
 #define LARGEST_SIGMA_PX 8.0
-// Noise below a third of a quantum cannot be seen in whole grey levels; and rows at each end of a window that show noise.
+// Least noise [grey levels], as in find.c. The noise is measured in END_ROWS rows at each end of every NOISE_COLUMNS-th window.
 #define LEAST_NOISE 0.3
 #define END_ROWS 6
 #define NOISE_COLUMNS 5
 
-// The pictures, and the weights of their channels: off times a gain is subtracted.
+// Pictures and weights of their channels: light = sum of mix * (on - gain * off), with weights of 1 in clipped columns.
 typedef struct {
     const Picture *on, *off;
     const uint8_t *is_core;
@@ -39,7 +41,7 @@ static float light_at(const Mixture *m, int64_t row, int64_t column) {
     return sum;
 }
 
-// Light of ROWS rows of a column from one on.
+// Light of ROWS rows of a column, from row `first` on.
 static void column_light(const Mixture *m, int64_t first, int64_t column, float *restrict out) {
     const Picture *on = m->on, *off = m->off;
     if (on->size != 1 || first < 0 || first + ROWS > on->rows) {
@@ -61,8 +63,8 @@ static void column_light(const Mixture *m, int64_t first, int64_t column, float 
     }
 }
 
-// The same of a strip of columns that begin at rows not far apart: row by row, which vector instructions can do. light:
-// (STRIP, ROWS). Returns whether it could.
+// Light (STRIP, ROWS) of a strip of columns, row by row, which vector instructions can do. Returns 0 without light for pictures of
+// 16 bits, and for windows that begin too far apart or reach beyond the picture.
 enum { STRIP = 16, MOST_APART = 32 };
 static int strip_light(const Mixture *m, const int64_t *row, int64_t column, float *restrict out) {
     const Picture *on = m->on, *off = m->off;
@@ -96,7 +98,7 @@ static int strip_light(const Mixture *m, const int64_t *row, int64_t column, flo
     return 1;
 }
 
-// Height of the light about a row above that further off.
+// Brightest light within NEAR_ROWS of a row, above the mean of the light OPENING / 2 rows away.
 static float height_near(const Mixture *m, int64_t row, int64_t column) {
     float most = -INFINITY;
     for (int64_t t = -NEAR_ROWS; t <= NEAR_ROWS; t++) {
@@ -107,7 +109,7 @@ static float height_near(const Mixture *m, int64_t row, int64_t column) {
     return most - 1.5f * (light_at(m, row - OPENING / 2, column) + light_at(m, row + OPENING / 2, column));
 }
 
-// Beside a jump a picture with fewer columns mixes both sides: there each column takes the side on which it is brighter.
+// Beside a jump, a picture with averaged columns mixes both sides: move each column to the side on which it is brighter.
 static void choose_sides(const Mixture *m, int64_t reach, const uint8_t *is_path, int64_t *row) {
     const int64_t n = m->on->columns;
     for (int64_t c = 1; c < n; c++) {
@@ -122,13 +124,14 @@ static void choose_sides(const Mixture *m, int64_t reach, const uint8_t *is_path
     }
 }
 
-// Lowest, or highest, of OPENING rows from each of INNER on; loops of constant length become vector instructions.
+// Running minimum and maximum over OPENING rows, in place, by doubling the number of rows; loops of constant length become
+// vector instructions.
 enum { HALF = OPENING / 2, LENGTH = INNER + 2 * OPENING, COUNTED = 80 };
 #define DOUBLE(OF, BY) for (int t = 0; t < COUNTED; t++) v[t] = OF(v[t], v[t + BY]);
 static void lowest_of(float *restrict v) { DOUBLE(MIN, 1) DOUBLE(MIN, 2) DOUBLE(MIN, 4) DOUBLE(MIN, 8) DOUBLE(MIN, OPENING - 16) }
 static void highest_of(float *restrict v) { DOUBLE(MAX, 1) DOUBLE(MAX, 2) DOUBLE(MAX, 4) DOUBLE(MAX, 8) DOUBLE(MAX, OPENING - 16) }
 
-// Subtract the grey opening of INNER rows; what lies beyond them does not count.
+// Subtract the grey opening from INNER rows; rows beyond them are ignored.
 static void open_rows(float *restrict x) {
     float low[LENGTH], high[LENGTH];
     for (int t = 0; t < LENGTH; t++) low[t] = INFINITY, high[t] = -INFINITY;
@@ -145,7 +148,7 @@ static int64_t highest_near(const float *x, int64_t row, int64_t reach) {
     return best;
 }
 
-static int64_t wide_near(const float *x, int64_t row, int64_t reach, double sigma) { // of sums over rows by a Gaussian
+static int64_t wide_near(const float *x, int64_t row, int64_t reach, double sigma) { // row with the largest Gaussian-weighted sum over rows
     const int64_t half = (int64_t)ceil(2 * sigma);
     float taps[OPENING], most = -INFINITY;
     int64_t best = row;
@@ -158,16 +161,16 @@ static int64_t wide_near(const float *x, int64_t row, int64_t reach, double sigm
     return best;
 }
 
-// A stripe whose light falls below these shares of that beside it has ended, at its ends and at its jumps; and below this
-// share of that of its strong parts anywhere: a gap of few columns. Near an end noise is no light either.
+// A column has no stripe if its light is below END_SHARE (near an end) or JUMP_SHARE (near a jump) of the brightest light
+// nearby, near an end also below END_SIGMAS of the noise; and anywhere below LEAST_SHARE of the strong columns: a narrow gap.
 #define END_SHARE 0.25f
 #define END_SIGMAS 4.0f
 #define JUMP_SHARE 0.1f
 #define LEAST_SHARE 0.1f
 #define LEAST_SHARE_ALONE 0.15f // without a laser-off picture
 
-// Leave out of a path and its stripe what a shrunk picture shows by its own columns only, `factor` of this one: columns at
-// an end or a jump, and in gaps, without light. height, row: (n,) of the peaks, and of the path. work: (3, n).
+// Remove columns without light at ends, at jumps and in gaps from a path and its stripe, which were found in means of `factor`
+// columns. height, row: (n,) height of the peaks, row of the path. work: (3, n).
 static void trim(const float *height, const int64_t *row, int64_t n, int64_t factor, uint8_t *is_path, uint8_t *is_stripe,
     const uint8_t *is_core, float least, float noise, float *work) {
     float *lit = work, *is_end = work + n, *is_jump = is_end + n;
@@ -191,15 +194,14 @@ static void trim(const float *height, const int64_t *row, int64_t n, int64_t fac
     }
 }
 
-// Numbers (float) of `work` of `measure_window`.
+// Length of `work` of `measure_window` (float).
 int64_t window_size(int64_t columns) { return columns * (ROWS + 2 * INNER) + 4 * columns + 64; }
 
-// Measure a stripe along its path.
-// mix, gain: weights of the channels, and factors of the laser-off picture. row: (n,) the path, which becomes that of the
-// peaks. is_path, is_stripe, is_core: (n,) whether there may be a stripe, whether there is (both become so), and whether it
-// is clipped.
-// factor: columns of the pictures that became one where the path was found. ridge: width of the path's ridge [px]. height,
-// responses: (n,), (SHIFTS, n) as `measure` takes them. found: width of the stripe, and noise of a response.
+// Measure a stripe along its path. mix, gain: weights of the channels, and factors of the laser-off picture. is_path, is_stripe,
+// is_core: (n,) masks of the columns that may have a stripe, that have one (columns without light are removed from both), and
+// that are clipped. factor: number of columns averaged to find the path. ridge: sigma of the path's ridge [px]. row: (n,) of
+// the path, receives those of the peaks. height, answers: (n,) and (SHIFTS, n), receive the light of the peaks and the responses
+// of the filters. found: receives sigma of the stripe [px] and noise of a response.
 void measure_window(const Picture *on, const Picture *off, const double *mix, const double *gain, uint8_t *is_path,
     uint8_t *is_stripe, const uint8_t *is_core, int64_t factor, double ridge, float *work, int64_t *row, float *height,
     float *answers, double *found) {
@@ -233,8 +235,8 @@ void measure_window(const Picture *on, const Picture *off, const double *mix, co
         }
         open_rows(sum);
         for (int t = 0; t < INNER; t++) out[t] = sum[MAX(t - 1, 0)] + sum[t] + sum[MIN(t + 1, INNER - 1)];
-        // At its ends a window shows noise alone.
     }
+    // The ends of a window contain only noise.
     int64_t count = 0, used = 0;
     for (int64_t c = 0; c < n; c += NOISE_COLUMNS) for (int t = 0; t < END_ROWS; t++) {
         some[count++] = sums[c * INNER + t], some[count++] = sums[c * INNER + INNER - 1 - t];
@@ -247,7 +249,7 @@ void measure_window(const Picture *on, const Picture *off, const double *mix, co
     for (int64_t c = 0; c < n; c++) top[c] = used ? highest_near(smooth + c * INNER, path, reach) : path;
     if (used) {
         const int64_t apart = MIN(WIDTH_COLUMNS, MAX(used / WIDTH_COLUMNS, 1));
-        float *widths = light; // not needed any more
+        float *widths = light; // no longer needed
         count = used = 0;
         for (int64_t c = 0; c < n; c++) {
             if (!is_stripe[c] || used++ % apart) continue;
