@@ -16,8 +16,8 @@ from kinematics.footprint import fit_support_plane
 from kinematics.stance_pose import GravityEstimate, StanceNoise
 from kinematics.transforms import unit_vector
 
-# A support plane is assumed to be level if its rms deviation from the carried vertical, over both axes, is within this
-# many sigmas, a limit that noise exceeds for 0.2 % of level planes.
+# Largest rms deviation of a level support plane from the carried vertical, over both axes [sigmas]; noise exceeds it
+# for 0.2 % of level planes.
 FLAT_SIGMAS = 2.5
 
 # The carried vertical distinguishes level ground from a slope only if its sigma is below this fraction of
@@ -41,7 +41,7 @@ def carry_gravity(
         soles_before: (n, 3) the same soles in `base_link` of the previous pause [m].
         support_now: (m, 3) all supporting soles in `base_link` of this pause [m], m >= 3.
         covariances_now: (m, 3, 3) covariances of `support_now` [m^2].
-        noise: noise of stances, of which only `terrain_slope_sigma` is used.
+        noise: noise of a stance; only `terrain_slope_sigma` is used.
 
     Raises:
         StanceError: the supporting soles are on one line.

@@ -29,7 +29,8 @@ from kinematics.arrays import Float, read_only
 # slips.
 HUBER_LIMIT = 1.5
 
-# By chance, chi-square per degree of freedom exceeds 1 + this / sqrt(freedom) in about one of 100 fits or fewer.
+# Noise makes chi-square per degree of freedom exceed 1 + MISFIT_LIMIT / sqrt(degrees of freedom) in about one of 100
+# fits or fewer.
 MISFIT_LIMIT = 4.6
 
 # A sole whose pitch changed by more than this many standard deviations has rocked.
@@ -46,7 +47,7 @@ class Fit:
     Attributes:
         transform_footprint_to_odom: (4, 4), a rotation about z and a translation.
         covariance: (4, 4) covariance of the footprint's x, y, z [m] and heading [rad], from noise alone.
-        by_slides: (4, 4) covariance of its displacement in this motion if other feet stayed.
+        by_slides: (4, 4) covariance of the footprint's displacement in this motion if other feet stayed.
         residual: rms horizontal distance of the soles that stayed from their footholds [m].
         misfit: chi-square per degree of freedom if noise does not explain the residuals, otherwise 1.
         last_covariance: (4, 4) covariance of the previous footprint's x, y, z and heading.
@@ -72,9 +73,9 @@ class Footholds:
         covariance: (4 n, 4 n) covariance of all positions.
         with_footprint: (4, 4 n) cross-covariance of the last footprint's x, y, z and heading with the positions.
         of_footprint: (4, 4) covariance of the last footprint's x, y, z and heading.
-        by_slides: (4, 4) covariance of x, y, z and heading of a motion of `odom` about its origin, by which possible
-            slides of the feet have displaced everything since. All footholds share it, so no reading can reduce it. As
-            part of `covariance` it would shrink, because a filter that is linearised again at each pause mistakes
+        by_slides: (4, 4) covariance of x, y, z and heading, about the origin of `odom`, of the displacement of the walk
+            by slides that the joints cannot show. All footholds share this displacement, so no reading can reduce it.
+            As part of `covariance` it would shrink, because a filter that is linearised again at each pause mistakes
             noise for information about the heading.
     """
 

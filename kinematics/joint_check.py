@@ -170,8 +170,8 @@ class _Chains:
         footholds = sorted({(m, leg) for pause in pauses for leg, m in pause.footholds.items()})
         column = {key: 6 * len(pauses) + 4 * row for row, key in enumerate(footholds)}
         first: dict[tuple[int, str], Float] = {}
-        told = [key for key in footholds if key in ground]
-        width, joints = 6 * len(pauses) + 4 * len(footholds) + (3 if told else 0), len(robot.joint_names)
+        grounded = [key for key in footholds if key in ground]
+        width, joints = 6 * len(pauses) + 4 * len(footholds) + (3 if grounded else 0), len(robot.joint_names)
         blocks: list[tuple[Float, Float, Float]] = []
         last: list[bool] = []
         for k, pause in enumerate(pauses):
@@ -206,19 +206,19 @@ class _Chains:
                 design[:, 6 * k + 3 : 6 * k + 6] = -skew(down)[:2]
                 blocks.append((design / noise.imu_sigma, np.zeros((2, joints)), down[:2] / noise.imu_sigma))
             last += [k == len(pauses) - 1] * sum(len(values) for *_, values in blocks[before:])
-        for key in told:
+        for key in grounded:
             height, sigma = ground[key]
             x, y, z = first[key]
             design = np.zeros((1, width))
             design[0, [column[key] + 2, -3, -2, -1]] = 1.0, -x, -y, -1.0
             blocks.append((design / sigma, np.zeros((1, joints)), np.array([z - height]) / sigma))
-        last += [False] * len(told)
+        last += [False] * len(grounded)
         # The first pose is free except for its tilt, which has the same prior as the slopes of the footholds. Known
         # ground is free in height, but not in tilt.
         priors = np.zeros(width)
         priors[:6] = 1 / UNKNOWN
         priors[3:5] = priors[[at + 3 for at in column.values()]] = 1 / noise.terrain_slope_sigma
-        if told:
+        if grounded:
             priors[-3:] = 1 / LEVEL_SIGMA, 1 / LEVEL_SIGMA, 1 / UNKNOWN
         prior = np.diag(priors)[priors > 0]
         basis, _ = np.linalg.qr(np.vstack([*(design for design, _, _ in blocks), prior]))
@@ -245,10 +245,10 @@ class _Chains:
         along = self._basis.T @ design
         information = np.sum(design**2, axis=0) - np.sum(along**2, axis=0)
         # Rounding error of the projection is not information.
-        told = information > 1e-9 * np.sum(self._by_joints**2, axis=0) + 1e-9
-        information = np.where(told, information, 1.0)
+        observable = information > 1e-9 * np.sum(self._by_joints**2, axis=0) + 1e-9
+        information = np.where(observable, information, 1.0)
         error = -(self._values @ design - (self._basis.T @ self._values) @ along) / information
-        return np.where(told, error, 0.0), np.where(told, information**-0.5, np.inf)
+        return np.where(observable, error, 0.0), np.where(observable, information**-0.5, np.inf)
 
 
 class JointCheck:
@@ -280,7 +280,7 @@ class JointCheck:
 
     @property
     def bars(self) -> dict[str, float]:
-        """Joint name -> smallest reported zero error in the window [rad], if prismatic [m]; inf if none is reported."""
+        """Joint name -> smallest zero error that would be reported [rad], if prismatic [m]; inf if none would be."""
         if len(self._pauses) < SHORTEST:
             return dict.fromkeys(self._robot.joint_names, math.inf)
         zeros = self._zeros(self._window)
@@ -339,7 +339,7 @@ class JointCheck:
         return float(self._robot.tree.joint_scales[self._robot.tree.joint_index(name)])
 
     def _in_units(self, faults: Sequence[JointFault]) -> list[JointFault]:
-        """Faults in radians -> in the unit of their first joint."""
+        """Convert faults from radians to the unit of their first joint."""
         tree, found = self._robot.tree, list[JointFault]()
         for fault in faults:
             scale, unit = self._scale_of(fault.joints[0]), tree.unit(tree.joint_index(fault.joints[0]))
@@ -361,19 +361,19 @@ class JointCheck:
 
         Joints below their thresholds that explain the readings about as well are named too.
         """
-        found, is_told = {}, False
+        found, is_reported = {}, False
         for name, (left, error, scaled, bar) in self._zeros(chains).items():
             is_certain = abs(error) > bar
-            is_told |= is_certain
+            is_reported |= is_certain
             if is_certain or LEAST_ERROR < abs(error) < LARGEST_JUMP:
                 found[name] = left, error, scaled
-        fault = _likeliest(found, "offset") if is_told else None
+        fault = _likeliest(found, "offset") if is_reported else None
         return [] if fault is None else [fault]
 
     def _zeros(self, chains: _Chains) -> dict[str, tuple[float, float, float, float]]:
         """Joint name -> chi^2 once its zero error is corrected, the error, its sigma, and the reporting threshold.
 
-        The sigma is scaled to the residual. The threshold is the smallest error that is reported, as in `bars`.
+        The sigma is scaled to the residual. The threshold is the smallest error that would be reported, as in `bars`.
         """
         found = {}
         errors, sigmas = chains.errors(since_last=False)

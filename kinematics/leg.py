@@ -36,6 +36,7 @@ import numpy.typing as npt
 from kinematics.arrays import Float, read_only
 from kinematics.tree import KinematicTree, build_model
 
+# Largest number of iterations of `NumericLeg` from one start.
 ITERATIONS = 40
 # Damping of the normal equations [m^2 / rad^2], which keeps the step finite when the leg is stretched.
 DAMPING = 1e-6

@@ -61,10 +61,10 @@ class OdometryPose(PoseInOdom):
             readings and the vertical), along the axes of `odom`, REP-103 order; zeros at the first pause. The rest of
             the error is drift, which later pauses inherit.
         gravity: gravity estimate from which the next pause continues.
-        stayed_feet: feet that stayed, of those named as supporting at both pauses (even if found unloaded) and in the
-            argument `standing` of `LegOdometry.update`.
-        swung_feet: the other feet named and `standing` that moved by `swing_least` or more.
-        slipped_feet: the other feet named and `standing` that moved by less than `swing_least`.
+        stayed_feet: feet that stayed in place. Only feet are considered that both stances name as supporting (even if
+            found unloaded) and that are in the argument `standing` of `LegOdometry.update`.
+        swung_feet: considered feet that did not stay and moved by `swing_least` or more.
+        slipped_feet: considered feet that did not stay and moved by less than `swing_least`.
         residual: rms horizontal distance of the feet that stayed from their footholds [m].
         foot_slips: leg -> distance by which the foot moved since the last pause [m], for `stayed_feet` and
             `slipped_feet`. Leg odometry cannot observe a slide common to all feet; it is included only if camera images
@@ -280,7 +280,7 @@ class LegOdometry:
     def _instead(
         self, common: Sequence[str], stayed: Sequence[str], moved: Mapping[str, float]
     ) -> Sequence[tuple[str, ...]]:
-        """The one foot that may have stayed, if the two that seem to have stayed slid alike; may be empty."""
+        """Single foot that may have stayed while the two in `stayed` slid in the same way; empty if there is none."""
         others = {leg: moved[leg] for leg in common if leg not in stayed}
         if len(stayed) > 2 or not others:
             return ()

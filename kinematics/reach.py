@@ -12,7 +12,7 @@ from kinematics.arrays import Float, Mask, read_only
 from kinematics.exceptions import ArgumentError
 from kinematics.leg import LegGeometry, NumericLeg, find_leg_geometry
 from kinematics.stance_pose import StancePose
-from kinematics.transforms import checked_points, transform_points
+from kinematics.transforms import checked_points
 from kinematics.tree import LIMIT_TOLERANCE, KinematicTree
 
 
@@ -89,10 +89,7 @@ def reach_from_pose(pose: StancePose, leg: str, soles_in_footprint: npt.ArrayLik
         ArgumentError: the array has the wrong shape.
     """
     soles = checked_points(soles_in_footprint, "soles_in_footprint")
-    in_base = transform_points(pose.transform_footprint_to_base, soles)
-    return reach_in_base(
-        pose.state.tree, leg, in_base, level_sole_pitch(pose.state.tree, leg, in_base, pose.up_in_base)
-    )
+    return reach_from_bodies(pose.state.tree, leg, soles, pose.transform_base_to_footprint)
 
 
 def reach_from_bodies(

@@ -56,12 +56,13 @@ class PauseLimits:
     """Limits for stance pauses (robot.toml, table [pause]).
 
     Attributes:
-        joint_speed_limit: every joint must be slower than this [rad/s], a prismatic one than 0.2 m times this.
-        hold_time: time for which all joints must stay below `joint_speed_limit`, on the same supporting feet [s].
+        joint_speed_limit: speed below which every joint must stay [rad/s]; for a prismatic joint, 0.2 m times this
+            [m/s].
+        hold_time: time for which all joints must stay below `joint_speed_limit` on unchanged supporting feet [s].
         minimum_feet: minimum number of feet that carry the body.
         camera_translation_limit: largest translation of the camera during a scan [m].
         camera_rotation_limit: largest rotation of the camera during a scan [rad].
-        time_limit: time without BEGIN or HOLD after which a pause of unannounced length should have ended [s].
+        time_limit: assumed length of a pause whose length is not announced, from its last BEGIN or HOLD [s].
         grace_share, grace_least, grace_most: allowed delay of the message that ends a pause: a fraction of the
             announced length or else of `time_limit` [-], and lower and upper bound of the delay [s]. No frame is taken
             during the delay.

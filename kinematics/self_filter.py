@@ -66,11 +66,11 @@ class SelfFilter:
         centres = np.array([shape.centre for shape in self.shapes]).reshape(-1, 3)
         self._reaches = reaches = np.array([shape.reach for shape in self.shapes])
         self._lowest, self._highest = centres - reaches[:, None], centres + reaches[:, None]
-        # |p - c|^2 <= r^2 reads |p|^2 - 2 p . c <= r^2 - |c|^2.
+        # |p - c|^2 <= r^2 is equivalent to |p|^2 - 2 p . c <= r^2 - |c|^2.
         self._twice_centres = 2.0 * centres.T
+        self._powers = reaches**2 - np.einsum("ni,ni->n", centres, centres) + ROUNDING
         # Single origins that passed `_check_outside`; a scan tests those of its camera and laser many times.
         self._outside = set[bytes]()
-        self._powers = reaches**2 - np.einsum("ni,ni->n", centres, centres) + ROUNDING
 
     def contains(self, points_in_base: npt.ArrayLike) -> Mask:
         """Mask of the points that lie on the robot.

@@ -2,9 +2,9 @@
 
 Feet that stay keep their distances from each other however the body moves. The largest set of feet whose mutual
 distances did not change is therefore taken as the feet that stayed; of equally large sets, the one with the smallest
-changes. The others may have stayed instead: a foot that slides across the line to another keeps its distance. A swing
-can preserve a distance by chance, if one foot passes another. The line between two feet must therefore not have rotated
-by more than the body can turn.
+changes. The other sets of this size remain possible, because a foot that slides perpendicular to the line to another
+foot keeps its distance from it. A swing past another foot can preserve a distance by chance. The line between two feet
+must therefore not have rotated by more than the body can turn.
 
 A flat sole that carries the body keeps its pitch to within a degree or two. Its measured pitch also contains the noise
 of the leg's joints, which displaces the measured sole too; the covariance of pitch and position relates the two. A

@@ -25,7 +25,8 @@ from kinematics.urdf_checks import root_link
 
 # Tolerance of joint limits [rad or m]: a position exactly at a limit is not beyond it.
 LIMIT_TOLERANCE = 1e-9
-# Distance moved by a foot per radian of a leg's joint [m]: prismatic joints take values given in radians times this.
+# Noise, limits and speeds given in radians are multiplied by this for prismatic joints [m/rad]; a revolute joint of a
+# leg moves the foot by about this distance per radian.
 LEVER_M = 0.2
 # Number of joints named in one warning; further ones are only counted.
 NAMED = 3
@@ -344,15 +345,14 @@ def _refuse_other_units(tree: KinematicTree, positions: Float) -> None:
     Joints whose limits span a full turn or more are not checked.
     """
     lower, upper = tree.lower_limits, tree.upper_limits
-    turning = {joint.name for joint in tree.urdf.joints if joint.kind == "revolute"}
     far = (positions < lower - np.pi) | (positions > upper + np.pi)
-    for index in np.flatnonzero(far & (upper - lower < 2.0 * np.pi)).tolist():
-        name, value = tree.joint_names[index], positions[index]
-        if name in turning:
-            raise JointPositionError(
-                f"joint {name} is at {value:g} rad, half a turn or more beyond its limits {lower[index]:g} ... "
-                f"{upper[index]:g}; positions are in radians ({value:g} degrees are {np.radians(value):.4f} rad)"
-            )
+    for index in np.flatnonzero(far & ~tree.is_prismatic & (upper - lower < 2.0 * np.pi)).tolist():
+        value = positions[index]
+        raise JointPositionError(
+            f"joint {tree.joint_names[index]} is at {value:g} rad, half a turn or more beyond its limits "
+            f"{lower[index]:g} ... {upper[index]:g}; positions are in radians ({value:g} degrees are "
+            f"{np.radians(value):.4f} rad)"
+        )
 
 
 def beyond_limits(tree: KinematicTree, positions: Float) -> dict[str, float]:

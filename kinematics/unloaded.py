@@ -67,7 +67,8 @@ def find_unloaded_foot(feet: FourFeet, sigmas: float) -> int | None:
 
 # Rows of the other three feet, for each foot.
 OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
-# Twice the least area of three soles that span a plane [m^2]: that of a leg's length by a hundredth of a millimetre.
+# Twice the smallest area of a triangle of soles that defines a plane [m^2]: two soles 0.3 m apart, and a third 0.03 mm
+# from the line between them.
 LEAST_AREA = 1e-5
 
 

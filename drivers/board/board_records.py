@@ -98,7 +98,7 @@ class BoardIdentity:
 class BoardStatus:
     """Status of a laser board, from a reply to a command or a report on the interrupt endpoint.
 
-    A board without this protocol sets `flags`, `faults` and `step`; the other fields belong to the protocol.
+    A driver of a board with another protocol sets only `flags`, `faults` and `step`.
 
     Attributes:
         result: result of the command.

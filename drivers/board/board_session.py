@@ -130,7 +130,8 @@ class BoardSession(Board):
     def close(self) -> None:
         """Turn the laser off, end the session and release the device; does nothing if the board is closed.
 
-        The device is released even if an exception is raised. An unplugged board is only logged.
+        The device is released even if an exception is raised. If the board was unplugged, a warning is logged instead
+        of an error being raised.
 
         Raises:
             LaserStuckOn: the laser did not go off on command.

@@ -204,9 +204,8 @@ class AravisCamera(Camera):
     def _set_up(self, camera: Any) -> None:
         if camera.get_device_id():
             self.name = f"camera aravis:{camera.get_device_id()}"
-        said = camera.get_vendor_name(), camera.get_model_name()
-        serial = camera.get_device_serial_number()
-        self.identity = " ".join(filter(None, said)) + (f", serial {serial}" if serial else "")
+        names, serial = (camera.get_vendor_name(), camera.get_model_name()), camera.get_device_serial_number()
+        self.identity = " ".join(filter(None, names)) + (f", serial {serial}" if serial else "")
         camera.set_acquisition_mode(self._aravis.AcquisitionMode.CONTINUOUS)
         self._choose_format(camera)
         self._choose_region(camera)

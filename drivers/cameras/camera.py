@@ -16,7 +16,7 @@ T = TypeVar("T")
 UNITS = {"exposure": " s", "gain": "", "white_balance": " K", "gamma": ""}
 # Relative difference from the locked value up to which a setting counts as unchanged.
 TOLERANCE = 0.02
-# Absolute differences that are always allowed, because a relative one allows none from a gain of 0.
+# Absolute tolerances that always apply, because a relative tolerance allows no deviation from a gain of 0.
 ROUNDING = {"gain": 0.05, "gamma": 0.005}
 WHAT_TO_DO = "check that no other program uses the camera and start again: settings are locked when it is opened"
 

@@ -20,9 +20,9 @@ def usb_identity(path: str) -> str:
     folder = (VIDEO_DEVICES / Path(path).resolve().name / "device").resolve().parent
     if not (folder / "idProduct").is_file():
         return ""
-    said = {name: _text(folder / name) for name in ("product", "idVendor", "idProduct", "serial")}
-    serial = f", serial {said['serial']}" if said["serial"] else ""
-    return f"{said['product']} ({said['idVendor']}:{said['idProduct']}){serial}".strip()
+    found = {name: _text(folder / name) for name in ("product", "idVendor", "idProduct", "serial")}
+    serial = f", serial {found['serial']}" if found["serial"] else ""
+    return f"{found['product']} ({found['idVendor']}:{found['idProduct']}){serial}".strip()
 
 
 def _text(path: Path) -> str:

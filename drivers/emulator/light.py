@@ -42,7 +42,7 @@ class Laser:
     def fraction(self, start: float, end: float) -> float:
         """Return the fraction of the interval from `start` to `end` during which the laser was on, 0 ... 1.
 
-        Of an instant, 1.0 if the laser was on.
+        If `end` is not after `start`, return 1.0 if the laser was on at `start`, otherwise 0.0.
         """
         if end <= start:
             return float(next((event.on for event in reversed(self.log) if event.time <= start), False))
@@ -102,7 +102,7 @@ class LightUnit:
         self._update(now)
 
     def advance(self, now: float) -> None:
-        """Cut the laser if a safety timer has expired, at the time of the earliest expiry."""
+        """If safety timers have expired, set the fault of the first one and turn the laser off, as of its expiry."""
         if not self.laser.on:
             return
         silent, limit = self._fed + self._identity.watchdog, self._run_start + self._identity.laser_limit

@@ -15,7 +15,8 @@ from drivers.cameras.camera import Camera
 from drivers.errors import CameraTimeout, LaserNotSeen, StripeClipped
 from drivers.frame import Frame
 
-# A frame with at least this fraction of the laser's light counts as lit; one that lacks as much counts as dark.
+# A frame with at least this fraction of the laser's light counts as lit; one with at most 1 - FULL of it counts as
+# dark.
 FULL = 0.9
 GOLDEN = 0.618034
 # Largest allowed fraction of clipped pixels in the stripe.

@@ -162,7 +162,7 @@ class StripeWorker(threading.Thread, ABC):
             logger.info("scan stopped after %d of %d stripes", len(self.fired), len(self._firing_order))
         except Exception as error:
             self.failure = error
-        except BaseException as error:  # a thread that is killed must not look like the end of a good scan
+        except BaseException as error:  # an aborted thread must not look like the end of a good scan
             self.failure = AcquisitionError(f"thread {self.name!r} failed: {error!r}")
         finally:
             self._darken()

@@ -10,9 +10,9 @@ from drivers.arrays import Float
 from drivers.board.protocol import WAIT_UNIT_US
 
 # Positions in a sweep at which the board waits before the trigger. Each wait reveals a shift of the frames relative to
-# the triggers: the first waits do so after few frames, the last ones even if the camera has missed the first 30 % of a
-# standard sweep. The waits are unevenly spaced: with equal spacing, a shift by that spacing would match all but the
-# outermost waits.
+# the triggers. The first waits reveal it after a few frames, and the last ones also if the camera has missed the first
+# 30 % of a standard sweep. The waits are unevenly spaced: with equal spacing, a shift by that spacing would match all
+# but the outermost waits.
 WAITING_PLACES = (1, 3, 4, 8, 10, 15, 21, 27, 34)
 WAIT_UNIT = WAIT_UNIT_US * 1e-6
 # Least number of frames that the true shift must explain in addition to those that any other shift explains.
@@ -24,7 +24,7 @@ CLOCK_ERROR = 2e-4
 
 
 def uneven_waits(count: int, tolerance: float) -> list[int]:
-    """Return the waits before the triggers of a sweep, in units of 0.5 ms. They reveal a shift by whole triggers.
+    """Return the waits before the triggers of a sweep [0.5 ms], which reveal a shift of the frames by whole triggers.
 
     Each wait is at least twice the tolerance, so that an interval with a wait never matches one without. With nine
     waits, any wrong shift mismatches ten or more frames. Therefore, the match tolerates any two missed, doubled or

@@ -21,7 +21,7 @@ def test_a_board_alone_in_view_corrects_nothing(robot: RobotModel) -> None:
         np.testing.assert_allclose(record.sideways_correction, 0.0, atol=1e-9)
         if pause.scan.step:
             assert record.registration_refused is not None
-            assert record.registration_refused.startswith("few things show the motion")
+            assert record.registration_refused.startswith("few objects show the motion")
 
 
 @pytest.mark.slow

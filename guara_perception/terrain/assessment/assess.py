@@ -15,7 +15,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 # Layers taken from the raster, in its order, and layers computed by the kernel.
 FROM_RASTER = "elevation", "variance_local", "elevation_min", "elevation_max"
 JUDGED = "slope", "step_height", "roughness", "traversability"
-# Limits as the kernel takes them.
+# Limits in the order in which the kernel takes them.
 TESTED = "slope", "step", "drop", "roughness", "sigma", "confidence"
 
 
@@ -47,8 +47,8 @@ def assess_layers(
         slope_sigma: standard deviation of slopes due to errors that the cells of a disc share, such as the frame's tilt
             relative to gravity: one value, or (ny, nx) [rad].
         beyond: width of a margin on each side that the tests read but the returned layers do not contain [cells].
-        discs: cache of the disc tests, used with one resolution, limits and sigma of slopes: what no change can
-            affect is used again, and the cache is updated.
+        discs: cache of the disc tests, for unchanged resolution, limits and sigma of slopes; only columns that a change
+            since its last use can affect are computed, and the cache is updated.
 
     Returns:
         All layers by name, read-only, in the types of `LAYERS`, with age and looks of a single scan.
@@ -69,7 +69,7 @@ def assess_layers(
     edge = np.zeros(known.shape, dtype=bool)
     edge[window] = edge_cells(flags[window], disc, resolution, limits, drift)
     edge &= known
-    # What `discs` keeps is not changed.
+    # The arrays in the cache are not modified.
     layers: dict[str, Array] = dict(zip(JUDGED, judged, strict=True))
     layers["hazard"] = flags = np.where(edge, flags | np.uint16(Hazard.EDGE), flags)
     layers["traversability"] = np.where(edge, np.float32(0), layers["traversability"])
@@ -118,7 +118,7 @@ class DiscTests:
         limits: TraversabilityLimits,
         slope_sigma: Float | float,
     ) -> tuple[Float32, Flags]:
-        """Layers JUDGED, in this order, and flags without EDGE; only columns that changes reach are computed.
+        """Layers JUDGED, in this order, and flags without EDGE; only columns that a change can affect are computed.
 
         Args:
             raster, resolution, limits, slope_sigma: as in `assess_layers`.

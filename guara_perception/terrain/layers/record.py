@@ -318,9 +318,9 @@ class GridRecord(FrozenArrays):
             InvalidInput: a value could not be read.
         """
         for name in names or self.ORDER:
-            if getattr(self, name, None) is None and (said := self.extra.get(name)) is not None:
+            if getattr(self, name, None) is None and (value := self.extra.get(name)) is not None:
                 raise InvalidInput(
-                    f"the grid's metadata says {name} = {said!r}; allowed: {FORMS[self.form_of(name)][1]}"
+                    f"the grid's metadata has {name} = {value!r}; allowed: {FORMS[self.form_of(name)][1]}"
                 )
 
     @property
@@ -332,7 +332,7 @@ class GridRecord(FrozenArrays):
         """
         if self.limits is None:
             raise InvalidInput(
-                f"the grid's metadata says limits = {self.extra.get('limits')!r}; this query needs the limits "
+                f"the grid's metadata has limits = {self.extra.get('limits')!r}; this query needs the limits "
                 f"{', '.join(LIMITS)}; grids made by process_scan, TerrainMap or assess_terrain have them"
             )
         return self.limits
@@ -363,7 +363,7 @@ class GridRecord(FrozenArrays):
         self.check("attitude_sigma")
         sigma = self.attitude_sigma or 0.0
         if not 0.0 <= sigma < math.inf:
-            raise InvalidInput(f"the grid's metadata says attitude_sigma = {sigma!r}; allowed: finite, 0 or more [rad]")
+            raise InvalidInput(f"the grid's metadata has attitude_sigma = {sigma!r}; allowed: finite, 0 or more [rad]")
         return sigma
 
     @property

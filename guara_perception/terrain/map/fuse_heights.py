@@ -151,7 +151,7 @@ def fuse_heights(cells: OdomCells, new: Heights, now: MapPause, *, is_scan: bool
         memory[name][slot] = getattr(now.drift, name)
     if is_scan:
         looks, apart = memory["looks"][slot], memory["apart"][slot]
-        # Without the noise of both heights and the error of the prior mean. The newest observation has the largest
+        # The noise of both heights and the error of the prior mean are removed. The newest observation has the largest
         # weight, because it may be the one that neighbours do not share.
         found = ((new.height - prior) ** 2 - prior_local - new.local) * looks / (looks + 1.0)
         apart = np.where(accepted, np.maximum(found, (apart + found) / 2), apart)
@@ -161,7 +161,7 @@ def fuse_heights(cells: OdomCells, new: Heights, now: MapPause, *, is_scan: bool
 
 
 def dispute_heights(cells: OdomCells, low: tuple[float, float], high: tuple[float, float]) -> None:
-    """Put the known cells of a rectangle in conflict, because their ground moved, until the next observation agrees.
+    """Mark the known cells of a rectangle whose ground moved as in conflict; an observation that agrees ends it.
 
     `low` and `high` are corners (x, y) in odom [m].
     """

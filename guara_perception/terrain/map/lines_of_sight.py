@@ -21,8 +21,8 @@ from kinematics.transforms import transform_points
 HIGHEST_M = 0.14
 # Margin around the scanned area in which ground below rays is bounded too.
 BESIDE_CELLS = 20
-# A bound must also hold in all cells of its scan within this distance of its cell. In the map it must hold in all cells
-# that a cell of the map may touch, wherever it drifted.
+# Distance within which a bound must also hold in the neighbouring cells of its scan. In the map, it must hold in all
+# scan cells that a map cell may touch, given the drift.
 AROUND_CELLS = 1
 # Largest drift at which a bound is still used.
 FARTHEST_DRIFT_CELLS = 10
@@ -95,10 +95,11 @@ def ceiling_of(
 ) -> Float32:
     """Upper bound (ny, nx) of the ground in each unknown cell of the map [m], NaN where there is none.
 
-    A cell gets the highest of the bounds that it may touch with the horizontal drift since the scan, raised by the
-    drift in z, both with the confidence of the limits. A bound expires at the age at which ground becomes STALE. It is
-    not used where the drift exceeds FARTHEST_DRIFT_CELLS, or where a later scan measured something higher. A later
-    observation without a return does not remove a bound, because a hole is lower.
+    Each scan bounds a cell by the highest bound of the scan cells that it may touch, given the horizontal drift since
+    the scan, plus the drift in z; both drifts are multiplied by the confidence of the limits. The lowest of these
+    bounds counts. A bound expires at the age at which ground becomes STALE. It is not used where the drift exceeds
+    FARTHEST_DRIFT_CELLS, or where a later scan measured something higher. A later observation without a return does not
+    remove a bound, because a hole is lower.
 
     Args:
         scans: lines of sight of the walk, oldest first.
@@ -125,7 +126,7 @@ def ceiling_of(
         aside = now.sideways.variances(pauses, in_odom[inside, 0], in_odom[inside, 1], pose)
         drift = confidence * np.sqrt(aside) / geometry.resolution
         near = (drift <= FARTHEST_DRIFT_CELLS).all(axis=0)
-        # Also from the middle of a cell, a square of this half extent reaches no cell that is farther away.
+        # Wherever its centre is in a cell, a square of this half extent touches no cell farther away than `around`.
         inside, around = inside[near], np.ceil(drift[:, near] + half - 1e-9).astype(np.intp)
         if not inside.size:
             continue

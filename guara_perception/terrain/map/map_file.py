@@ -95,7 +95,7 @@ def read_map(path: str | Path) -> tuple[str, OdomCells, MapState]:
     path = existing_file(path)
     data = read_arrays(path, ("state", *MEMORY, *SEEN.values(), *TEXTURE.values()), "map", LARGEST_MAP)
     if "variance" in data:
-        # Files of earlier versions only contain the total variance, and not by how much looks differed.
+        # Files of earlier versions contain only the total variance: neither its local part nor `apart`.
         data.setdefault("local", data["variance"])
         data.setdefault("apart", data["variance"] * np.maximum(data.get("looks", 1), 1))
     missing = [name for name in ("state", *MEMORY) if name not in data]

@@ -18,7 +18,7 @@ MEMORY: dict[str, tuple[Any, Any]] = {
     "height": (np.float64, np.nan),  # [m] in odom
     "variance": (np.float64, 0.0),  # variance of the height when last seen [m^2]
     "local": (np.float64, 0.0),  # part of the variance that is not shared by neighbours [m^2]
-    "apart": (np.float64, 0.0),  # variance of a look, measured by how much looks differ, less noise [m^2]
+    "apart": (np.float64, 0.0),  # variance of one look, from the differences between looks, without noise [m^2]
     "below": (np.float64, 0.0),  # distance of the lowest sample below the height [m]
     "above": (np.float64, 0.0),  # distance of the highest sample above the height [m]
     "steepness": (np.float64, 0.0),  # tan^2 of the slope when last seen

@@ -141,7 +141,7 @@ def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom
     majority = float(information[sigmas <= gate].sum() / max(information.sum(), 1e-30))
     contradicting, deviation = float((weights < 1).mean()), _surprise(motion, prior, covariance)
     if len(displaced) and majority < LEAST_MAJORITY:
-        reason = f"parts of the ground moved, and only {100 * majority:.0f} % of what shows the motion agrees"
+        reason = f"parts of the ground moved, and only {100 * majority:.0f} % of the evidence agrees on a motion"
     elif contradicting > MOST_CONTRADICTING:
         reason = f"{100 * contradicting:.0f} % of {weights.size} cells differ from the map"
     elif deviation > MOST_SIGMAS:

@@ -59,9 +59,9 @@ WHOLE, LEAST_EXTENT_M = 0.8, 0.08
 # Largest deviation of an agreeing corner, in units of the spread, and bounds of the spread. The upper bound is about
 # half a pixel of the image; with a larger spread, corners would agree by chance.
 AGREEING_SIGMAS, LEAST_SPREAD_M, MOST_SPREAD_M = 3.0, 0.0003, 0.0006
-# Least sigma of a corner per axis, a thirtieth of PIXEL_M, and number of corners that count as one: motions
-# estimated from two interleaved halves of the corners differ by 1.2 times as much as if corners were independent, which
-# gives 1.44, and errors common to neighbouring corners do not show in this test.
+# Least sigma of a corner per axis, a thirtieth of PIXEL_M, and number of corners that count as one. Motions estimated
+# from two interleaved halves of the corners differ by 1.2 times as much as if corners were independent, which gives a
+# number of 1.44; it is set higher, because this test does not show errors common to neighbouring corners.
 LEAST_SIGMA_M, CORNERS_THAT_COUNT_AS_ONE = 0.0001, 2.0
 # Sigmas of a view as a whole, due to heights and lens [m, m, rad].
 VIEW_SIGMA = np.array([5e-5, 5e-5, 5e-5])

@@ -63,8 +63,8 @@ def snapshot_layers(
     half = 0.5 * geometry.resolution * (abs(transform[0, 0]) + abs(transform[1, 0]))
     squares = Squares.of(cells, in_odom_x, in_odom_y, half)
     own_flags = _flags(cells, squares, now, settings)
+    heights = cells.patch("height", squares.first, squares.shape, np.nan)
     if soft:
-        heights = cells.patch("height", squares.first, squares.shape, np.nan)
         sole = float(np.hypot(settings.limits.sole_length, settings.limits.sole_width)) / 2
         own_flags[soft_cells(heights, squares.first, cells.resolution, soft, sole)] |= np.uint16(Hazard.SOFT)
     flags = squares.joined(own_flags, np.bitwise_or)
@@ -72,7 +72,6 @@ def snapshot_layers(
     known = np.flatnonzero((flags & UNKNOWN_MASK) == 0)
     x, y = x.take(known), y.take(known)
     drop = row[0] * x + row[1] * y + row[3]
-    heights = cells.patch("height", squares.first, squares.shape, np.nan)
     low = heights - cells.patch("below", squares.first, squares.shape, 0.0)
     high = heights + cells.patch("above", squares.first, squares.shape, 0.0)
     slot = cells.slots(*cells.indices(in_odom_x.take(known), in_odom_y.take(known)))

@@ -53,17 +53,17 @@ def sunk_feet(soles: Mapping[str, SoleError], variance: float, tilt: Float) -> d
         own = np.diag([sole.variance for sole in standing.values()])
         weights = np.linalg.inv(own + arms @ tilt @ arms.T + variance)
         # Leave-one-out residuals (W r)_i / W_ii, whose variance is 1 / W_ii.
-        told = np.diag(weights)
-        depths = -(weights @ [sole.residual for sole in standing.values()]) / told
+        precision = np.diag(weights)
+        depths = -(weights @ [sole.residual for sole in standing.values()]) / precision
         # Near an edge that is misplaced in the map, a sole may stand lower although the ground is hard.
         reliefs = np.array([sole.relief for sole in standing.values()])
-        apart = np.abs(depths) > np.maximum(SINK_M, SINK_SIGMAS / np.sqrt(told)) + reliefs
+        apart = np.abs(depths) > np.maximum(SINK_M, SINK_SIGMAS / np.sqrt(precision)) + reliefs
         if not apart.any():
             break
         # The sole that is farthest off is removed first, because it affects the others; if the tilt is uncertain, the
         # diagonally opposite one appears as deep and is removed too.
         farthest = int(np.where(apart, np.abs(depths), -np.inf).argmax())
-        alike = apart & (np.abs(depths) > abs(depths[farthest]) - 1.0 / np.sqrt(told[farthest]))
+        alike = apart & (np.abs(depths) > abs(depths[farthest]) - 1.0 / np.sqrt(precision[farthest]))
         # A sole far above the map stands on ground that the map lacks; the others did not sink relative to it.
         deep = alike & (depths > 0)
         for row, leg in enumerate(list(standing)):

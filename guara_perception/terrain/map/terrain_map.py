@@ -231,11 +231,11 @@ class TerrainMap:
         self._sight = (*valid, *([] if lines is None else [lines]))
         residuals = {leg: None if error is None else error.residual for leg, error in errors.items()}
         fused = self._snapshot(terrain, now, checked.covariance, rejected, residuals)
-        told = [f"the ground gave way under {leg} by {1e3 * depth:.0f} mm: SOFT" for leg, depth in gave_way.items()]
-        told += [f"the ground is slippery: {leg} slid by {1e3 * way:.0f} mm: SOFT" for leg, way in slid.items()]
-        if not told:
+        events = [f"the ground gave way under {leg} by {1e3 * depth:.0f} mm: SOFT" for leg, depth in gave_way.items()]
+        events += [f"the ground is slippery: {leg} slid by {1e3 * way:.0f} mm: SOFT" for leg, way in slid.items()]
+        if not events:
             return fused
-        health = Health.of((*(fused.record.health.reasons if fused.record.health else ()), *told))
+        health = Health.of((*(fused.record.health.reasons if fused.record.health else ()), *events))
         return fused.restated(sunk_feet=gave_way, slid_feet=slid, health=health)
 
     def view(

@@ -43,7 +43,7 @@ LEAST_SIGMA_M, LEAST_SIGMA_RAD = 1e-4, 3e-5
 # A registered motion with a larger sigma is determined by too few objects: ribs all along the path give 0.8 to 1.2 mm,
 # a single board or door mostly 2 mm or more. These few objects may be moving, so the correction is not used while the
 # motions from scan to scan contradict odometry by more than SUSPICIOUS_SIGMAS.
-FEW_THINGS_SIGMA_M = 0.0015
+FEW_OBJECTS_SIGMA_M = 0.0015
 SUSPICIOUS_SIGMAS = 1.0
 # Lever arm of yaw [m]: distance from the robot to the nearer part of the scanned area.
 LEVER_M = 0.6
@@ -236,8 +236,8 @@ class WalkCorrection:
         else:
             found = register(cells, terrain, here, prior)
             suspicion = earlier.suspicion(odometry, noise, slip_share)
-            if suspicion > SUSPICIOUS_SIGMAS and _shown_sigma(prior, found.covariance) > FEW_THINGS_SIGMA_M:
-                reason = f"few things show the motion, and they contradict odometry by {suspicion:.1f} sigma"
+            if suspicion > SUSPICIOUS_SIGMAS and _shown_sigma(prior, found.covariance) > FEW_OBJECTS_SIGMA_M:
+                reason = f"few objects show the motion, and they contradict odometry by {suspicion:.1f} sigma"
                 found = Registration(np.zeros(6), prior, found.cells, found.refused or reason, found.displaced)
         motion = found.motion[SIDEWAYS] + (0.0 if visual is None else visual.motion)
         posterior = found.covariance[np.ix_(SIDEWAYS, SIDEWAYS)]

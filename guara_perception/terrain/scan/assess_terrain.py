@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
-from guara_perception.settings import TraversabilityLimits
+from guara_perception.settings import Settings, TraversabilityLimits
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.grid import TerrainGrid
@@ -36,8 +36,7 @@ def assess_terrain(
     """Assess any elevation array as if the rangefinder had measured it.
 
     Args:
-        elevation: (ny, nx) heights [m], indexed [iy, ix]; NaN or masked = unknown, flagged
-            UNSCANNED.
+        elevation: (ny, nx) heights [m], indexed [iy, ix]; NaN or masked = unknown, flagged UNSCANNED.
         resolution: cell edge [m].
         origin: corner (x, y) of cell (0, 0) with the smallest coordinates [m].
         variance: (ny, nx) variances of the heights [m^2]; None = exact.
@@ -90,8 +89,6 @@ def _bound(bound: npt.ArrayLike | None, name: str, heights: Float, side: int) ->
 @cache
 def default_limits() -> TraversabilityLimits:
     """Limits of the Guará, cached because reading them takes longer than assessing a grid."""
-    from guara_perception.settings import Settings
-
     return Settings.of(load_robot("guara")).limits
 
 

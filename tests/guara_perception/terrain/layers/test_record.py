@@ -56,7 +56,7 @@ def test_a_value_that_cannot_be_read_is_kept_and_refused(kind: type[GridRecord])
             continue
         assert getattr(record, name) is None and [*record.extra] == [name]
         for refused in ([name], []):
-            with pytest.raises(gp.InvalidInput, match=f"says {name} = .*; allowed: "):
+            with pytest.raises(gp.InvalidInput, match=f"has {name} = .*; allowed: "):
                 record.check(*refused)
         assert [*dataclasses.replace(record, keys=()).to_json()] == [name]
         dataclasses.replace(record, extra={}).check()

@@ -159,7 +159,7 @@ def test_the_majority_of_the_ground_holds_the_map_and_the_rest_is_a_conflict(
 def test_without_a_majority_nothing_is_corrected(robot: RobotModel, make_scan: MakeScan) -> None:
     """Three thirds moved in three ways."""
     fused, of_strips = part_moved(robot, make_scan, (0.34, 0.33), (0.015, -0.015))
-    assert re.search("parts of the ground moved, and only .* % of what shows", fused.metadata["registration_refused"])
+    assert re.search("parts of the ground moved, and only .* % of the evidence", fused.metadata["registration_refused"])
     assert np.all(correction(fused) == 0)
     assert fused.metadata["sideways_correction_sigma"][1] >= 0.002
     assert np.median(of_strips) > 0.8

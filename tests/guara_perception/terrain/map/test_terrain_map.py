@@ -259,7 +259,7 @@ def test_grids_of_another_kind_are_refused(robot: RobotModel, make_scan: MakeSca
         terrain_map.update(fused, PoseInOdom(at(), ZERO))
     with pytest.raises(gp.InvalidInput, match="cells of 0.015 m; allowed: 0.005 m, as in the map"):
         terrain_map.update(make_scan(0.0, step=1).coarser(3), PoseInOdom(at(), ZERO))
-    with pytest.raises(gp.InvalidInput, match="says lost_cells = "):
+    with pytest.raises(gp.InvalidInput, match="has lost_cells = "):
         terrain_map.update(make_scan(0.0, step=1, metadata={"lost_cells": [[1, 2]]}), PoseInOdom(at(), ZERO))
 
 

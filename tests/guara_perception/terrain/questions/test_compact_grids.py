@@ -247,9 +247,9 @@ def test_a_grid_with_impossible_rounding_is_refused(paper_terrain: gp.TerrainGri
     """By every question that needs it: without these numbers nothing is bounded."""
     metadata = {**paper_terrain.metadata, "rounding": rounding}
     broken = dataclasses.replace(paper_terrain, record=ScanRecord.from_json(metadata))
-    with pytest.raises(gp.InvalidInput, match=r"says rounding = .*allowed: an object of elevation \[m\] and variance"):
+    with pytest.raises(gp.InvalidInput, match=r"has rounding = .*allowed: an object of elevation \[m\] and variance"):
         broken.check_path([(0.6, 0.0, 0.1), (0.7, 0.0, 0.1)], 0.01)
-    with pytest.raises(gp.InvalidInput, match="says rounding"):
+    with pytest.raises(gp.InvalidInput, match="has rounding"):
         broken.steppable_regions()
-    with pytest.raises(gp.InvalidInput, match="says rounding"):
+    with pytest.raises(gp.InvalidInput, match="has rounding"):
         broken.check_foothold(0.7, 0.0, "lf")
