@@ -28,16 +28,16 @@ class PointFailed(PerceptionError):
 class BringUp:
     """First power-up of a board by an operator, who follows instructions and answers questions on the terminal."""
 
-    def __init__(self, board: LaserBoard, folder: Path, ask: Callable[[str], str], tell: Callable[[str], None]) -> None:
+    def __init__(self, board: LaserBoard, folder: Path, ask: Callable[[str], str], show: Callable[[str], None]) -> None:
         """Store the arguments without opening the board.
 
         Args:
             board: the board, closed.
             folder: folder of bring_up.json, the record of passed points.
             ask: function that shows a question and returns the answer.
-            tell: function that shows a line.
+            show: function that shows a line.
         """
-        self._board, self._path, self._ask, self._tell = board, folder / RECORD, ask, tell
+        self._board, self._path, self._ask, self._show = board, folder / RECORD, ask, show
         self._laser = False
 
     def run(self) -> None:
@@ -74,14 +74,14 @@ class BringUp:
             except BaseException:
                 self._write(serial, passed - {point})
                 raise
-            self._tell(f"ok    point {point}: {said}")
+            self._show(f"ok    point {point}: {said}")
             passed |= {point}
             if not self._laser:
                 self._write(serial, passed)
         if self._laser:
-            self._tell("The laser goes dark as it should. Measure its power: it must be below 1 mW (docs/build.md)")
+            self._show("The laser goes dark as it should. Measure its power: it must be below 1 mW (docs/build.md)")
         else:
-            self._tell("Open SW1, glue the mirror on, exchange the LED for the laser, and run this again")
+            self._show("Open SW1, glue the mirror on, exchange the LED for the laser, and run this again")
 
     def _identify(self) -> str:
         with self._board as board:
@@ -124,7 +124,7 @@ class BringUp:
                 )
         self._confirm(
             "Did it light up and go out by itself within half a second?",
-            "the photodiode senses light that you do not see: D3 must see J1's light alone. Open SW1",
+            "the photodiode senses light that you do not see: only the light of J1 may reach D3. Open SW1",
         )
         self._do("Bridge Q4 from CHAIN to LASER_PLUS, so that the light is stuck on")
         with self._board as board:
@@ -148,7 +148,7 @@ class BringUp:
 
     def _cut(self) -> str:
         for action, back, reset, remedy in (
-            ("hold RUN (SW2)", "Release RUN", True, "a Pico in reset must let LASER and SUPPLY fall: check R2 and R5"),
+            ("hold RUN (SW2)", "Release RUN", True, "LASER and SUPPLY must go low during a reset: check R2 and R5"),
             (
                 "pull the wire of HEARTBEAT off",
                 "Put the wire of HEARTBEAT back on",
@@ -246,7 +246,7 @@ class BringUp:
             answer = self._ask(f"{question} [{'/'.join(allowed)}]").strip().lower()
             if answer in allowed:
                 return answer
-            self._tell(f"the answer is {answer!r}, allowed: {', '.join(allowed)}")
+            self._show(f"the answer is {answer!r}, allowed: {', '.join(allowed)}")
         raise InvalidInput(f"no valid answer to {question!r} in {TRIES} tries, allowed: {', '.join(allowed)}")
 
     def _passed(self, serial: str) -> set[str]:
@@ -268,7 +268,7 @@ class BringUp:
         self._path.write_text(json.dumps(record) + "\n", encoding="utf-8")
 
 
-def bring_up(board: object, folder: Path, ask: Callable[[str], str], tell: Callable[[str], None]) -> bool:
+def bring_up(board: object, folder: Path, ask: Callable[[str], str], show: Callable[[str], None]) -> bool:
     """Guide the operator through the first power-up; return False if a point or a device fails, otherwise True.
 
     Raises:
@@ -277,8 +277,8 @@ def bring_up(board: object, folder: Path, ask: Callable[[str], str], tell: Calla
     if not isinstance(board, LaserBoard):
         raise InvalidInput(f"the first power-up is for the board of docs/build.md, not for {type(board).__name__}")
     try:
-        BringUp(board, folder, ask, tell).run()
+        BringUp(board, folder, ask, show).run()
     except (PointFailed, DriverError) as failure:
-        tell(f"FAIL  {failure}")
+        show(f"FAIL  {failure}")
         return False
     return True

@@ -75,11 +75,11 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
 
     @property
     def is_alive(self) -> bool:
-        """True while the node is running, by its liveliness token."""
+        """True while the node is running, according to its liveliness token."""
         return self._client.is_alive
 
     def status(self) -> Status | None:
-        """Return the newest status of the node; None before the first. If the node is silent, an item `node` says so.
+        """Return the newest status of the node; None before the first. An item `node` reports a silent node.
 
         Raises:
             transport.MessageError: the newest status is damaged.

@@ -47,7 +47,7 @@ KNOWN = {
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """Camera and laser board of a robot, and the settings with which they are opened, those of the calibration.
+    """Camera and laser board of a robot, and the settings with which they were calibrated and are opened.
 
     Attributes:
         source: source of the camera: number, device path, GStreamer pipeline, "aravis" or "aravis:NAME" for GigE and

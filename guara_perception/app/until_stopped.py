@@ -46,13 +46,13 @@ def stop_event() -> Iterator[threading.Event]:
     stop = StopEvent()
     # A handler runs in the main thread, which may hold the event's lock at that moment, so it must not set the event.
     # It puts an item into this queue, and another thread sets the event.
-    heard: queue.SimpleQueue[bool] = queue.SimpleQueue()
+    signals: queue.SimpleQueue[bool] = queue.SimpleQueue()
 
     def handle(number: int, stack: FrameType | None) -> None:
-        heard.put(True)
+        signals.put(True)
 
     def pass_on() -> None:
-        while heard.get():
+        while signals.get():
             stop.set()
 
     listener = supervised("guara-stop", pass_on)
@@ -63,7 +63,7 @@ def stop_event() -> Iterator[threading.Event]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        heard.put(False)
+        signals.put(False)
         listener.join()
 
 

@@ -27,7 +27,7 @@ from kinematics.stance_pose import support_soles
 # Coverage below which the health states a cause and a remedy.
 LOW_COVERAGE = 0.5
 UNSEEN = (
-    "whether the body sways cannot be seen: the light is too dim or unsteady, the ground has no texture, or there is "
+    "a sway of the body cannot be detected: the light is too dim or unsteady, the ground has no texture, or there is "
     "no laser-off picture"
 )
 REGIONS_X, REGIONS_Y = ("near", "middle", "far"), ("right", "centre", "left")
@@ -130,8 +130,8 @@ def scan_record(
     reasons = [f"stripe {index}: {reason}" for index, reason in told.items()]
     sway = robot.pause_limits.stance_sway
     if proved.may_sway:
-        amplitude = f"it may do so by {np.degrees(sway):.2f} degrees, which the variance of heights includes"
-        reasons.append(f"{UNSEEN}; by robot.toml ([pause] stance_sway) {amplitude if sway else 'it does not'}")
+        amplitude = f"up to {np.degrees(sway):.2f} degrees, which the variance of heights includes" if sway else "none"
+        reasons.append(f"{UNSEEN}; robot.toml ([pause] stance_sway) allows for {amplitude}")
     if proof.unproved:
         reasons.append(
             f"{OTHER_INSTANT}, perhaps: {len(proof.unproved)} stripes without a later dark flash are not used"

@@ -63,7 +63,7 @@ def command(
         from guara_perception.app.bring_up import bring_up
 
         board = devices_of(DeviceOptions(devices=devices)).laser_board()
-        if not bring_up(board, Path.cwd(), ask=lambda question: str(click.prompt(question)), tell=click.echo):
+        if not bring_up(board, Path.cwd(), ask=lambda question: str(click.prompt(question)), show=click.echo):
             context.exit(1)
         return
     unknown = [name for name in checks if name not in CHECKS]

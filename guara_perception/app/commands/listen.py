@@ -106,8 +106,8 @@ def report_missing_node(client: TerrainClient, robot: str) -> None:
     while not client.is_alive:
         if time.monotonic() > deadline:
             click.echo(
-                f"waiting for a node with instance name {robot!r}: none is seen here; `guara listen --all` lists the "
-                "robots that are seen, and --name selects one",
+                f"waiting for a node with instance name {robot!r}: no such node is visible here; `guara listen --all` "
+                "lists the running robots, and --name selects one",
                 err=True,
             )
             return

@@ -2,8 +2,8 @@
 
 The first output line, {"ready": true}, reports that the planner is connected. Each request is a JSON line {step, leg,
 x, y, extent, is_course}. Each answer is a JSON line with the foothold and the swing chosen on the grid of that step, or
-with the reasons why no foothold was found. On a course, strides are fitted to the ground: the planner chooses the leg
-too, and the answer has the place of the body during the swing.
+with the reasons why no foothold was found. On a course, strides are fitted to the ground: the planner also
+chooses the leg, and the answer contains the position of the body during the swing.
 """
 
 from __future__ import annotations

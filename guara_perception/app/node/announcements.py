@@ -84,7 +84,7 @@ def declared_ground(announcement: StancePause, settings: Settings) -> tuple[Know
 
 
 class Walks:
-    """Register of walks: rejects late or misdirected announcements, and names the walks of a gait without epochs."""
+    """Register of walks: rejects late or misdirected announcements, and assigns the epochs that a gait leaves out."""
 
     def __init__(self, robot: str, run: str) -> None:
         """Create the register before the first walk.

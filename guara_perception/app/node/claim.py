@@ -248,7 +248,7 @@ def _odometry(fields: Fields, robot: RobotModel) -> OdometryState:
         "of_footprint": (4, 4),
     }
     if feet.has("by_slides"):
-        # Older journals are without.
+        # Journals of earlier versions lack this field.
         shapes["by_slides"] = (4, 4)
     return OdometryState(
         step=fields.integer("step", 0),

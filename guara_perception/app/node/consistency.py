@@ -75,7 +75,7 @@ class JointWatch:
 
 
 class ContactWatch:
-    """Monitor with two status items.
+    """Monitor of landings and of ground that gives way, with two status items.
 
     `contact` has bias and sigma of the latest landings, and the worst landing of the last pause with landings. `ground`
     reports feet that sank or slid.

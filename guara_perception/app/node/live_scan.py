@@ -115,7 +115,7 @@ def live_scan(
     for index in report.fired:
         if index not in instants:
             instants[index] = now
-            processor.mark_bad(index, "fired, but no frame came")
+            processor.mark_bad(index, "fired, but no frame arrived")
     problems.extend(problem for problem in report.problems if problem not in problems)
     return LiveScan(start, end, last_frame, tuple(problems), report.stopped_early, failed, instants)
 

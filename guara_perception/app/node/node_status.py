@@ -165,7 +165,7 @@ def pause_item(pause: Pause | None, is_scanned: bool, gait_clock: tuple[float, f
         gait_clock: current reading of the gait's clock and its error bound [s]; None if unknown.
     """
     if pause is None:
-        message = "no stance pause was announced yet: nothing is scanned until the gait sends BEGIN"
+        message = "no stance pause has been announced yet: nothing is scanned until the gait sends BEGIN"
         return StatusItem(name="pause", level=Health.OK, message=message, values={"state": "none"})
     seconds = time.monotonic() - pause.begun
     if pause.ended.is_set():

@@ -154,7 +154,7 @@ class Pause:
         """Handle a second BEGIN; if `_add` rejects its stance, end the pause and return False."""
         if self._add(stance, now, stamp):
             return True
-        self.broken = f"a second BEGIN of step {self.step} came with other joints: {self.broken}"
+        self.broken = f"a second BEGIN of step {self.step} had other joint positions: {self.broken}"
         return False
 
     def leave_stream(self) -> None:
@@ -176,7 +176,7 @@ class Pause:
             if self._plan[0] == self.stamp:
                 length = self.time_available or self.limits.time_limit
             grace = self.deadline - self.planned_end
-            self._break(f"the pause had no END within its time of {length:.3g} s and {grace:.3g} s of grace")
+            self._break(f"no END arrived within the {length:.3g} s of the pause and {grace:.3g} s of grace")
 
     def time_left(self, now: float) -> float:
         """Time until the planned end [s], 0 or more."""

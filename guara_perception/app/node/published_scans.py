@@ -81,10 +81,10 @@ class PublishedScans:
         self._server, self._status, self._map, self._recorder = server, status, walk_map, recorder
         self._unseen, self._journal = unseen, journal
         self._unknown_clock = (
-            f"the clock of the gait's stamps is not known from {gait_clock_key(server.robot)} (no answer, or stamps "
-            "ahead of that clock), so the stamps confirm no frame: grids stay provisional and none stays in the map. "
-            "Announce pauses with this version's StancePublisher, or answer that key (docs/messages.md); with a "
-            "folder of certificates run `guara security renew`"
+            f"the gait's clock is unknown ({gait_clock_key(server.robot)} gives no answer, or stamps are ahead of that "
+            "clock), so no frame can be confirmed: grids stay provisional, and none stays in the map. Announce pauses "
+            "with the StancePublisher of this version, or answer queries on that key (docs/messages.md); with "
+            "certificates, run `guara security renew`"
         )
         self._are_images_out, self._contacts = False, ContactWatch(status)
         self.doubts: tuple[str, ...] = ()

@@ -49,7 +49,7 @@ def walk_until_stopped(
     session: Session,
     instance: str,
     stop: threading.Event,
-    tell: Callable[[str], None] = logger.info,
+    report: Callable[[str], None] = logger.info,
 ) -> None:
     """Walk with a scan at each pause; start again from the origin after each walk, until stopped.
 
@@ -59,7 +59,7 @@ def walk_until_stopped(
         session: session of the node, through which the gait also publishes.
         instance: name of the robot in the keys.
         stop: event that ends the walk.
-        tell: called with a line of text at the end of each walk.
+        report: called with a line of text at the end of each walk.
     """
     publisher = StancePublisher(session, robot=instance)
 
@@ -81,7 +81,7 @@ def walk_until_stopped(
         except (WalkEnded, OutOfReach) as error:
             end = f"ended early: {error}"
             node.status.problem("gait", str(error))
-        tell(f"the simulated walk {end}; the robot returns to the start for another walk")
+        report(f"the simulated walk {end}; the robot returns to the start for another walk")
 
 
 def _stand(
@@ -126,16 +126,18 @@ class ExternalGait:
         placed: number of placements of the robot so far.
     """
 
-    def __init__(self, robot: SimulatedRobot, node: PerceptionNode, tell: Callable[[str], None] = logger.info) -> None:
+    def __init__(
+        self, robot: SimulatedRobot, node: PerceptionNode, report: Callable[[str], None] = logger.info
+    ) -> None:
         """Start with the robot at the origin.
 
         Args:
             robot: simulated robot, whose devices `node` uses.
             node: running node, which receives each announcement after the placement, or an error if the robot cannot be
                 placed.
-            tell: called with a line of text for each pause with a contradiction.
+            report: called with a line of text for each pause with a contradiction.
         """
-        self._robot, self._node, self._tell = robot, node, tell
+        self._robot, self._node, self._show = robot, node, report
         tree = robot.robot.tree
         bias = WalkNoise().joint * tree.joint_scales * np.random.default_rng(0).standard_normal(len(tree.joint_names))
         self._bias = dict(zip(tree.joint_names, bias.tolist(), strict=True))
@@ -218,7 +220,7 @@ class ExternalGait:
             return
         text = f"step {step}: {'; '.join(misfits)}"
         self._node.status.problem("gait", text)
-        self._tell(f"gait: {text}")
+        self._show(f"gait: {text}")
 
 
 def stand_on_ground(

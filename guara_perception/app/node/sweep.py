@@ -145,8 +145,8 @@ class Sweeper:
     def sweep(self, mode: str, job: SweepJob) -> Swept:
         """Sweep in a mode of SWEEPS.
 
-        A refused sweep (foreign light, or frames that are not of their flash) is repeated while time is left, up to
-        MOST_SWEEPS sweeps in all.
+        A refused sweep (foreign light, or frames of other flashes) is repeated while time is left, up to MOST_SWEEPS
+        sweeps in all.
         """
         for attempt in itertools.count(1):
             start = clock.now()

@@ -41,8 +41,8 @@ class _WalkState:
     restarts: list[str] = field(default_factory=list)
     # Sole positions in the map's `odom`; None if the image of the last pause did not locate the robot.
     soles: Mapping[str, Float] | None = None
-    # True after a scan that was too incomplete to confirm or reject the walk of the journal, until another scan does.
-    is_beside: bool = False
+    # True after a scan that was too incomplete to confirm or reject the walk of the journal, until a later scan does.
+    is_undecided: bool = False
 
     def copy(self) -> _WalkState:
         """Copy with its own odometry. The map is shared, since it is large and keeps its own undo state."""
@@ -105,7 +105,7 @@ class WalkMap:
             # A requested scan of the same pause: its ground was already fused with the first scan.
             return state.last
         refused, standing = "", None
-        if state.step is None or state.is_beside:
+        if state.step is None or state.is_undecided:
             at = terrain.stamp * 1e-9 if time is None else time
             refused, standing = self._go_on((epoch, step, standing_pauses), stance, terrain, at, picture)
         state = self._state
@@ -151,7 +151,7 @@ class WalkMap:
         """Make all updates so far permanent; `withdraw` returns to this state."""
         self._state.map.keep()
         self._kept = self._state.copy()
-        if self._journal is not None and not self._state.is_beside:
+        if self._journal is not None and not self._state.is_undecided:
             self._journal.claims = ()
 
     def claim(self, time: float) -> Claim | None:
@@ -161,7 +161,7 @@ class WalkMap:
         """
         state = self._state
         odometry = state.odometry.state
-        if state.step is None or state.stance is None or odometry is None or state.is_beside:
+        if state.step is None or state.stance is None or odometry is None or state.is_undecided:
             return None
         restarts = tuple(state.restarts)
         return Claim(state.epoch, state.step, state.stance, time, odometry, state.map.copy(), restarts)
@@ -230,7 +230,7 @@ class WalkMap:
             else:
                 journal.refuse(why)
                 reason = f"the journal does not fit: {why}"
-            self._state.is_beside = may_fit_later
+            self._state.is_undecided = may_fit_later
             self._state.restarts.append(reason)
             return reason, None
         odometry.restore(claim.odometry, claim.stance)

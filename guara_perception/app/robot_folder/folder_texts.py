@@ -18,23 +18,23 @@ SWING_HEIGHT_M = 0.060
 def assumed(proposal: Proposal) -> dict[str, str]:
     """Assumed fields of robot.toml, each with instructions for measuring it before the robot walks."""
     legs = {
-        f"legs.{leg.leg.name}.sole": "in the scan posture the frame must lie where this foot touches the floor"
+        f"legs.{leg.leg.name}.sole": "check that the frame is where this foot touches the floor in the scan posture"
         for leg in proposal.legs
     }
     return {
         "sole": "measure the part of a foot that rests on the ground, along and across",
         **legs,
-        "frames.camera": "mount the camera, measure where it sits, and calibrate: the calibration overrides it",
-        "frames.laser": "mount the mirror, measure where it sits, and calibrate: the calibration overrides it",
+        "frames.camera": "mount the camera, measure its position, and calibrate: the calibration overrides it",
+        "frames.laser": "mount the mirror, measure its position, and calibrate: the calibration overrides it",
         "traversability.slope_limit": "find the steepest ground on which a foot holds",
         "traversability.step_limit": "half the height to which a swing lifts a foot",
-        "traversability.drop_limit": "how far a foot may slip off an edge before the body tips too far",
+        "traversability.drop_limit": "find how far a foot may slip off an edge before the body tilts too much",
         "traversability.roughness_limit": "largest unevenness under one sole on which the robot stands",
         "heights.minimum": "one and a half times the highest step that the robot climbs down",
         "heights.maximum": "twice the height to which a swing lifts a foot",
-        "stance.encoder_sigma": "set each joint to a known angle, and compare with what it reads",
+        "stance.encoder_sigma": "set each joint to a known angle, and compare it with the reading",
         "stance.encoder_noise": "read the joints of the standing robot for a minute: standard deviation of one joint",
-        "stance.centre_of_mass_sigma": "weigh the robot on its feet and compare with the masses of the URDF",
+        "stance.centre_of_mass_sigma": "weigh the robot on its feet, and compare with the masses in the URDF",
     }
 
 
@@ -123,19 +123,19 @@ def _sole_radius(p: Proposal) -> str:
     """Line of robot.toml with the radius of round feet; empty for other feet."""
     if not p.sole_radius:
         return ""
-    return f"sole_radius = {p.sole_radius:.4f}    # of the round foot: a ball that rolls lifts its sole frame\n"
+    return f"sole_radius = {p.sole_radius:.4f}    # of the round foot, which lifts the sole frame when it rolls\n"
 
 
 def _sole_reason(p: Proposal) -> str:
     foot = p.legs[0].foot
     if not foot.shapes:
-        return "the URDF gives the foot no shape: a guess"
-    return "where the round foot may rest: 0.55 of its diameter" if foot.is_round else "the foot's collision shape"
+        return "a guess, since the foot has no shape in the URDF"
+    return "contact of the round foot: 0.55 of its diameter" if foot.is_round else "the foot's collision shape"
 
 
 def _height_reason(p: Proposal) -> str:
     if p.reach is None:
         return "given by --height"
     if p.reach >= 1.0:
-        return "the highest from which the feet reach 0.13 m fore and aft, 20 mm down and 60 mm up"
-    return f"of all heights tried, the feet reach the most positions of the gait from this one: {p.reach:.0%}"
+        return "the greatest from which the feet reach 0.13 m fore and aft, 20 mm down and 60 mm up"
+    return f"the one from which the feet reach the most positions of the gait: {p.reach:.0%}"

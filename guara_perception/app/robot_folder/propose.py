@@ -27,9 +27,10 @@ LEAST_SOLE_M = 0.020
 # sixth of the diameter to either side, and rubber flattens by a tenth on either side.
 CONTACT_SHARE = 0.55
 HALF_SWING_M = 0.07
-# Lengths of a leg that are taken for metres [m].
+# Plausible lengths of a leg [m]; other lengths are probably not in metres.
 LEG_M = (0.05, 5.0)
-# Joint limits between two turns in radians and two turns in degrees are taken for degrees. Larger ones mean "no limit".
+# Joint limits between two turns in radians and two turns in degrees are probably in degrees. Larger ones mean "no
+# limit".
 DEGREES = (4.0 * np.pi, 720.0)
 
 

@@ -136,6 +136,6 @@ def scan_findings(robot: RobotModel) -> Iterator[Finding]:
     if angles[0] < travel[0] or angles[1] > travel[1]:
         yield note(
             "robot.toml [scan]",
-            f"turns the mirror from {angles[0]:.1f} to {angles[1]:.1f} degrees, the firmware of this project from "
-            f"{travel[0]:.1f} to {travel[1]:.1f}: set MIN_STEP, MAX_STEP and ZERO_STEP in its config.h for this robot",
+            f"the mirror turns from {angles[0]:.1f} to {angles[1]:.1f} degrees, but the firmware of this project only "
+            f"from {travel[0]:.1f} to {travel[1]:.1f}: set MIN_STEP, MAX_STEP and ZERO_STEP in its config.h",
         )

@@ -152,7 +152,7 @@ def test_faults_end_the_first_power_with_a_remedy(bench: Bench, deeds: dict[str,
         ("Is it dark, and", "Q1 conducts without heartbeats"),
         ("Did it light", "light that you do not see"),
         ("Is it dark now", "SUPPLY is low and Q1 conducts"),
-        ("Did it go dark", "must let LASER and SUPPLY fall"),
+        ("Did it go dark", "LASER and SUPPLY must go low during a reset"),
     ],
 )
 def test_what_only_eyes_see_ends_it_too(bench: Bench, question: str, said: str) -> None:

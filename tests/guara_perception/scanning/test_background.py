@@ -182,7 +182,7 @@ def test_that_motion_cannot_be_seen_is_told(rig: Rig, level: float, has_off: boo
         processor.add(index, on, off if has_off else None)
     health = processor.finish().record.health
     assert health is not None and any("stance_sway" in reason for reason in health.reasons) == told, health
-    assert any("cannot be seen" in reason for reason in health.reasons) == told
+    assert any("cannot be detected" in reason for reason in health.reasons) == told
 
 
 @pytest.mark.slow

@@ -66,7 +66,7 @@ def test_texture_is_named_where_laser_off_pictures_would_help(effect: str, with_
         assert health == {"level": "ok", "reasons": []}
         return
     unseen, *reasons = health["reasons"]
-    assert unseen.startswith("whether the body sways cannot be seen")
+    assert unseen.startswith("a sway of the body cannot be detected")
     assert len(reasons) == (effect == "chessboard")
     for reason in reasons:
         assert reason.startswith("texture: the scene's own light varies by ")

@@ -55,7 +55,7 @@ def test_no_cell_is_free_that_an_unseen_sway_made_wrong(robot: RobotModel, tmp_p
     free = {name: grid.hazard == 0 for name, grid in grids.items()}
     wrong = {name: int((free[name] & (np.abs(grid.elevation - truth) > WRONG_M)).sum()) for name, grid in grids.items()}
     assert wrong["still"] == wrong["swaying, said"] == 0 < wrong["swaying, unsaid"]
-    assert "it may do so by 0.50 degrees" in " ".join(grids["still, said"].record.health.reasons)
+    assert "allows for up to 0.50 degrees" in " ".join(grids["still, said"].record.health.reasons)
     assert np.nanmax(grids["still, said"].variance_local) > 10 * np.nanmax(grids["still"].variance_local)
 
 
@@ -81,9 +81,9 @@ def test_a_small_sway_costs_the_far_ground_alone(
     assert (np.sqrt(grid.variance) >= 0.97 * sway * np.hypot(x, y[:, None]))[known].all()
     free = grid.hazard == 0
     assert free.any() and not (free & (still.hazard != 0)).any()
-    for each, said in ((grid, "it may do so by 0.30 degrees"), (still, "it does not")):
+    for each, said in ((grid, "allows for up to 0.30 degrees"), (still, "allows for none")):
         reasons = " ".join(each.record.health.reasons)
-        assert "cannot be seen" in reasons and "no laser-off picture" in reasons and said in reasons
+        assert "cannot be detected" in reasons and "no laser-off picture" in reasons and said in reasons
     seen = grid_of(swaying, has_off=True)
     assert seen.record.health.level == "ok"
     assert (seen.hazard == grid_of(robot, has_off=True).hazard).all()

@@ -333,7 +333,7 @@ def test_known_lens(
     assert said.startswith("verdict: usable") and "focal length sigma" not in said
     assert "the lens was given without its uncertainty: that of one estimated from 14 pictures is assumed" in said
     assert ("board corner error" in said) == (edit is one_board)
-    assert ("no picture of a board checks it" in (report / "report.html").read_text()) == (edit is without_board)
+    assert ("no picture of a board verifies it" in (report / "report.html").read_text()) == (edit is without_board)
     written = gp.load_calibration(out)
     np.testing.assert_array_equal(written.camera.matrix, read_camera_info(lens).matrix)
     truth = json.loads((SESSION / "truth.json").read_text())

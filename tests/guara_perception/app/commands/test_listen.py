@@ -76,7 +76,7 @@ def test_a_name_that_nobody_has_is_said(monkeypatch: pytest.MonkeyPatch, capsys:
         listen.report_missing_node(SimpleNamespace(is_alive=is_alive), "tapir")  # type: ignore[arg-type]
     said = capsys.readouterr()
     assert said.out == "" and said.err.count("\n") == 1
-    assert "waiting for a node with instance name 'tapir': none is seen here; `guara listen --all`" in said.err
+    assert "waiting for a node with instance name 'tapir': no such node is visible here; `guara listen" in said.err
 
 
 def test_no_grid_in_time_is_a_failure(node, guara, module_endpoint: str):

@@ -194,7 +194,7 @@ def test_a_pause_expires_when_its_gait_has_died(bench: Bench) -> None:
     message = bench.client._client.receiver().latest().message
     assert message.valid_for <= 8.0 + 2.0
     bench.gait.session.close()
-    assert reported(bench, "no END within its time of 8 s")
+    assert reported(bench, "no END arrived within the 8 s of the pause")
     assert is_withdrawn(wait_for_withdrawal(bench)) and is_withdrawn(wait_for_withdrawal(bench, "map"))
     with pytest.raises(gp.ScanFailed, match="not in a stance pause"):
         bench.client.request_scan("coarse", timeout=TIMEOUT)
@@ -442,8 +442,8 @@ def test_without_the_gaits_clock_grids_stay_provisional_and_out_of_the_map(
         bench.gait.say(0, PausePhase.BEGIN)
         both(bench, 0)
         bench.gait.say(0, PausePhase.END)
-        assert reported(bench, "the clock of the gait's stamps is not known from guara/gait/v1/clock")
-        assert reported(bench, "Announce pauses with this version's StancePublisher")
+        assert reported(bench, "the gait's clock is unknown (guara/gait/v1/clock gives no answer")
+        assert reported(bench, "Announce pauses with the StancePublisher of this version")
         message = bench.client._client.receiver().latest().message
         assert message.provisional and not message.withdrawn
         bench.gait.say(1, PausePhase.BEGIN)

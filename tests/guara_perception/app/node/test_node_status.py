@@ -57,7 +57,7 @@ def test_a_client_is_told_where_the_robot_is_in_its_walk(bench: Bench) -> None:
             time.sleep(0.05)
         raise AssertionError(f"no status says {state!r}")
 
-    assert reached("none").message.startswith("no stance pause was announced yet")
+    assert reached("none").message.startswith("no stance pause has been announced yet")
     bench.gait.say(7, PausePhase.BEGIN)
     standing = reached("standing")
     assert standing.values["step"] == "7" and "its scan is done: the next grid comes" in standing.message

@@ -65,7 +65,7 @@ def test_a_pause_of_unknown_length_ends_after_the_last_announcement_of_the_gait(
     pause.expire(151.9)
     assert not pause.ended.is_set() and pause.time_left(149.9) == pytest.approx(0.1)
     pause.expire(152.1)
-    assert pause.ended.is_set() and "had no END within its time of 50 s and 2 s of grace" in pause.broken
+    assert pause.ended.is_set() and "no END arrived within the 50 s of the pause and 2 s of grace" in pause.broken
 
 
 def test_a_pause_of_known_length_is_not_made_longer_by_a_hold_without_a_time() -> None:

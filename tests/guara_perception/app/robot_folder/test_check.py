@@ -141,9 +141,9 @@ def test_a_pattern_beyond_the_travel_of_the_board_is_noted(tmp_path: Path, capsy
     """As of a mirror far ahead of the area: the folder is sound, and the firmware must be built for it."""
     folder = altered_guara(tmp_path, ("mirror_angle_first = -0.110", "mirror_angle_first = -0.310"))
     assert run(["robot", "check", str(folder)]) == 0
-    noted = [line for line in capsys.readouterr().out.splitlines() if "degrees, the firmware of this project" in line]
+    noted = [line for line in capsys.readouterr().out.splitlines() if "but the firmware of this project" in line]
     assert len(noted) == 1 and noted[0].startswith(
-        "note: robot.toml [scan]: turns the mirror from -17.8 to 18.6 degrees"
+        "note: robot.toml [scan]: the mirror turns from -17.8 to 18.6 degrees"
     )
     assert "from -15.0 to 25.0: set MIN_STEP, MAX_STEP and ZERO_STEP" in noted[0]
     assert run(["robot", "check", "guara"]) == 0
