@@ -1,4 +1,4 @@
-"""The test bench: scenes with a truth, walks over known ground, slow links, devices and physics that no robot carries.
+"""Test bench: scenes and walks with known truth, slow links, emulated devices and physics.
 
-Tests and benchmarks import it; it imports the packages, neither pytest nor tests nor benchmarks. It is not installed.
+Tests and benchmarks import it. It imports the packages, but not pytest, tests or benchmarks, and is not installed.
 """

@@ -10,11 +10,11 @@ from kinematics import load_robot
 
 
 def altered_guara(folder: Path, *settings: tuple[str, str]) -> Path:
-    """Copy the robot's folder to `folder`/guara and change its robot.toml; return the copy.
+    """Copy the Guará's folder to `folder`/guara, edit its robot.toml, and return the path of the copy.
 
     Args:
-        folder: where the copy is made.
-        settings: texts of robot.toml that are replaced at their first place, each with what replaces it.
+        folder: folder that will contain the copy.
+        settings: pairs of a text in robot.toml and its replacement; the first occurrence is replaced.
     """
     robot = Path(shutil.copytree(load_robot("guara").folder, folder / "guara"))
     text = (robot / "robot.toml").read_text()
@@ -26,7 +26,7 @@ def altered_guara(folder: Path, *settings: tuple[str, str]) -> Path:
 
 
 def telescopic_guara(folder: Path) -> Path:
-    """A copy whose knees are prismatic: shanks slide into thighs by up to 0.1 m; its postures are as high as before."""
+    """Make a copy with prismatic knees: shanks slide into thighs by up to 0.1 m; heights of postures are unchanged."""
     robot = altered_guara(folder)
     urdf, srdf = robot / "urdf" / "guara.urdf", robot / "srdf" / "guara.srdf"
     knee = re.compile(r'(\w\w_kfe_joint" type=)"revolute"(.*?)<axis xyz="0 1 0"/>\s*<limit [^>]*>', re.DOTALL)

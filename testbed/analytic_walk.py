@@ -1,4 +1,4 @@
-"""A walk over analytic ground with joint and contact noise: true heights in, synthetic scans out, for the fused map."""
+"""Walk over analytic ground with joint and contact noise, and synthetic scans of it for the fused map."""
 
 from __future__ import annotations
 
@@ -19,27 +19,28 @@ from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.record import ScanRecord, limits_to_dict
 from guara_perception.terrain.map.soft_ground import REACH_M
 from kinematics import GravityEstimate, RobotModel, Stance
+from kinematics.urdf import rotation_from_rpy
 
 LIFT_ORDER = ("rh", "rf", "lh", "lf")
 CYCLE_M = 0.140
 ADVANCE_M = CYCLE_M / len(LIFT_ORDER)
 HIP_HEIGHT_M = 0.360
-# The leg of the lowest foot must still reach half a swing away.
+# Largest height of the body above the lowest foot, so that its leg still reaches half a swing ahead.
 LONGEST_LEG_M = 0.375
 PAUSE_NS = 4_675_000_000
-# Where camera and laser are in base_link (nominal), for occlusion.
+# Nominal positions of camera and laser in base_link, for occlusion.
 CAMERA_IN_BASE = np.array([0.400, 0.0, 0.140])
 LASER_IN_BASE = np.array([0.600, 0.0, 0.110])
 SENSOR_SIGMA_M = (0.0001, 0.0002)
-# How far aside the camera sees the ground at the near and at the far end of the scanned area.
+# Half the width of the camera's view on the ground, at the near and the far end of the scanned area.
 SEEN_ASIDE_M = (0.26, 0.38)
-# Share of cells without a return, from 18 coarse scans of simulated frames over random worlds: where heights change by
-# more than EDGE_M from a cell to those beside it, beside such cells, and within two cells of dark ground.
+# Shares of cells without a return, measured in 18 coarse scans of simulated frames over random worlds: cells whose
+# height differs by more than EDGE_M from a neighbour, cells beside them, and cells within two cells of dark ground.
 EDGE_M = 0.008
 DROPPED_AT_EDGES, DROPPED_BESIDE_EDGES, DROPPED_BESIDE_DARK = 0.21, 0.08, 0.09
-# By how much a map may be off where cells near a foothold are judged [m].
+# Largest error of the map's position that is allowed for near a foothold [m].
 AROUND_M = 0.02
-# Half the width of their clusters, about [cells].
+# Approximate half width of clusters of cells without a return [cells].
 CLUSTER_CELLS = 1.5
 
 
@@ -53,7 +54,7 @@ class Ground:
 
     @staticmethod
     def random(seed: int) -> Ground:
-        """Ground of a seed; the first 0.45 m, where the robot stands, are flat."""
+        """Create random ground; the first 0.45 m, on which the robot stands, are flat."""
         rng = np.random.default_rng(seed)
         boxes = np.column_stack(
             (
@@ -84,7 +85,7 @@ class Ground:
         return np.where((x > 2.2) & (x < 2.26) & (np.abs(y) < 0.12), height - 0.05, height)
 
     def at(self, step: int) -> Ground:
-        """The ground at a pause: the same at all."""
+        """Ground at a pause; this ground never changes."""
         return self
 
     def sink(self, x: float, y: float) -> float:
@@ -92,15 +93,15 @@ class Ground:
         return 0.0
 
     def carried(self, step: int, foot: Float) -> Float:
-        """Place of a foot that stood still on the ground since the pause before."""
+        """Position at pause `step` of a foot that stood at `foot` at the previous pause; moving ground moves it."""
         return foot
 
     def own(self, x: Float, y: Float) -> tuple[Float, Float]:
-        """Coordinates in which the texture of the ground at these places never moves."""
+        """Coordinates of points relative to the ground itself, which stay the same when the ground moves."""
         return x, y
 
     def is_dark(self, x: Float, y: Float) -> npt.NDArray[np.bool_]:
-        """Whether the ground swallows the laser."""
+        """Mask of the points where the ground absorbs the laser light."""
         dark = np.zeros(np.shape(x), dtype=bool)
         for dx, dy, radius in self.dark:
             dark |= np.hypot(x - dx, y - dy) < radius
@@ -109,7 +110,7 @@ class Ground:
 
 @dataclass(frozen=True)
 class LevelGround(Ground):
-    """Nothing but a plane."""
+    """Level plane."""
 
     def height_at(self, x: Float, y: Float) -> Float:
         """0 everywhere."""
@@ -118,13 +119,13 @@ class LevelGround(Ground):
 
 @dataclass(frozen=True)
 class CompliantGround(Ground):
-    """Ground with a patch across the way that gives way under a foot, as foam or snow does, or slides away, as ice.
+    """Ground with a strip across the path that yields under a foot, like foam or snow, or is slippery, like ice.
 
     Attributes:
-        soft: first and last x of the patch [m].
-        depth: by which it gives way [m].
-        thickness: by which it stands higher than the ground around it [m].
-        slide: by which left feet that stand slide outwards, once a cycle [m].
+        soft: first and last x of the strip [m].
+        depth: depth to which a foot sinks in [m].
+        thickness: height of the strip above the ground around it [m].
+        slide: outward slide of a standing left foot, once per cycle [m].
     """
 
     soft: tuple[float, float] = (1.0, 1.5)
@@ -133,11 +134,11 @@ class CompliantGround(Ground):
     slide: float = 0.0
 
     def is_soft(self, x: Float, y: Float) -> Mask:
-        """Whether the ground gives way."""
+        """Mask of the points on the soft strip."""
         return np.asarray((x >= self.soft[0]) & (x <= self.soft[1]))
 
     def height_at(self, x: Float, y: Float) -> Float:
-        """True height in the world before anybody steps on it [m]."""
+        """True height in the world before a foot has stepped on it [m]."""
         return super().height_at(x, y) + np.where(self.is_soft(x, y), self.thickness, 0.0)
 
     def sink(self, x: float, y: float) -> float:
@@ -145,7 +146,7 @@ class CompliantGround(Ground):
         return self.depth if self.soft[0] <= x <= self.soft[1] else 0.0
 
     def carried(self, step: int, foot: Float) -> Float:
-        """Place of a foot that stood on the ground since the pause before: further out once a cycle."""
+        """See `Ground.carried`; a left foot slides outwards once per cycle."""
         if step % len(LIFT_ORDER) != 1 or not (self.slide and foot[1] > 0 and self.is_soft(*foot[:2])):
             return foot
         y = foot[1] + self.slide
@@ -154,15 +155,15 @@ class CompliantGround(Ground):
 
 @dataclass(frozen=True)
 class Pause:
-    """One stance pause of a walk.
+    """Stance pause of a walk.
 
     Attributes:
-        step: its number.
+        step: number of the pause.
         stance: measured stance, with noise.
-        transform_base_to_world: the truth, (4, 4).
-        soles_in_world: leg -> (3,), true.
-        next_footholds: leg -> (3,) true position where the next swing of each leg ends.
-        next_leg: the leg that swings next.
+        transform_base_to_world: (4, 4) true pose of the body.
+        soles_in_world: (3,) true position of each sole [m], by leg.
+        next_footholds: (3,) true position at which the next swing of each leg ends [m], by leg.
+        next_leg: leg that swings next.
     """
 
     step: int
@@ -176,9 +177,9 @@ class Pause:
 def walk(
     robot: RobotModel, ground: Ground, cycles: int, seed: int, *, has_gravity: bool = True, stands: bool = False
 ) -> Iterator[Pause]:
-    """Pauses of a walk: four swings a cycle, the body level but for a degree, noise as in the robot's stance table.
+    """Yield the pauses of a walk of four swings per cycle, with the noise of the robot's [stance] table.
 
-    A robot that `stands` sways from pause to pause and lifts no foot.
+    The body tilts by about a degree at random. With `stands`, it sways from pause to pause, and no foot is lifted.
     """
     rng = np.random.default_rng(1000 + seed)
     noise = robot.noise
@@ -194,7 +195,7 @@ def walk(
         roll, pitch, yaw = rng.normal(0, np.radians(1.0), 3) * (1, 1, 0.5)
         soles = {leg: foot + rng.normal(0, noise.contact_sigma, 3) for leg, foot in feet.items()}
         transform = np.eye(4)
-        transform[:3, :3] = _rotation(roll, pitch, yaw)
+        transform[:3, :3] = rotation_from_rpy(roll, pitch, yaw)
         heights = [foot[2] for foot in feet.values()]
         transform[:3, 3] = (body_x, 0.0, min(np.mean(heights) + HIP_HEIGHT_M, min(heights) + LONGEST_LEG_M))
         stance = _measured(robot, transform, soles, rng, has_gravity)
@@ -211,9 +212,9 @@ def walk(
 def scan(
     robot: RobotModel, ground: Ground, pause: Pause, seed: int, gravity: GravityEstimate | None = None
 ) -> gp.TerrainGrid:
-    """The wide grid that a scan of this pause would give: true heights with noise, hidden and dark cells unknown.
+    """Wide grid of a synthetic scan at a pause: true heights with noise; hidden and dark cells are unknown.
 
-    Without an IMU `gravity` is what the walk carried there.
+    `gravity` is the estimate carried by odometry, for a robot without an IMU.
     """
     settings, ground = Settings.of(robot), ground.at(pause.step)
     grid = GridGeometry.over(settings.footprint_x, settings.map_y, settings.resolution)
@@ -277,13 +278,13 @@ def scan(
 
 
 def _clusters(rng: np.random.Generator, relief: Float, top: Float, dark: npt.NDArray[np.bool_]) -> Mask:
-    """Cells (ny, nx) without a return where real scans have them: at edges and beside dark ground, in clusters.
+    """Mask (ny, nx) of cells without a return, in clusters at edges and beside dark ground, as in real scans.
 
     Args:
         rng: random numbers.
         relief: range of heights within each cell [m], (ny, nx).
         top: highest point of each cell [m], (ny nx,).
-        dark: whether the ground of each cell swallows the laser, (ny nx,).
+        dark: mask of the cells whose ground absorbs the laser light, (ny nx,).
     """
     high, around = top.reshape(relief.shape), np.ones((3, 3), np.uint8)
     edges = cv2.dilate(high, around) - cv2.erode(high - relief, around) > EDGE_M
@@ -314,7 +315,7 @@ def _measured(
 
 
 def _foothold(ground: Ground, x: float, y: float) -> Float:
-    """The flattest place for a sole near a wanted position, and its height."""
+    """Position (3,) of the flattest foothold for a sole near a nominal position."""
     best = None
     for dx in np.arange(-0.03, 0.031, 0.01):
         for dy in np.arange(-0.02, 0.021, 0.01):
@@ -330,7 +331,7 @@ def _foothold(ground: Ground, x: float, y: float) -> Float:
 def free_soft_cells(
     ground: Ground, transform_base_to_world: Float, fused: gp.TerrainGrid, sank: Sequence[Float]
 ) -> int:
-    """Number of free cells on ground that gives way, within reach of places where feet sank in it."""
+    """Count the free cells on soft ground near positions at which feet sank in, so that they should not be free."""
     if not sank:
         return 0
     to_world = transform_base_to_world @ np.linalg.inv(fused.metadata["transform_base_to_footprint"])
@@ -340,16 +341,8 @@ def free_soft_cells(
     return sum(ground.sink(px, py) > 0 for px, py, _ in points[away < REACH_M - AROUND_M].tolist())
 
 
-def _rotation(roll: float, pitch: float, yaw: float) -> Float:
-    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(a), np.sin(a)) for a in (roll, pitch, yaw))
-    about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-    about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    return np.asarray(about_z @ about_y @ about_x)
-
-
 def seen_height(ground: Ground, to_world: Float, x: Float, y: Float) -> tuple[Float, Float]:
-    """Height at which the vertical of the measured footprint meets the true ground, and that point in the world."""
+    """Heights at which vertical lines of the measured footprint meet the true ground, and these points in the world."""
     z = np.zeros(x.size)
     for _ in range(4):
         world = np.column_stack((x, y, z)) @ to_world[:3, :3].T + to_world[:3, 3]
@@ -359,7 +352,7 @@ def seen_height(ground: Ground, to_world: Float, x: Float, y: Float) -> tuple[Fl
 
 
 def _hidden(ground: Ground, points: Float, origin: Float) -> npt.NDArray[np.bool_]:
-    """Whether the true ground stands between points (n, 3) and a sensor's origin."""
+    """Mask of the points (n, 3) that the true ground hides from a sensor's origin."""
     hidden = np.zeros(len(points), dtype=bool)
     for share in np.linspace(0.005, 0.35, 60):
         at = points + share * (origin - points)

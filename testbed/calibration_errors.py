@@ -1,4 +1,4 @@
-"""Errors of height that a calibration makes: the true laser planes seen by the true camera, sent through it."""
+"""Height errors of a calibration: points seen by the true rangefinder, triangulated with the estimated calibration."""
 
 from __future__ import annotations
 
@@ -20,7 +20,11 @@ def height_errors(
     transform_base_to_footprint: Float,
     heights_mm: npt.NDArray[np.int64],
 ) -> dict[int, Float]:
-    """Errors of height [m] by stripe: true laser plane seen by the true camera, sent through our calibration."""
+    """Height errors of an estimated calibration [m], by stripe index.
+
+    Points on the true laser planes, at the given ground heights, are projected with the true camera and triangulated
+    with the estimate.
+    """
     true_pose = transform_base_to_footprint @ truth.transform_camera_to_base
     camera_pose = transform_base_to_footprint @ estimate.transform_camera_to_base
     y = np.linspace(*AREA_Y, 201)
@@ -44,7 +48,7 @@ def height_errors(
 
 
 def worst_rms(errors: dict[int, Float]) -> tuple[float, int]:
-    """Largest rms over the stripes [mm] and the stripe's index."""
+    """Largest rms error of a stripe [mm], and index of this stripe."""
     rms = {index: 1e3 * float(np.sqrt(np.mean(e**2))) for index, e in errors.items() if e.size}
     index = max(rms, key=lambda i: rms[i])
     return rms[index], index

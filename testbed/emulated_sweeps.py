@@ -1,4 +1,4 @@
-"""Sweeps of emulated devices in emulated time: triggered by the board in Python or on its chip, and free-running."""
+"""Sweeps with emulated devices in emulated time: triggered by the emulated board or chip, or free-running."""
 
 from __future__ import annotations
 
@@ -26,29 +26,29 @@ from testbed.bench_board import BenchBoard, BenchCamera, bench_backend
 from testbed.scenes import ScanInMemory
 from testbed.triggered_camera import EmulatedTriggeredCamera
 
-# How long the laser is on for a stripe [s].
+# Duration of the laser flash of a stripe [s].
 FLASH = 0.004
-# How long the emulated board takes for a transfer [s], as on a full-speed bus.
+# Duration of a transfer to the emulated board, as on a full-speed bus [s].
 BUS_DELAY = 0.0003
 FIRMWARE = Path(__file__).resolve().parents[1] / "firmware" / "guara_board.uf2"
 
 
 def firing_order_of(stripes: int) -> list[tuple[int, float]]:
-    """Pairs (index, mirror angle) of `stripes` stripes, evenly chosen from the 70 of the standard pattern."""
+    """Pairs (index, mirror angle) of stripes that are evenly chosen from the 70 of the standard pattern."""
     stride = 70 // stripes
     return [(index, -0.14 + 0.46 * index / 69) for index in range(0, 70, stride)]
 
 
 class Picture:
-    """Draws small pictures with one row of laser, whose first two pixels hold the number of the exposure."""
+    """Renderer of small images of a laser line, whose first two pixels contain the number of the exposure."""
 
     def __init__(self, board: BenchBoard | None = None) -> None:
-        """Number the exposures of `board`, if one is given."""
+        """Create the renderer; exposures are numbered only if a `board` is given."""
         self._board = board
         self._number = 0
 
     def __call__(self, view: ExposureView, settings: CameraSettings) -> Image:
-        """Draw an exposure."""
+        """Render an exposure."""
         image = np.full((256, 80, 3), 40, np.uint8)
         if view.laser_fraction > 0.2:
             row = 20 + round((view.mirror_angle + 0.15) * 400)
@@ -61,7 +61,7 @@ class Picture:
 
 
 def view_of(scan: ScanInMemory) -> Callable[[ExposureView, CameraSettings], Image]:
-    """What a camera sees of a scan in memory: the frame of the mirror's nearest angle, or the one without laser."""
+    """Create a renderer that returns the frame of a scan whose mirror angle is nearest, with or without the laser."""
     angles = {stripe.index: stripe.mirror_angle for stripe in scan.calibration.stripes}
     mirror_angles = np.array([angles[index] for index, _, _ in scan.frames])
 
@@ -74,7 +74,7 @@ def view_of(scan: ScanInMemory) -> Callable[[ExposureView, CameraSettings], Imag
 
 @contextmanager
 def emulated(config: EmulatorConfig | None = None) -> Iterator[tuple[BenchBoard, LaserBoard]]:
-    """An emulated board in emulated time, and the driver connected to it."""
+    """Yield an emulated board in emulated time, and the driver connected to it."""
     with timing.on_clock(EmulatedClock()):
         board = BenchBoard(config)
         board.bus_delay = BUS_DELAY if config is None else 0.0
@@ -83,7 +83,7 @@ def emulated(config: EmulatorConfig | None = None) -> Iterator[tuple[BenchBoard,
 
 
 def bound_of(driver: LaserBoard, firing_order: list[tuple[int, float]], flash: float) -> float:
-    """Least duration of moves, settling and flashes, by the board's own motion profile [s]."""
+    """Lower bound of the duration of moves, settling and flashes, by the board's motion profile [s]."""
     motion_profile = driver.motion_profile()
     steps = [driver.step_at(angle) for _, angle in firing_order]
     moves = sum(motion_profile.time(after - before) for before, after in zip(steps, steps[1:], strict=False))
@@ -93,7 +93,7 @@ def bound_of(driver: LaserBoard, firing_order: list[tuple[int, float]], flash: f
 def take(
     driver: LaserBoard, camera: Camera, firing_order: list[tuple[int, float]], options: AcquireOptions
 ) -> list[StripeCapture]:
-    """One scan, from the mirror angle of the first stripe on."""
+    """Acquire one scan, after moving the mirror to the first stripe."""
     prepare(driver, firing_order)
     with camera, acquire(driver, camera, firing_order, options) as stripes:
         return list(stripes)
@@ -101,14 +101,14 @@ def take(
 
 @dataclass(frozen=True, slots=True)
 class Triggered:
-    """A triggered sweep.
+    """Result of a triggered sweep.
 
     Attributes:
         stripes: number of stripes.
-        flash: how long the laser was on for each [s].
+        flash: duration of each flash [s].
         seconds: time from the first trigger to the end of the last flash [s].
-        bound: least time that the motion and the flashes need [s].
-        proved: number of stripes whose frames were proved to be theirs.
+        bound: lower bound of the time for motion and flashes [s].
+        proved: number of stripes whose frames were verified.
     """
 
     stripes: int
@@ -119,7 +119,7 @@ class Triggered:
 
 
 def triggered(stripes: int, flash: float = FLASH, fps: float = 0.0) -> Triggered:
-    """Sweep with the emulated board in Python and a camera of at most `fps` frames per second; 0: no limit."""
+    """Sweep with the emulated board and a camera of at most `fps` frames per second; 0 = no limit."""
     firing_order = firing_order_of(stripes)
     with emulated() as (board, driver):
         board.shutter.wired, board.shutter.exposure = True, flash
@@ -130,7 +130,7 @@ def triggered(stripes: int, flash: float = FLASH, fps: float = 0.0) -> Triggered
 
 
 def triggered_on_chip(stripes: int, flash: float = FLASH) -> Triggered:
-    """The same with the firmware on the emulated chip, which ramps the motor itself; needs the extra `firmware`."""
+    """Sweep with the firmware on the emulated chip, which ramps the motor; needs the extra `firmware`."""
     from testbed.chip import Chip, ChipBus, ChipClock, load_firmware
 
     firing_order = firing_order_of(stripes)
@@ -155,7 +155,7 @@ def _result(stripes: int, flash: float, triggers: np.ndarray, bound: float, take
 
 
 def free_running(fps: int, stripes: int) -> float:
-    """Seconds from the first command to the last frame with a camera that runs freely."""
+    """Duration of a sweep with a free-running camera, from the first command to the last frame [s]."""
     firing_order = firing_order_of(stripes)
     exposure = min(0.008, 0.4 / fps)
     with emulated() as (board, driver):

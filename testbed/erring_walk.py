@@ -1,4 +1,4 @@
-"""Walks of robots that err as their robot.toml and calibration say: biases of joints, IMU, planes and mount."""
+"""Walks with the errors stated in robot.toml and calibration: biases of joints, IMU, laser planes and mount."""
 
 from __future__ import annotations
 
@@ -31,28 +31,28 @@ from testbed.scenes import OWN_DATA, real_calibration, with_covariance
 from testbed.true_ground import CELL_M
 
 SIZE = (640, 512)
-# Standard deviation of smooth and of rough ground, and wave lengths of the rough [m].
+# Standard deviations of smooth and rough ground, and limits of the wavelengths of rough ground [m].
 SMOOTH_M, ROUGH_M, WAVES_M = 0.005, 0.0015, (0.04, 0.2)
-# Blocks under the feet of the first stance [m].
+# Edge length and smallest height of the blocks under the feet of the first stance [m].
 BLOCK_M, LEAST_BLOCK_M = 0.12, 0.002
-# Speckle as strong as the sigmas of stripes assume.
+# Speckle as strong as assumed in the sigmas of stripes.
 LIGHT = Light(speckle=0.3)
-# Factors of texture, and shares of the way by which feet slide, of walks that draw them.
+# Limits between which the texture factor and the slide of a walk are drawn at random.
 TEXTURES, SLIDES = (0.4, 3.0), (-0.08, 0.08)
-# Crawls of MuJoCo: by forces, and by position servos, whose feet creep.
+# Crawls in MuJoCo: by forces, or by position servos, with which the feet creep.
 CRAWLS = ("force", "stiff")
-# A foot in MuJoCo is set down that far from any edge, shifted by at most so much to where that holds [m].
+# Footholds in MuJoCo: distance from edges, largest height difference, and shifts in the order of trial [m].
 MARGIN_M, LEVEL_M, SHIFTS_M = 0.010, 0.002, (0.0, 0.01, -0.01, 0.02, -0.02, 0.03, -0.03, 0.04, -0.04)
 
 
 @dataclass(frozen=True)
 class Walk:
-    """A walk as the robot reports it.
+    """Walk as reported by the robot.
 
     Attributes:
         world: the ground.
-        calibration: the calibration that the robot has, which is not quite that of its rangefinder.
-        pauses: the pauses and the frames of their scans.
+        calibration: calibration used by the robot, which differs slightly from that of its rangefinder.
+        pauses: pauses, each with the frames of its scan.
     """
 
     world: World
@@ -61,11 +61,12 @@ class Walk:
 
 
 def drawn(true: gp.Calibration, rng: np.random.Generator) -> gp.Calibration:
-    """A calibration of a rangefinder, with errors of planes and mount from the covariance of the recorded session."""
+    """Draw a calibration with errors of planes and mount, from the covariance of the recorded session."""
     uncertainty = HeightUncertainty.of(real_calibration(OWN_DATA))
     assert uncertainty is not None
     stripes = _drawn_planes(true, uncertainty, rng)
-    # Constant and linear terms of the field of height errors: the camera higher, or turned about the field's origin.
+    # Constant and linear terms of the field of height errors: the camera is raised, and turned about the field's
+    # origin.
     lift, by_x, by_y = rng.multivariate_normal(np.zeros(3), uncertainty.field[:3, :3], method="svd")
     turn = np.eye(4)
     turn[:3, :3] = rotation(np.array([by_y, -by_x, 0.0]))
@@ -85,7 +86,7 @@ def _drawn_planes(
 
 
 def leaning_world(robot: RobotModel, seed: int, *, rough: bool) -> World:
-    """Smooth or rough ground, and blocks under the first stance that lean as robot.toml says that ground does."""
+    """Create smooth or rough ground, with blocks under the first stance on a slope drawn from `terrain_slope_sigma`."""
     rng = np.random.default_rng(seed)
     feet = WaveGait.of(robot).first_stance().values()
     heights = np.array(list(feet)) @ (robot.noise.terrain_slope_sigma * rng.standard_normal(2))
@@ -105,7 +106,7 @@ def leaning_world(robot: RobotModel, seed: int, *, rough: bool) -> World:
 
 
 def sloping_world(seed: int) -> World:
-    """Level ground, then a slope of up to 15 degrees, with boxes for the fore feet and ramps that are too steep."""
+    """Create ground with four ramps that are too steep, and a slope of 3 to 15 degrees or a box under the fore feet."""
     rng = np.random.default_rng(seed)
     slope = np.tan(np.radians(rng.uniform(3.0, 15.0)))
     features: list[Box | Ramp] = []
@@ -122,7 +123,7 @@ def sloping_world(seed: int) -> World:
 
 
 def walked(robot: RobotModel, world: World, seed: int, mode: str, cycles: float) -> Walk:
-    """A walk of a robot with biases of its own over a world."""
+    """Simulate the walk of a robot with random biases over a world."""
     cv2.setNumThreads(1)
     rng = np.random.default_rng(seed)
     true = specimen(robot, SIZE, seed)
@@ -141,7 +142,7 @@ def walked(robot: RobotModel, world: World, seed: int, mode: str, cycles: float)
 
 
 def scans(robot: RobotModel, walk: Walk, mode: str, *, has_imu: bool) -> Iterator[tuple[WalkPause, gp.TerrainGrid]]:
-    """Each pause of a walk, with the stance that the robot reports, and its scan."""
+    """Yield each pause of a walk, with the reported stance, and its scan."""
     odometry = LegOdometry(robot)
     for pause, frames in walk.pauses:
         stance = pause.stance if has_imu else replace(pause.stance, gravity_in_base=None)
@@ -155,14 +156,14 @@ def scans(robot: RobotModel, walk: Walk, mode: str, *, has_imu: bool) -> Iterato
 def fused(
     robot: RobotModel, seen: Iterable[tuple[WalkPause, gp.TerrainGrid]]
 ) -> Iterator[tuple[WalkPause, gp.TerrainGrid, gp.TerrainGrid]]:
-    """Each pause of a walk with its scan and its map."""
+    """Yield each pause of a walk with its scan and its map."""
     odometry, rolling = LegOdometry(robot), gp.TerrainMap(robot)
     for pause, scan in seen:
         yield pause, scan, rolling.update(scan, odometry.update(pause.stance))
 
 
 def true_frame(robot: RobotModel, world: World, pause: WalkPause, grid: gp.TerrainGrid) -> Float:
-    """Where the frame of a grid truly is in the world (4, 4): on the ground under the feet that it used."""
+    """True pose (4, 4) of a grid's frame in the world, computed from the ground under the support feet it used."""
     length, width = robot.sole
     standing = [pause.soles_in_world[leg] for leg in grid.record.support_feet_used or ()]
     ground = [(x, y, world.sole_height(x, y, length, width)) for x, y, _ in standing]
@@ -173,15 +174,15 @@ def true_frame(robot: RobotModel, world: World, pause: WalkPause, grid: gp.Terra
 
 
 def true_heights(robot: RobotModel, world: World, means: Float32, pause: WalkPause, grid: gp.TerrainGrid) -> Float:
-    """True heights (ny, nx) of the ground that a grid shows, in its true frame [m].
+    """True heights (ny, nx) of the ground in a grid's cells, in the grid's true frame [m].
 
-    The same ground has other x and y in a frame that leans: it is looked up where the grid's own frame was.
+    Cells are located with the estimated pose of the grid, since the same ground has other x and y in a tilted frame.
 
     Args:
         robot: the robot.
         world: the ground.
-        means: its mean heights over a cell, in millimetre cells of the whole world.
-        pause: the pause of the grid.
+        means: heights of the world, averaged over a cell of the grid, in a raster of millimetre cells.
+        pause: pause of the grid.
         grid: the grid.
     """
     placed = pause.transform_base_to_world @ inverse(np.array(grid.metadata["transform_base_to_footprint"]))
@@ -207,16 +208,16 @@ def pictured(
     crawl: str | None = None,
     floors: Sequence[float] = (),
 ) -> Iterator[WalkedPause]:
-    """A walk through simulated frames; texture and slide are drawn where they are None.
+    """Yield the pauses of a walk with scans of simulated frames.
 
     Args:
         robot: robot that walks.
-        seed: of ground, robot and noise.
-        cycles: cycles walked.
-        texture: factor of the ground's texture.
-        slide: share of the way by which standing feet slide back.
-        crawl: one of the `CRAWLS` of MuJoCo, whose contacts decide what slides; None = kinematics alone.
-        floors: textures of which there are further laser-off pictures.
+        seed: seed of ground, robot and noise.
+        cycles: number of cycles.
+        texture: factor of the ground's texture; None = random.
+        slide: slide of standing feet, as in `WalkNoise`; None = random.
+        crawl: one of `CRAWLS`, a walk in MuJoCo, where contacts determine the slide; None = kinematics only.
+        floors: texture factors for which additional laser-off images are rendered.
     """
     rng = np.random.default_rng(1000 + seed)
     texture = float(np.exp(rng.uniform(*np.log(TEXTURES)))) if texture is None else texture
@@ -268,7 +269,7 @@ def _walk(
 
 
 def _level_foothold(world: World, robot: RobotModel, pause: WalkPause) -> tuple[float, float]:
-    """The foothold nearest to the nominal one whose sole would not stand across an edge."""
+    """Foothold nearest to the nominal one at which the sole does not overlap an edge."""
     (x, y), (length, width) = pause.nominal, robot.sole
     corners = (MARGIN_M + np.array([length, width]) / 2) * [(1, 1), (1, -1), (-1, 1), (-1, -1), (0, 0)]
     for shift in SHIFTS_M:

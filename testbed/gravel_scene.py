@@ -1,4 +1,4 @@
-"""Boxes on gravel before a standing robot, seen by a camera without distortion, and the true heights of the cells."""
+"""Boxes on gravel ahead of a standing robot, seen by a camera without distortion, and true heights of the cells."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import Stance, load_robot
 from testbed.true_ground import TrueGround
 
-# Cells in whose neighbourhood the ground rises by more than this are edges.
+# Height difference in the neighbourhood of a cell above which the cell is an edge.
 JUMP_M = 0.003
 BOXES = ((0.60, 0.17, 0.02), (0.60, 0.0, 0.03), (0.60, -0.17, 0.04), (0.80, 0.09, 0.06), (0.80, -0.09, 0.08))
 SIZES = {(640, 512): "coarse", (1280, 1024): "standard"}
 
 
 class Scene:
-    """Five boxes on gravel before a standing robot, and a camera without distortion."""
+    """Five boxes on gravel ahead of a standing robot, and a camera without distortion."""
 
     def __init__(self, size: tuple[int, int]) -> None:
-        """Render with pictures of `size`."""
+        """Create the scene; `size` is the width and height of the images [px]."""
         self.robot, self.mode = load_robot("guara"), SIZES[size]
         exact = specimen(self.robot, size)
         camera = dataclasses.replace(exact.camera, distortion=np.zeros(5))
@@ -41,19 +41,19 @@ class Scene:
         self.grid = GridGeometry.over(settings.footprint_x, settings.footprint_y, settings.resolution)
 
     def frames(self, offset: Float, indices: range) -> list[tuple[int, Image, Image | None]]:
-        """Frames with the body moved by (3,)."""
+        """Render frames with the body moved by `offset` (3,) [m]."""
         moved = self._base.copy()
         moved[:3, 3] += offset
         self._rangefinder.set_pose(moved, self.stance.joint_positions)
         return list(self._rangefinder.frames(indices))
 
     def picture(self, offset: Float) -> Image:
-        """Grey picture without laser."""
+        """Render a greyscale image without the laser."""
         ((_, on, off),) = self.frames(offset, range(1))
         return cv2.cvtColor(on if off is None else off, cv2.COLOR_BGR2GRAY)
 
     def heights(self, points_in_camera: Float) -> Float:
-        """Median height of each cell (ny, nx) of points (n, 3), NaN where there is none."""
+        """Median height of the points (n, 3) in each cell (ny, nx) [m], NaN for a cell without points."""
         points = points_in_camera @ self.camera[:3, :3].T + self.camera[:3, 3]
         iy, ix = self.grid.indices(points[:, 0], points[:, 1])
         inside = self.grid.contains(iy, ix) & (np.abs(points[:, 2]) < 0.2)
@@ -66,14 +66,14 @@ class Scene:
 
 
 def rays(scene: Scene, columns: Array, rows: Array) -> Float:
-    """Rays (n, 3) of pixels with z = 1."""
+    """Viewing rays (n, 3) of pixels, with z = 1."""
     matrix = scene.calibration.camera.matrix
     x, y = (columns - matrix[0, 2]) / matrix[0, 0], (rows - matrix[1, 2]) / matrix[1, 1]
     return np.column_stack((x, y, np.ones(len(x))))
 
 
 def truth(scene: Scene) -> tuple[gp.TerrainGrid, Mask]:
-    """True grid, and which of its cells are away from edges."""
+    """True grid, and mask of its cells that are not at edges."""
     grid, _ = TrueGround.of(scene.world).grid(np.eye(4), scene.grid, scene.robot)
     around = np.ones((5, 5), np.uint8)
     height = np.asarray(grid.elevation, np.float32)

@@ -1,4 +1,4 @@
-"""The truth of a scan by cells, and how far a grid is from it, as the README of the recorded data defines both."""
+"""Truth of a scan per grid cell, and errors of a grid, both as defined in the README of the recorded data."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ import numpy.typing as npt
 
 import guara_perception as gp
 
-# A change of height this large within 3 x 3 mm is a jump; cells nearer to one than the margin are not interior.
+# Height difference within 3 x 3 mm that counts as a jump. Cells nearer to a jump than the margin are not interior.
 JUMP_M = 0.003
 INTERIOR_MARGIN_MM = 6
-# A known cell that nobody could see must at least lie within its true heights by this much.
+# Tolerance of the height of a known cell that could not be seen, beyond the range of its true heights.
 UNSEEN_TOLERANCE_M = 0.002
 MADE_UP_M = 0.005
 
 
 @dataclass(frozen=True)
 class Truth:
-    """Truth of a scan per grid cell, (ny, nx) each."""
+    """Truth of a scan per grid cell, as arrays (ny, nx)."""
 
     mean: npt.NDArray[np.float64]
     low: npt.NDArray[np.float64]
@@ -33,7 +33,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Figures:
-    """Figures of one scan; millimetres and per cent."""
+    """Figures of one scan, in millimetres and per cent; `unseen_wrong` and `unsafe` are numbers of cells."""
 
     mean: float
     p95: float
@@ -51,7 +51,7 @@ class Figures:
 
 
 def load_truth(path: Path, cell_mm: int) -> Truth:
-    """Truth of a recorded scan."""
+    """Read the truth of a recorded scan."""
     with np.load(path) as data:
         seen = data["visible"] & data["lit"] & ~data["dark"]
         return truth_of(data["elevation"].astype(np.float64), seen, data["dark"], cell_mm)
@@ -60,7 +60,7 @@ def load_truth(path: Path, cell_mm: int) -> Truth:
 def truth_of(
     elevation: npt.NDArray[np.float64], seen: npt.NDArray[np.bool_], dark: npt.NDArray[np.bool_], cell_mm: int
 ) -> Truth:
-    """Truth at 1 mm, a[iy, ix], gathered into cells of `cell_mm`."""
+    """Gather truth in a raster a[iy, ix] of 1 mm into cells of `cell_mm`."""
     kernel = np.ones((3, 3), np.uint8)
     relief = cv2.dilate(elevation, kernel) - cv2.erode(elevation, kernel)
     side = 2 * INTERIOR_MARGIN_MM + 1
@@ -112,7 +112,7 @@ def figures(terrain: gp.TerrainGrid, truth: Truth) -> Figures:
 
 
 def made_up(terrain: gp.TerrainGrid, truth: Truth) -> int:
-    """Cells called traversable at a height that the ground does not have."""
+    """Count the traversable cells whose height is more than MADE_UP_M outside the range of their true heights."""
     height = np.asarray(terrain.elevation, np.float64)
     beyond = (height > truth.high + MADE_UP_M) | (height < truth.low - MADE_UP_M)
     return int(np.count_nonzero(beyond & (np.asarray(terrain.traversability) > 0)))

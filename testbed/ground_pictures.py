@@ -1,6 +1,6 @@
-"""Laser-off pictures of analytic ground: its texture, and that of parts that move, as the camera of a specimen sees it.
+"""Laser-off images of analytic ground, including moving parts, rendered with the camera of a specimen.
 
-There are no shadows, and the robot itself is not in them.
+They show only the texture of the ground, without shadows and without the robot.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from kinematics import RobotModel
 from testbed.analytic_walk import Ground, Pause
 
 SIZE = (640, 512)
-# Rays meet the ground at every second pixel; points between them are interpolated.
+# Spacing of the pixels whose rays are intersected with the ground; points between them are interpolated.
 EVERY = 2
-# Grey level of the ground, standard deviation of its texture as a share of it, and noise as in `Light`.
+# Grey level of the ground, standard deviation of its texture relative to this level, and noise as in `Light`.
 LEVEL, CONTRAST, READ_NOISE, SHOT_NOISE = 90.0, 0.10, 0.5, 0.011
 ROUNDS = 5
 
 
 def ground_picture(robot: RobotModel, ground: Ground, pause: Pause, seed: int) -> GroundPicture:
-    """Picture of a pause with fresh noise, and the pose of the camera as the measured stance gives it."""
+    """Render the image of a pause with new noise; its camera pose is computed from the measured stance."""
     calibration, ground = specimen(robot, SIZE, seed), ground.at(pause.step)
     pose = robot.stance_pose(pause.stance).transform_base_to_footprint @ calibration.transform_camera_to_base
     transform = pause.transform_base_to_world @ calibration.transform_camera_to_base
@@ -44,6 +44,6 @@ def ground_picture(robot: RobotModel, ground: Ground, pause: Pause, seed: int) -
 
 
 def _at_all_pixels(values: Float) -> np.ndarray:
-    """Values (h / 2, w / 2) at every second pixel, interpolated at all of them."""
+    """Interpolate values (h / 2, w / 2) at every second pixel to all pixels (h, w)."""
     v, u = np.indices((SIZE[1], SIZE[0]), dtype=np.float32) / EVERY
     return cv2.remap(values.astype(np.float32), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -1,8 +1,8 @@
-"""Node with a journal under a robot that walks on while the node is killed and started again.
+"""Node with a journal, for a robot that continues to walk while the node is killed and restarted.
 
 `python -m testbed.journalled_node ENDPOINT STATE WALK [RECORDINGS PORT]` connects to the router at ENDPOINT and ends
-with its standard input. WALK is a file of `Walk.save`: in every run of the node the robot stands where the walk has the
-pause of the announced step. With RECORDINGS, a folder, it records too, and serves metrics at PORT.
+when its standard input is closed. WALK is a file written by `Walk.save`; in every run of the node, the simulated robot
+stands at the pause of the announced step. With a folder RECORDINGS, the node also records and serves metrics at PORT.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @dataclass(frozen=True)
 class Walk:
-    """World, seed of calibration and noise, pauses by step, size of frames [px], and robot: name or folder."""
+    """World, seed of calibration and noise, pauses by step, size of frames [px], and name or folder of the robot."""
 
     world: World
     seed: int
@@ -49,14 +49,14 @@ class Walk:
     robot: str | Path = "guara"
 
     def save(self, path: Path) -> None:
-        """Write it for the node."""
+        """Write the walk to a file for the node."""
         path.write_bytes(pickle.dumps(self))
 
 
 def start(
     endpoint: str, state: Path, walk: Path, log: Path | None = None, recordings: Path | None = None, port: int = 0
 ) -> subprocess.Popen[str]:
-    """Start the node in a process of its own."""
+    """Start the node in a separate process."""
     command = [sys.executable, "-m", "testbed.journalled_node", endpoint, str(state), str(walk)]
     command += [] if recordings is None else [str(recordings), str(port)]
     with (log or Path("/dev/null")).open("a") as errors:
@@ -64,23 +64,23 @@ def start(
 
 
 class Placing:
-    """Rangefinder of a robot that is put where the walk has its pause when a sweep begins.
+    """Rangefinder that moves the simulated robot to the current pause of the walk when a sweep begins.
 
-    That computes the view of a whole scan; done at BEGIN, it would keep the node from hearing its gait. Views are kept,
-    since the robot is carried back to the same pauses again and again; noise is fresh in each frame.
+    Moving the robot computes the view of a whole scan, which at BEGIN would delay the reception of gait messages. Views
+    are cached, because the robot returns to the same pauses; the noise is new in each frame.
     """
 
     def __init__(self, rangefinder: Rangefinder, simulated: SimulatedRobot, walk: Walk) -> None:
-        """Stand at the first pause."""
+        """Start at the first pause."""
         self._rangefinder, self._simulated, self._walk, self.step = rangefinder, simulated, walk, 0
         self._views: dict[int, SceneView] = {}
 
     def __getattr__(self, name: str) -> Any:
-        """All else is the rangefinder's."""
+        """Return other attributes of the rangefinder."""
         return getattr(self._rangefinder, name)
 
     def sweep(self, *arguments: Any) -> Any:
-        """Put the robot to its pause, and sweep."""
+        """Move the robot to its pause, and sweep."""
         step = self.step
         self._views[step] = self._simulated.stand_at(self._walk.pauses[step], self._views.get(step))
         return self._rangefinder.sweep(*arguments)

@@ -1,4 +1,4 @@
-"""Worlds of one kind of ground each, in the way of a robot that walks along x from the origin."""
+"""Worlds with one kind of ground each, for a robot that walks along x from the origin."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from guara_perception.arrays import Float, Mask
 from guara_perception.simulation.features import AnyFeature, Box, Feature, Patch, Pit, Rock, Stairs
 from guara_perception.simulation.world import World
 
-# The ground is level before this x, on which the gait stands when it starts.
+# x at which the level ground under the first stance ends.
 START_M = 0.65
 LENGTH_M, WIDTH_M = 3.0, 1.6
 TRACK_M = 0.18
-# Things have moved at these pauses.
+# Pauses at which objects have moved.
 MOVED_AT = (9, 18)
 MOVING = "moving"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slope(Feature):
-    """Ground that leaves the level where the feature begins and slopes by `along` and `across` [m per m]."""
+    """Ground that slopes by `along` and `across` [m/m] from the beginning of the feature on."""
 
     along: float = 0.0
     across: float = 0.0
@@ -31,18 +31,18 @@ class Slope(Feature):
     def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
         """See `Feature.shape`."""
         u = x - (self.x - self.size[0] / 2)
-        # The slope across begins within 0.4 m.
+        # The slope across increases smoothly over the first 0.4 m.
         turned = np.clip(u / 0.4, 0, 1)
         rise = self.along * np.maximum(u, 0) + self.across * y * turned**2 * (3 - 2 * turned)
         return ground + rise, self.covers(x, y)
 
 
-# World from each pause on at which it changes.
+# Pairs of a pause and the world from this pause on.
 Course = tuple[tuple[int, World], ...]
 
 
 def course(kind: str, seed: int) -> Course:
-    """A course of one of the `KINDS`, or with things that move."""
+    """Create a course of one of the `KINDS`, or of kind `MOVING`, whose objects move."""
     rng = np.random.default_rng([seed, *kind.encode()])
     if kind == MOVING:
         return _moving(rng, seed)

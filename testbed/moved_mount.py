@@ -1,4 +1,4 @@
-"""Walks with a rangefinder whose mount has moved since its calibration, or whose mirror lost steps: checks of drift."""
+"""Drift checks on walks with a rangefinder whose mount has moved since its calibration, or whose mirror lost steps."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def moved_about(turn: np.ndarray, about: np.ndarray, shift: npt.ArrayLike = (0.0
 
 
 def moved(calibration: gp.Calibration, *, camera: np.ndarray, laser: np.ndarray) -> gp.Calibration:
-    """Calibration after motions (4, 4) in base_link of the camera and of the laser planes."""
+    """Calibration after motions (4, 4) of the camera and of the laser planes in base_link."""
     before = calibration.transform_camera_to_base
     # A plane transforms by the inverse transpose; in the camera's frame the laser moves against the camera.
     now = camera @ before
@@ -50,12 +50,13 @@ def moved(calibration: gp.Calibration, *, camera: np.ndarray, laser: np.ndarray)
 
 @dataclass(frozen=True, slots=True)
 class Injected:
-    """A drift after calibration.
+    """Drift after the calibration.
 
     Attributes:
-        camera: turn of the camera about its optical centre (3,) [rad].
-        laser: turn of laser and mirror about the mirror's axis point (3,) [rad].
-        steps: error of the mirror from some stripe of the first scan on; it is not homed afterwards [motor steps].
+        camera: rotation vector (3,) of the camera about its optical centre [rad].
+        laser: rotation vector (3,) of laser and mirror about the nominal position of the laser [rad].
+        steps: error of the mirror from a random stripe of the first scan on; the mirror is not homed again [motor
+            steps].
     """
 
     camera: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -64,7 +65,7 @@ class Injected:
 
     @classmethod
     def of(cls, kind: str, size: float, rng: np.random.Generator) -> Injected:
-        """A drift of this size in a random direction."""
+        """Create a drift of a size ("steps" in motor steps, otherwise in degrees) in a random direction."""
         if kind == "steps":
             return cls(steps=size * float(rng.choice((-1.0, 1.0))))
         direction = rng.standard_normal(3)
@@ -79,7 +80,7 @@ class Injected:
 
 
 def world_of(rng: np.random.Generator, *, is_rough: bool) -> World:
-    """A flat floor, or ground that undulates by 2 mm, with up to five boxes on it."""
+    """Create a flat floor, or ground that undulates by 2 mm, with up to five boxes on it."""
     boxes = tuple(
         Box(
             x=float(rng.uniform(0.55, 1.1)),
@@ -98,7 +99,7 @@ def world_of(rng: np.random.Generator, *, is_rough: bool) -> World:
 def scan(
     robot: RobotModel, rig: SimulatedRangefinder, known: Calibration, pause: WalkPause, offsets: Sequence[float]
 ) -> Drift:
-    """Scan at a pause and check; `known` is the calibration in use, `offsets` are errors of the mirror angle [rad]."""
+    """Scan at a pause with the calibration `known` and errors `offsets` of the mirror angle [rad]; check the drift."""
     rig.set_pose(pause.transform_base_to_world, pause.joint_positions)
     processor = ScanProcessor(known, robot, pause.stance, "coarse")
     off = rig.frame(laser=0.0)
@@ -109,14 +110,14 @@ def scan(
 
 @cache
 def guara() -> RobotModel:
-    """The robot, loaded once in each process."""
+    """Load the Guará, once per process."""
     return load_robot("guara")
 
 
 def walk(seed: int, kind: str = "", size: float = 0.0, *, is_rough: bool = False) -> list[Drift]:
-    """The checks of three pauses of a walk with noise in joints, contacts and the direction of gravity.
+    """Drift checks at three pauses of a walk with noise in joints, contacts and the direction of gravity.
 
-    A drift of `kind` has been there from the start, in a random direction; steps are lost once, within the first scan.
+    A drift of `kind` is present from the start, in a random direction; steps are lost once, during the first scan.
     """
     robot, rng = guara(), np.random.default_rng(seed)
     known = specimen(robot, seed=seed % SPECIMENS)

@@ -1,4 +1,4 @@
-"""A robot that moves in the middle of a scan, and says so late: which of its ground is confirmed all the same."""
+"""Scan of a robot that moves during the scan and reports it late, and the ground that is confirmed nevertheless."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from transport import PausePhase, StancePause, open_node
 from transport.server import PerceptionServer
 from transport.stance_link import StancePublisher, StanceReceiver
 
-# Of 255: with a band-pass filter and short flashes the scene itself is this dark, so that pictures without the laser
-# do not show that the camera moved.
+# Ambient level, of 255. With a band-pass filter and short flashes, the scene is so dark that laser-off images do not
+# show the motion of the camera.
 AMBIENT = 3.0
 WRONG_M = 0.005
 TIMEOUT_S = 180.0
@@ -37,13 +37,15 @@ TIMEOUT_S = 180.0
 
 @dataclass(frozen=True, slots=True)
 class MovedScan:
-    """Free cells of a scan during which the robot moved.
+    """Numbers of cells in the grids of a scan during which the robot moved.
+
+    A cell is wrong if its height is off by more than `WRONG_M`.
 
     Attributes:
-        wrong_in_all_frames: free cells that are wrong by more than `WRONG_M` when no frame is left out.
-        confirmed: known cells of the grid that was confirmed; 0 where none was.
-        confirmed_wrong: free ones of them that are wrong.
-        map_wrong: free cells of the map that are.
+        wrong_in_all_frames: wrong free cells if no frame is left out.
+        confirmed: known cells of the last confirmed grid; 0 if there is none.
+        confirmed_wrong: wrong free cells of a confirmed grid.
+        map_wrong: wrong free cells of the map.
     """
 
     wrong_in_all_frames: int
@@ -53,7 +55,7 @@ class MovedScan:
 
 
 class _MovingView(SimulatedRangefinder):
-    """Moves at a laser frame, and ends the pause at a later one."""
+    """Rangefinder that moves at one laser-on frame and signals the end of the pause at a later one."""
 
     def __init__(self, *arguments: Any, moves_at: int, ends_at: int, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -72,9 +74,9 @@ class _MovingView(SimulatedRangefinder):
 
 
 def scan_of_a_moved_robot(endpoint: str, *, fps: float = 30.0, size: tuple[int, int] = (320, 256)) -> MovedScan:
-    """Scan 70 stripes of a dim world; the body moves by 6 mm in x and z at stripe 20.
+    """Scan 70 stripes of a dim world, during which the body moves by 6 mm in x and z at stripe 20.
 
-    END comes at stripe 58, with joints that were read 1 ms before the body moved.
+    END is sent at stripe 58, with joint positions read 1 ms before the motion.
     """
     world = load_world(DEMO_WORLD)
     world = dataclasses.replace(world, light=dataclasses.replace(world.light, ambient=(AMBIENT, AMBIENT, AMBIENT)))

@@ -1,4 +1,4 @@
-"""Ground of which parts move from pause to pause: boards, carpets, a cart, a dog, a door, the sides of a platform."""
+"""Ground with parts that move from pause to pause: boards, carpets, a cart, a dog, a door, ground beside a platform."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NO_RAMP = np.zeros((3, 2))
 
 @dataclass(frozen=True)
 class Blocks(Ground):
-    """Boxes and dark patches on a plane: no ramp, no rough stretch, no trench."""
+    """Boxes and dark patches on a plane, without the ramp, rough ground and trench of `Ground`."""
 
     def height_at(self, x: Float, y: Float) -> Float:
         """True height in the world [m]."""
@@ -34,17 +34,17 @@ class Blocks(Ground):
 
 @dataclass(frozen=True)
 class Part:
-    """A part of the ground that moves.
+    """Moving part of the ground.
 
     Attributes:
-        area: x0, x1, y0, y1 [m]; of the part itself at rest, or a window through which it is seen.
-        is_window: the area stays; the part moves through it.
-        ground: relief of the part, in the coordinates that move along.
-        rise: its height above the world's plane [m].
-        speed: what it moves a pause along x, y and z [m].
-        turn: what it turns a pause about the corner (x0, y0) [rad].
-        first, last: pauses between which it moves.
-        breath: amplitude of its height from pause to pause [m].
+        area: x0, x1, y0, y1 of the part at rest, or of the window in which it is visible [m].
+        ground: relief of the part, in coordinates that move with it.
+        rise: height of the part above the plane of the world [m].
+        speed: motion per pause along x, y and z [m].
+        turn: rotation per pause about the corner (x0, y0) [rad].
+        first, last: pauses between which the part moves.
+        breath: amplitude of an oscillation of the height from pause to pause [m].
+        is_window: True = the area is fixed, and the part moves through it.
     """
 
     area: tuple[float, float, float, float]
@@ -58,11 +58,11 @@ class Part:
     is_window: bool = False
 
     def moved(self, step: int) -> int:
-        """Number of pauses for which it has moved."""
+        """Number of pauses for which the part has moved."""
         return min(max(step - self.first, 0), self.last - self.first)
 
     def own(self, step: int, x: Float, y: Float) -> tuple[Float, Float, Mask]:
-        """Coordinates that move along, and whether the points lie on the part."""
+        """Coordinates of points relative to the part, and mask of the points on the part."""
         moved = self.moved(step)
         x0, x1, y0, y1 = self.area
         u, v = x - self.speed[0] * moved - x0, y - self.speed[1] * moved - y0
@@ -72,11 +72,11 @@ class Part:
         return u, v, (at_x > x0) & (at_x < x1) & (at_y > y0) & (at_y < y1)
 
     def height(self, step: int) -> float:
-        """Its height above the world's plane at a pause [m]."""
+        """Height of the part above the plane of the world at a pause [m]."""
         return self.rise + self.speed[2] * self.moved(step) + self.breath * float(np.sin(1.7 * step))
 
     def carried(self, step: int, foot: Float) -> Float:
-        """Place of a foot that stood on it at the pause before."""
+        """Position at pause `step` of a foot that stood at `foot` at the previous pause, moved by this part."""
         x, y = foot[:1], foot[1:2]
         if not self.own(step - 1, x, y)[2][0]:
             return foot
@@ -86,18 +86,18 @@ class Part:
 
 @dataclass(frozen=True)
 class MovingGround(Ground):
-    """Still ground with parts that move, as it is at one pause."""
+    """Fixed ground with moving parts, at one pause."""
 
     still: Ground = field(default_factory=lambda: blocks())
     parts: tuple[Part, ...] = ()
     step: int = 0
 
     def at(self, step: int) -> MovingGround:
-        """The ground at a pause."""
+        """Return the ground at a pause."""
         return replace(self, step=step)
 
     def carried(self, step: int, foot: Float) -> Float:
-        """Place of a foot that stood still on the ground since the pause before."""
+        """See `Ground.carried`."""
         return reduce(lambda place, part: part.carried(step, place), self.parts, foot)
 
     def height_at(self, x: Float, y: Float) -> Float:
@@ -110,7 +110,7 @@ class MovingGround(Ground):
         return height
 
     def own(self, x: Float, y: Float) -> tuple[Float, Float]:
-        """Coordinates in which the texture of the ground at these places never moves; each part has its own."""
+        """See `Ground.own`; each part has its own coordinates."""
         own_x, own_y = np.array(x), np.array(y)
         for number, part in enumerate(self.parts, 1):
             u, v, inside = part.own(self.step, x, y)
@@ -118,7 +118,7 @@ class MovingGround(Ground):
         return own_x, own_y
 
     def is_dark(self, x: Float, y: Float) -> Mask:
-        """Whether the ground swallows the laser."""
+        """Mask of the points where the ground absorbs the laser light."""
         x, y = np.broadcast_arrays(x, y)
         dark = np.array(self.still.is_dark(x, y))
         for part in self.parts:
@@ -127,18 +127,18 @@ class MovingGround(Ground):
         return dark
 
     def lowest_at(self, x: Float, y: Float) -> Float:
-        """Least height that each place has had up to now [m]."""
+        """Lowest height of each point up to this pause [m]."""
         steps = range(self.step + 1) if self.parts else (self.step,)
         return np.minimum.reduce([self.at(step).height_at(x, y) for step in steps])
 
 
 def blocks(boxes: Float | None = None, dark: Float | None = None) -> Blocks:
-    """Boxes (n, 5) and dark patches (n, 3) on a plane."""
+    """Create boxes (n, 5) and dark patches (n, 3) on a plane, in the form of `Ground`."""
     return Blocks(np.empty((0, 5)) if boxes is None else boxes, np.empty((0, 3)) if dark is None else dark, NO_RAMP)
 
 
 def scattered(seed: int, x: tuple[float, float], y: tuple[float, float], count: int, dark: int = 0) -> Blocks:
-    """Boxes of 10 to 25 mm, and dark patches, at random places of an area."""
+    """Create boxes 10 to 25 mm high, and dark patches, at random positions in an area."""
     rng = np.random.default_rng(7000 + seed)
     boxes = np.column_stack(
         (
@@ -154,7 +154,7 @@ def scattered(seed: int, x: tuple[float, float], y: tuple[float, float], count: 
 
 
 def ribs(seed: int, length: float = 6.0) -> Blocks:
-    """Ribs along the way, 8 and 15 mm high, at uneven distances beside the tracks of the feet, and dark patches."""
+    """Create dark patches, and unevenly spaced ribs along the path, 8 or 15 mm high, beside the tracks of the feet."""
     rng = np.random.default_rng(8000 + seed)
     aside = np.array([-0.29, -0.24, -0.10, -0.03, 0.07, 0.12, 0.25, 0.31]) + rng.uniform(-0.01, 0.01, 8)
     boxes = np.column_stack(
@@ -165,22 +165,22 @@ def ribs(seed: int, length: float = 6.0) -> Blocks:
 
 
 def still_mixed(seed: int) -> MovingGround:
-    """Nothing moves: boxes, a ramp, a rough stretch, a trench."""
+    """Fixed ground with boxes, a ramp, rough ground and a trench."""
     return _world(Ground.random(seed))
 
 
 def still_ribs(seed: int) -> MovingGround:
-    """Nothing moves: ribs along the way."""
+    """Fixed ground with ribs along the path."""
     return _world(ribs(seed))
 
 
 def board(seed: int) -> MovingGround:
-    """A board beside the tracks of the feet is pushed 5 mm a pause; all else is level."""
+    """Level ground with a board beside the tracks of the feet that is pushed by 5 mm per pause."""
     return _world(blocks(), Part((0.4, 3.5, -0.12, -0.06), blocks(), rise=0.018, speed=(0.0, 0.005, 0.0)))
 
 
 def pulled_carpet(speed: float) -> Callable[[int], MovingGround]:
-    """A carpet with things on it that is pulled aside until the robot stands on it."""
+    """Carpet with objects on it that is pulled sideways from pause 3 to 19."""
 
     def carpet(seed: int) -> MovingGround:
         relief = scattered(seed, (1.0, 2.4), (-0.7, 0.5), 60, dark=20)
@@ -193,7 +193,7 @@ def pulled_carpet(speed: float) -> Callable[[int], MovingGround]:
 
 
 def conveyor(seed: int) -> MovingGround:
-    """A belt across the way that runs 5 mm a pause, also under the feet that stand on it."""
+    """Belt that runs across the path by 5 mm per pause, also under standing feet."""
     relief = scattered(seed, (0.9, 1.5), (-0.7, 0.5), 40, dark=10)
     return _world(
         scattered(seed + 50, (1.5, 3.0), (-0.3, 0.3), 14),
@@ -202,19 +202,19 @@ def conveyor(seed: int) -> MovingGround:
 
 
 def two_things(seed: int) -> MovingGround:
-    """Two boards that go different ways between the tracks, on level ground."""
+    """Level ground with two boards that move at different speeds."""
     one = Part((0.4, 3.5, -0.12, -0.07), blocks(), rise=0.018, speed=(0.0, 0.003, 0.0))
     other = Part((0.4, 3.5, 0.24, 0.28), blocks(), rise=0.025, speed=(0.0, 0.004, 0.0))
     return _world(blocks(), one, other)
 
 
 def cart(seed: int) -> MovingGround:
-    """A cart in the track of the left feet rolls 6 mm a pause, with the foot on it; ribs elsewhere."""
+    """Ribs, and a cart in the track of the left feet that rolls by 6 mm per pause, with the foot on it."""
     return _world(ribs(seed), Part((1.0, 1.35, 0.10, 0.24), blocks(), rise=0.03, speed=(0.006, 0.002, 0.0), first=8))
 
 
 def dog(seed: int) -> MovingGround:
-    """A dog comes to lie between the tracks and breathes; ribs elsewhere."""
+    """Ribs, and a breathing dog that lies down between the tracks."""
     lying = Part(
         (1.0, 1.3, -0.11, 0.08),
         scattered(seed, (1.0, 1.3), (-0.11, 0.08), 5),
@@ -228,18 +228,18 @@ def dog(seed: int) -> MovingGround:
 
 
 def door(seed: int) -> MovingGround:
-    """A door beside the way opens by 5 mm a pause at its edge; all else is level."""
+    """Level ground with a door beside the path, whose edge moves by 5 mm per pause."""
     return _world(blocks(), Part((0.7, 1.3, -0.34, -0.31), blocks(), rise=0.10, turn=0.008, last=20))
 
 
 def all_seen(seed: int) -> MovingGround:
-    """All that is seen moves 5 mm a pause while the robot stands."""
+    """All visible ground moves by 5 mm per pause, while the robot stands."""
     relief = scattered(seed, (0.4, 1.2), (-0.7, 0.5), 40, dark=10)
     return _world(blocks(), Part((0.45, 3.0, -2.0, 2.0), relief, speed=(0.0, 0.005, 0.0), is_window=True))
 
 
 def platform(seed: int) -> MovingGround:
-    """A platform, the world here, that drives 5 mm a pause past lower ground at its sides."""
+    """Moving platform, which is the world here: the lower ground at its sides moves by 5 mm per pause."""
     beside = [scattered(seed + side, (-0.5, 3.0), (-1.0, 1.0), 150) for side in (0, 1)]
     sides = ((-3.0, 6.0, 0.24, 2.0), (-3.0, 6.0, -2.0, -0.24))
     parts = (
@@ -272,13 +272,13 @@ STANDING = ("all seen, robot stands",)
 
 @dataclass(frozen=True)
 class MovingPause(WalkedPause):
-    """A pause on ground that moves."""
+    """Pause on moving ground."""
 
     ground: MovingGround
 
 
 def pauses_of(robot: RobotModel, name: str, seed: int, cycles: int, *, pictures: bool = False) -> Iterator[MovingPause]:
-    """A walk over one of the worlds."""
+    """Yield the pauses of a walk over one of `WORLDS`."""
     ground = WORLDS[name](seed)
     camera = np.eye(4)
     camera[:3, 3] = CAMERA_IN_BASE

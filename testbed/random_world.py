@@ -1,4 +1,4 @@
-"""Worlds drawn at random, with a way through for the feet."""
+"""Random worlds with boxes, rocks, pits and dark patches."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.features import AnyFeature, Box, Patch, Pit, Rock
 from guara_perception.simulation.world import World
 
-# The gait stands on ground before this x when it starts.
+# x at which the flat ground under the first stance ends.
 START_M = 0.55
-# Of a floor and the box on it [m].
+# Undulation of a floor, and limits of the height of the box on it.
 UNDULATION_M = 0.002
 BOX_HEIGHTS_M = (0.02, 0.08)
 MATERIALS_OF_BOXES = ("wood", "concrete", "brick", "blue")
@@ -27,20 +27,20 @@ def random_world(
     undulation: float = 0.002,
     box_heights: tuple[float, float] = (0.01, 0.08),
 ) -> World:
-    """A world ahead of a robot that starts at x = 0.
+    """Create a world ahead of a robot that starts at x = 0.
 
     Args:
-        seed: the same seed gives the same world.
+        seed: seed of the world.
         length: length of the world ahead of the robot's first stance [m].
         boxes: number of boxes, some low enough to step on.
         rocks: number of rocks.
         pits: number of pits, too deep to step into.
-        dark: number of patches that swallow the laser.
+        dark: number of patches that absorb the laser light.
         undulation: standard deviation of the ground [m].
-        box_heights: lowest and highest box [m].
+        box_heights: limits of the height of a box [m].
 
     Raises:
-        InvalidInput: a negative number, or a length under 1 m.
+        InvalidInput: a number is negative, or the length is below 1 m.
     """
     counts = {"boxes": boxes, "rocks": rocks, "pits": pits, "dark": dark}
     for name, count in counts.items():
@@ -92,7 +92,7 @@ def random_world(
 
 
 def floor(seed: int, pause: int, *, with_box: bool) -> World:
-    """Floor of one pause, bare or with a box anywhere in the corridor of the feet, wholly in view."""
+    """Create the floor of one pause, bare or with a box in the corridor of the feet and completely in view."""
     number = 1000 * seed + pause
     random = np.random.default_rng(number)
     box = Box(

@@ -1,4 +1,4 @@
-"""What a camera sees when a recorded scan is shown live: the emulated board's laser and mirror choose the frame."""
+"""Replay of a recorded scan as a camera: laser and mirror of an emulated board select the frame."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from drivers.emulator import ExposureView
 
 
-# An exposure in which the laser shone for less than half of the time shows no usable stripe.
+# Share of an exposure during which the laser must be on for a usable stripe.
 LIT_FRACTION = 0.5
 
 
 class RecordedView:
-    """What the camera of a recorded scan sees while an emulated board moves laser and mirror."""
+    """Renderer of an emulated camera that returns the frames of a recorded scan."""
 
     def __init__(self, scan: Scan) -> None:
         """Read all frames of the scan.
@@ -31,15 +31,15 @@ class RecordedView:
         frames = sorted(scan.frames(), key=lambda item: item[0].mirror_angle)
         offs = [off for _, _, off in frames if off is not None]
         if not offs:
-            raise InvalidInput(f"{scan.source}: no frame with the laser off, it cannot be shown live")
+            raise InvalidInput(f"{scan.source}: the scan has no laser-off frame, which a replay as a camera needs")
         self._angles = [stripe.mirror_angle for stripe, _, _ in frames]
         self._on = [on for _, on, _ in frames]
         self._off = offs[0]
-        # Further from every recorded angle than this the laser plane falls between stripes that were recorded.
+        # Largest distance to a recorded mirror angle; beyond it, the laser plane is outside the recorded stripes.
         self._reach = 0.6 * float(np.diff(self._angles).max()) if len(frames) > 1 else np.inf
 
     def render(self, view: ExposureView, settings: object) -> Image:
-        """The recorded frame nearest to the mirror's angle, or the one with the laser off."""
+        """Return the recorded frame nearest to the mirror angle, or the laser-off frame."""
         above = bisect.bisect_left(self._angles, view.mirror_angle)
         nearest = min(
             (k for k in (above - 1, above) if 0 <= k < len(self._angles)),

@@ -1,8 +1,8 @@
-"""A robot, its gait, the nodes that come and go, and a planner's client on an emulated clock, with the truth beside.
+"""Simulation of a robot, its gait, its nodes and a planner's client on an emulated clock, with the truth.
 
-What a client does with Zenoh is left out; what it believes (`transport.grids.evidence`) is not. The link to the planner
-brings everything in order after a delay; a link that is cut stalls, and is closed on both sides after `LEASE`. A node
-notices that it no longer hears the gait when the gait's clock does not answer for `GAIT_SILENT`.
+Of the client, only its evidence (`transport.grids.evidence`) is real; Zenoh is not used. The link to the planner
+delivers everything in order after a delay. A link that is cut stalls, and is closed on both sides after `LEASE`. A node
+detects the loss of the gait when the gait's clock has not replied for `GAIT_SILENT`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from transport.messages.status_message import STATUS_NAME, Status, StatusItem
 from transport.messages.terrain_message import Health
 from transport.stance_link import GAIT_SILENT
 
-# [s] Between two statuses without change; after which a silent side is taken as gone; between two instants looked at.
+# Period of the status without changes, time without messages after which a link is closed, and time step [s].
 PERIOD, LEASE, TICK = 1.0, 2.0, 0.05
 EXTENTS = ("footprint", "map")
 VALID_FOR = 420.0
@@ -25,7 +25,7 @@ VALID_FOR = 420.0
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A grid as the rule sees it; `pose` numbers the true place where it was scanned."""
+    """Grid with the fields that the evidence reads; `pose` is the number of the true pose of the scan."""
 
     extent: str
     run: str
@@ -46,7 +46,7 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """An announcement of the gait; `pose` numbers the true place of its joints."""
+    """Announcement of the gait; `pose` is the number of the true pose at its joint readings."""
 
     epoch: str
     step: int
@@ -56,7 +56,7 @@ class Said:
 
 @dataclass(slots=True)
 class Node:
-    """One run: hears the gait while it lives, confirms or withdraws its scan at the end of the pause."""
+    """Run of a node, which receives announcements and confirms or withdraws its scan at the end of a pause."""
 
     run: str
     is_healthy: bool
@@ -70,19 +70,19 @@ class Node:
 
 
 class World:
-    """The truth, the newest node, the link to the planner, and what the planner believes."""
+    """True state of the robot, the newest node, the link to the planner, and the evidence of the planner."""
 
     def __init__(self, delay: float = 0.0) -> None:
-        """A robot that has not made a pause yet, and no node; the link takes `delay` [s]."""
+        """Start before the first pause and without a node; `delay` is that of the link [s]."""
         self.delay, self.now = delay, 0.0
         self.walk, self.step, self.pose, self.stands = 0, 0, 0, False
         self.evidence = Evidence("guara")
-        # A `Grid` has the fields that the rule reads of a message, and no others.
+        # Newest accepted `Grid` by extent. It has only those fields of a message that the evidence reads.
         self.held: dict[str, Any] = {}
         self.node: Node | None = None
         self.cut_since = self.deaf_since = math.inf
         self._nodes = 0
-        # When the robot came to each place; when END showed that the scan of a place was not made standing still.
+        # Time at which the robot arrived at each pose, and time at which END showed a motion during the scan there.
         self._came: dict[int, float] = {0: 0.0}
         self._refuted: dict[int, float] = {}
         self._began: dict[str, float] = {}
@@ -96,7 +96,7 @@ class World:
     # The gait.
 
     def begin(self, *, new_walk: bool = False) -> None:
-        """The next pause, in another place."""
+        """Begin the next pause, at another pose."""
         self.walk, self.step = (self.walk + 1, 0) if new_walk else (self.walk, self.step + 1)
         self._move()
         self.stands = True
@@ -104,7 +104,7 @@ class World:
         self._announce(is_begin=True)
 
     def end(self, *, moved: bool = False) -> None:
-        """END of the pause, in the place of BEGIN or elsewhere."""
+        """End the pause, at the pose of BEGIN or, if `moved`, at another one."""
         self.stands = False
         if moved:
             self._refuted[self.pose] = self.now
@@ -121,7 +121,7 @@ class World:
         self._came[self.pose] = self.now
 
     def _announce(self, *, is_begin: bool) -> None:
-        # The gait's publisher keeps its last announcement for nodes that come later.
+        # The gait's publisher keeps its last announcement for nodes that start later.
         self._last = Said(self.epoch, self.step, self.pose, is_begin)
         self._hear()
 
@@ -136,7 +136,7 @@ class World:
         if is_same and node.standing and said.is_begin and pause is not None and pause.pose == said.pose:
             return
         if node.standing:
-            # The END of a pause that was not heard to begin is no END of this one: it ends unconfirmed.
+            # An END or BEGIN of another pause ends this pause without confirming its scan.
             node.standing = False
             self._tell(node)
             self._settle(
@@ -153,11 +153,11 @@ class World:
                 self._publish(node, extent, provisional=False, withdrawn=not confirmed)
 
     def start(self, *, is_healthy: bool = True) -> None:
-        """A new run, once the one before is gone."""
+        """Start a new run, unless a node is running."""
         if self.node is None:
             self._nodes += 1
-            # It queries the gait's clock as it starts. A pause whose gait is lost before the first answer expires by
-            # itself in the node, which is tested there: this world has no such pauses.
+            # The node queries the gait's clock as it starts. A pause whose gait is lost before the first reply expires
+            # in the node itself, which the tests of the node cover; it does not occur here.
             heard = math.inf if self.deaf_since < math.inf else self.now
             self.node = Node(f"run-{self._nodes}", is_healthy, heard=heard)
             self._send(self.node.run, True)
@@ -165,18 +165,18 @@ class World:
             self._hear()
 
     def kill(self) -> None:
-        """End it without a word (SIGKILL)."""
+        """Kill the node (SIGKILL); only its links are closed."""
         if self.node is not None:
             self._send(self.node.run, False)
             self.node, self._hung_since = None, math.inf
 
     def hang(self) -> None:
-        """Stop it (SIGSTOP): nothing is said or heard any more, and no link closes."""
+        """Suspend the node (SIGSTOP): it neither sends nor receives, but its links stay open."""
         if self.node is not None and not self.node.is_hung:
             self.node.is_hung, self._hung_since = True, self.now
 
     def wake(self) -> None:
-        """Let it go on (SIGCONT): what the gait said last is heard."""
+        """Resume the node (SIGCONT): it receives the last announcement."""
         if self.node is not None and self.node.is_hung:
             self.node.is_hung, self._hung_since = False, math.inf
             self._send(self.node.run, True)
@@ -184,27 +184,27 @@ class World:
             self._tell(self.node)
 
     def deafen(self) -> None:
-        """The link between gait and node goes, without a word."""
+        """Cut the link between gait and node."""
         self.deaf_since = min(self.deaf_since, self.now)
 
     def listen(self) -> None:
-        """It is back: what the gait said last is heard, and its clock answers."""
+        """Restore the link between gait and node: the last announcement arrives, and the clock replies."""
         self.deaf_since = math.inf
         if self.node is not None and not self.node.is_hung:
             self.node.heard = self.now
         self._hear()
 
     def mute(self) -> None:
-        """Its threads that send stop for ever, while its links stay open."""
+        """Stop the sending threads of the node for good, while its links stay open."""
         if self.node is not None:
             self.node.is_mute = True
 
     def lose(self) -> None:
-        """The next grid of each extent is lost on the way."""
+        """Lose the next grid of each extent on the link."""
         self._losing.update(EXTENTS)
 
     def scan(self) -> None:
-        """Scan the pause and publish both extents, as provisional."""
+        """Scan at the pause, and publish both extents as provisional."""
         node = self.node
         if node is not None and node.is_healthy and not node.is_hung and node.standing:
             for extent in EXTENTS:
@@ -253,15 +253,15 @@ class World:
 
     @property
     def is_cut(self) -> bool:
-        """Whether nothing gets through."""
+        """True while the link to the planner is cut."""
         return self.cut_since < math.inf
 
     def cut(self) -> None:
-        """The link goes, without a word."""
+        """Cut the link to the planner."""
         self.cut_since = min(self.cut_since, self.now)
 
     def heal(self) -> None:
-        """It is back."""
+        """Restore the link to the planner."""
         if self.is_cut:
             was_closed = self.now - self.cut_since > LEASE
             self.cut_since = math.inf
@@ -269,14 +269,14 @@ class World:
                 self._join()
 
     def restart_router(self) -> None:
-        """Every link is closed, which each side notices, and opened again."""
+        """Close all links, which both sides notice, and open them again."""
         self._wire.clear()
         self.evidence.tokens(frozenset())
         if not self.is_cut:
             self._join()
 
     def _join(self) -> None:
-        """A late joiner sees who lives and gets the last grids; no status until the next."""
+        """Deliver token and last grids to the planner, as to a late joiner; the status follows with its next period."""
         node = self.node
         if node is not None and not node.is_hung:
             self._send(node.run, True)
@@ -289,7 +289,7 @@ class World:
             self._wire.append((self.now + self.delay, run, what))
 
     def pass_time(self, seconds: float) -> None:
-        """Let time go by."""
+        """Advance the clock by a time [s]."""
         until = self.now + seconds
         while self.now < until:
             self.now = min(until, self.now + TICK)
@@ -318,16 +318,16 @@ class World:
                 live = self.evidence.live
                 self.evidence.tokens(live | {run} if what else live - {run})
             elif isinstance(what, Status):
-                # A client knows the node's clock to the delay: what lay on the way does not count as heard just now.
-                word = read_report(what, self.now)
-                self.evidence.report(what, self.now if word is None else min(self.now, word.clock + self.delay))
+                # A client knows the node's clock up to the delay, so a delayed report counts as older than its arrival.
+                report = read_report(what, self.now)
+                self.evidence.report(what, self.now if report is None else min(self.now, report.clock + self.delay))
             elif not self.evidence.refusal(what, what.extent):
                 self.held[what.extent] = what
 
     # The planner, and the oracle.
 
     def against(self, extent: str, limit: float = VALID_FOR, *, was_lost: bool = False) -> tuple[Objection, ...]:
-        """What speaks against the grid that the planner holds; the node is asked for a word where one may help."""
+        """List the objections to the planner's grid; the node is queried if its report may resolve them."""
         self._deliver()
         found = self._against(extent, limit, was_lost)
         node = self.node
@@ -343,7 +343,7 @@ class World:
         return self.evidence.against(grid, age=age, limit=limit, now=self.now, was_lost=was_lost)
 
     def contradicted_for(self, extent: str) -> float:
-        """For how long the truth has forbidden the grid that the planner holds [s]; -inf when it does not."""
+        """Time since the planner's grid became invalid in truth [s]; -inf if it is valid."""
         grid = self.held[extent]
         since = [self._refuted[grid.pose]] if grid.pose in self._refuted else []
         if grid.withdrawn:
@@ -355,14 +355,14 @@ class World:
         return self.now - min(since) if since else -math.inf
 
     def promised(self) -> float:
-        """How long the gait's word may take to reach the planner [s]: of the links, and a time-out once one broke."""
+        """Longest time in which the planner must learn of an announcement [s], including time-outs of broken links."""
         is_broken = self.is_cut or self.now - self._broken <= SILENT + 2 * TICK
-        # A node that does not hear the gait says so with its next status.
+        # A node that does not receive the gait reports this in its next status.
         is_unheard = self.deaf_since < math.inf or self.now - self._unheard <= PERIOD
         return self.delay + 2 * TICK + SILENT * is_broken + (GAIT_SILENT + PERIOD) * is_unheard
 
     def must_be_used(self, extent: str) -> bool:
-        """Whether nothing excuses a refusal: its node lives and was heard, the pause is the one of the scan."""
+        """True if the planner must accept its grid: the node is alive and was received, and the grid is valid."""
         grid, node = self.held[extent], self.node
         is_deaf = self.deaf_since < math.inf
         is_heard = node is not None and not (node.is_hung or node.is_mute or self.is_cut or is_deaf or self._wire)

@@ -1,4 +1,4 @@
-"""Walks whose pauses are scanned: over analytic ground, and through simulated frames, kept in files on request."""
+"""Walks with a scan at each pause, over analytic ground or with simulated frames, optionally cached in files."""
 
 from __future__ import annotations
 
@@ -29,28 +29,29 @@ from testbed.random_world import random_world
 from testbed.true_ground import TrueGround
 
 Made = TypeVar("Made")
-# Ground that reflects less red light returns no stripe: coal, rubber, black cloth.
+# Reflectance of red light below which ground, such as coal, rubber or black cloth, returns no stripe.
 DARK_REFLECTANCE = 0.02
 SEEN_CELL_M = 0.005
 FOOT_HALF = (0.035, 0.025)
-# Coarse scans, and where they find obstacles the stripes between, as the node does.
+# Scan mode: coarse scans, with additional stripes where they find obstacles, as in the node.
 ADAPTIVE = "adaptive"
 
 
 @dataclass(frozen=True)
 class WalkedPause:
-    """One pause of a walk.
+    """Pause of a walk and its scan.
 
     Attributes:
-        stance: stance as the robot reports it.
-        scan: grid of the scan taken there.
-        to_world: (4, 4), where the scan's footprint truly was.
-        ground: analytic ground at that time; None in simulated frames.
-        known_ground: what the gait declared.
-        feet: (n, 3) points in base_footprint under the hind feet's next footholds, at the true height of the ground.
-        picture: laser-off picture of the scan, the reason why there is none, or None for a walk without pictures.
-        floors: the same of floors with other textures.
-        slips: by how much each standing foot truly slid since the last pause, in MuJoCo [m].
+        stance: reported stance.
+        scan: grid of the scan.
+        to_world: (4, 4) true pose of the scan's base_footprint.
+        ground: analytic ground at the pause; None with simulated frames.
+        known_ground: ground declared by the gait.
+        feet: (n, 3) points in base_footprint below the next footholds of the hind feet, at the true height of the
+            ground [m].
+        picture: laser-off image of the scan, the reason why there is none, or None for a walk without images.
+        floors: laser-off images of floors with other textures.
+        slips: true slide of each standing foot since the last pause, in MuJoCo [m].
     """
 
     stance: Stance
@@ -66,14 +67,14 @@ class WalkedPause:
 
 @dataclass(frozen=True)
 class ScannedPause:
-    """One pause of a walk and the grid of its scan.
+    """Pause of a walk with simulated frames, and the grid of its scan.
 
     Attributes:
         pause: the pause.
-        scan: the grid of the extent "wide", which the map fuses.
-        picture: its laser-off picture for the map.
-        world: the world at that pause.
-        seen: (m, 2) iy and ix of the cells of `world` that can be seen: bright, in reach of laser and camera, in range.
+        scan: grid of the area "wide", which is fused in the map.
+        picture: laser-off image for the map, or the reason why there is none.
+        world: world at the pause.
+        seen: (m, 2) indices iy and ix of the cells of `world` that an ideal scan would see (`visible_cells`).
     """
 
     pause: WalkPause
@@ -84,12 +85,12 @@ class ScannedPause:
 
     @property
     def to_world(self) -> Float:
-        """(4, 4), where the scan's footprint truly was."""
+        """True pose (4, 4) of the scan's base_footprint in the world."""
         return footprint_to_world(self.pause.transform_base_to_world, self.scan)
 
 
 def footprint_to_world(transform_base_to_world: Float, scan: gp.TerrainGrid) -> Float:
-    """Where the footprint of a scan truly was (4, 4), by the true pose of the body."""
+    """True pose (4, 4) of a scan's base_footprint in the world, from the true pose of the body."""
     base_to_footprint = np.array(scan.metadata["transform_base_to_footprint"])
     return np.asarray(transform_base_to_world @ np.linalg.inv(base_to_footprint))
 
@@ -97,18 +98,17 @@ def footprint_to_world(transform_base_to_world: Float, scan: gp.TerrainGrid) -> 
 def scanned_walk(
     robot: RobotModel, seed: int, *, mode: str = "coarse", cycles: int = 10, kept: Path | None = None
 ) -> tuple[World, list[ScannedPause]]:
-    """The world of a seed and the scanned pauses of a walk over it.
+    """Create a random world, and the scanned pauses of a walk over it.
 
-    Each foot goes where the true ground is best, or to its nominal position where no good ground is near. No map
-    influences that choice, so the same walk can be judged with any map.
+    Footholds are chosen on the true ground, or are nominal if there is no good ground near. They do not depend on a
+    map, so that the same walk can be evaluated with any map.
 
     Args:
         robot: the robot that walks.
         seed: seed of the random world, the specimen's calibration and the noise.
         mode: scan mode, or ADAPTIVE.
-        cycles: number of cycles walked.
-        kept: folder for walks; a walk that is there is read, any other is scanned and written. None = nothing is
-            read or written.
+        cycles: number of cycles.
+        kept: folder in which walks are cached; None = no cache.
     """
     world = random_world(seed)
     file = None if kept is None else kept / f"seen-{robot.name}-{seed}-{mode}-{cycles}.pickle"
@@ -116,7 +116,7 @@ def scanned_walk(
 
 
 def kept_in(file: Path | None, make: Callable[[], Made]) -> Made:
-    """What `make` returns, from a file that keeps it from run to run; None = nothing is read or written."""
+    """Return the result of `make`, cached in a file; None = no cache."""
     if file is not None and file.is_file():
         made: Made = pickle.loads(file.read_bytes())
         return made
@@ -134,7 +134,7 @@ def map_geometry(robot: RobotModel) -> GridGeometry:
 
 
 def scanned(robot: RobotModel, course: Course, seed: int, mode: str, cycles: int) -> Iterator[ScannedPause]:
-    """Scanned pauses of a walk over a world that may change; over one that does, feet stand on its bare ground."""
+    """Yield the scanned pauses of a walk over a course; if its world changes, the feet stand on the bare ground."""
     cv2.setNumThreads(1)
     calibration = specimen(robot, (640, 512), seed)
     geometry, settings = map_geometry(robot), Settings.of(robot)
@@ -192,7 +192,10 @@ def visible_cells(
     settings: Settings,
     outermost: list[int],
 ) -> Index:
-    """Cells of a world that an ideal scan would see between its outermost stripes, in the ranges of its footprint."""
+    """Indices (m, 2) of the cells of a world that an ideal scan would see between its outermost stripes.
+
+    The cells reflect the laser, are lit and in view of the camera, and within the ranges of the scan's footprint.
+    """
     view = rangefinder.view
     lit = (view.laser_gain > 0) & ~view.is_body & (view.reflectance > DARK_REFLECTANCE)
     points = view.points[lit] + view.origin
@@ -212,7 +215,7 @@ def visible_cells(
 
 
 def analytic_pauses(robot: RobotModel, seed: int, cycles: int, *, level: bool = False) -> Iterator[WalkedPause]:
-    """A walk over analytic ground: joint and contact noise, no frames."""
+    """Yield the pauses of a walk over analytic ground, with joint and contact noise and without frames."""
     ground = Ground.random(seed)
     if level:
         ground = LevelGround(ground.boxes[:0], ground.dark[:0], ground.phases)
@@ -225,7 +228,7 @@ def analytic_pauses(robot: RobotModel, seed: int, cycles: int, *, level: bool = 
 
 
 def framed_pauses(robot: RobotModel, seed: int, cycles: int, kept: Path | None) -> Iterator[WalkedPause]:
-    """A walk through simulated frames."""
+    """Yield the pauses of `scanned_walk`."""
     world, pauses = scanned_walk(robot, seed, cycles=cycles, kept=kept)
     for item in pauses:
         pause, to_world = item.pause, item.to_world
@@ -235,7 +238,7 @@ def framed_pauses(robot: RobotModel, seed: int, cycles: int, kept: Path | None) 
 
 
 def _sole(centre: Float) -> Float:
-    """Points (n, 2) under a sole."""
+    """Points (n, 2) below a sole."""
     dx, dy = (a.ravel() for a in np.meshgrid(*(np.linspace(-half, half, 8) for half in FOOT_HALF)))
     return np.asarray(centre + np.column_stack((dx, dy)))
 

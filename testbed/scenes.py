@@ -1,9 +1,7 @@
-"""The scans that every contender is given: a simulated one of any size, or a recorded one; frames in memory."""
+"""Scans with all frames in memory, simulated at any size or recorded, for tests and benchmarks."""
 
 from __future__ import annotations
 
-import re
-import shutil
 import tempfile
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -20,11 +18,12 @@ from guara_perception.settings import Settings
 from guara_perception.simulation import Light, SimulatedRangefinder, World, specimen
 from guara_perception.simulation.features import Box, Patch, Pit, Ramp, material_index
 from kinematics import RobotModel, Stance, load_robot
+from testbed.altered_robot import altered_guara
 from testbed.grid_truth import Truth, load_truth, truth_of
 
 ROOT = Path(__file__).resolve().parents[1]
-ROBOTS, OWN_DATA = ROOT / "robots", ROOT / "tests" / "data"
-# Five boxes as in the paper, and what the paper leaves out: a ramp, a hole, a patch that swallows the laser.
+OWN_DATA = ROOT / "tests" / "data"
+# Five boxes as in the paper, and ground that the paper leaves out: a ramp, a hole, and a patch that absorbs the laser.
 WORLD = World(
     features=(
         Box(x=0.56, y=-0.18, size=(0.06, 0.08), height=0.010),
@@ -38,7 +37,7 @@ WORLD = World(
     ),
     undulation=0.001,
 )
-# A floor with most of what a foot must not stand on.
+# Floor with most kinds of unsafe ground.
 FLOOR = World(
     features=(
         Box(x=0.60, y=0.16, size=(0.06, 0.08), height=0.020, material="concrete"),
@@ -51,13 +50,13 @@ FLOOR = World(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanInMemory:
-    """One scan with all its frames in memory.
+    """Scan with all its frames in memory.
 
     Attributes:
         name: name of the scan in tables.
         robot, calibration, stance, mode: arguments of `gp.ScanProcessor`.
-        frames: index, laser-on and laser-off picture of each stripe.
-        truth: per cell of 5 mm, or None.
+        frames: index, laser-on and laser-off image of each stripe.
+        truth: truth per cell of 5 mm; None if unknown.
     """
 
     name: str
@@ -69,16 +68,16 @@ class ScanInMemory:
     truth: Truth | None
 
     def processor(self, method: str = "precise") -> gp.ScanProcessor:
-        """A scan of these frames, none added yet."""
+        """Create a processor for this scan, without frames."""
         return gp.ScanProcessor(self.calibration, self.robot, self.stance, self.mode, method=method)
 
     def add_to(self, processor: gp.ScanProcessor, but_last: int = 0) -> None:
-        """Add all frames, without the last few, in groups as the node does when they wait for it."""
+        """Add all frames except the last `but_last`, in groups, as the node does when several frames are waiting."""
         for group in in_groups(list(self.frames[: len(self.frames) - but_last])):
             processor.add_all([gp.FramePair(*frames) for frames in group])
 
     def bands(self) -> list[tuple[Image, Image, int]]:
-        """Laser on, laser off and first row of the predicted band of every stripe that is in view."""
+        """Cut out the predicted band of every visible stripe: laser-on image, laser-off image, and first row."""
         processor = self.processor()
         found = []
         for index, on, off in self.frames:
@@ -97,9 +96,9 @@ def simulated(
     is_uncertain: bool = True,
     world: World = WORLD,
 ) -> ScanInMemory:
-    """The benchmark's own scene, or another one, the same on every machine; in ordinary light unless another is given.
+    """Render a scan of the benchmark's scene or another world; the result is the same on every machine.
 
-    Its calibration is exact, and as uncertain as a real one unless `is_uncertain` is false.
+    The calibration is exact. Its covariance is that of the recorded session, or none if `is_uncertain` is False.
     """
     robot = robot_with(stripes)
     calibration = with_covariance(specimen(robot, size)) if is_uncertain else specimen(robot, size)
@@ -113,7 +112,7 @@ def simulated(
 
 
 def recorded(folder: Path) -> ScanInMemory:
-    """A recorded scan with the calibration made from the session of its specimen; `folder` is DATA/scans/NAME."""
+    """Read a recorded scan, DATA/scans/NAME, with the calibration computed from the session in DATA/calibration."""
     data = folder.parent.parent
     scan = gp.open_scan(folder)
     frames = tuple((s.index, on, np.zeros_like(on) if off is None else off) for s, on, off in scan.frames())
@@ -132,32 +131,27 @@ def recorded(folder: Path) -> ScanInMemory:
 
 @lru_cache(maxsize=4)
 def real_calibration(data: Path) -> gp.Calibration:
-    """The calibration that the recorded session of a data folder gives, covariances included."""
+    """Compute the calibration of the recorded session in a data folder, including covariances."""
     return gp.calibrate(data / "calibration")
 
 
 def with_covariance(calibration: gp.Calibration) -> gp.Calibration:
-    """A true calibration that is as uncertain as a real one: its covariances are those of the recorded session."""
+    """Return a copy of a calibration with the covariances of the recorded session."""
     return replace(calibration, covariance=real_calibration(OWN_DATA).covariance)
 
 
 @lru_cache(maxsize=4)
 def robot_with(stripes: int) -> RobotModel:
-    """The Guará with another number of stripes in its standard pattern."""
+    """Load the Guará with another number of stripes in its standard pattern."""
     robot = load_robot("guara")
     if Settings.of(robot).stripes == stripes:
         return robot
     with tempfile.TemporaryDirectory() as folder:
-        copy = Path(shutil.copytree(ROBOTS / "guara", Path(folder) / "guara"))
-        toml = copy / "robot.toml"
-        toml.write_text(re.sub(r"(?m)^stripes = \d+", f"stripes = {stripes}", toml.read_text()))
-        robot = load_robot(copy)
-        assert Settings.of(robot).stripes == stripes
-        return robot
+        return load_robot(altered_guara(Path(folder), ("\nstripes = 70", f"\nstripes = {stripes}")))
 
 
 def scan_stance(robot: RobotModel) -> Stance:
-    """Level, on all feet, in the scan posture."""
+    """Stance in the scan posture, level, on all feet."""
     return Stance.from_dict(
         {
             "joint_positions": robot.posture("scan"),
@@ -168,7 +162,7 @@ def scan_stance(robot: RobotModel) -> Stance:
 
 
 def _simulated_truth(world: World, robot: RobotModel, seen_points: npt.NDArray[np.floating]) -> Truth:
-    """Truth by cells of 5 mm; seen is what a lit pixel of the camera falls on."""
+    """Truth per cell of 5 mm; ground is seen if a lit pixel of the camera shows it."""
     settings = Settings.of(robot)
     (x0, x1), (y0, y1) = settings.footprint_x, settings.footprint_y
     elevation, materials = world.raster((x0, x1), (y0, y1), 1e-3)
@@ -178,7 +172,7 @@ def _simulated_truth(world: World, robot: RobotModel, seen_points: npt.NDArray[n
     iy = np.floor((seen_points[:, 1] - y0) * 1e3).astype(int)
     inside = (ix >= 0) & (ix < nx) & (iy >= 0) & (iy < ny)
     hit[iy[inside], ix[inside]] = 1
-    # Pixels are about a millimetre apart on the ground: single cells between them are seen too.
+    # Pixels are about a millimetre apart on the ground, so single cells between them are seen too.
     seen = cv2.morphologyEx(hit, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)) > 0
     dark = materials == material_index("dark")
     return truth_of(elevation, seen & ~dark, dark, 5)

@@ -1,4 +1,4 @@
-"""A TCP proxy that passes a given number of bytes per second: a slow link on one machine."""
+"""TCP proxy with a limited data rate, which emulates a slow link on one machine."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ import time
 from types import TracebackType
 from typing import Self
 
-# [byte] Read at a time, and in each of the kernel's buffers: larger ones would hide the slowness.
+# Size of a read, and of each of the kernel's buffers, which must be small to make the link slow [byte].
 BLOCK, BUFFER = 16384, 65536
 
 
 class SlowLink:
-    """Listens on a port of its own and passes each connection on to an endpoint; both ways are slow alike.
+    """Proxy that forwards each connection to an endpoint, with the same data rate in both directions.
 
     Attributes:
-        endpoint: Zenoh endpoint to connect to in place of the real one.
-        passed: data passed so far, both directions together [byte].
+        endpoint: Zenoh endpoint of the proxy, to which clients connect instead of the real one.
+        passed: amount of data forwarded so far, in both directions together [byte].
     """
 
     def __init__(self, target: str, rate: float) -> None:
-        """Listen.
+        """Start to listen on a free port.
 
         Args:
             target: Zenoh endpoint on this machine, over TCP or TLS.
@@ -38,13 +38,13 @@ class SlowLink:
         threading.Thread(target=self._serve, daemon=True).start()
 
     def __enter__(self) -> Self:
-        """The link itself."""
+        """Return the link."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close."""
+        """Close the link."""
         self.close()
 
     def _serve(self) -> None:
@@ -55,7 +55,7 @@ class SlowLink:
             except OSError:
                 if self._is_closed:
                     return
-                # Nobody listens at the far end: the near end is closed too.
+                # The target does not listen, so close the client's connection too.
                 near.close()
                 continue
             with self._lock:
@@ -78,12 +78,12 @@ class SlowLink:
                     self.passed += len(data)
         except OSError:
             pass
-        # One side has gone: the other must see it.
+        # One side has closed the connection; close it for the other side too.
         for end in (source, sink):
             _shut(end)
 
     def cut(self) -> None:
-        """Cut all connections that there are; new ones are let through."""
+        """Cut all current connections; new ones are accepted."""
         with self._lock:
             ends, self._sockets = self._sockets[1:], self._sockets[:1]
         for end in ends:
@@ -91,7 +91,7 @@ class SlowLink:
             end.close()
 
     def close(self) -> None:
-        """Cut all connections; safe to call twice."""
+        """Cut all connections and stop listening; may be called twice."""
         with self._lock:
             self._is_closed = True
             ends, self._sockets = self._sockets, []
@@ -101,7 +101,7 @@ class SlowLink:
 
 
 def _shut(end: socket.socket) -> None:
-    """Wake whoever reads from a socket, which closing it alone does not."""
+    """Shut a socket down, which ends reads in other threads; closing it does not."""
     try:
         end.shutdown(socket.SHUT_RDWR)
     except OSError:

@@ -1,4 +1,4 @@
-"""What a stock URDF leads to: a folder, its check, its stance pose beside that of another reader."""
+"""Test of a stock URDF: robot folder made from it, its check, and its stance pose compared with another reader."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from testbed.urdf_reader import worst_difference
 
 @dataclass(frozen=True, slots=True)
 class StockResult:
-    """The result of one URDF.
+    """Result for one URDF.
 
     Attributes:
         name: name of the robot.
-        notes: things in the file that are not used, named in one warning.
-        seconds: processor time of `robot new`.
+        notes: number of unused elements in the file, which one warning lists.
+        seconds: processor time of `robot new` [s].
         findings: findings of `robot check` that are more than notes.
-        difference: largest difference of the stance pose from that of an independent reader, over the entries of the 4
-            x 4 matrices [m or -].
-        error: why it ended early, empty when it did not.
+        difference: largest difference between the entries of the stance pose (4, 4) and those of an independent reader
+            [m or -].
+        error: error that ended the test; empty if there was none.
     """
 
     name: str
@@ -40,15 +40,15 @@ class StockResult:
 
     @property
     def is_passed(self) -> bool:
-        """Whether it loads and is sound."""
+        """True if the robot loads without errors and findings."""
         return not self.error and not self.findings
 
 
 def stock_result(name: str, folder: Path) -> StockResult:
-    """Make a folder of a stock URDF and check it.
+    """Make a robot folder from a stock URDF and check it.
 
     Raises:
-        StockRobotsMissing: the packages of the extra are not installed.
+        StockRobotsMissing: the package of the robot is not installed.
     """
     source = stock_urdf(name)
     notes, seconds = 0, float("nan")
@@ -69,7 +69,7 @@ def stock_result(name: str, folder: Path) -> StockResult:
 
 
 def line(result: StockResult) -> str:
-    """One robot in one line."""
+    """Format a result in one line, with further lines for its findings."""
     if result.error:
         return f"{result.name:<13} {result.error}"
     text = (

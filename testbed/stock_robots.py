@@ -1,11 +1,16 @@
-"""Stock quadruped URDFs of the package index: where each lies in the packages of the extra `robots-test`."""
+"""Stock quadruped robots, from URDF files in the packages of the extra `robots-test`."""
 
 from __future__ import annotations
 
+import tempfile
+from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
-# Package, and path of the file in its folder.
+from guara_perception.app.robot_folder.new_robot import new_robot
+from kinematics import RobotModel, load_robot
+
+# Folder of each package, and package and path of each robot's URDF.
 EXAMPLES, BULLET = "example-robot-data", "pybullet"
 FOLDERS = {EXAMPLES: "cmeel.prefix/share/example-robot-data/robots", BULLET: "pybullet_data"}
 FILES = {
@@ -27,11 +32,11 @@ FILES = {
 
 
 class StockRobotsMissing(RuntimeError):
-    """The packages that hold the URDFs are not installed."""
+    """A package with URDF files is not installed."""
 
 
 def stock_urdf(name: str) -> Path:
-    """The URDF file of one robot.
+    """Path of the URDF file of a robot.
 
     Raises:
         StockRobotsMissing: its package is not installed.
@@ -42,8 +47,20 @@ def stock_urdf(name: str) -> Path:
     except PackageNotFoundError:
         raise StockRobotsMissing(f"{package} is not installed; it comes with the extra `robots-test`") from None
     if not path.is_file():
-        raise StockRobotsMissing(f"{package} holds no {file}; the version of the extra `robots-test` does")
+        raise StockRobotsMissing(f"{package} has no {file}; install the version that the extra `robots-test` requires")
     return path
+
+
+@lru_cache(maxsize=4)
+def stock_robot(name: str) -> RobotModel:
+    """Load the robot folder that `guara robot new` makes from the URDF of a robot.
+
+    Raises:
+        StockRobotsMissing: its package is not installed.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        new_robot(stock_urdf(name), Path(folder) / name)
+        return load_robot(Path(folder) / name)
 
 
 def has_stock_robot(name: str) -> bool:

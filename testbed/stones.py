@@ -1,4 +1,4 @@
-"""Courses of stepping stones in the way of a robot that walks along x from the origin."""
+"""Worlds with stepping stones for a robot that walks along x from the origin."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from guara_perception.arrays import Float
 from guara_perception.simulation.features import Box, Pit
 from guara_perception.simulation.world import World
 
-# The pit with the stones; the ground is level before and behind it.
+# First and last x of the pit with the stones; the ground is level before and behind it.
 START_M, END_M = 0.65, 1.65
 WIDTH_M, DEPTH_M = 1.6, 0.12
 GAP_M, UNEVEN_M = 0.040, 0.004
@@ -17,7 +17,7 @@ STONES_AHEAD, COLUMNS = 4, 5
 
 
 def stepping_stones(seed: int) -> World:
-    """Columns of stones of 160 to 240 mm with gaps of 40 mm, their tops within 4 mm of the level ground."""
+    """Create columns of stones of 160 to 240 mm with gaps of 40 mm and tops within 4 mm of the level ground."""
     rng = np.random.default_rng(seed)
     stones = []
     y = -0.56
@@ -34,7 +34,7 @@ def stepping_stones(seed: int) -> World:
 
 
 def _lengths(rng: np.random.Generator) -> Float:
-    """Lengths of the stones of a column, which fill the pit with the gaps [m]."""
+    """Draw the lengths of the stones of a column, which fill the pit together with the gaps [m]."""
     space = END_M - START_M - (STONES_AHEAD + 1) * GAP_M
     while True:
         lengths = rng.uniform(SMALLEST_M, LARGEST_M, STONES_AHEAD)

@@ -1,4 +1,4 @@
-"""Cases of light that is not the robot's and of frames of another instant, and what they do to a scan's grid."""
+"""Cases of foreign light and of frames from another instant, and their effect on a scan's grid."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ from testbed.strange_light import Fault, Scene, beside, blob, ghost, take
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One fault of one scan.
+    """Scan with a fault.
 
     Attributes:
-        group, fault: the fault.
-        triggered: whether the board triggers the camera.
-        options: how the scan is taken, None as the node does.
+        group: group of the fault in tables.
+        fault: the fault.
+        triggered: True = the board triggers the camera.
+        options: options of the acquisition; None = as in the node.
     """
 
     group: str
@@ -39,11 +40,11 @@ class Outcome:
 
     Attributes:
         free: number of free cells.
-        unsafe: those that truth calls dark or unseen.
-        wrong: those that are off their true heights by more than 5 mm.
-        known: share of the interior cells that is known [%].
+        unsafe: number of free cells that are dark or unseen in truth.
+        wrong: number of free cells whose heights are off by more than 5 mm.
+        known: share of the interior cells that are known [%].
         seconds: duration of the sweep [s].
-        health: level and first reason.
+        health: level and reasons of the health, shortened.
     """
 
     free: int
@@ -55,7 +56,7 @@ class Outcome:
 
 
 def cases(scene: Scene) -> Iterator[Case]:
-    """All faults; "clean" comes first."""
+    """Yield all cases, beginning with those without a fault."""
     nothing = Fault("clean")
     yield Case("clean", nothing)
     yield Case("clean", nothing, triggered=False)
@@ -74,7 +75,7 @@ def cases(scene: Scene) -> Iterator[Case]:
                 "own laser weak", Fault(f"foreign {pitches:+g}", gain=0.25, extra=beside(pitches, 1.0)), triggered
             )
     count = len(scene.order)
-    # Where the line shines in no frame of the scan, nothing is tested.
+    # All first frames are within the scan; otherwise, the foreign line would be in no frame.
     for first in (0, count // 5, 2 * count // 5, 4 * count // 5):
         yield Case("for 8 frames", Fault(f"from {first}", extra=beside(0.5, 1.6, range(first, first + 8))))
     yield from short_lines(count)
@@ -96,7 +97,7 @@ def cases(scene: Scene) -> Iterator[Case]:
 
 
 def short_lines(count: int) -> Iterator[Case]:
-    """Lines of others that shine for some frames, so that most meet no dark flash; our own laser shines."""
+    """Yield cases with a foreign line in a few frames, most of which contain no dark flash; the own laser is on."""
     for pitches in (-6, -3, -2, -1, -0.5, 0.5, 1, 2, 3, 4, 6):
         for gain, frames, first in ((0.8, 6, count // 3), (1.6, 6, count // 3), (1.6, 3, count // 2), (3.0, 10, 3)):
             name = f"{pitches:+g} stripes aside, {gain:g} as bright, {frames} frames from {first}"
@@ -104,7 +105,7 @@ def short_lines(count: int) -> Iterator[Case]:
 
 
 def spots(scene: Scene) -> Iterator[tuple[str, Float32]]:
-    """Masks (h, w): a spot of 400 px on the ground that swallows light, and a trace over ground that is not seen."""
+    """Yield names and masks (h, w): a spot of 400 px on absorbing ground, and a line over ground that is not seen."""
     truth = scene.scan.truth
     assert truth is not None
     for name, cells in (("spot of 400 px on dark ground", truth.dark), ("trace over unseen ground", truth.unseen)):
@@ -135,7 +136,7 @@ def _pixel(scan: ScanInMemory, ix: float, iy: float) -> tuple[float, float]:
 
 
 def measure(scene: Scene, case: Case) -> Outcome:
-    """Take the scan with the fault, and compare the grid with the truth."""
+    """Acquire the scan with its fault, and compare the grid with the truth."""
     processor, taken = take(scene, case.fault, triggered=case.triggered, options=case.options)
     terrain = with_problems(processor.finish(), taken)
     truth = scene.scan.truth

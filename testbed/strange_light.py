@@ -1,8 +1,8 @@
-"""A scan whose frames show light that is not the robot's, or belong to another instant; taken by the real driver.
+"""Scans with foreign light, or with frames from another instant, acquired with the real driver.
 
-Frames are made from the laser's own light in the pictures of a scan (laser on minus laser off), so that any light can
-be added to it. The emulated board says what shone in an exposure; faults of a camera change which picture it delivers,
-or when it says that it was taken.
+Frames are composed from the laser light in the images of a scan (laser-on minus laser-off) and any additional light.
+The emulated board reports the state of laser and mirror in each exposure. Faults of the camera change which image is
+delivered, or its time.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from testbed.bench_board import BenchBoard, BenchCamera, bench_backend
 from testbed.scenes import ScanInMemory
 from testbed.triggered_camera import EmulatedTriggeredCamera
 
-# Light [s] of a stripe with a triggered camera; frames per second of one that runs freely.
+# Duration of a flash with a triggered camera [s]; frame rate of a free-running camera [1/s].
 FLASH, FPS = 0.004, 30.0
-# Standard deviation of the noise that every picture gets anew [grey levels].
+# Standard deviation of the noise added to each image [grey levels].
 NOISE = 1.0
 
 
@@ -35,8 +35,8 @@ class Instant:
     """State of laser and mirror in one exposure.
 
     Attributes:
-        stripe: number of the stripe at which the mirror stands or is nearest to, from 0 in the order of the pattern.
-        is_lit: whether the laser shone.
+        stripe: number of the stripe nearest to the mirror angle, from 0 in the order of the pattern.
+        is_lit: True if the laser was on.
         shot: number of the exposure, from 0.
         time: time since the first exposure [s].
     """
@@ -47,21 +47,23 @@ class Instant:
     time: float = 0.0
 
 
-# Light (h, w) [grey levels] that is added to what a scene shows at an instant; the scene gives its own laser's light.
+# Function that returns light (h, w, 3) to be added to the image of a scene at an instant [grey levels].
 Extra = Callable[["Scene", Instant], Float32]
 
 
 class Scene:
-    """Pictures of a recorded or simulated scan, by stripe.
+    """Images of a recorded or simulated scan, by stripe.
 
     Attributes:
         scan: the scan.
-        pitch_px: mean distance of neighbouring indices of the pattern in the picture.
-        dark: (h, w, 3) picture without laser.
+        order: indices of the stripes in the order of the scan.
+        angles: (n,) mirror angles of these stripes [rad].
+        pitch_px: mean distance in the image between stripes of neighbouring indices.
+        dark: (h, w, 3) image without the laser.
     """
 
     def __init__(self, scan: ScanInMemory) -> None:
-        """Separate the laser's own light from the scene's."""
+        """Separate the laser light from the light of the scene."""
         self.scan = scan
         self.order = [index for index, _, _ in scan.frames]
         self.angles = np.array([scan.calibration.stripe(index).mirror_angle for index in self.order])
@@ -74,19 +76,19 @@ class Scene:
         self._shots, self._begun = 0, 0.0
 
     def begin(self) -> None:
-        """Draw the same noise again, and count exposures from 0."""
+        """Restart noise and count of exposures, so that the next scan has the same noise."""
         self._rng, self._shots = np.random.default_rng(1), 0
 
     def laser(self, stripe: int) -> Float32:
-        """(h, w, 3) light of the own laser in the picture of a stripe [grey levels]."""
+        """Light (h, w, 3) of the own laser in the image of a stripe [grey levels]."""
         _, on, off = self.scan.frames[stripe]
         light = np.maximum(on.astype(np.float32) - off, 0)
-        # What is left of the noise is no light of the laser.
+        # Remove the remaining noise.
         light[light < 6] = 0
         return light
 
     def shifted(self, stripe: int, pitches: float) -> Float32:
-        """The same light moved by a number of stripes' pitches down the picture."""
+        """Light of the own laser, moved down the image by a number of stripe pitches."""
         import cv2
 
         matrix = np.array([[1, 0, 0], [0, 1, pitches * self.pitch_px]], np.float32)
@@ -96,7 +98,7 @@ class Scene:
     def picture(
         self, view: ExposureView, gain: float, extra: Extra | None, ambient: Callable[[Instant], float]
     ) -> Image:
-        """The picture of an exposure; `gain` is that of the own laser."""
+        """Render the image of an exposure; `gain` is the factor of the own laser's light."""
         stripe = int(np.argmin(np.abs(self.angles - view.mirror_angle)))
         if self._shots == 0:
             self._begun = view.start
@@ -112,10 +114,10 @@ class Scene:
 
 
 class LateFrames(Camera):
-    """A camera whose frames hold the pixels of an earlier one, while their stamps and counters are right."""
+    """Camera whose frames contain the pixels of an earlier frame, but correct stamps and counters."""
 
     def __init__(self, camera: Camera, late: int, first: int) -> None:
-        """Deliver pixels that are `late` frames old from frame number `first` on, counted since it was opened."""
+        """Deliver pixels that are `late` frames old from frame number `first` on, counted from the first grab."""
         self._camera, self._late, self._first = camera, late, first
         self.name, self.triggered = camera.name, camera.triggered
         self._before: list[Image] = []
@@ -128,19 +130,19 @@ class LateFrames(Camera):
         self._camera.open()
 
     def close(self) -> None:
-        """Close it."""
+        """Close the camera."""
         self._camera.close()
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Lock its settings."""
+        """Lock the settings of the camera."""
         return self._camera.lock(settings)
 
     def flush(self) -> None:
-        """Forget what has arrived."""
+        """Discard the frames that have arrived."""
         self._camera.flush()
 
     def grab(self, timeout: float) -> Frame:
-        """The next frame, with old pixels."""
+        """Return the next frame, with old pixels."""
         frame = self._camera.grab(timeout)
         self._before.append(frame.image)
         number = len(self._before) - 1
@@ -149,7 +151,7 @@ class LateFrames(Camera):
 
 
 class JumpingClock(EmulatedTriggeredCamera):
-    """A triggered camera whose clock jumps by a whole number of the gaps between its frames."""
+    """Triggered camera whose clock jumps at frame `at` by a number `gaps` of trigger intervals."""
 
     gaps, at = 0, 10**9
 
@@ -165,15 +167,16 @@ class JumpingClock(EmulatedTriggeredCamera):
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Light or frames that are not those of the scan.
+    """Fault of light or frames.
 
     Attributes:
-        name: its name in tables.
-        gain: brightness of the own laser against that of the scan.
-        extra: light that is added.
-        ambient: factor of the scene's own light at an instant.
-        late, first: number of frames by which pixels are late, from which frame on.
-        gaps: number of trigger gaps by which the camera's clock jumps at frame `first`.
+        name: name of the fault in tables.
+        gain: factor of the own laser's light.
+        extra: additional light; None = none.
+        ambient: factor of the ambient light at an instant.
+        late: number of frames by which pixels are late, from frame `first` on.
+        first: number of the frame at which `late` or `gaps` takes effect.
+        gaps: number of trigger intervals by which the camera's clock jumps at frame `first`.
     """
 
     name: str
@@ -186,22 +189,25 @@ class Fault:
 
 
 def beside(pitches: float, gain: float, shots: range | None = None) -> Extra:
-    """Another robot's sweep, whose line lies beside ours in some exposures; None = in all but the first two.
+    """Create the light of another robot's sweep, whose line is beside the own line.
 
-    The first laser-off picture is clean then: the other's light cannot be seen in it.
+    Args:
+        pitches: distance of the lines in stripe pitches.
+        gain: brightness relative to the own line.
+        shots: exposures with this light; None = all but the first two, so that the first laser-off image is clean.
     """
 
     def light(scene: Scene, at: Instant) -> Float32:
         if at.shot < 2 if shots is None else at.shot not in shots:
             return np.zeros_like(scene.dark)
-        # While our laser is dark, the other's shines where it was before.
+        # In laser-off exposures, the foreign line is beside the position of the own line.
         return np.float32(gain) * scene.shifted(at.stripe, pitches)
 
     return light
 
 
 def ghost(pitches: float, gain: float) -> Extra:
-    """A reflection of our own line, which goes dark with it."""
+    """Create a reflection of the own line, which is visible only in laser-on exposures; arguments as in `beside`."""
 
     def light(scene: Scene, at: Instant) -> Float32:
         return np.float32(gain) * scene.shifted(at.stripe, pitches) if at.is_lit else np.zeros_like(scene.dark)
@@ -210,7 +216,7 @@ def ghost(pitches: float, gain: float) -> Extra:
 
 
 def blob(scene: Scene, mask: Float32, level: float = 120.0) -> Extra:
-    """Red light of this level where `mask` (h, w) of the picture is 1, after the first exposure."""
+    """Create constant red light of a level where `mask` (h, w) is 1, in all exposures but the first."""
     light = np.zeros_like(scene.dark)
     light[:, :, 2] = np.float32(level) * mask
 
@@ -223,13 +229,14 @@ def blob(scene: Scene, mask: Float32, level: float = 120.0) -> Extra:
 def take(
     scene: Scene, fault: Fault, *, triggered: bool, options: AcquireOptions | None = None
 ) -> tuple[ScanProcessor, LiveScan]:
-    """One scan of the scene with a fault, by board, driver and the node's own loop.
+    """Acquire a scan of the scene with a fault, with emulated board, driver and the scan loop of the node.
 
     Args:
-        scene: what the camera sees.
-        fault: what is wrong.
-        triggered: whether the board triggers the camera; else it runs freely and the host switches step by step.
-        options: how the scan is taken; None = as the node does.
+        scene: scene in front of the camera.
+        fault: the fault.
+        triggered: True = the board triggers the camera; False = the camera runs freely, and the host controls each
+            step.
+        options: options of the acquisition; None = as in the node.
     """
     scene.begin()
     clock = EmulatedClock()

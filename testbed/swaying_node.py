@@ -1,8 +1,8 @@
-"""`guara run` with a simulated robot whose body sways all the time, and a gait in another process that streams joints.
+"""`guara run` with a simulated robot that sways continuously, and a gait in another process that streams its joints.
 
-`python -m testbed.swaying_node node FOLDER ENDPOINT` and `python -m testbed.swaying_node gait ENDPOINT --rate 200`. The
-body moves by the machine's monotonic clock, which both processes read. The gait prints a line of JSON for each pause.
-Joints have a bias, and white noise fresh in every message; so has the gravity of the IMU.
+Start `python -m testbed.swaying_node node FOLDER ENDPOINT` and `python -m testbed.swaying_node gait ENDPOINT --rate
+200`. The motion is a function of the machine's monotonic clock, which both processes read. The gait prints a line of
+JSON for each pause. Joint readings have a bias, and joints and gravity have new white noise in every message.
 """
 
 from __future__ import annotations
@@ -37,18 +37,19 @@ from transport import PausePhase, StancePause, StancePublisher, StanceStreamPubl
 SIZE = (320, 256)
 # White noise of a reading of gravity [rad].
 IMU_RAD = np.radians(0.1)
-# [s] Stream before the first pause, longest pause, stream after it, and step of the table of joints.
+# Duration of the stream before each pause, longest pause, duration of the stream after a pause, and time step of the
+# table of joints [s].
 BEFORE, LONGEST, AFTER, TABLE_STEP = 1.5, 60.0, 0.3, 0.002
 ENDING_S = 0.02
 
 
 def standing(robot: RobotModel) -> Float:
-    """`base_link` in the world (4, 4) of a body that does not sway."""
+    """Pose (4, 4) of `base_link` in the world without sway."""
     return robot.stance_pose(Stance(robot.posture("scan"), robot.legs, None)).transform_base_to_footprint
 
 
 def swaying_camera(sway: Sway) -> Callable[..., EmulatedCamera]:
-    """`simulated_camera` whose rangefinder is where the body is in the middle of each exposure."""
+    """Create a substitute for `simulated_camera` that renders each exposure from the pose in its middle."""
 
     def make(view: SimulatedRangefinder, board: Any, *, fps: float, latency: float) -> EmulatedCamera:
         draw, still = renderer(view), standing(view.robot)
@@ -63,14 +64,14 @@ def swaying_camera(sway: Sway) -> Callable[..., EmulatedCamera]:
 
 
 def serve(folder: Path, endpoint: str, sway: Sway, arguments: list[str]) -> int:
-    """Run the node until it is stopped; `folder` takes the calibration."""
+    """Run the node until it is stopped; its calibration is written to `folder`."""
     save_calibration(specimen(gp.load_robot("guara"), SIZE), folder / "calibration.json")
     sweep = Rangefinder.sweep
 
     def in_time(rangefinder: Rangefinder, *given: Any) -> Any:
-        # Also without a stream: the body sways by the machine's clock.
+        # Needed even without a stream, because the sway follows the machine's clock.
         rangefinder.keep_time()
-        # As devices.toml says for such a robot: a picture from elsewhere hides part of the line.
+        # As in devices.toml of a swaying robot: a laser-off image from another pose would hide part of the line.
         rangefinder.options = AcquireOptions(off=OffFrames.PER_STRIPE, together=STRIPES_TOGETHER)
         return sweep(rangefinder, *given)
 
@@ -84,10 +85,10 @@ def serve(folder: Path, endpoint: str, sway: Sway, arguments: list[str]) -> int:
 
 
 class SwayingGait:
-    """Joints of a swaying body, read with noise, for messages and stream."""
+    """Noisy joint readings of a swaying body, for messages and stream."""
 
     def __init__(self, robot: RobotModel, sway: Sway, seed: int) -> None:
-        """Compute the joints once for the time after which the sway repeats itself."""
+        """Compute the joint positions over one period of the sway."""
         self.robot, self._sway, self._rng = robot, sway, np.random.default_rng(seed)
         self._period = 5.0 / sway.frequency
         self._times = np.arange(0.0, self._period + TABLE_STEP, TABLE_STEP)
@@ -95,7 +96,7 @@ class SwayingGait:
         self._joints += self._rng.normal(0.0, BIAS_RAD, self._joints.shape[1])
 
     def read(self, time: float) -> Stance:
-        """Stance at a time of the monotonic clock [s], noise fresh."""
+        """Return the stance at a time of the monotonic clock [s], with new noise."""
         at = time % self._period
         joints = [np.interp(at, self._times, column) for column in self._joints.T]
         joints += self._rng.normal(0.0, WHITE_RAD, len(joints))
@@ -105,10 +106,10 @@ class SwayingGait:
 
 
 def walk(endpoint: str, gait: SwayingGait, rate: float, pauses: int) -> Iterator[tuple[int, float]]:
-    """Announce pauses at one place, each until its grid is there or for `LONGEST`; stream all the time if rate > 0.
+    """Announce pauses at one position, each until its grid arrives or for `LONGEST`; stream meanwhile if rate > 0.
 
     Yields:
-        Step of each pause that is over, and the instant of its BEGIN by the monotonic clock [s].
+        Step of each pause after its end, and the time of its BEGIN on the monotonic clock [s].
     """
     offset = time.time_ns() - round(time.monotonic() * 1e9)
     with open_client(endpoint) as session, gp.TerrainClient(endpoint) as client:
@@ -117,7 +118,7 @@ def walk(endpoint: str, gait: SwayingGait, rate: float, pauses: int) -> Iterator
         streamed = time.monotonic()
 
         def go_on(seconds: float, is_over: Callable[[], bool] = lambda: False) -> None:
-            """Stream for a time; samples that a busy machine delays come late, with the stamps they should have."""
+            """Stream for a time [s]; samples that a busy machine delays are sent late, with their nominal stamps."""
             nonlocal streamed
             until = time.monotonic() + seconds
             while (now := time.monotonic()) < until and not is_over():
@@ -153,18 +154,18 @@ def walk(endpoint: str, gait: SwayingGait, rate: float, pauses: int) -> Iterator
 
 
 def main() -> None:
-    """Command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(prog="python -m testbed.swaying_node", description=__doc__)
     parser.add_argument("--degrees", type=float, default=0.5, help="amplitude of the turn")
     parser.add_argument("--shift", type=float, default=0.005, help="amplitude of the shift [m]")
-    parser.add_argument("--frequency", type=float, default=1.0, help="of the turn [1/s]")
+    parser.add_argument("--frequency", type=float, default=1.0, help="frequency of the turn [1/s]")
     commands = parser.add_subparsers(dest="what", required=True)
     node = commands.add_parser("node", help="the node; further arguments are those of `guara run`")
-    node.add_argument("folder", type=Path, help="where calibration.json is written")
+    node.add_argument("folder", type=Path, help="folder for calibration.json")
     node.add_argument("endpoint")
     gait = commands.add_parser("gait", help="the gait")
     gait.add_argument("endpoint")
-    gait.add_argument("--rate", type=float, default=200.0, help="samples a second; 0: no stream")
+    gait.add_argument("--rate", type=float, default=200.0, help="samples per second; 0: no stream")
     gait.add_argument("--pauses", type=int, default=1)
     gait.add_argument("--seed", type=int, default=0)
     known, rest = parser.parse_known_args()

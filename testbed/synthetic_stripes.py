@@ -1,4 +1,4 @@
-"""Synthetic stripes whose centre is known, and how far from it an extraction finds them."""
+"""Synthetic stripes with known centres, and errors of their extraction."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from guara_perception.arrays import Float, Image
 COLUMNS, ROWS, STRIPES = 1280, 160, 70
 SIGMA_PX = 1.7
 AMBIENT = 40.0
-# Share of the laser light that the green and blue filters let through.
+# Transmission of the laser light by the blue, green and red filters.
 CHANNEL_SHARES = (0.05, 0.08, 1.0)
-# Columns beside a gap are neither missed nor false.
+# Number of columns beside a gap or jump that are not evaluated.
 GAP_MARGIN_COLUMNS = 4
 
 
 @dataclass(frozen=True)
 class Case:
-    """One kind of light: grey levels of the peak and of the noise, and the relative variation of the reflectance."""
+    """Kind of light: grey levels of peak and noise, and relative standard deviation of the reflectance."""
 
     name: str
     peak: float
@@ -38,7 +38,7 @@ GRAIN_PX = 4
 
 
 def stripes(case: Case, seed: int = 0, count: int = STRIPES) -> Iterator[tuple[Image, Image, Float]]:
-    """On frame, off frame and true row of each column (NaN in dropouts), one stripe after another."""
+    """Yield laser-on frame, laser-off frame and true row of each column (NaN in dropouts) of each stripe."""
     random = np.random.default_rng(seed)
     columns = np.arange(COLUMNS)
     rows = np.arange(ROWS)[:, None]
@@ -72,7 +72,7 @@ def _as_image(values: Float) -> Image:
 
 
 def figures(case: Case, method: str, count: int = STRIPES) -> dict[str, float]:
-    """Mean and 95 % error [px], missed and false columns [%], and sigma's calibration (1 = right)."""
+    """Compute the figures of `stripe_errors`, and the ratio of the actual errors to their sigmas (1 = right)."""
     profiles, centres = [], []
     for on, off, centre in stripes(case, count=count):
         profiles.append(gp.extract_stripe(on, off, method=method))
@@ -86,11 +86,13 @@ def figures(case: Case, method: str, count: int = STRIPES) -> dict[str, float]:
 
 
 def stripe_errors(found: Sequence[npt.NDArray[Any]], centres: Sequence[Float]) -> dict[str, float]:
-    """Mean and 95 % error [px], missed and false columns [%]; columns beside a gap or a jump do not count.
+    """Compute mean and 95th percentile of the error [px], and missed and false columns [%].
+
+    Columns beside a gap or a jump are not evaluated.
 
     Args:
-        found: rows per column of each stripe, NaN where none was found.
-        centres: true rows per column of each stripe.
+        found: extracted row of each column for each stripe, NaN if none was found.
+        centres: true row of each column for each stripe, NaN in dropouts.
     """
     row, truth = np.concatenate(found), np.concatenate(centres)
     judged = ~np.concatenate([_near_change(centre) for centre in centres])
@@ -105,7 +107,7 @@ def stripe_errors(found: Sequence[npt.NDArray[Any]], centres: Sequence[Float]) -
 
 
 def _near_change(centre: Float) -> npt.NDArray[np.bool_]:
-    """Columns beside a gap or a jump."""
+    """Mask of the columns beside a gap or a jump."""
     change = np.abs(np.diff(np.nan_to_num(centre, nan=-99))) > 2
     near = np.zeros(centre.size, bool)
     for index in np.flatnonzero(change):

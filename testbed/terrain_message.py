@@ -1,4 +1,4 @@
-"""Messages of grids with every field set, whose values follow from their sequence."""
+"""Terrain messages with every field set, whose values depend on the sequence number."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ STAMP = 1_700_000_000_000_000_000
 
 
 def make_stance() -> transport.StanceMessage:
-    """A stance with every field set."""
+    """Make a stance with every field set."""
     return transport.StanceMessage(
         joint_positions={"lf_haa_joint": 0.1, "lf_hfe_joint": -0.4},
         support_feet=("lf", "rf", "lh"),
@@ -29,7 +29,7 @@ def make_terrain(
     extent: str = "footprint",
     **changes: object,
 ) -> transport.TerrainMessage:
-    """A grid whose values follow from its sequence, so that a mixed one would show."""
+    """Make a grid whose values depend on its sequence number, so that a mixture of two grids would be detected."""
     rng = np.random.default_rng(sequence)
     layers: dict[str, Any] = {}
     for name, kind in transport.LAYERS.items():

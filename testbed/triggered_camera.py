@@ -1,4 +1,4 @@
-"""A camera that exposes when the emulated board triggers it, and gives each frame a time of its own clock."""
+"""Emulated camera that is triggered by the emulated board and stamps each frame with its own clock."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from drivers.errors import CameraTimeout
 from drivers.frame import Frame, read_only
 from testbed.bench_board.shutter import Opening, Shutter
 
-# Seconds between two questions whether a shutter has opened.
+# Interval of checks for an opening of the shutter [s].
 POLL = 0.0005
-# Seconds after an exposure before which no other may begin.
+# Shortest time between two exposures [s].
 READ_OUT = 0.0002
 
 
 class TriggersCamera(Protocol):
-    """A board that triggers a camera: `BenchBoard`, or `ChipBus` with the firmware behind it."""
+    """Board that triggers a camera: `BenchBoard`, or `ChipBus` with the firmware."""
 
     def exposure(self, start: float, end: float) -> ExposureView:
-        """Return what a camera that exposed from `start` to `end` [s] saw."""
+        """Return the state of laser and mirror during an exposure from `start` to `end` [s]."""
 
     def openings(self, first: int = 0) -> tuple[Opening, ...]:
-        """When the shutter opened and closed [s], from opening number `first` on."""
+        """Openings (start, end) of the shutter [s], from number `first` on."""
 
 
 class EmulatedTriggeredCamera(Camera):
-    """One frame for each opening of the shutter. Faults of the shutter are those of `Shutter`."""
+    """Camera that delivers one frame for each opening of the shutter; `Shutter` has its faults."""
 
     triggered = True
 
@@ -50,38 +50,38 @@ class EmulatedTriggeredCamera(Camera):
         """Prepare the camera.
 
         Args:
-            board: the board that triggers it, and whose laser and mirror it sees.
-            shutter: the board's shutter, see `BenchBoard.shutter` and `Wiring.shutter`.
-            render: makes the image of an exposure, from what the board did meanwhile and the camera's settings.
-            latency: time from the end of the exposure to the arrival [s].
-            fps: highest frame rate [1/s]; 0: as fast as exposure and read-out allow.
+            board: board that triggers the camera, and whose laser and mirror it sees.
+            shutter: shutter of the board, as in `BenchBoard.shutter` and `Wiring.shutter`.
+            render: renders the image of an exposure, given the state of the board and the settings of the camera.
+            latency: time from the end of the exposure to the arrival of the frame [s].
+            fps: highest frame rate [1/s]; 0 = limited only by exposure and read-out.
             clock_offset: offset of the camera's clock [s].
-            clock_drift: relative error of the clock's rate; positive: it runs fast.
+            clock_drift: relative rate error of the clock; positive = it runs fast.
             name: name of the camera in messages.
         """
         self.name = name
         self._shortest = 1.0 / fps if fps > 0 else 0.0
         self._learn_limits(shutter.exposure, latency)
         self.dropped: frozenset[int] = frozenset()
-        """Numbers of the frames, from 0, that are lost on their way."""
+        """Numbers of lost frames, from 0."""
         self.automatic: set[str] = set()
-        """Settings that another program has switched to automatic again; only `held` reports them."""
+        """Settings in automatic mode, as if switched by another program; affects only `held`."""
         self._board, self._shutter, self._render = board, shutter, render
         self._latency, self._clock_offset, self._clock_drift = latency, clock_offset, clock_drift
         self._settings = CameraSettings(exposure=shutter.exposure, gain=1.0, white_balance=5000.0, gamma=1.0)
         self._next: int | None = None
 
     def open(self) -> None:
-        """Wait for triggers; does nothing when open."""
+        """Start to wait for triggers; does nothing if the camera is open."""
         if self._next is None:
             self._next = len(self._board.openings())
 
     def close(self) -> None:
-        """Stop."""
+        """Close the camera."""
         self._next = None
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Take the exposure; the other settings are fixed."""
+        """Set the exposure; the other settings are fixed."""
         if settings.exposure is not None:
             self._shutter.exposure = settings.exposure
             self._settings = CameraSettings(exposure=settings.exposure, gain=1.0, white_balance=5000.0, gamma=1.0)
@@ -96,8 +96,8 @@ class EmulatedTriggeredCamera(Camera):
         """Return the next frame.
 
         Raises:
-            CameraTimeout: none arrives in time.
-            CameraNotOpen: open it first.
+            CameraTimeout: no frame arrives in time.
+            CameraNotOpen: the camera is not open.
         """
         deadline = timing.monotonic() + timeout
         while True:
@@ -114,7 +114,7 @@ class EmulatedTriggeredCamera(Camera):
             timing.sleep(min(POLL, deadline - now))
 
     def flush(self) -> None:
-        """Forget what has arrived."""
+        """Discard the frames that have arrived."""
         self._started()
         self._next = len(self._board.openings())
 

@@ -1,9 +1,9 @@
-"""`guara run` with the firmware on its emulated chip and a fake GigE Vision camera, which it triggers.
+"""`guara run` with the firmware on the emulated chip, which triggers a fake GigE Vision camera.
 
-`python -m testbed.triggered_node FOLDER --listen tcp/127.0.0.1:7447` starts it and prints one JSON object for each
-scan. Emulated are the light (rendered), the chip, the motor and the camera's sensor; the rest is what a robot runs: the
-firmware's bytes, pyusb and the driver, GigE Vision packets, Aravis, the node, Zenoh. The chip's time stands still while
-a picture is drawn and sent. The scene is lit as if the lens were opened until a short exposure shows what 8 ms show.
+`python -m testbed.triggered_node FOLDER --listen tcp/127.0.0.1:7447` starts the node and prints one JSON object for
+each scan. Light, chip, motor and camera sensor are emulated; everything else is as on a robot: firmware binary, pyusb
+and driver, GigE Vision packets, Aravis, node and Zenoh. The chip's time is stopped while an image is rendered and sent.
+The lens is assumed to be opened so far that a short exposure is as bright as 8 ms otherwise.
 """
 
 from __future__ import annotations
@@ -43,35 +43,36 @@ from testbed.gige import FakeGigeCamera
 from transport.messages.terrain_message import encode_terrain
 
 FIRMWARE = Path(__file__).resolve().parents[1] / "firmware" / "guara_board.uf2"
-# Pictures of 80 kB fit into a socket's buffer whole: a machine that is busy with other things loses none of them.
+# Images of 80 kB fit into a socket's buffer, so that a busy machine loses no packets.
 SIZE = (320, 256)
 FLASH = 0.004
-# Bytes per second of a gigabit link, and its latency [s].
+# Data rate of a gigabit link [byte/s], and its latency [s].
 LINK, LATENCY = 117e6, 0.0005
 # Offset [s] and drift of the camera's clock.
 CLOCK_OFFSET, CLOCK_DRIFT = 1234.5, 2e-5
-# Seconds for packets on loopback.
+# Longest wait for packets on loopback [s].
 PATIENCE = 20.0
-# The work is measured this often, and the quickest counts: other load only makes it slower.
+# Number of measurements of the work, of which the fastest is used, because other load only slows it down.
 TRIES = 5
 Group = tuple[StripeCapture, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class TriggeredScan:
-    """One scan from its first trigger to the grid that is handed over for sending.
+    """Timing of a scan, from its first trigger to the encoded grid.
 
     Attributes:
-        stripes: number of stripes asked for.
-        proved: number of stripes whose frame was proved to be theirs.
-        repeated: number of triggers beyond one for each stripe and dark flash and one for the off frame.
-        sweep: time from the first trigger to the last frame's arrival, in the chip's time [s].
-        work: processor time of the work on the frames until the grid is encoded [s].
-        seconds: time from the first trigger to the encoded grid [s]: frames arrive in the chip's time, and each group
-            is worked on in turn for as long as this machine's processor took.
-        after: how much of `seconds` comes after the last frame [s].
-        counted: whether the board counted the exposures.
-        mono: whether frames went through the chain with one channel.
+        stripes: number of requested stripes.
+        proved: number of stripes whose frames were verified.
+        repeated: number of triggers in addition to one for each stripe, one for each dark flash, and one for the off
+            frame.
+        sweep: time from the first trigger to the arrival of the last frame, in the chip's time [s].
+        work: processor time from the frames to the encoded grid [s].
+        seconds: time from the first trigger to the encoded grid [s], computed from the arrivals of frames in the chip's
+            time and the processor time of each group of frames.
+        after: part of `seconds` after the arrival of the last frame [s].
+        counted: True if the board counted the exposures.
+        mono: True if all frames have one channel.
     """
 
     stripes: int
@@ -86,16 +87,16 @@ class TriggeredScan:
 
 
 class TriggeredRig:
-    """Chip, fake camera and scene; its times are the chip's."""
+    """Chip, fake camera and scene, with all times on the chip's clock."""
 
     def __init__(self, fake: FakeGigeCamera, calibration: gp.Calibration, flash: float, *, wired: bool = True) -> None:
-        """Wire it up.
+        """Connect camera, chip and scene.
 
         Args:
             fake: the camera, on loopback.
             calibration: calibration of the simulated rangefinder.
-            flash: how long the camera exposes [s].
-            wired: whether the camera's EXPOSURE_ACTIVE is connected to the board.
+            flash: exposure time of the camera [s].
+            wired: True = the camera's EXPOSURE_ACTIVE is connected to the board.
         """
         robot = gp.load_robot("guara")
         world = load_world(DEMO_WORLD)
@@ -107,7 +108,7 @@ class TriggeredRig:
         wiring.on_picture = self._picture
         self.chip = Chip(load_firmware(FIRMWARE), wiring)
         self.bus = ChipBus(self.chip)
-        # Read now: this lets the chip run, which must not happen within one of its alarms.
+        # Read here, because reading runs the chip, which is not allowed within one of its alarms.
         _ = self.chip.identity
         self._fake, self._wired = fake, wired
         self._draw = renderer(self.scene)
@@ -118,7 +119,7 @@ class TriggeredRig:
     def note_groups(
         self, groups: Callable[[StripeStream], Iterator[Group]]
     ) -> Callable[[StripeStream], Iterator[Group]]:
-        """`StripeStream.groups` that also keeps the groups for the measurement."""
+        """Wrap `StripeStream.groups` to store the groups for the measurement."""
 
         def noted(stream: StripeStream) -> Iterator[Group]:
             self._groups.clear()
@@ -130,7 +131,7 @@ class TriggeredRig:
         return noted
 
     def note_publishing(self, publish: Callable[..., Any]) -> Callable[..., Any]:
-        """`send_terrain` that then prints the figures of the scan."""
+        """Wrap `send_terrain` to print the figures of the scan afterwards."""
 
         def noted(*args: Any, **keywords: Any) -> Any:
             message = publish(*args, **keywords)
@@ -142,7 +143,7 @@ class TriggeredRig:
         return noted
 
     def note_camera(self, opened: Callable[[AravisCamera], None]) -> Callable[[AravisCamera], None]:
-        """`AravisCamera.open` that also keeps the camera, so that its packets can be waited for."""
+        """Wrap `AravisCamera.open` to store the camera, so that `_picture` can wait for its packets."""
 
         def noted(camera: AravisCamera) -> None:
             opened(camera)
@@ -168,9 +169,10 @@ class TriggeredRig:
         )
 
     def _work_again(self) -> tuple[float, float]:
-        """When the grid is encoded, in the chip's time, and the processor time of the work [s].
+        """Process the same frames again without the emulated chip, whose processor time would be measured too.
 
-        Works on the same frames once more, now without the emulated chip, whose time would be measured too.
+        Returns:
+            Time at which the grid is encoded, in the chip's time [s], and processor time of the work [s].
         """
         processor = gp.ScanProcessor(self.scene.calibration, self.scene.robot, self.pause.stance, "standard")
         free = work = 0.0
@@ -193,9 +195,9 @@ class TriggeredRig:
         return free + spent, work + spent
 
     def _picture(self, opening: Opening) -> None:
-        """Draw what the camera saw and send it; the chip waits until it has arrived."""
+        """Render the image of an exposure and send it; the chip waits for its arrival."""
         start, end = opening
-        # A lens opened so far that a short exposure shows what the simulation shows at its nominal one.
+        # With the assumed lens, a short exposure is as bright as the nominal exposure of the simulation.
         picture = self._draw(self.chip.exposure(start, end), CameraSettings(exposure=NOMINAL_EXPOSURE_S, gain=1.0))
         if self.camera is None:
             return
@@ -215,11 +217,11 @@ def serve(folder: Path, listen: str, *, flash: float, size: tuple[int, int], wir
     """Run the node until it is stopped; return its exit code.
 
     Args:
-        folder: where calibration.json and devices.toml are written.
+        folder: folder in which calibration.json and devices.toml are written.
         listen: endpoint of the node.
-        flash: exposure of the camera and light of the laser [s].
-        size: width and height of the pictures [px].
-        wired: whether EXPOSURE_ACTIVE is connected.
+        flash: exposure time of the camera and duration of the laser flash [s].
+        size: width and height of the images [px].
+        wired: True = EXPOSURE_ACTIVE is connected.
         arguments: further arguments of `guara run`.
     """
     calibration = specimen(gp.load_robot("guara"), size)
@@ -243,12 +245,12 @@ def serve(folder: Path, listen: str, *, flash: float, size: tuple[int, int], wir
 
 
 def main() -> None:
-    """Command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(prog="python -m testbed.triggered_node", description=__doc__)
-    parser.add_argument("folder", type=Path, help="where calibration.json and devices.toml are written")
+    parser.add_argument("folder", type=Path, help="folder for calibration.json and devices.toml")
     parser.add_argument("--listen", required=True, help="endpoint of the node")
-    parser.add_argument("--flash", type=float, default=FLASH, help="light for each stripe [s]")
-    parser.add_argument("--size", type=int, nargs=2, default=SIZE, help="width and height of the pictures [px]")
+    parser.add_argument("--flash", type=float, default=FLASH, help="duration of the flash of each stripe [s]")
+    parser.add_argument("--size", type=int, nargs=2, default=SIZE, help="width and height of the images [px]")
     parser.add_argument("--unwired", action="store_true", help="EXPOSURE_ACTIVE is not connected")
     known, rest = parser.parse_known_args()
     raise SystemExit(

@@ -1,4 +1,4 @@
-"""The oracle: what a grid of the fused map would say of a simulated world if all of it were known exactly."""
+"""True grids: the grid of a simulated world that a map would have if all ground were known exactly."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from guara_perception.terrain.layers.record import ScanRecord, limits_to_dict
 from kinematics import RobotModel
 
 CELL_M = 0.001
-# The elevation of a cell is the mean of what lies within this much of its highest point, as a scan's is.
+# The elevation of a cell is the mean of the heights within this distance of its highest point, as in scans.
 TOP_LAYER_M = 0.004
-# Ground beyond the border that is judged too, so that the border itself costs the oracle nothing.
+# Width of the margin around the grid that is assessed too, so that the border does not affect cells.
 BEYOND_M = 0.100
 
 
 @dataclass(frozen=True)
 class TrueGround:
-    """Ground in millimetre cells.
+    """Raster of ground in millimetre cells.
 
     Attributes:
-        corner: x and y of the lowest corner of the first cell [m].
-        heights: (ny, nx) [m].
-        is_dark: (ny, nx) whether the ground swallows the laser.
+        corner: x and y of the corner of cell (0, 0), at minimum x and y [m].
+        heights: (ny, nx) heights [m].
+        is_dark: (ny, nx) mask of the ground that absorbs the laser light.
     """
 
     corner: tuple[float, float]
@@ -43,14 +43,14 @@ class TrueGround:
 
     @staticmethod
     def of(world: World) -> TrueGround:
-        """Raster the whole world."""
+        """Rasterise a whole world."""
         heights, materials = world.raster(world.x, world.y, CELL_M)
         corner = world.x[0], world.y[0]
         return TrueGround(corner, heights.astype(np.float32), materials == material_index("dark"))
 
     @staticmethod
     def under(scan: Path) -> TrueGround:
-        """Ground under a rendered scan (`truth.npz` in its folder), in its base_footprint."""
+        """Read the ground of a rendered scan (`truth.npz` in its folder), in base_footprint of the scan."""
         with np.load(scan / "truth.npz", allow_pickle=False) as truth:
             x, y = (float(truth[axis][0]) - CELL_M / 2 for axis in ("x", "y"))
             return TrueGround((x, y), truth["elevation"], truth["dark"])
@@ -58,9 +58,9 @@ class TrueGround:
     def grid(
         self, transform_footprint_to_world: Float, geometry: GridGeometry, robot: RobotModel, **metadata: object
     ) -> tuple[gp.TerrainGrid, Mask]:
-        """The oracle's grid in a footprint, and which of its cells are dark anywhere.
+        """Create the true grid in a footprint, and a mask of its cells that are at least partly dark.
 
-        Same limits and sole as the robot's, no variance; ground goes on beyond the border.
+        The grid is assessed with the robot's limits and sole, without variance, and with the ground beyond its border.
         """
         settings = Settings.of(robot)
         per_cell = round(geometry.resolution / CELL_M)

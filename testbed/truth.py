@@ -1,4 +1,4 @@
-"""The true calibration of a rendered data folder: for tests, and for benchmarks on the same data."""
+"""True calibration of a rendered data folder, for tests and benchmarks."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ import guara_perception as gp
 
 
 def truth_calibration(data: Path) -> gp.Calibration:
-    """The true calibration of a data folder (`calibration/truth.json`).
+    """Read the true calibration of a data folder from `calibration/truth.json`.
 
-    Its k-th plane belongs to the k-th stripe of the specimen's pattern, which any of its full scans lists by index.
+    The k-th plane in this file belongs to the k-th stripe of the pattern; indices and mirror angles of the stripes are
+    read from a complete scan in the folder.
     """
     file = data / "calibration" / "truth.json"
     if not file.is_file():
-        raise SystemExit(f"{data}: no calibration/truth.json: give a data folder of rendered scans with their truth")
+        raise SystemExit(f"{data} has no calibration/truth.json; give a data folder of rendered scans with their truth")
     truth = json.loads(file.read_text())
     planes = truth["laser_planes_camera"]
     stripes = indices_and_angles(data, len(planes))
@@ -39,7 +40,7 @@ def truth_calibration(data: Path) -> gp.Calibration:
 
 
 def indices_and_angles(data: Path, count: int) -> list[tuple[int, float]]:
-    """Index and mirror angle of every stripe, from the first scan that holds all of them."""
+    """Read index and mirror angle of every stripe from the first scan with all stripes."""
     for path in sorted(data.glob("**/scan.json")):
         listed = json.loads(path.read_text())["stripes"]
         if len(listed) == count:

@@ -1,4 +1,4 @@
-"""Two robots that face each other and scan the same floor: pauses, spoilt sweeps, and random times of the next."""
+"""Two robots that face each other and scan the same floor; refused sweeps are repeated after random delays."""
 
 from __future__ import annotations
 
@@ -18,42 +18,42 @@ from kinematics.transforms import inverse
 from testbed.scenes import ScanInMemory, scan_stance, simulated
 from testbed.strange_light import FPS, Fault, Instant, Scene, take
 
-# Distance between the robots' footprints [m]: what one scans, the other scans from the far side.
+# Distance between the robots' footprints [m], at which they scan the same area from opposite sides.
 DISTANCE = 1.45
-# Brightest level of the other's line, as that of our own on the same floor.
+# Peak level of the other robot's line, equal to that of the own line on the same floor [grey levels].
 LEVEL = 90.0
 
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """A sweep of one robot.
+    """Sweep of one robot.
 
     Attributes:
-        start: when it begins [s].
-        lit: (n,) mirror angle of each frame [rad], NaN while the laser is dark.
+        start: start time [s].
+        angles: mirror angle of each frame [rad], NaN if the laser is off.
     """
 
     start: float
     angles: tuple[float, ...]
 
     def angle_at(self, time: float) -> float:
-        """Mirror angle at a time [s], NaN where nothing shines."""
+        """Mirror angle at a time [s]; NaN if the laser is off."""
         frame = int(np.floor((time - self.start) * FPS))
         return self.angles[frame] if 0 <= frame < len(self.angles) else np.nan
 
     @property
     def duration(self) -> float:
-        """Time until the last frame [s]."""
+        """Duration of the sweep [s]."""
         return len(self.angles) / FPS
 
 
 @dataclass(frozen=True, slots=True)
 class PauseOutcome:
-    """One pause of one robot.
+    """Result of a pause of one robot.
 
     Attributes:
-        processor: the scan that counts, refused or not.
-        sweeps: number of sweeps that it took.
+        processor: last scan, refused or not.
+        sweeps: number of sweeps.
     """
 
     processor: ScanProcessor
@@ -61,10 +61,10 @@ class PauseOutcome:
 
 
 class FacingRobots:
-    """Two robots of one kind over a world that looks the same from both sides."""
+    """Two identical robots over a world that looks the same from both sides."""
 
     def __init__(self, world: World, size: tuple[int, int], seed: int = 0) -> None:
-        """Render the frames of one of them; the other sees the same."""
+        """Render the frames of one robot; those of the other are the same."""
         scan: ScanInMemory = simulated(size, 70, light=Light(), seed=seed, is_uncertain=False, world=world)
         self.scene = Scene(scan)
         robot = load_robot("guara")
@@ -79,7 +79,7 @@ class FacingRobots:
         self._sigma = rangefinder.light.stripe_sigma
 
     def plan(self, start: float) -> Sweep:
-        """A sweep with a code of its own."""
+        """Plan a sweep with a new random code."""
         code = draw_code(self.scene.order)
         angles: list[float] = [np.nan]
         for index, angle in zip(self.scene.order, self.scene.angles.tolist(), strict=True):
@@ -87,7 +87,7 @@ class FacingRobots:
         return Sweep(start, tuple(angles))
 
     def light(self, others: Sequence[Sweep], start: float) -> Fault:
-        """The light of the other's sweeps in the pictures of a sweep that begins at `start` [s]."""
+        """Light of the other robot's sweeps in the images of a sweep that begins at `start` [s]."""
         view = self._points
         points = (view.points + view.origin).reshape(-1, 3)
 
@@ -105,11 +105,14 @@ class FacingRobots:
         return Fault("other robot", extra=shine)
 
     def pause(self, offset: float) -> tuple[PauseOutcome, PauseOutcome]:
-        """One pause of both, which begin `offset` [s] apart: each sweeps until it is not refused, or gives up."""
+        """Simulate a pause of both robots, which begin `offset` [s] apart.
+
+        Each robot repeats its sweep while it is refused, up to MOST_SWEEPS times.
+        """
         starts, done = [0.0, offset], list[PauseOutcome | None]((None, None))
         sweeps: tuple[list[Sweep], list[Sweep]] = ([self.plan(0.0)], [self.plan(offset)])
         while None in done:
-            # The one that ends first: nothing that the other decides later can still shine on it.
+            # Process the earlier sweep first: later decisions of the other robot cannot affect it.
             which = min((i for i in (0, 1) if done[i] is None), key=lambda i: starts[i])
             own = sweeps[which][-1]
             processor, _ = take(self.scene, self.light(sweeps[1 - which], own.start), triggered=False)

@@ -1,4 +1,4 @@
-"""The stance pose of a robot by an independent reader of URDF: yourdfpy's forward kinematics, and the definition."""
+"""Stance pose of a robot from an independent URDF reader (forward kinematics of yourdfpy) and its definition."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from kinematics import RobotModel, Stance
 from kinematics.arrays import Float
 
 POSES = 5
-# Joints about the scan posture, and gravity about straight down [rad].
+# Standard deviations of joints from the scan posture, and of gravity from straight down [rad].
 JOINT_SIGMA, TILT_SIGMA = 0.05, 0.05
 
 
 def worst_difference(robot: RobotModel, source: Path) -> float:
-    """The largest difference of an entry of transform_base_to_footprint over several stances of a robot.
+    """Largest difference between entries of transform_base_to_footprint of both readers, over several stances.
 
     Args:
-        robot: loaded from a folder that was made of `source`.
-        source: the stock URDF, which the other reader reads; the folder says where a sole lies on its foot's link.
+        robot: robot loaded from a folder that was made from `source`.
+        source: stock URDF for the other reader; the positions of the soles on their links are taken from `robot`.
     """
-    # yourdfpy warns of every mesh that it is asked not to load.
+    # yourdfpy warns about every mesh, although meshes are not loaded.
     logging.getLogger("yourdfpy.urdf").setLevel(logging.ERROR)
     import yourdfpy
 
@@ -40,7 +40,8 @@ def worst_difference(robot: RobotModel, source: Path) -> float:
             mount = robot.tree.urdf.path_to(leg.sole)[-1]
             foot = np.asarray(other.get_transform(mount.parent, robot.config.base_frame))
             sole = foot @ mount.transform_child_to_parent
-            # A ball is as deep as its centre, which is above the frame along the frame's z, less its radius.
+            # The lowest point of a ball is one radius below its centre, which is one radius above the frame along the
+            # frame's z.
             radius = robot.config.sole_radius
             soles.append([*sole[:2, 3], sole[2, 3] + radius * sole[2, 2] - radius])
         pose = robot.stance_pose(
@@ -67,7 +68,7 @@ def _joints(robot: RobotModel, sigma: float, rng: np.random.Generator) -> dict[s
 
 
 def _footprint(soles: Float, up: Float) -> Float:
-    """transform_base_to_footprint (4, 4) by its definition: straight below the base, z = 0 at the mean of the soles."""
+    """Compute transform_base_to_footprint (4, 4) by its definition: below base_link, with z = 0 at the mean sole."""
     ahead = np.array([1.0, 0.0, 0.0]) - up[0] * up
     ahead /= np.linalg.norm(ahead)
     transform = np.eye(4)

@@ -29,8 +29,8 @@ from transport.supervision import Seldom
 
 # Longest time in which a running node delivers its last grid, even over a slow link or from a busy machine [s].
 FIRST_GRID = 5.0
-# Longest wait for the next BEGIN [s]. A grid from a later pause than requested may be from a walk that has ended; if
-# the robot is not standing, only the next BEGIN can show this.
+# Longest wait for the next BEGIN [s] after a grid of a later pause than requested. Such a grid may be from a walk that
+# has ended; while the robot moves, only the next BEGIN can show this.
 NEWS = 1.0
 
 # Predicate that accepts any message.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from transport.links.ordered_receiver import OrderedReceiver
 from transport.links.ros2 import data_key
 from transport.links.session import Session
 from transport.messages.codec import decode
-from transport.messages.stance_stream import ANY_WALK, MAXIMUM_BATCH, StanceStream
+from transport.messages.stance_stream import ANY_WALK, MAXIMUM_BATCH, StanceStream, gravity_of_orientation
 from transport.stance_stream_link import NOT_MEASURED, Batcher, JointSample
 
 JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
@@ -137,14 +138,12 @@ class Ros2Stream:
     def _on_imu(self, message: Any) -> None:
         """Store the angular velocity, and gravity from a valid orientation or, without one, from the acceleration."""
         q, a, w = message.orientation, message.linear_acceleration, message.angular_velocity
-        down: npt.NDArray[np.float64] | None = None
-        length = float(np.linalg.norm((q.x, q.y, q.z, q.w)))
+        gravity: Sequence[float] = NOT_MEASURED
+        length = math.hypot(q.x, q.y, q.z, q.w)
         if message.orientation_covariance[0] >= 0.0 and abs(length - 1.0) < 0.01:
-            # The last row of the rotation from the IMU's frame to the world is the vertical in the IMU's frame.
-            up = (2 * (q.x * q.z - q.w * q.y), 2 * (q.y * q.z + q.w * q.x), 1 - 2 * (q.x**2 + q.y**2))
-            down = -np.array(up)
+            gravity = gravity_of_orientation((q.x / length, q.y / length, q.z / length, q.w / length))
         elif message.linear_acceleration_covariance[0] >= 0.0 and (a.x, a.y, a.z) != (0.0, 0.0, 0.0):
-            down = -np.array((a.x, a.y, a.z))
-        gravity = NOT_MEASURED if down is None else (self._turn @ down).tolist()
+            gravity = (-a.x, -a.y, -a.z)
+        gravity = (self._turn @ gravity).tolist()
         time = message.header.stamp
         self._imu = int(time.sec) * 10**9 + int(time.nanosec), gravity, (self._turn @ (w.x, w.y, w.z)).tolist()

@@ -76,9 +76,9 @@ def _listen(session: Session, key: str, *, latched: bool = False) -> NewestRecei
     return NewestReceiver(session, key, lambda payload: payload.decode(), latched=latched)
 
 
-def _hears(receiver: NewestReceiver[str], text: str, timeout: float) -> bool:
+def _receives(receiver: NewestReceiver[str], text: str, timeout: float) -> bool:
     with suppress(ReceiveTimeout):
-        return bool(receiver.wait_for(lambda heard: heard == text, timeout))
+        return bool(receiver.wait_for(lambda received: received == text, timeout))
     return False
 
 
@@ -159,9 +159,9 @@ def check_router(folder: str | Path, router: str, *, robot: str | None = None) -
         rows[f"{served.uplink}.{ROUTER}"] = (members.root / served.uplink, allowed)
     for other, found in members.routers.items():
         if found.uplink == router and other not in members.revoked:
-            # A router below may send anything in the name of the robots that it serves.
-            brings = ("connect", "forge grids") if name in found.robots else ("connect",)
-            rows[f"{other}.{ROUTER}"] = (members.root / other, brings)
+            # A router below is trusted with all keys of the robots that it serves.
+            trusted = ("connect", "forge grids") if name in found.robots else ("connect",)
+            rows[f"{other}.{ROUTER}"] = (members.root / other, trusted)
     for watcher in members.fleet:
         if watcher not in members.revoked:
             rows[f"{watcher}.{FLEET}"] = (members.root / watcher, WATCHER)
@@ -223,10 +223,10 @@ def _try_all(
 ) -> tuple[Permission, ...]:
     found: list[Permission] = []
     with _open_role(reader, reader, endpoint) as witness:
-        ear = None if witness is None else _listen(witness, terrain_key(node.robot))
+        grids = None if witness is None else _listen(witness, terrain_key(node.robot))
         for role, (folder, expected) in rows.items():
             with _open_role(folder, reader, endpoint) as session:
-                allowed = set() if session is None else _try_role(session, role, expected, node, ear)
+                allowed = set() if session is None else _try_role(session, role, expected, node, grids)
             found += [Permission(role, action, action in allowed, action in expected) for action in ACTIONS]
     return tuple(found)
 
@@ -256,33 +256,33 @@ def _try_role(
     key, clock_key = terrain_key(node.robot), gait_clock_key(node.robot)
     live, last = _listen(session, key), _listen(session, key, latched=True)
     status = _listen(session, FLEET_STATUS if role.endswith(f".{FLEET}") else status_key(node.robot))
-    if _hears(last, "last", wait["read grids"]):
+    if _receives(last, "last", wait["read grids"]):
         allowed.add("read the last grid")
     deadline = time.monotonic() + wait["see the status"]
-    hoped = {"read grids", "see the status"} & set(expected) or {"read grids"}
-    while time.monotonic() < deadline and not hoped <= allowed:
+    awaited = {"read grids", "see the status"} & set(expected) or {"read grids"}
+    while time.monotonic() < deadline and not awaited <= allowed:
         node.live.put(f"live {role}".encode())
         node.status.put(f"status {role}".encode())
-        if _hears(live, f"live {role}", 0.1):
+        if _receives(live, f"live {role}", 0.1):
             allowed.add("read grids")
-        if _hears(status, f"status {role}", 0.1):
+        if _receives(status, f"status {role}", 0.1):
             allowed.add("see the status")
     node.live.put(b"last")
     if _is_answered(session, scan_key(node.robot), DONE, WAIT):
         allowed.add("request a scan")
-    told = f"clock of {role}".encode()
-    clock = _serve(session, clock_key, told)
+    reply = f"clock of {role}".encode()
+    clock = _serve(session, clock_key, reply)
     deadline = time.monotonic() + wait["report the gait's clock"]
     while time.monotonic() < deadline and "report the gait's clock" not in allowed:
-        if _is_answered(node.session, clock_key, told, QUIET):
+        if _is_answered(node.session, clock_key, reply, QUIET):
             allowed.add("report the gait's clock")
     clock.close()
     stance, forged = f"stance of {role}", f"forged by {role}"
     session.raw.put(stance_key(node.robot), stance.encode())
     session.raw.put(key, forged.encode())
-    if _hears(node.stance, stance, wait["publish stance pauses"]):
+    if _receives(node.stance, stance, wait["publish stance pauses"]):
         allowed.add("publish stance pauses")
-    if witness is not None and _hears(witness, forged, wait["forge grids"]):
+    if witness is not None and _receives(witness, forged, wait["forge grids"]):
         allowed.add("forge grids")
     return allowed
 

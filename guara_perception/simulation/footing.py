@@ -14,11 +14,11 @@ from kinematics.transforms import inverse, transform_points
 CELL_M = 0.005
 # Extent of the ground around the body that the next steps can reach: ahead, behind, and to each side [m].
 BEFORE_M, BEHIND_M, ASIDE_M = 0.75, 0.55, 0.32
-# Half the width of the window whose highest ground counts for a swing or a leg.
+# Half the width of the window from which a cell takes its highest ground, for swings and legs [cells].
 WIDE_CELLS = 3
-# Distance from unsafe ground beyond which more distance has no value [m].
+# Distance from unsafe ground above which a foothold does not improve further [m].
 AMPLE_M = 0.045
-# Radius around the centre of a standing foot within which the ground is no higher than its sole [m].
+# Radius around the centre of a standing sole within which the ground cannot be higher than the sole [m].
 UNDER_M = 0.028
 # Assumed height of unknown ground below standing legs that lean over it [m]; the planner accepts this risk.
 DEEP_M = -1.0
@@ -47,12 +47,12 @@ class Footing:
 
     @classmethod
     def of_map(cls, terrain: TerrainGrid, body: Float, feet: Float, transform_map_to_frame: Float) -> Footing:
-        """Create from a map: a foot may stand on traversable cells, and pass over cells whose height is bounded.
+        """Create from a map. A foot may stand on traversable cells, and pass over cells with an upper bound of height.
 
         Args:
             terrain: the map.
             body: (3,) position of the body in the frame of the plan [m].
-            feet: (n, 3) centres of standing soles, under which the ground is no higher [m].
+            feet: (n, 3) centres of the standing soles, which bound the ground below them [m].
             transform_map_to_frame: (4, 4) from base_footprint of the map.
         """
         x, y = around(body)

@@ -64,7 +64,7 @@ class WaveGait:
         return x + self.cycle_length / 2, y
 
     def first_stance(self) -> dict[str, tuple[float, float]]:
-        """Positions (x, y) of the feet in base_link at pause 0 [m], by leg. They are those of a walk in progress."""
+        """Positions (x, y) of the feet in base_link at pause 0 [m], by leg, as during a steady walk."""
         stance = {}
         for order, leg in enumerate(self.lift_order):
             x, y = self.hips[leg]

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration, CameraModel, StripePlane
@@ -84,13 +85,7 @@ def specimen(
 
 def rotation(turn: npt.ArrayLike) -> Float:
     """Rotation matrix (3, 3) from a rotation vector (3,) [rad]."""
-    vector = np.asarray(turn, np.float64)
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return np.eye(3)
-    x, y, z = vector / angle
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k)
+    return np.asarray(Rotation.from_rotvec(turn).as_matrix())
 
 
 def _laser_planes(robot: RobotModel, angles: Float, errors: Float) -> Float:

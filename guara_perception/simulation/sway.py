@@ -17,7 +17,7 @@ WHITE_RAD, BIAS_RAD = np.radians(0.05), np.radians(0.2)
 
 @dataclass(frozen=True)
 class Sway:
-    """Motion of the body over its feet. It starts from the stance at time 0.
+    """Motion of the body over its feet, from the scan posture at time 0.
 
     Attributes:
         turn: amplitude of pitch and roll together [rad]; the amplitude of the roll is half that of the pitch.

@@ -23,8 +23,8 @@ class Landing(NamedTuple):
 
     Attributes:
         x, y: position [m].
-        leg: leg that swings; None: the one whose turn it is.
-        body: x and y of the body before the swing [m]; None: as the gait.
+        leg: leg that swings; None = `next_leg` of the pause.
+        body: x and y to which the body moves before the swing [m]; None = the advance of the gait.
     """
 
     x: float
@@ -33,12 +33,13 @@ class Landing(NamedTuple):
     body: tuple[float, float] | None = None
 
 
-# None: no foothold.
+# Result of a foothold planner; None = no safe foothold.
 Choice = tuple[float, float] | Landing | None
 
 # Margin of the declared ground around the first stance. Behind, it allows for slip; ahead, it reaches the scanned area.
 KNOWN_GROUND_MARGIN_M = 0.17
-# Share of the way: real robots and MuJoCo's position servos slide by 2 to 8 %, always the same way.
+# Largest slide of standing soles as a share of the advance. On real robots and with MuJoCo's position servos, the slide
+# is 2 to 8 %, always in the same direction.
 MOST_SLIDE = 0.08
 
 
@@ -54,9 +55,9 @@ class WalkNoise:
         imu: standard deviation of the reported direction of gravity, per axis [rad]; None = without an IMU, so that
             gravity is not reported.
         creep: standard deviation of the motion of a standing sole between two pauses, per horizontal axis [m].
-        slide: distance by which the standing soles slide back together between two pauses, as a share of the gait's
-            advance, which no joint shows; negative = slide forwards. None = drawn for each walk, up to `MOST_SLIDE`
-            either way.
+        slide: distance by which all standing soles slide back together between two pauses, as a share of the body's
+            advance. Joint positions do not reveal it. Negative = slide forwards; None = drawn for each walk, up to
+            `MOST_SLIDE` in either direction.
     """
 
     joint: float = 0.0035
@@ -98,7 +99,7 @@ class WalkPause:
         step: number of the pause.
         stance: stance as reported, with biased joint positions, support feet, and noisy direction of gravity or None.
         known_ground: ground declared safe by the gait, in base_footprint; empty except at the first pause.
-        next_leg: leg whose turn it is to swing after this pause.
+        next_leg: leg that swings after this pause in the order of the gait.
         nominal: nominal foothold of `next_leg`, x and y in base_footprint of this pause [m].
         last_footstep: last footstep before this pause; None at the first pause.
         joint_positions: true joint positions, by joint [rad].

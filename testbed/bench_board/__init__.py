@@ -1,7 +1,7 @@
-"""The emulated board with all of protocol 1.2 and with faults to inject, and a free-running camera with faults.
+"""Emulated board with the complete protocol 1.2 and injectable faults, and a free-running camera with faults.
 
-`bench_backend(BenchBoard())` is a pyusb backend for `LaserBoard(backend=...)`, as `drivers.emulator.emulated_backend`
-is for the board without sweeps and faults.
+`bench_backend(BenchBoard())` returns a pyusb backend for `LaserBoard(backend=...)`, like
+`drivers.emulator.emulated_backend` for a board without sweeps and faults.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ class BoardView:
 
 
 class BenchBoard(EmulatedBoard):
-    """Laser board in software, of the protocol of its configuration, with faults to inject; thread-safe.
+    """Emulated laser board with the protocol version of its configuration and injectable faults; thread-safe.
 
     Attributes:
         plan: pending faults.
@@ -57,7 +57,7 @@ class BenchBoard(EmulatedBoard):
     _light: BenchLight
 
     def __init__(self, config: EmulatorConfig | None = None, clock: Callable[[], float] = timing.monotonic) -> None:
-        """Power up, with the mirror at the centre of its travel and its home unknown.
+        """Power up with the mirror at the centre of its travel, not homed.
 
         Args:
             config: configuration; None = defaults.
@@ -84,7 +84,7 @@ class BenchBoard(EmulatedBoard):
             self._mirror.halt(now)
 
     def replug(self) -> None:
-        """Plug in again: power-up, home unknown; does nothing when plugged in."""
+        """Plug the board in again: it powers up, not homed. Does nothing if it is plugged in."""
         with self._lock:
             if not self.plugged:
                 self._power_on(self._advance())
@@ -96,7 +96,7 @@ class BenchBoard(EmulatedBoard):
             return packed(self._sweep.records.popleft()) if self._sweep.records else super().next_report()
 
     def view(self, at: float | None = None) -> BoardView:
-        """State of the board at a time by its clock [s]; None = now."""
+        """Return the state of the board at a time on its clock [s]; None = now."""
         with self._lock:
             now = self._advance()
             instant = now if at is None else at

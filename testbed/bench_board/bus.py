@@ -1,4 +1,4 @@
-"""USB bus of the bench's board: it can be unplugged, and transfers can fail."""
+"""USB bus of the bench board, which can be unplugged and whose transfers can fail."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ AFTER = (FaultKind.UNPLUG_AFTER, FaultKind.TIMEOUT_AFTER, FaultKind.SHORT_READ, 
 
 
 class FaultyBus(Bus):
-    """Bus in this process, with the faults of its board's plan; thread-safe."""
+    """Bus in this process, with the faults in the plan of its board; thread-safe."""
 
     _board: BenchBoard
 
@@ -100,5 +100,5 @@ class FaultyBus(Bus):
 
 
 def bench_backend(*boards: BenchBoard) -> EmulatedBackend:
-    """Backend with these boards on its buses."""
+    """Create a pyusb backend with one bus per board."""
     return EmulatedBackend(*(FaultyBus(board) for board in boards))

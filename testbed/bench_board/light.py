@@ -1,4 +1,4 @@
-"""Laser of the bench's board: sweeps flash it, and its transistor, photodiode and temperature can have faults."""
+"""Laser of the bench board: flashed by sweeps, with possible faults of transistor, photodiode and temperature."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from drivers.board.protocol import BLOCKING, BoardFault
 from drivers.emulator.light import LightUnit
 from testbed.bench_board.faults import FaultKind, FaultPlan
 
-# Temperature at which the laser is turned off, and at which that fault can be cleared [degrees Celsius].
+# Temperature at which the laser is turned off, and temperature at which this fault can be cleared [degrees Celsius].
 TOO_HOT, COOL_ENOUGH = 60.0, 55.0
 # Time for which the firmware waits for the photodiode before it disconnects the supply [s].
 SENSE_DELAY = 0.005
@@ -34,7 +34,7 @@ class BenchLight(LightUnit):
         self._update(now)
 
     def command(self, on: bool, now: float) -> bool:
-        """Switch the laser, and compare with the photodiode; return True if the firmware permits it."""
+        """Switch the laser and compare it with the photodiode; return True if the firmware permits the command."""
         if not super().command(on, now):
             return False
         if on and not self.sensed:
@@ -51,7 +51,7 @@ class BenchLight(LightUnit):
 
     @property
     def silent_at(self) -> float:
-        """Time at which the watchdog acts unless it is fed [s]."""
+        """Time at which the watchdog turns the laser off unless it is fed [s]."""
         return self._fed + self._identity.watchdog
 
     def flash(self, now: float, goes_on: bool) -> bool:
@@ -59,7 +59,7 @@ class BenchLight(LightUnit):
 
         Args:
             now: current time [s].
-            goes_on: True for a further flash of the same sweep, whose time then adds up whatever the gap.
+            goes_on: True for a further flash of the same sweep, whose lit time is added regardless of the gap.
         """
         if not self.may_shine:
             return False
@@ -72,7 +72,7 @@ class BenchLight(LightUnit):
         return True
 
     def clear(self, faults: BoardFault, now: float) -> None:
-        """Clear those of `faults` whose cause is gone."""
+        """Clear those of `faults` whose cause no longer exists."""
         if self.temperature() > COOL_ENOUGH:
             faults &= ~BoardFault.OVER_TEMPERATURE
         if self._plan.holds(FaultKind.LASER_STUCK_ON):
@@ -80,7 +80,7 @@ class BenchLight(LightUnit):
         super().clear(faults, now)
 
     def advance(self, now: float) -> None:
-        """Apply the hardware timers that are due, and the limit of the temperature."""
+        """Apply the hardware timers that are due and the temperature limit."""
         if self.temperature() >= TOO_HOT and BoardFault.OVER_TEMPERATURE not in self.faults:
             self.cut(BoardFault.OVER_TEMPERATURE, now)
         super().advance(now)

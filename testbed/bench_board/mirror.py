@@ -1,4 +1,4 @@
-"""Mirror of the bench's board: sweeps move it, its speed can be set, and it can lose steps, its switch, or its rest."""
+"""Mirror of the bench board: sweeps, adjustable speed, and faults (lost steps, missing home switch, endless motion)."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class BenchMirror(MirrorUnit):
     _motor: LossyMotor
 
     def __init__(self, config: EmulatorConfig, plan: FaultPlan, now: float) -> None:
-        """Start at the centre of the travel, with unknown home."""
+        """Start at the centre of the travel, not homed."""
         self._plan = plan
         super().__init__(config, now)
 
@@ -57,7 +57,7 @@ class BenchMirror(MirrorUnit):
         self.home_error = 0
 
     def motion_record(self) -> bytes:
-        """Record of the motion profile of a motor that starts at its top speed."""
+        """Motion profile, as sent by the board, of a motor that starts at its top speed."""
         speed = round(self._motor.speed)
         return seal(MOTION.pack(speed, speed, FREE, round(self._motor.settle * 1e6), self._config.overshoot, 0))
 
@@ -99,7 +99,7 @@ class BenchMirror(MirrorUnit):
         return jammed or super().moving(instant)
 
     def home(self, now: float) -> Result:
-        """Start homing, which finds the steps lost before."""
+        """Start homing, which reveals the steps lost before."""
         if not self._homing:
             self.home_error = round(-self._motor.lost) if self.homed else 0
             self._motor.lost = 0.0

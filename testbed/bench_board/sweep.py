@@ -53,7 +53,7 @@ class Phase(enum.Enum):
 
 
 class SweepUnit:
-    """Sweep run by the board; the caller must call `act` at the time `due`."""
+    """Sweep executed by the board; the caller must call `act` at the time `due`."""
 
     def __init__(self, mirror: BenchMirror, light: BenchLight, shutter: Shutter) -> None:
         """Start without settings."""
@@ -105,7 +105,7 @@ class SweepUnit:
         return result
 
     def _answer(self, is_within: bool) -> Result:
-        """Result of a setting: it must be within its range, and no sweep may run."""
+        """Result of a setting, which must be within its range and must not be changed during a sweep."""
         if not is_within:
             return Result.OUT_OF_RANGE
         return Result.BUSY if self.running else Result.OK
@@ -260,7 +260,7 @@ class SweepUnit:
 
 
 def packed(record: StripeRecord) -> bytes:
-    """Bytes of the record as the board sends it."""
+    """Bytes of a record as the board sends them."""
     return seal(
         STRIPE.pack(
             STRIPE_MARK,

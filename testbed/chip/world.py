@@ -1,4 +1,4 @@
-"""What is wired to the pins of the emulated Pico: laser and photodiode, monostable, motor and home switch, camera."""
+"""Hardware at the pins of the emulated Pico: laser and photodiode, monostable, motor and home switch, camera."""
 
 from __future__ import annotations
 
@@ -14,26 +14,29 @@ from testbed.bench_board.shutter import Opening, Shutter
 # Pins of the Pico, as in firmware/pins.h.
 LASER, SUPPLY, HEARTBEAT, LIGHT, STEP, DIRECTION, HOME = 2, 3, 4, 5, 6, 7, 9
 TRIGGER, EXPOSURE, EXPOSURE_WIRED = 10, 11, 12
-SENSOR = 4  # input of the ADC: the thermometer
+# ADC input of the thermometer.
+SENSOR = 4
 
-LIGHT_DELAY = 0.1e6  # ns from the laser to the comparator's output
-START = 700  # steps from the home switch at power-up
+# Delay from the laser to the comparator's output [ns].
+LIGHT_DELAY = 0.1e6
+# Distance from the home switch at power-up [steps].
+START = 700
 
 
 @dataclass(slots=True)
 class Wiring:
-    """What is connected to the chip, and its faults; may be changed at any time.
+    """Hardware connected to the chip, and its faults; may be changed at any time.
 
     Attributes:
-        stuck_on: the laser's transistor conducts whatever its pin says.
-        dead: the laser never shines.
-        blind: the photodiode sees nothing.
-        no_home: the home switch never closes.
+        stuck_on: True = the laser's transistor always conducts.
+        dead: True = the laser never emits light.
+        blind: True = the photodiode never detects light.
+        no_home: True = the home switch never closes.
         temperature: temperature of the chip [degrees Celsius].
-        monostable: time without an edge of HEARTBEAT after which the supply opens [s]; infinite: not fitted.
-        shutter: the camera's shutter, opened by TRIGGER; where its EXPOSURE_ACTIVE is wired, the jumper is set too.
-        transfer: time from the end of an exposure until its picture has arrived [s].
-        on_picture: called at that time, with the opening; the chip's time stands still meanwhile.
+        monostable: time without an edge of HEARTBEAT after which the laser loses its supply [s]; infinite = not fitted.
+        shutter: shutter of the camera, opened by TRIGGER; if its EXPOSURE_ACTIVE is wired, the jumper is set too.
+        transfer: time from the end of an exposure to the arrival of its image [s].
+        on_picture: called at the arrival of an image with its shutter opening; the chip's time is stopped meanwhile.
     """
 
     stuck_on: bool = False
@@ -48,15 +51,15 @@ class Wiring:
 
 
 class World:
-    """The state of the wiring and its past. Its times are emulated nanoseconds since the first power-up."""
+    """State and history of the hardware, in emulated time since the first power-up [ns]."""
 
     def __init__(self, wiring: Wiring, now: Callable[[], float], noticed: Callable[[], None]) -> None:
-        """Prepare.
+        """Create the hardware; `connect` wires it to a chip.
 
         Args:
-            wiring: what is connected, and its faults.
-            now: the time [ns].
-            noticed: called when the light has changed.
+            wiring: connected hardware and its faults.
+            now: returns the time [ns].
+            noticed: called when the laser light has changed.
         """
         self.wiring = wiring
         self._now, self._noticed = now, noticed
@@ -91,14 +94,14 @@ class World:
         self.update()
 
     def rewire(self) -> None:
-        """Let what was changed in the wiring take effect at the pins."""
+        """Set the input pins according to the wiring."""
         self._mcu.gpio[HOME].set_input_value(not self._home_closed())
         self._mcu.gpio[EXPOSURE_WIRED].set_input_value(not self.wiring.shutter.wired)
         volt = 0.706 - (self.wiring.temperature - 27) * 0.001721
         self._mcu.adc.channel_values[SENSOR] = round(volt / 3.3 * 4096)
 
     def update(self) -> None:
-        """Switch the light on or off, as pins and faults now require."""
+        """Switch the laser light on or off according to pins and faults."""
         now = self._now()
         held = now - self._last_beat < self.wiring.monostable * 1e9
         supply = self.powered and held and self._high(SUPPLY)
@@ -111,11 +114,11 @@ class World:
         self._noticed()
 
     def switched(self) -> tuple[Switching, ...]:
-        """Return when the laser really went on and off [s]."""
+        """Return the changes of the laser light, with times in [s]."""
         return tuple(Switching(time / 1e9, on) for time, on in self.switchings)
 
     def lit_during(self, start: float, end: float) -> float:
-        """Return for how many of the nanoseconds from `start` to `end` the laser shone."""
+        """Return the time during which the laser was lit between `start` and `end` [ns]."""
         total, until = 0.0, end
         for time, on in reversed(self.switchings):
             if time < until:
@@ -127,7 +130,7 @@ class World:
         return total
 
     def position_at(self, time: float) -> int:
-        """Return where the mirror was [steps from the home switch] at a time [ns]."""
+        """Return the position of the mirror [steps from the home switch] at a time [ns]."""
         return self.steps[max(0, bisect.bisect_right(self.steps, (time, math.inf)) - 1)][1]
 
     def _high(self, pin: int) -> bool:

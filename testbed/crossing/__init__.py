@@ -1,6 +1,6 @@
-"""Crossings: a Go2 in MuJoCo crawls over courses that need sight, by what it was told or saw of them.
+"""Crossings: a robot in MuJoCo crawls over courses that cannot be crossed blindly.
 
-`courses` makes the ground, `robot` and `crawl` move the robot by forces, `planner` chooses its steps on a `ground` that
-is true, guessed, or seen by `depth_camera` or `laser`, and `walk` counts what came of it. Needs the extras `sim` and
+`courses` makes the ground. `eyes` and `laser` model the robot's knowledge of it: complete, none, from a depth camera or
+from a laser. `walk` plans and executes the steps and compares them with the truth. Needs the extras `sim` and
 `robots-test`.
 """

@@ -1,4 +1,4 @@
-"""Draw a crossing from above: `python -m testbed.crossing KIND SEED ARM -o PICTURE`."""
+"""Simulate a crossing and draw it from above: `python -m testbed.crossing KIND SEED ARM -o PICTURE`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from testbed.physics.robot import LEGS, Robot
 
 
 def main() -> None:
-    """Command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(prog="python -m testbed.crossing", description=__doc__)
     parser.add_argument("kind", choices=KINDS)
     parser.add_argument("seed", type=int)
@@ -31,12 +31,12 @@ def main() -> None:
     drawing = CourseDrawing(ground.world, START_M, ground.goal)
 
     def add(done: Crossing, robot: Robot, sight: Sight) -> None:
-        """See `cross`: a step was made."""
+        """Add a step to the drawing; called by `cross` after each swing."""
         x, y, _ = np.moveaxis((drawing.cells - sight.to_world[:3, 3]) @ sight.to_world[:3, :3], -1, 0)
         known = sight.ground
         i, j = known.indices(x, y)
         inside = (np.abs(known.x[i] - x) <= CELL_M) & (np.abs(known.y[j] - y) <= CELL_M)
-        # What the map has left behind stays as it was when last near.
+        # Ground behind the map keeps the state that it had when it was last in the map.
         inside &= drawing.cells[..., 0] > robot.base[0] + Settings.of(robot.product).map_x[0] + CELL_M
         drawing.know(inside, known.safe[i, j], np.isnan(known.heights[i, j]))
         leg = done.trace[-1][0]

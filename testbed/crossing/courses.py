@@ -1,4 +1,4 @@
-"""Courses: ground of a kind, drawn from a seed, that begins before the front feet and ends at a goal."""
+"""Random courses of several kinds of ground, which begin ahead of the front feet and end at a goal."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from guara_perception.simulation.features import Feature, Pit
 from guara_perception.simulation.world import World
 from testbed.physics.ground import Block
 
-# Level ground ends here; the body starts at x = 0.
+# x at which the level ground ends, and length of the field behind it; the body starts at x = 0.
 START_M, FIELD_M = 0.65, 0.90
 WORLD_X, WORLD_Y = (-0.9, 3.2), (-0.8, 0.8)
-# Border of the world, against rounding.
+# Border around the world that allows for rounding errors.
 RIM_M = 0.01
-# Depth of trenches, and of the ground between stones: out of reach of any foot.
+# Depth of trenches and of the ground between stones, out of reach of all feet.
 DEEP_M = 0.25
 
 
@@ -27,9 +27,9 @@ class Course:
     """Ground to cross.
 
     Attributes:
-        kind, seed: what it was made of.
-        world: the ground; `Pit` and `Block` are solid, other features have no height.
-        goal: all feet must stand beyond this x [m].
+        kind, seed: arguments of `course`.
+        world: the ground; only `Pit` and `Block` change its height.
+        goal: x beyond which all feet must stand [m].
     """
 
     kind: str
@@ -40,12 +40,13 @@ class Course:
 
 @dataclass(frozen=True)
 class Sizes:
-    """What a course asks of a robot; as it stands, of a Go2.
+    """Dimensions of courses for a robot; the defaults are for a Go2.
 
     Attributes:
-        spread: factor of all lengths and widths but those of gaps, for larger soles.
-        gaps: of trenches, and from the first to the second between stones [m].
-        rises, tops: lowest and highest step of stairs, and block of rubble [m].
+        spread: factor of all lengths and widths except gaps, for larger soles.
+        gaps: widths of trenches; the first two are the limits of gaps between stones [m].
+        rises: limits of the height of a step of the stairs [m].
+        tops: limits of the height of a block of rubble [m].
     """
 
     spread: float = 1.0
@@ -54,8 +55,9 @@ class Sizes:
     tops: tuple[float, float] = (0.02, 0.06)
 
 
-# By robot. Soles of a Guará and their margins take half as much ground again. Its legs and balance reach across 180 mm,
-# of which margins of 60 mm a side and rims take 140; down, 40 mm in the scan posture (robot.toml).
+# Sizes by robot. Soles of a Guará and their margins need 1.5 times as much ground. Its legs and balance allow steps of
+# 180 mm, of which margins of 60 mm on each side and rims take 140 mm, and of 40 mm downwards in the scan posture
+# (robot.toml).
 SIZES = {
     "go2": Sizes(),
     "guara": Sizes(1.5, gaps=(0.025, 0.030, 0.035, 0.040), rises=(0.03, 0.04), tops=(0.02, 0.04)),
@@ -63,13 +65,13 @@ SIZES = {
 
 
 def course(kind: str, seed: int, sizes: Sizes = SIZES["go2"]) -> Course:
-    """A course of one of the `KINDS`.
+    """Create a course of one of the `KINDS`.
 
     Raises:
         InvalidInput: no such kind.
     """
     if kind not in KINDS:
-        raise InvalidInput(f"no course is called {kind!r}; allowed: {', '.join(KINDS)}")
+        raise InvalidInput(f"course is {kind!r}; allowed: {', '.join(KINDS)}")
     rng = np.random.default_rng([seed, *kind.encode()])
     features = tuple(KINDS[kind](seed, rng, sizes))
     goal = max([each.bounds[0] for each in features if each.bounds[1] > WORLD_X[1] - RIM_M], default=START_M + FIELD_M)
@@ -78,20 +80,20 @@ def course(kind: str, seed: int, sizes: Sizes = SIZES["go2"]) -> Course:
 
 
 def _slab(start: float, end: float, top: float = 0.0) -> Block:
-    """A block across the whole world."""
+    """Create a block across the whole width of the world."""
     width = WORLD_Y[1] - WORLD_Y[0]
     return Block(x=(start + end) / 2, y=0.0, size=(end - start, width), top=top, material="concrete")
 
 
 def _pool() -> Iterator[Feature]:
-    """A hole as long as the world, and the banks before and after the field."""
+    """Yield a pit under the whole world, and the bank before the field."""
     size = WORLD_X[1] - WORLD_X[0], WORLD_Y[1] - WORLD_Y[0]
     yield Pit(x=sum(WORLD_X) / 2, y=0.0, size=size, depth=DEEP_M)
     yield _slab(WORLD_X[0], START_M)
 
 
 def _trenches(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Feature]:
-    """Gaps across the way, for a Go2 of 40, 60, 80 or 100 mm, from one to the next 0.3 to 0.5 m."""
+    """Yield slabs with trenches across the path: for a Go2, 40, 60, 80 or 100 mm wide, every 0.3 to 0.5 m."""
     yield from _pool()
     gap, x = sizes.gaps[seed % len(sizes.gaps)], START_M
     while x < START_M + FIELD_M - 0.3 * sizes.spread:
@@ -102,7 +104,7 @@ def _trenches(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Fea
 
 
 def _stones(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Feature]:
-    """Rows of stones 160 to 240 mm long and wide, 40 to 60 mm apart, tops within 10 mm."""
+    """Yield rows of stones, for a Go2 160 to 240 mm long and wide and 40 to 60 mm apart, with tops within 10 mm."""
     yield from _pool()
     low, high, (least_gap, most_gap) = 0.16 * sizes.spread, 0.24 * sizes.spread, sizes.gaps[:2]
     end, count, y = START_M + 1.0, round(4 / sizes.spread), -0.72 + rng.uniform(0.0, 0.1)
@@ -111,7 +113,7 @@ def _stones(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Featu
         width = rng.uniform(low, high)
         x = START_M
         for left in range(count, 0, -1):
-            # What is left of the field must be left for stones of allowed lengths.
+            # The rest of the field must be divisible into stones of allowed lengths.
             gap = rng.uniform(least_gap, most_gap)
             least, most = (end - x - gap - (left - 1) * each - left * 0.05 for each in (high, low))
             length = np.clip(rng.uniform(low, high), max(low, least), min(high, most))
@@ -122,7 +124,7 @@ def _stones(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Featu
 
 
 def _stairs(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Feature]:
-    """Two steps up and two down, 40 to 60 mm high and 230 to 270 mm deep."""
+    """Yield two steps up and two down, for a Go2 40 to 60 mm high and 230 to 270 mm deep."""
     rise, x = rng.uniform(*sizes.rises), START_M
     for level in (1, 2, 1):
         end = x + sizes.spread * (rng.uniform(0.23, 0.27) + (0.1 if level == 2 else 0.0))
@@ -131,7 +133,7 @@ def _stairs(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Featu
 
 
 def _rubble(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Feature]:
-    """Blocks 80 to 200 mm long and wide and 20 to 60 mm high, turned at random, on most of a level floor."""
+    """Yield randomly turned blocks, for a Go2 80 to 200 mm long and wide and 20 to 60 mm high, on most of the floor."""
     spread = sizes.spread
     for x in np.arange(START_M + 0.08 * spread, START_M + FIELD_M - 0.05, 0.17 * spread):
         for y in np.arange(-0.51, 0.52, 0.17 * spread):
@@ -143,7 +145,7 @@ def _rubble(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Featu
 
 
 def _mixed(seed: int, rng: np.random.Generator, sizes: Sizes) -> Iterator[Feature]:
-    """Boxes 30 to 60 mm high, pits 90 mm deep and dark mats on level ground, a thing in each lane every 0.25 m."""
+    """Yield boxes 30 to 60 mm high, pits 90 mm deep and dark mats: one of them in each lane every 0.25 m."""
     spread, (_, least, _, most) = sizes.spread, sizes.gaps
     xs = START_M + spread * np.arange(0.10, FIELD_M / spread, 0.25)
     for before, x in pairwise([START_M, *xs]):

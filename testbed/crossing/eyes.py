@@ -1,4 +1,4 @@
-"""What a robot knows of the ground before it: all, nothing, or what a depth camera sees."""
+"""Models of a robot's knowledge of the ground ahead: complete, none, or from a depth camera."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from testbed.crossing.courses import Course
 from testbed.crossing.ground import SOLE_M
 from testbed.physics.robot import Robot
 
-# A depth camera of the D4xx class: cells, noise of their heights and blur of edges (standard deviations), reach ahead
-# of the body, and the largest step between neighbouring cells that its filter allows [m].
+# Model of a D4xx depth camera: size of cells, standard deviations of height noise and of the blur at edges, range ahead
+# of the body, and largest height difference of neighbouring cells that its step filter accepts [m].
 DEPTH_CELL_M, DEPTH_NOISE_M, DEPTH_BLUR_M, DEPTH_X_M, DEPTH_STEP_M = 0.02, 0.005, 0.010, (0.30, 1.00), 0.030
 
 
 @dataclass(frozen=True)
 class Sight:
-    """What the robot knows at a pause, in a frame of its own.
+    """Knowledge of a robot at a pause, in the frame of its map.
 
     Attributes:
-        ground: what is known of the ground.
-        feet: (4, 3) where its feet stand.
-        to_world: (4, 4) where that frame truly is.
-        foot_errors: (4, 3) how far each foot truly is from where its joints say, in the world [m].
+        ground: known ground.
+        feet: (4, 3) estimated positions of the feet [m].
+        to_world: (4, 4) true transform from this frame to the world.
+        foot_errors: (4, 3) true minus estimated position of each foot, in the world [m].
     """
 
     ground: Footing
@@ -39,22 +39,22 @@ class Sight:
 
 
 class Eye(Protocol):
-    """Looks at the ground at each pause."""
+    """Sensor that observes the ground at each pause."""
 
-    # Time for which the robot stands still for each look [s].
+    # Time for which the robot stands still for each observation [s].
     standing_s: float
 
     def look(self, robot: Robot) -> Sight:
-        """Look, with the robot standing still."""
+        """Observe the ground while the robot stands still, and return the robot's knowledge."""
 
 
 class AllKnowing:
-    """Knows the true ground."""
+    """Complete knowledge of the true ground."""
 
     standing_s = 0.0
 
     def __init__(self, course: Course, product: RobotModel) -> None:
-        """Take the ground."""
+        """Store the true ground of the course."""
         self._world = course.world
 
     def look(self, robot: Robot) -> Sight:
@@ -63,12 +63,12 @@ class AllKnowing:
 
 
 class Blind:
-    """Takes the ground for the plane along its feet."""
+    """No sensor: the ground is assumed to be the plane through the feet."""
 
     standing_s = 0.0
 
     def __init__(self, course: Course, product: RobotModel) -> None:
-        """Take no notice of the ground."""
+        """Ignore the course."""
 
     def look(self, robot: Robot) -> Sight:
         """See `Eye`."""
@@ -76,12 +76,12 @@ class Blind:
 
 
 class DepthCamera:
-    """A depth camera's elevation map with a step filter; its pose is true, cells are means of all looks."""
+    """Elevation map of a depth camera with a step filter; poses are exact, and cells are means of all observations."""
 
     standing_s = 0.0
 
     def __init__(self, course: Course, product: RobotModel) -> None:
-        """Blur the true ground as the camera does; the ground before the field is known."""
+        """Blur the true ground as the camera does, and observe the ground before the field."""
         self._random = np.random.default_rng([course.seed, 23])
         world, ratio = course.world, round(DEPTH_CELL_M / CELL_M)
         self._x, self._y = (np.arange(low, high, DEPTH_CELL_M) + DEPTH_CELL_M / 2 for low, high in (world.x, world.y))

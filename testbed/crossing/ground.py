@@ -1,4 +1,4 @@
-"""Footing of a robot that knows the heights, or takes the ground for a plane."""
+"""Footing on ground with known heights, or on the plane through the feet."""
 
 from __future__ import annotations
 
@@ -10,14 +10,21 @@ from scipy import ndimage
 from guara_perception.arrays import Float, Mask
 from guara_perception.simulation.footing import CELL_M, Footing, around, widened
 
-# A true foothold: heights within this radius of it differ by this at most, and it is not in a trench.
+# Radius of a sole, largest height difference below it, and lowest height of a foothold, which excludes trenches [m].
 SOLE_M, RELIEF_M, DEEPEST_M = 0.020, 0.010, -0.05
 
 
 def of_heights(
     body: Float, heights: Callable[[Float, Float], Float], deepest: float = DEEPEST_M, sole: Float | None = None
 ) -> Footing:
-    """Ground whose heights are known, or taken to be known, everywhere; for balls of feet, or flat soles (2,) [m]."""
+    """Create the footing on ground of known heights, for ball feet or flat soles.
+
+    Args:
+        body: (3,) position of the body [m].
+        heights: function that returns the heights at points x, y [m].
+        deepest: lowest height of a foothold [m].
+        sole: (2,) length and width of flat soles [m]; None = ball feet.
+    """
     x, y = around(body)
     z = heights(*np.meshgrid(x, y, indexing="ij"))
     n = round(SOLE_M / CELL_M)
@@ -30,11 +37,11 @@ def of_heights(
 
 
 def of_plane(body: Float, feet: Float) -> Footing:
-    """The plane along the feet (4, 3): all that a blind robot knows."""
+    """Create the footing on the plane through the feet (4, 3), which a blind robot assumes."""
     slope = np.linalg.lstsq(np.column_stack((feet[:, :2], np.ones(4))), feet[:, 2])[0]
     return of_heights(body, lambda x, y: slope[0] * x + slope[1] * y + slope[2], -np.inf)
 
 
 def room(safe: Mask) -> Float:
-    """Distance from the nearest cell that is not safe [m]."""
+    """Distance of each cell from the nearest unsafe cell [m]."""
     return np.asarray(ndimage.distance_transform_edt(safe) * CELL_M)

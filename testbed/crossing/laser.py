@@ -1,4 +1,4 @@
-"""The laser: the product as a user has it, on simulated frames with real stripes, each pause in the map of the walk."""
+"""Knowledge from the laser: the package's scans of simulated frames, fused in the map of the walk."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from testbed.physics.robot import Robot
 from testbed.scanned_walk import swept
 
 PICTURE = (640, 512)
-# Bias of a joint, noise of the mean of eight readings, noise of gravity, as in robot.toml of both robots [rad].
+# Bias of a joint, noise of the mean of eight readings, and noise of gravity, as in the robot.toml of both robots [rad].
 BIAS, NOISE, GRAVITY_NOISE = 0.0035, 0.00035, 0.00175
-# Ground that the gait vouches for at the start: that of the map, up to so far into the area that is scanned [m].
+# Length by which the ground declared by the gait at the start extends into the scanned area [m].
 DECLARED_M = 0.11
-# A stripe of a sweep, camera at 120 frames a second (`benchmarks sweeps`) [s].
+# Duration of a stripe with a camera of 120 frames per second (`benchmarks sweeps`) [s].
 STRIPE_S = 0.59 / 35
 
 
 class Laser:
-    """Scans, odometry and map; a frame of the walk is `odom`."""
+    """Scans, odometry and map; the knowledge is in the frame `odom`."""
 
     standing_s = 0.0
 
     def __init__(self, course: Course, product: RobotModel) -> None:
-        """Begin a walk of a robot on a course."""
+        """Begin the walk of a robot on a course."""
         self._pause = 0
         self._random = np.random.default_rng([course.seed, 17])
         self._bias = BIAS * self._random.standard_normal(len(product.joint_names))
@@ -39,7 +39,7 @@ class Laser:
         self._odometry, self._map, self._policy = LegOdometry(product), gp.TerrainMap(product), ScanPolicy(product)
 
     def look(self, robot: Robot) -> Sight:
-        """Scan, fuse, and ask the map."""
+        """Scan, update the map, and return its ground."""
         base_to_world, stance = robot.transform_base_to_world, self._stance(robot)
         self._rangefinder.set_pose(base_to_world, robot.joints)
         processor = gp.ScanProcessor(self._calibration, robot.product, stance, "coarse", step=self._pause)
@@ -59,7 +59,7 @@ class Laser:
         )
 
     def _stance(self, robot: Robot) -> Stance:
-        """What the robot reads of itself."""
+        """Measured stance, with noise and bias."""
         read = robot.joint_positions + self._bias + NOISE * self._random.standard_normal(self._bias.size)
         down = -robot.rotation[2] + GRAVITY_NOISE * self._random.standard_normal(3)
         positions = dict(zip(robot.joint_names, read.tolist(), strict=True))
@@ -67,7 +67,7 @@ class Laser:
 
 
 def declared(robot: RobotModel) -> gp.KnownGround:
-    """The level ground on which the walk begins."""
+    """Level ground that the gait declares at the beginning of the walk."""
     settings = Settings.of(robot)
     (x0, _), (y0, y1), x1 = settings.map_x, settings.map_y, settings.footprint_x[0] + DECLARED_M
     return gp.KnownGround(np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]), height=0.0, sigma=0.001)

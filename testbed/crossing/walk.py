@@ -1,4 +1,4 @@
-"""One crossing: the steps that a robot takes by what it knows of the ground, and what the truth says of them."""
+"""Crossing of a course: steps planned on the robot's knowledge of the ground, and their comparison with the truth."""
 
 from __future__ import annotations
 
@@ -23,33 +23,35 @@ from testbed.physics.robot import LEGS, Robot
 from testbed.physics.stiff_crawl import StiffCrawl
 
 MOST_STEPS = 140
-# So many steps without so much way: stopped.
+# A robot is stopped if it moves by less than STUCK_M in STUCK_STEPS steps.
 STUCK_STEPS, STUCK_M = 12, 0.03
-# Beyond the goal, and tries for a foot that finds nothing, each so far from the ones before.
+# Distance of all feet beyond the goal at which the course is crossed; number of tries for a foot that finds no ground,
+# and distance between the tries.
 BEYOND_M, MOST_TRIES, ELSEWHERE_M = 0.02, 3, 0.04
-# Ground that differs by this much begins an edge; so far is looked for one.
+# Height difference that counts as an edge, radius of the search for edges, and its resolution.
 EDGE_RELIEF_M, EDGE_REACH_M, EDGE_CELL_M = 0.010, 0.08, 0.001
-# A target is over a gap where the ground is this much below it.
+# Height of a target above the ground above which it counts as over a gap.
 GAP_M = 0.025
-# A sole is badly supported below this share; a fall is the ground's if one of the swings before was so, or at an edge.
+# Share of a sole on the ground below which the sole is badly supported. A fall is caused by the ground if one of the
+# last SWINGS_BEFORE soles was badly supported or nearer to an edge than AT_EDGE_M.
 SUPPORT, AT_EDGE_M, SWINGS_BEFORE = 0.8, 0.010, 6
 
 
 @dataclass
 class Crossing:
-    """What came of a walk; lengths in metres.
+    """Result of a crossing; lengths in metres.
 
     Attributes:
-        course, seed, robot, arm: what walked where.
-        result: crossed, stopped or fell.
-        why: what ended it, if it did not cross.
-        worst_edge_m: least true distance of a target from an edge, below 0 over a gap.
-        targets_over_gap: targets with no ground below them.
-        soles_badly_supported: soles with less than `SUPPORT` of their area on the ground.
-        standing_s: time stood still to look.
-        fell_by_ground: whether a sole among the last swings was at an edge or badly supported.
-        steps, way_m: swings, and how far the body came.
-        trace: of the last swings leg, target, distance from an edge and support.
+        course, seed, robot, arm: arguments of `cross`.
+        result: "crossed", "stopped" or "fell".
+        why: reason for the end of the walk; empty if the course was crossed.
+        worst_edge_m: smallest true distance of a target from an edge, negative over a gap.
+        targets_over_gap: number of targets without ground below them.
+        soles_badly_supported: number of soles with less than `SUPPORT` of their area on the ground.
+        standing_s: time for which the robot stood still to observe the ground.
+        fell_by_ground: True if, in a fall, one of the last soles was at an edge or badly supported.
+        steps, way_m: number of swings, and distance covered by the body.
+        trace: leg, target x and y, distance from an edge, and support of the last swings.
         cpu_s: processor time.
     """
 
@@ -70,7 +72,7 @@ class Crossing:
     cpu_s: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values; the trace of falls alone."""
+        """Convert to plain values; the trace is included only for falls."""
         values = asdict(self)
         if self.result != "fell":
             del values["trace"]
@@ -86,14 +88,14 @@ def cross(
     robot: str = "go2",
     is_stiff: bool = False,
 ) -> Crossing:
-    """Walk over a course.
+    """Simulate a walk over a course.
 
     Args:
-        kind, seed: the course.
-        arm: one of the `ARMS`.
-        report: called after each swing with what has come so far, the robot, and what it knew before.
+        kind, seed: arguments of `course`.
+        arm: knowledge of the robot, one of `ARMS`.
+        report: called after each swing with the result so far, the robot, and its knowledge before the step.
         robot: one of the `ROBOTS`.
-        is_stiff: whether position servos move the robot, not forces.
+        is_stiff: True = position servos move the robot instead of forces.
 
     Raises:
         MissingExtra: MuJoCo is not installed.
@@ -132,11 +134,11 @@ def cross(
 
 
 def _step(done: Crossing, robot: Robot, crawl: Crawl, planner: StridePlanner, sight: Sight, world: World) -> None:
-    """One step; where a foot finds no ground, another one near it.
+    """Plan and execute one step; if the foot finds no ground, try other footholds.
 
     Raises:
-        NoGround: the planner finds no step, or the foot no ground.
-        Fell: the robot is down.
+        NoGround: the planner finds no step, or the foot finds no ground.
+        Fell: the robot has fallen.
     """
     known, turn, shift = sight.ground, sight.to_world[:3, :3], sight.to_world[:3, 3]
     for tried in range(MOST_TRIES):
@@ -168,7 +170,7 @@ def _step(done: Crossing, robot: Robot, crawl: Crawl, planner: StridePlanner, si
 
 
 def _in_world(step: Stride, target: Float, turn: Float, shift: Float) -> Float:
-    """Places (n, 3) that the foot passes."""
+    """Points (n, 3) of the foot's path in the world, above the highest ground; the last is the target."""
     return np.array([*(turn @ np.array([*place, step.top]) + shift for place in step.way[:-1]), target])
 
 
@@ -177,7 +179,7 @@ def _top(step: Stride, turn: Float, shift: Float) -> float:
 
 
 def edge_distance(world: World, place: Float) -> tuple[float, bool]:
-    """Distance [m] of a place from the nearest edge, below 0 over a gap, and whether it is over one."""
+    """Distance of a foothold from the nearest edge [m], negative over a gap, and True if it is over a gap."""
     d = np.arange(-EDGE_REACH_M, EDGE_REACH_M + EDGE_CELL_M / 2, EDGE_CELL_M)
     dx, dy = np.meshgrid(d, d)
     here = float(world.height(place[0], place[1]))
@@ -188,7 +190,7 @@ def edge_distance(world: World, place: Float) -> tuple[float, bool]:
 
 
 def support(world: World, foot: Float, sole: tuple[float, float]) -> float:
-    """Share of a sole, length and width [m], that the ground bears [0 ... 1]."""
+    """Share of a sole of given length and width [m] that is in contact with the ground, 0 ... 1."""
     dx, dy = np.meshgrid(*(np.linspace(-size / 2, size / 2, 13) for size in sole))
     heights = world.height(foot[0] + dx, foot[1] + dy)
     return float((np.abs(heights - foot[2]) < EDGE_RELIEF_M).mean())

@@ -1,6 +1,6 @@
-"""An emulated GigE Vision camera: Aravis' fake camera in a process of its own, with pictures that the caller supplies.
+"""Emulated GigE Vision camera: the fake camera of Aravis in a separate process, with images supplied by the caller.
 
-Real packets on loopback; `FakeGigeCamera.expose` is its trigger line. Needs Aravis.
+It sends real packets on loopback, and is triggered by `FakeGigeCamera.expose`. Needs Aravis.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The process of a `FakeGigeCamera`; it lives as long as its standard input."""
+"""Process of a `FakeGigeCamera`; it ends when its standard input is closed."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from drivers.cameras.aravis_library import load_aravis
 from testbed.gige import genicam
 from testbed.gige.wire import EXPOSE, REQUEST, STATE, read_exactly
 
-# Time within which Aravis' fake must have noticed a trigger [s], and how often it looks for one [Hz].
+# Longest wait until the fake camera of Aravis notices a trigger [s], and rate at which it checks for one [Hz].
 PATIENCE, POLL_RATE = 5.0, 1000.0
 FILL = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32)
 
 
 class Fake:
-    """Aravis' fake camera, filled with the picture that came last."""
+    """Fake camera of Aravis that delivers the image given last."""
 
     def __init__(self, interface: str, serial: str, size: tuple[int, int], lost_packets: float = 0.0) -> None:
-        """Appear on the network.
+        """Start the camera.
 
         Args:
-            interface: address of the network's interface.
-            serial: number of the camera.
+            interface: address of the network interface.
+            serial: serial number of the camera.
             size: width and height of the sensor [px].
-            lost_packets: share of the packets that never arrive.
+            lost_packets: share of packets that are lost.
 
         Raises:
-            OSError: the address is taken, or is no interface of this machine.
+            OSError: the address is in use, or does not belong to an interface of this machine.
         """
         aravis = load_aravis()
         with tempfile.NamedTemporaryFile("w", suffix=".xml") as file:
@@ -39,7 +39,7 @@ class Fake:
             file.flush()
             self._gige = aravis.GvFakeCamera.new_full(interface, serial, file.name)
         if not self._gige.is_running():
-            raise OSError(f"no GigE Vision camera can be on {interface}: another one is there, or it is no interface")
+            raise OSError(f"cannot start a GigE Vision camera on {interface}: it is in use, or is not an interface")
         self._gige.set_property("gvsp-lost-ratio", lost_packets)
         self._camera = self._gige.get_fake_camera()
         start = {
@@ -57,16 +57,16 @@ class Fake:
         self._library = _library()
         self._picture, self._taken_at = b"", 0
         self._filled = threading.Event()
-        # Kept: the camera calls it from its own thread as long as it lives. The binding's own closure would not last.
+        # A reference must be kept: the camera calls the function from its own thread, and the binding keeps none.
         self._fill_pointer = FILL(self._fill)
         self._library.arv_fake_camera_set_fill_pattern(_address(self._camera), self._fill_pointer, None)
 
     def expose(self, taken_at: int, picture: bytes) -> bool:
-        """Pull the trigger line; return whether the camera waited for it.
+        """Trigger an exposure; return True if the camera was waiting for the trigger.
 
         Args:
-            taken_at: when the exposure began on the camera's clock [ns].
-            picture: its pixels.
+            taken_at: start of the exposure on the camera's clock [ns].
+            picture: pixels of the image.
         """
         if not all(self._register(address) for address in (genicam.ACQUISITION, genicam.TRIGGER_MODE)):
             return False
@@ -79,7 +79,7 @@ class Fake:
         return self._filled.wait(PATIENCE)
 
     def state(self, answer: int) -> bytes:
-        """Its settings now, packed; `answer` is the result of the request."""
+        """Return the current settings in the form of `STATE`; `answer` is the result of the request."""
         addresses = (
             genicam.WIDTH,
             genicam.HEIGHT,
@@ -95,7 +95,7 @@ class Fake:
 
     def _fill(self, buffer: int, user: int, exposure: int, gain: int, pixel_format: int) -> None:
         if self._picture:
-            # The buffer reports its size only when it is full.
+            # The size is computed, because the buffer reports its size only when it is full.
             size = min(self._register(genicam.WIDTH) * self._register(genicam.HEIGHT), len(self._picture))
             ctypes.memmove(self._library.arv_buffer_get_data(buffer, None), self._picture, size)
             self._library.arv_buffer_set_timestamp(buffer, self._taken_at)
@@ -119,7 +119,7 @@ def _library() -> ctypes.CDLL:
 
 
 def serve(fake: Fake, requests: BinaryIO, answers: BinaryIO) -> None:
-    """Answer until the requests end."""
+    """Answer requests until their stream ends."""
     while (head := read_exactly(requests, REQUEST.size)) is not None:
         kind, taken_at, length = REQUEST.unpack(head)
         picture = read_exactly(requests, length)
@@ -130,13 +130,13 @@ def serve(fake: Fake, requests: BinaryIO, answers: BinaryIO) -> None:
 
 
 def main() -> None:
-    """Command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(prog="python -m testbed.gige", description=__doc__)
-    parser.add_argument("--interface", default="127.0.0.1", help="address of the network's interface")
+    parser.add_argument("--interface", default="127.0.0.1", help="address of the network interface")
     parser.add_argument("--serial", default="GUARA1", help="serial number of the camera")
     parser.add_argument("--width", type=int, default=640, help="width of the sensor [px]")
     parser.add_argument("--height", type=int, default=512, help="height of the sensor [px]")
-    parser.add_argument("--lost-packets", type=float, default=0.0, help="share of the packets that never arrive")
+    parser.add_argument("--lost-packets", type=float, default=0.0, help="share of packets that are lost")
     arguments = parser.parse_args()
     size = (arguments.width, arguments.height)
     try:

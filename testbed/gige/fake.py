@@ -1,4 +1,4 @@
-"""`FakeGigeCamera`: starts the process of the fake camera, pulls its trigger line and hands it pictures."""
+"""`FakeGigeCamera`: starts the process of the fake camera, triggers it, and supplies its images."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from testbed.gige.wire import ASK, EXPOSE, REQUEST, STATE, read_exactly
 
 RED = 2
 NAMES = {number: name for name, number in FORMATS.items()}
-# Seconds for the process to end by itself.
+# Longest wait for the process to end by itself [s].
 GOODBYE = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class FakeState:
-    """How the fake camera is set.
+    """Settings of the fake camera.
 
     Attributes:
-        size: width and height of its frames [px].
-        pixel_format: name of their pixel format.
+        size: width and height of the frames [px].
+        pixel_format: name of the pixel format.
         exposure: exposure time [s].
         gain: gain [dB].
-        shows_exposure: whether its output line shows when it exposes.
+        shows_exposure: True if the output line is active during exposures.
     """
 
     size: tuple[int, int]
@@ -43,9 +43,9 @@ class FakeState:
 
 
 class FakeGigeCamera:
-    """A camera on loopback while the `with` block lasts; thread-safe.
+    """Emulated camera on loopback, which exists during the `with` block; thread-safe.
 
-    `AravisCamera(fake.name, trigger="Line1")` opens it.
+    `AravisCamera(fake.name, trigger="Line1")` opens the camera.
     """
 
     def __init__(
@@ -56,13 +56,13 @@ class FakeGigeCamera:
         size: tuple[int, int] = (640, 512),
         lost_packets: float = 0.0,
     ) -> None:
-        """Prepare.
+        """Store the settings; the camera starts with the `with` block.
 
         Args:
-            serial: number of the camera.
-            interface: address of the network's interface.
+            serial: serial number of the camera.
+            interface: address of the network interface.
             size: width and height of the sensor [px].
-            lost_packets: share of the packets that never arrive.
+            lost_packets: share of packets that are lost.
         """
         self._command = [sys.executable, "-m", "testbed.gige", "--interface", interface, "--serial", serial]
         self._command += ["--width", str(size[0]), "--height", str(size[1])]
@@ -73,11 +73,11 @@ class FakeGigeCamera:
         self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
-        """Start its process.
+        """Start the process of the camera.
 
         Raises:
             CameraBackendMissing: Aravis is not installed.
-            CameraNotFound: its process cannot start.
+            CameraNotFound: the process cannot start.
         """
         from drivers.cameras.aravis_library import load_aravis
 
@@ -95,7 +95,7 @@ class FakeGigeCamera:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End its process."""
+        """End the process of the camera."""
         process, self._process = self._process, None
         if process is None:
             return
@@ -110,16 +110,16 @@ class FakeGigeCamera:
 
     @property
     def state(self) -> FakeState:
-        """How it is set now."""
+        """Current settings."""
         return self._ask(ASK)[1]
 
     def expose(self, picture: Image, taken_at: float) -> bool:
-        """Pull the trigger line; return whether the camera waited for it and sends the picture.
+        """Trigger an exposure; return True if the camera was waiting for the trigger and sends the image.
 
         Args:
-            picture: (height, width, 3) BGR as a renderer draws it, or (height, width), uint8. A grey
-                camera sees the red plane of a colour picture, as behind a band-pass filter; a Bayer camera its mosaic.
-            taken_at: when the exposure began on the camera's own clock [s].
+            picture: (height, width, 3) BGR or (height, width), uint8. A mono camera delivers the red channel of a
+                colour image, as behind a band-pass filter; a Bayer camera delivers its mosaic.
+            taken_at: start of the exposure on the camera's clock [s].
         """
         state = self.state
         if picture.shape[:2] != state.size[::-1]:
@@ -133,7 +133,7 @@ class FakeGigeCamera:
         with self._lock:
             process = self._process
             if process is None or process.stdin is None or process.stdout is None:
-                raise CameraNotFound("the fake GigE camera is not there: use `with fake:`")
+                raise CameraNotFound("the fake GigE camera is not running: use `with fake:`")
             process.stdin.write(REQUEST.pack(kind, taken_at, len(picture)) + picture)
             process.stdin.flush()
             answer = read_exactly(process.stdout, STATE.size)

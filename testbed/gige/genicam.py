@@ -1,6 +1,6 @@
-"""What the fake camera says of itself: a GenICam description over the registers of Aravis' fake camera.
+"""GenICam description of the fake camera, based on the registers of Aravis' fake camera.
 
-Its trigger line Line1 is what Aravis' fake takes for the software trigger, so that the process can pull it.
+Its input Line1 is mapped to the software trigger of Aravis' fake camera, so that the process can trigger it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ WIDTH, HEIGHT, GAIN, GAIN_AUTO = 0x100, 0x104, 0x110, 0x114
 SENSOR_HEIGHT, SENSOR_WIDTH, EXPOSURE, ACQUISITION, PIXEL_FORMAT = 0x118, 0x11C, 0x120, 0x124, 0x128
 ACQUISITION_MODE, OFFSET_X, OFFSET_Y, FRAME_PERIOD = 0x12C, 0x130, 0x134, 0x138
 TRIGGER_MODE, TRIGGER_SOURCE, TRIGGER_ACTIVATION, TRIGGER_NOW = 0x300, 0x304, 0x308, 0x30C
-# Registers that it leaves free, for settings that it does not imitate.
+# Registers that Aravis' fake camera does not use, for settings that it does not emulate.
 EXPOSURE_AUTO, LINE_SELECTOR, LINE_MODE, LINE_SOURCE = 0x400, 0x404, 0x408, 0x40C
 FORMATS = {
     "Mono8": 0x01080001,
@@ -27,7 +27,7 @@ AUTOMATICS = {"Off": 1, "Continuous": 2}
 
 
 def description() -> str:
-    """The XML that the camera hands to whoever opens it."""
+    """Return the GenICam XML of the camera."""
     strings = {"DeviceVendorName": (0x48, 32), "DeviceModelName": (0x68, 32), "DeviceID": (0xD8, 16)}
     whole = [
         *[_string(name, *registers) for name, registers in strings.items()],
@@ -103,7 +103,7 @@ def _command(name: str, address: int, value: int) -> str:
 
 
 def _converted(name: str, address: int, formula: str, lowest: float, highest: float) -> str:
-    """A real number behind a register; `formula` is its own inverse."""
+    """Return the XML of a float that is converted to a register by `formula`, which must be its own inverse."""
     there, back = formula.replace("X", "FROM"), formula.replace("X", "TO")
     return (
         f'<Float Name="{name}"><pValue>{name}Converter</pValue><Min>{lowest}</Min><Max>{highest}</Max></Float>'

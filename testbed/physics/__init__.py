@@ -1,4 +1,4 @@
-"""The robot in MuJoCo: its model, walks with real contacts, and how far a map made on them is from the truth.
+"""Robots in MuJoCo: models, walks with simulated contacts, and errors of maps made during these walks.
 
-Needs the extra `sim`; `python -m testbed.physics ROBOT -o FILE` writes a robot folder as an MJCF file.
+Needs the extra `sim`. `python -m testbed.physics ROBOT -o FILE` writes a robot as an MJCF file.
 """

@@ -1,7 +1,7 @@
 """Write a robot as an MJCF file for MuJoCo: `python -m testbed.physics ROBOT -o FILE`.
 
-The file holds shapes, masses and limits of the URDF, a free base, a position servo on every joint, and the postures of
-the SRDF as keyframes. It holds no ground: the scene that includes it has that.
+The file contains the shapes, masses and limits of the URDF, a free base, a position servo on every joint, and the
+postures of the SRDF as keyframes. The ground belongs to the scene that includes the file.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from testbed.physics.mujoco_robot import mjcf
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(prog="python -m testbed.physics", description=__doc__)
     parser.add_argument("robot", help="robot folder, or a robot by name")
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="file to write (.xml)")

@@ -1,7 +1,7 @@
-"""A statically stable crawl by forces: standing feet carry and steer the body, a swinging foot has its own force.
+"""Statically stable crawl under force control: standing feet support and move the body, and one foot swings.
 
-No joint is held by its position, so that feet never push against each other: of all forces that give the body its
-wrench, the smallest inside the friction cones are taken, and torques are those forces through the legs' Jacobians.
+No joint is position-controlled, so feet do not push against each other. The wrench of the body is distributed to the
+standing feet as the smallest forces inside their friction cones, and joint torques follow from the legs' Jacobians.
 """
 
 from __future__ import annotations
@@ -16,17 +16,18 @@ from testbed.physics.mujoco_robot import STEP_S
 from testbed.physics.robot import LEGS, Robot
 
 GRAVITY = 9.81
-# Steps of the physics from one command to the next.
+# Number of simulation steps per command.
 HELD_STEPS = 2
 TICK_S = HELD_STEPS * STEP_S
-# Pull of the body to its pose: acceleration per metre, per metre a second; moment per radian, per radian a second.
+# Gains of the control of the body: position [1/s^2] and velocity [1/s].
 PULL, BRAKE = 80.0, 18.0
+# Gains of the control of the attitude: rotation [Nm/rad] and angular velocity [Nms/rad].
 TURN_PULL, TURN_BRAKE = np.array([120.0, 160.0, 100.0]), np.array([10.0, 12.0, 8.0])
-# Weights of an error of force and moment, and costs of forces along the normal and across it.
+# Weights of errors of force and moment, and costs of contact forces along x, y and z.
 WRENCH_WEIGHT = np.array([1.0, 1.0, 1.0, 20.0, 20.0, 20.0])
 COST = np.array([0.032, 0.032, 0.010])
 FRICTION_USED, LEAST_LOAD_N = 0.5, 5.0
-# Edges of the friction cone of a foot.
+# Edges of the linearised friction cone of a foot.
 EDGES = np.array([[1.0, -1, 0, 0], [0, 0, 1, -1], [1, 1, 1, 1]]) * np.array([[FRICTION_USED], [FRICTION_USED], [1.0]])
 FROZEN_PULL, FROZEN_BRAKE = 200.0, 8.0
 NEAR_M, DEEPER_M = 0.015, 0.04
@@ -34,16 +35,16 @@ SWING_M_S, LOWER_M_S, BODY_M_S = 0.30, 0.10, 0.12
 SHIFT_S, UNLOAD_S, LOAD_S, SETTLE_S, FROZEN_S = 0.7, 0.15, 0.25, 0.20, 0.20
 TOUCH_N, BUMP_N = 6.0, 15.0
 FALLEN_UP, FALLEN_M = 0.7, 0.10
-# Leg, position, speed and acceleration of a foot in the air.
+# Leg, position, velocity and acceleration of a swinging foot.
 Swing = tuple[int, Float, Float, Float]
 
 
 class Fell(Exception):
-    """The robot is down."""
+    """The robot has fallen."""
 
 
 class NoGround(Exception):
-    """A foot was lowered and found nothing; it is back where it was."""
+    """A foot was lowered without finding ground, and has returned to its old foothold."""
 
 
 def turned(pitch: float, roll: float = 0.0, yaw: float = 0.0) -> Float:
@@ -54,18 +55,18 @@ def turned(pitch: float, roll: float = 0.0, yaw: float = 0.0) -> Float:
 
 
 def turn_to(wanted: Float, actual: Float) -> Float:
-    """Small rotation (3,) in the world that turns one attitude into the wanted one [rad]."""
+    """Rotation vector (3,) in the world from one attitude to another, for small rotations [rad]."""
     e = wanted @ actual.T
     return 0.5 * np.array([e[2, 1] - e[1, 2], e[0, 2] - e[2, 0], e[1, 0] - e[0, 1]])
 
 
 def shared(arms: Float, wrench: Float, shares: Float) -> Float:
-    """The smallest forces (n, 3) on feet that give a wrench (6,) about the centre of mass.
+    """Distribute a wrench about the centre of mass to the feet as the smallest forces (n, 3).
 
     Args:
-        arms: feet from the centre of mass (n, 3).
-        wrench: force and moment.
-        shares: readiness of each foot to carry, 0 ... 1.
+        arms: (n, 3) positions of the feet relative to the centre of mass [m].
+        wrench: (6,) force [N] and moment [Nm].
+        shares: (n,) loading of each foot, from 0 (unloaded) to 1.
     """
     n = len(arms)
     to_wrench, to_force = np.zeros((6, 3 * n)), np.kron(np.eye(n), EDGES)
@@ -81,16 +82,16 @@ def shared(arms: Float, wrench: Float, shares: Float) -> Float:
 
 
 class Crawl:
-    """Moves a robot, one step at a time."""
+    """Controller that moves a robot step by step."""
 
     def __init__(self, robot: Robot) -> None:
-        """Take a robot that stands, and let it settle."""
+        """Let a standing robot settle."""
         self.robot = robot
         self._com, self._rotation, self._shares = robot.com, np.eye(3), np.ones(4)
         self._hold(0.5)
 
     def freeze(self) -> None:
-        """Hold still for a scan: joints stay where they are, the torques that carry the body go on beneath."""
+        """Hold still for a scan: joint positions are held, in addition to the torques that support the body."""
         robot, carried = self.robot, self._torques(np.array([0, 0, self.robot.mass * GRAVITY, 0, 0, 0]), range(4))
         positions = robot.joint_positions
         for _ in range(round(FROZEN_S / TICK_S)):
@@ -98,18 +99,19 @@ class Crawl:
             robot.advance(carried + FROZEN_PULL * error - FROZEN_BRAKE * robot.joint_speeds, HELD_STEPS)
 
     def step(self, leg: int, way: Float, com: Float, rotation: Float, top: float) -> None:
-        """Shift the body, swing a foot over the highest ground of its way until it touches, and load it.
+        """Shift the body, swing a foot above the highest ground on its path until it touches the ground, and load it.
 
         Args:
             leg: index of the leg.
-            way: (n, 3) places of its lowest point; only x and y count before the last, its target [m].
-            com: centre of mass (3,) while the foot is in the air [m].
-            rotation: attitude of the body then.
-            top: highest ground on the way [m].
+            way: (n, 3) path of the foot's lowest point [m]; the last point is the target, and only x and y of the
+                others are used.
+            com: (3,) centre of mass during the swing [m].
+            rotation: (3, 3) attitude of the body during the swing.
+            top: highest ground on the path [m].
 
         Raises:
-            NoGround: nothing bears the foot there.
-            Fell: the robot is down.
+            NoGround: there is no ground at the target.
+            Fell: the robot has fallen.
         """
         self._shift(com, rotation)
         self._ramp(leg, 1.0, 0.0, UNLOAD_S)
@@ -118,7 +120,7 @@ class Crawl:
         try:
             self._lower(leg, self._carry(leg, way[1:], height), target)
         except NoGround:
-            # Back to where it stood, as it came.
+            # Return to the old foothold along the same path.
             self._lower(leg, self._carry(leg, np.array([*way[-2:0:-1], start]), height), start)
             self._ramp(leg, 0.0, 1.0, LOAD_S)
             raise
@@ -128,7 +130,7 @@ class Crawl:
     def _tick(
         self, com: Float, speed: Float, rotation: Float, turn: Float, swing: tuple[int, Float, Float, Float] | None
     ) -> None:
-        """One command: the body, and leg, position, speed and acceleration of a foot in the air."""
+        """Execute one command for the body and, if given, for a swinging foot."""
         robot = self.robot
         actual = robot.rotation
         force = PULL * (com - robot.com) + BRAKE * (speed - robot.data.subtree_linvel[robot.body])
@@ -142,7 +144,7 @@ class Crawl:
             raise Fell("the body tipped over or lies on the ground")
 
     def _torques(self, wrench: Float, standing: Iterable[int]) -> Float:
-        """Torques by which standing feet give the body a wrench."""
+        """Joint torques with which the standing feet exert a wrench on the body."""
         robot, legs = self.robot, list(standing)
         torques = robot.data.qfrc_bias[robot.dofs] + robot.levelling(legs)
         for leg, force in zip(legs, shared(robot.feet[legs] - robot.com, wrench, self._shares[legs]), strict=True):
@@ -161,7 +163,7 @@ class Crawl:
             self._hold(TICK_S)
 
     def _shift(self, com: Float, rotation: Float) -> None:
-        """Move the body, four feet down."""
+        """Move the body with all feet on the ground."""
         start, first, turn = self._com, self._rotation, turn_to(rotation, self._rotation)
         seconds = max(SHIFT_S, 0.95 * float(np.linalg.norm(com - start)) / BODY_M_S)
         for share, rate, _ in _smooth(seconds):
@@ -170,7 +172,7 @@ class Crawl:
         self._com, self._rotation = com, rotation
 
     def _carry(self, leg: int, way: Float, height: float) -> Float:
-        """Up, and across to above the end of a way; higher where something stops it. The place that is reached."""
+        """Lift a foot and move it along a path, higher if it bumps into something; return the position reached."""
         start = self.robot.feet[leg]
         above = np.array([*start[:2], height])
         self._move(leg, start, above)
@@ -186,7 +188,7 @@ class Crawl:
         return above
 
     def _move(self, leg: int, begin: Float, end: Float, stops: bool = False) -> Float | None:
-        """Move a foot on a straight line; if it stops at what it touches, where that was."""
+        """Move a foot on a straight line. With `stops`, stop at an obstacle and return the position there."""
         way = end - begin
         for share, rate, change in _smooth(max(1.5 * float(np.linalg.norm(way)) / SWING_M_S, 0.1)):
             place = begin + share * way
@@ -196,7 +198,7 @@ class Crawl:
         return None
 
     def _lower(self, leg: int, above: Float, target: Float) -> None:
-        """Down, fast at first, until the foot carries something."""
+        """Lower a foot, fast at first, until it touches the ground."""
         near = np.array([*target[:2], target[2] + NEAR_M])
         if above[2] > near[2]:
             self._move(leg, above, near)
@@ -208,7 +210,7 @@ class Crawl:
 
 
 def _smooth(seconds: float) -> Iterator[tuple[float, float, float]]:
-    """Share of a motion of least jerk at each tick, with its first and second derivative by time."""
+    """Yield the progress (0 ... 1) of a minimum-jerk motion at each tick, with its first and second time derivative."""
     count = max(round(seconds / TICK_S), 1)
     for s in (np.arange(count) + 1) / count:
         rate, change = 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)

@@ -1,4 +1,4 @@
-"""Solid ground of a world in MuJoCo: a floor with its pits, and boxes on it."""
+"""Solid ground of a world in MuJoCo: floor, pits and boxes."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from guara_perception.simulation.world import World
 from testbed.physics.mujoco_robot import FRICTION
 
 ROBOT_BIT, GROUND_BIT = 1, 2
-# How far a box reaches below the floor, and the floor beyond the world [m].
+# Length by which boxes extend below the floor, and by which the floor extends beyond the world [m].
 BELOW_M, BEYOND_M = 0.05, 1.0
 Rectangle = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block(Feature):
-    """A box whose top is at a height of the world, whatever lies below [m]."""
+    """Box whose top is at a fixed height `top` in the world [m], independent of the ground below."""
 
     top: float
 
@@ -32,13 +32,13 @@ class Block(Feature):
 
 
 def add_ground(spec: Any, world: World) -> None:
-    """Add the ground to a `mujoco.MjSpec`; its robot touches the ground, never itself.
+    """Add the ground to a `mujoco.MjSpec`; its robot then collides with the ground, but not with itself.
 
     Raises:
-        InvalidInput: the world undulates, or holds something else than boxes, blocks, pits and patches.
+        InvalidInput: the world undulates, or has features other than boxes, blocks, pits and patches.
     """
     if world.undulation > 0:
-        raise InvalidInput(f"the world undulates by {world.undulation} m: physics needs level ground")
+        raise InvalidInput(f"undulation of the world is {world.undulation} m; allowed in MuJoCo: 0")
     mujoco = optional_library("mujoco", "sim", "ground in MuJoCo")
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = ROBOT_BIT, GROUND_BIT
@@ -53,7 +53,7 @@ def add_ground(spec: Any, world: World) -> None:
             boxes.append((each.x, each.y, *each.size, each.yaw, top))
         elif type(each) not in (Feature, Patch, Pit):
             kind = type(each).__name__.lower()
-            raise InvalidInput(f"the world holds a {kind}: physics knows level ground, boxes, pits and patches only")
+            raise InvalidInput(f"the world has a {kind}; allowed in MuJoCo: boxes, pits and patches")
     for x, y, length, width, yaw, top in boxes:
         half = (top - floor + BELOW_M) / 2
         spec.worldbody.add_geom(
@@ -66,7 +66,7 @@ def add_ground(spec: Any, world: World) -> None:
 
 
 def _between(world: World, pits: list[Pit]) -> list[Rectangle]:
-    """Rectangles of the world that no pit covers: lowest and highest x and y."""
+    """Rectangles (x0, x1, y0, y1) that cover the world except its pits."""
     (x0, x1), (y0, y1) = world.x, world.y
     rectangles = [(x0 - BEYOND_M, x1 + BEYOND_M, y0 - BEYOND_M, y1 + BEYOND_M)] if pits else []
     for pit in pits:

@@ -1,4 +1,4 @@
-"""The Guará in MuJoCo, driven by torques: flat soles, ankles that keep their length level, hinges their width."""
+"""Guará in MuJoCo, driven by torques, with flat soles that ankles keep level in pitch and passive hinges in roll."""
 
 from __future__ import annotations
 
@@ -13,22 +13,23 @@ from kinematics.transforms import transform_points
 from testbed.physics.mujoco_robot import FRICTION
 from testbed.physics.robot import LEGS, SWING_BRAKE, SWING_PULL, Robot
 
-# Soles give way sideways, each on a hinge along its middle: no joint of a leg rolls them, and one that leant by its leg
-# would stand on an edge, its middle up to 9 mm over the ground, which no stance of the product knows.
+# Each sole can roll on a passive hinge along its middle, because no joint of a leg rolls it. Without the hinge, the
+# sole of an inclined leg would stand on an edge, with its middle up to 9 mm above the ground, which the stance pose of
+# the package does not model.
 SOLE_THICKNESS_M, SOLE_KG, SOLE_ARMATURE, SOLE_DAMPING, SOLE_STIFFNESS = 0.020, 0.02, 0.001, 0.05, 0.5
 LEVEL_PULL, LEVEL_BRAKE = 40.0, 2.0
-# The speed of joints in the air is that over this time.
+# Time over which joint velocities of a swinging leg are computed.
 AHEAD_S = 0.001
 
 
 class Guara(Robot):
-    """A Guará on a course."""
+    """Guará on a course."""
 
     heights, torque_limit = (0.36, 0.33, 0.30), np.full(16, 40.0)
     sole = np.array([0.080, 0.060])
-    # It looks steeply down: the bounds over a gap are low only if it was first seen at the far end of the scanned area,
-    # and a leg in the air folds by 0.11 m. Friction is assumed: 0.2 Nm as in a Go2's gears, in legs that are nearly
-    # straight, would hold up a quarter of the body's weight.
+    # The camera looks steeply down, so the upper bounds of height over a gap are low only if the gap was first seen at
+    # the far end of the scanned area; a swinging leg can be folded by 0.11 m. The friction is assumed: 0.2 Nm, as in
+    # the gears of a Go2, would support a quarter of the body's weight with nearly straight legs.
     clearance, dry_friction, start = 0.03, 0.05, -0.25
 
     def _product(self) -> RobotModel:
@@ -54,7 +55,7 @@ class Guara(Robot):
         return self.product.reach_from(LEGS[leg], soles, body).joint_positions
 
     def _make_feet(self, spec: Any) -> None:
-        """The soles of the URDF, each on a hinge along its middle."""
+        """Replace the soles of the URDF by boxes, each on a hinge along its middle."""
         mujoco = self._mujoco
         half = [*self.sole / 2, SOLE_THICKNESS_M / 2]
         for leg in LEGS:
@@ -74,7 +75,7 @@ class Guara(Robot):
 
     @property
     def feet(self) -> Float:
-        """Centres of the soles (4, 3) [m]."""
+        """Centres (4, 3) of the soles in the world [m]."""
         return np.array(self.data.xpos[self._soles])
 
     def feet_by(self, joints: Float, base: Float) -> Float:
@@ -83,12 +84,12 @@ class Guara(Robot):
         return transform_points(base, self.product.state(positions).soles_in_base())
 
     def moving(self, leg: int, place: Float, velocity: Float, acceleration: Float) -> Float:
-        """See `Robot`; by joint positions, for forces lose a foot where its knee is nearly straight."""
+        """See `Robot`; the leg is position-controlled, because force control fails with a nearly straight knee."""
         joints, torques = slice(4 * leg, 4 * leg + 4), np.zeros(len(self.dofs))
         places = np.array([place, place + velocity * AHEAD_S])
         wanted, soon = self._reached(leg, places, self.base, self.rotation)
         slow = (soon - wanted) / AHEAD_S - self.joint_speeds[joints]
-        # A leg that cannot reach stays as it is.
+        # A leg that cannot reach the position is not moved.
         pulled = np.nan_to_num(SWING_PULL * (wanted - self.joint_positions[joints])) + np.nan_to_num(SWING_BRAKE * slow)
         dofs = self.dofs[joints]
         torques[joints] = self.mass_matrix()[np.ix_(dofs, dofs)] @ pulled
@@ -98,7 +99,7 @@ class Guara(Robot):
         """See `Robot`."""
         torques = np.zeros(len(self.dofs))
         for leg in legs:
-            # Pitch of the sole in the world; positive where its toe is down.
+            # Pitch of the sole in the world, positive if the toe is down.
             pitch = np.arcsin(np.clip(-self.data.xmat[self._soles[leg]].reshape(3, 3)[2, 0], -1.0, 1.0))
             ankle = 4 * leg + 3
             torques[ankle] = -LEVEL_PULL * pitch - LEVEL_BRAKE * self.data.qvel[self.dofs[ankle]]

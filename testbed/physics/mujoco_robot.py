@@ -1,4 +1,4 @@
-"""A robot for MuJoCo: its URDF, free to move, with a position servo on every joint; also as an MJCF file."""
+"""MuJoCo model and MJCF file of a robot, from its URDF, with a free base and a position servo on every joint."""
 
 from __future__ import annotations
 
@@ -12,35 +12,35 @@ from kinematics.srdf import allowed_pairs
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-# With the default pyramidal cone feet creep 2.6 mm per swing; with a time step of 4 ms they slide 150 mm.
+# With MuJoCo's default pyramidal cone, feet creep by 2.6 mm per swing; with a time step of 4 ms, they slide by 150 mm.
 STEP_S = 0.002
 FRICTION = (0.9, 0.01, 0.001)
 IMPEDANCE_RATIO = 10.0
-# A stiffer servo (1000) shakes, a softer one sags.
+# A stiffer servo (1000) vibrates, and a softer one sags.
 SERVO_STIFFNESS = 300.0
 SERVO_DAMPING = 12.0
-# Groups of MuJoCo's own viewer, which shows visuals and hides collision shapes.
+# Groups of shapes: MuJoCo's viewer shows visuals and hides collision shapes.
 VISUAL_GROUP, COLLISION_GROUP = 2, 3
 SOLID_COLOUR = (0.5, 0.5, 0.5, 1.0)
 
 
 def mujoco_robot(robot: RobotModel, *, with_visuals: bool = False) -> Any:
-    """A `mujoco.MjSpec` of the robot alone, its base on a free joint, with a position servo per joint, named like it.
+    """Create a `mujoco.MjSpec` of a robot with a free base and a position servo per joint, which has the joint's name.
 
     Args:
         robot: robot whose URDF is read.
-        with_visuals: whether visual shapes are kept too.
+        with_visuals: True = keep visual shapes too.
 
     Raises:
         MissingExtra: MuJoCo is not installed.
-        InvalidInput: MuJoCo refuses the URDF.
+        InvalidInput: MuJoCo rejects the URDF.
     """
     mujoco = optional_library("mujoco", "sim", "a robot in MuJoCo")
     try:
         spec = mujoco.MjSpec.from_string(_for_mujoco(robot.tree.urdf.text, with_visuals=with_visuals))
         spec.body(robot.config.base_frame).add_freejoint()
         for geom in spec.geoms:
-            # Colours are those of visuals; the reader gives what collides the last one that it met.
+            # Only visuals have colours; MuJoCo's reader gives collision shapes the last colour that it has read.
             is_solid = bool(geom.contype)
             geom.group = COLLISION_GROUP if is_solid else VISUAL_GROUP
             if is_solid:
@@ -56,16 +56,16 @@ def mujoco_robot(robot: RobotModel, *, with_visuals: bool = False) -> Any:
         option.cone, option.integrator = mujoco.mjtCone.mjCONE_ELLIPTIC, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         spec.compile()
     except ValueError as error:
-        raise InvalidInput(f"{robot.tree.urdf.path}: MuJoCo refuses it: {error}") from None
+        raise InvalidInput(f"{robot.tree.urdf.path}: MuJoCo rejects the URDF: {error}") from None
     return spec
 
 
 def mjcf(robot: RobotModel) -> str:
-    """The robot as an MJCF file: visuals, servos that stay within the joints' limits, and its postures as keyframes.
+    """Return the MJCF text of a robot, with visuals, servos limited to the joint ranges, and postures as keyframes.
 
     Raises:
         MissingExtra: MuJoCo is not installed.
-        InvalidInput: MuJoCo refuses the URDF.
+        InvalidInput: MuJoCo rejects the URDF.
     """
     mujoco = optional_library("mujoco", "sim", "an MJCF file")
     spec = mujoco_robot(robot, with_visuals=True)
@@ -83,12 +83,12 @@ def mjcf(robot: RobotModel) -> str:
             data.joint(joint).qpos[0] = data.actuator(joint).ctrl[0] = position
         spec.add_key(name=name, qpos=data.qpos, ctrl=data.ctrl)
     spec.compile()
-    head = "<!-- Made from the URDF by `python -m testbed.physics`: change that one. -->"
+    head = "<!-- Generated from the URDF by `python -m testbed.physics`; edit the URDF instead. -->"
     return f"{head}\n{_for_all_versions(spec.to_xml())}"
 
 
 def _for_mujoco(urdf: str, *, with_visuals: bool) -> str:
-    """A URDF with options by which MuJoCo keeps links without mass, and visuals if they are wanted."""
+    """Add options to a URDF so that MuJoCo keeps links without mass and, if requested, visuals."""
     root = ElementTree.fromstring(urdf)
     for found in root.findall("mujoco"):
         root.remove(found)
@@ -98,7 +98,7 @@ def _for_mujoco(urdf: str, *, with_visuals: bool) -> str:
 
 
 def _for_all_versions(text: str) -> str:
-    """An MJCF text whose servos are <position>: MuJoCo 4 writes them with attributes that MuJoCo 3 does not know."""
+    """Rewrite servos in an MJCF text as <position>, because MuJoCo 4 writes attributes that MuJoCo 3 does not know."""
     root = ElementTree.fromstring(text)
     kept = ("name", "joint", "ctrlrange", "forcerange")
     for servo in root.iter("general"):

@@ -1,4 +1,4 @@
-"""A walk in MuJoCo that perceives as it goes, and how far its map is from the truth."""
+"""Walk in MuJoCo with scans and a map, and errors of the map."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, PoseInOdom, RobotModel, load_robot
 from testbed.random_world import random_world
 
-# Under a foothold with this clearance the map is compared with the truth.
+# Clearance of a foothold above which the map's height below it is compared with the truth.
 CLEAR_M = 0.020
 
 
 @dataclass
 class WalkFigures:
-    """The results of a physics walk; errors in metres.
+    """Results of a physics walk.
 
     Attributes:
-        grids: pauses that gave a grid.
-        unsafe: cells that are unknown and traversable, in all grids.
-        front, hind: error of the map's height under each chosen foothold with clearance that was scanned.
-        declared: footholds on ground that only the gait vouched for.
+        grids: number of pauses with a grid.
+        unsafe: number of cells in all grids that are unknown and nevertheless traversable.
+        front, hind: height errors of the map under the chosen footholds of fore and hind feet that were scanned and
+            have clearance [m].
+        declared: number of footholds on ground that was only declared by the gait.
     """
 
     grids: int = 0
@@ -40,7 +41,7 @@ class WalkFigures:
 def physics_figures(
     seed: int, cycles: float = 6, size: tuple[int, int] = (640, 512), imu: float = 0.00175
 ) -> WalkFigures:
-    """Walk over boxes in MuJoCo, scanning at every pause, treading where the planner says."""
+    """Simulate a walk over boxes in MuJoCo with a scan at every pause and footholds chosen by the planner."""
     from guara_perception.simulation.walk import WalkNoise
     from testbed.physics.physics_walk import physics_walk
 
@@ -54,7 +55,7 @@ def physics_figures(
 
 
 class _Walker:
-    """Scans and maps at every pause and plans the footholds on the map."""
+    """Scanner, map and foothold planner of the walk."""
 
     def __init__(self, world: World, robot: RobotModel, calibration: gp.Calibration) -> None:
         self.figures = WalkFigures()
@@ -64,7 +65,7 @@ class _Walker:
         self._terrain: gp.TerrainGrid | None = None
 
     def scan(self, pause: WalkPause) -> None:
-        """One scan, fused."""
+        """Scan and update the map."""
         self._rangefinder.set_pose(pause.transform_base_to_world, pause.joint_positions)
         processor = gp.ScanProcessor(self._calibration, self._robot, pause.stance, "coarse", step=pause.step)
         for index, on, off in self._rangefinder.frames(range(0, 70, 2)):
@@ -79,7 +80,7 @@ class _Walker:
             self.figures.unsafe += int((unknown & (terrain.traversability > 0)).sum())
 
     def choose(self, pause: WalkPause) -> tuple[float, float]:
-        """The planner's foothold, or the gait's own where it finds none: physics then shows what happens."""
+        """Choose the planner's foothold or, if there is none, the nominal one, whose consequence the physics shows."""
         terrain = self._terrain
         assert terrain is not None
         found = plan_foothold(terrain, pause.next_leg, pause.nominal, robot=self._robot)
@@ -89,7 +90,7 @@ class _Walker:
         if terrain.looks[iy, ix] == 0:
             self.figures.declared += 1
         elif terrain.clearance[iy, ix] > CLEAR_M:
-            # Through the body's pose, so that the result does not depend on the feet that define the footprint's z = 0.
+            # Transformed via base_link: the result must not depend on the feet that define z = 0 of the footprint.
             to_footprint = np.array(terrain.metadata["transform_base_to_footprint"])
             point = pause.transform_base_to_world @ np.linalg.solve(to_footprint, (found.x, found.y, found.z, 1.0))
             error = float(point[2] - self._world.height(point[0], point[1]))
@@ -98,5 +99,5 @@ class _Walker:
 
 
 def rms(errors: list[float]) -> float:
-    """Root mean square, NaN for an empty list."""
+    """Root mean square; NaN for an empty list."""
     return float(np.sqrt(np.mean(np.square(errors)))) if errors else float("nan")

@@ -1,4 +1,4 @@
-"""The robot in MuJoCo: the same URDF with position servos, standing on boxes, pushed around by real contacts."""
+"""Robot in MuJoCo with position servos, which stands on level ground with boxes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class PhysicsRobot:
-    """A robot in a physical world; time goes on only in `run`.
+    """Position-controlled robot in a physical world; time passes only in `run`.
 
     Example:
         robot = PhysicsRobot(world, load_robot("guara"), transform_base_to_world, joint_positions)
@@ -33,18 +33,18 @@ class PhysicsRobot:
         joint_positions: Mapping[str, float],
         ankle_stiffness: float = SERVO_STIFFNESS,
     ) -> None:
-        """Build it, standing in a pose.
+        """Create the robot in a pose.
 
         Args:
             world: level ground with boxes on it.
             robot: the robot.
-            transform_base_to_world: (4, 4) pose of the base at the start.
-            joint_positions: positions of the joints at the start, by name [rad].
-            ankle_stiffness: of the servos of a leg's fourth joint [Nm/rad].
+            transform_base_to_world: (4, 4) initial pose of the base.
+            joint_positions: initial joint positions by name [rad].
+            ankle_stiffness: stiffness of the servos of each leg's fourth joint [Nm/rad].
 
         Raises:
             MissingExtra: MuJoCo is not installed.
-            InvalidInput: the world holds something else than boxes and patches.
+            InvalidInput: as in `add_ground`.
         """
         self._mujoco = optional_library("mujoco", "sim", "the physical simulation")
         self._names = robot.joint_names
@@ -72,7 +72,7 @@ class PhysicsRobot:
 
     @property
     def transform_base_to_world(self) -> Float:
-        """True pose of the body, (4, 4)."""
+        """True pose (4, 4) of the body in the world."""
         rotation = np.zeros(9)
         self._mujoco.mju_quat2Mat(rotation, self._data.qpos[3:7])
         transform = np.eye(4)
@@ -81,7 +81,7 @@ class PhysicsRobot:
         return transform
 
     def run(self, joint_positions: Mapping[str, float], seconds: float) -> None:
-        """Let time go on with the servos set to these positions, by name [rad]."""
+        """Simulate for a time [s], with the servos set to these joint positions by name [rad]."""
         self._command(joint_positions)
         self._mujoco.mj_step(self._model, self._data, max(round(seconds / STEP_S), 1))
 

@@ -1,4 +1,4 @@
-"""Sway with real contacts: a robot in MuJoCo whose servos are told to sway; its body and joints do what they can."""
+"""Sway of a robot in MuJoCo: servos are commanded to sway, and the resulting motion of body and joints is recorded."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ from guara_perception.simulation.world import World
 from kinematics import RobotModel, Stance
 from testbed.physics.physics_robot import PhysicsRobot
 
-# From one record of the body to the next, and how long it settles before the first [s].
+# Time between two records of the body, and time to settle before the first record.
 TICK_S, SETTLE_S = 0.004, 1.0
-# [Nm/rad] Of the ankles: soles stay flat on the ground. With servos as stiff as the others, they rock by 2 degrees.
+# Stiffness of the ankles, with which soles stay flat on the ground [Nm/rad]. With the stiffness of the other servos,
+# they rock by 2 degrees.
 ANKLE_STIFFNESS = 30.0
 
 
 @dataclass(frozen=True, eq=False)
 class PhysicalSway(Sway):
-    """Recorded motion of a body; the amplitudes are those that its servos were told.
+    """Recorded motion of a body; the amplitudes are the commanded ones.
 
     Attributes:
-        record: rotation vector, translation and joints (6 + j,) at any time of the record.
+        record: spline of rotation vector [rad], translation [m] and joint positions [rad], (6 + j,), over time [s].
     """
 
     record: CubicSpline = field(kw_only=True)
@@ -43,7 +44,7 @@ class PhysicalSway(Sway):
 
 
 def physical(robot: RobotModel, told: Sway, start: float, end: float) -> PhysicalSway:
-    """Let a robot sway on level ground in MuJoCo from a time to another [s].
+    """Simulate the commanded sway `told` on level ground in MuJoCo, between two times [s].
 
     Raises:
         MissingExtra: MuJoCo is not installed.

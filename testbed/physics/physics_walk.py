@@ -1,4 +1,4 @@
-"""The walk with real contacts: the wave gait in MuJoCo, each swing planned from where the feet really are."""
+"""Walk with simulated contacts: the wave gait in MuJoCo, in which each swing starts from the true foot positions."""
 
 from __future__ import annotations
 
@@ -33,11 +33,12 @@ if TYPE_CHECKING:
     from kinematics import RobotModel
 
 
-# The body sways away from the leg that lifts: without it the centre of mass is only 6 mm inside the three other feet.
+# Lateral shift of the body away from the swinging leg. Without it, the centre of mass is only 6 mm inside the triangle
+# of the other feet.
 SWAY_M = 0.040
-# Places of a swing whose ground it passes over.
+# Number of points on the path of a swing at which the height of the ground is evaluated.
 ON_THE_WAY = 20
-# The lanes are kept by turning the body back, by this much per swing at most [rad].
+# Largest correction of the heading per swing, which keeps the feet in their lanes [rad].
 LARGEST_TURN = 0.03
 
 
@@ -46,7 +47,7 @@ class PhysicsPause(WalkPause):
     """Pause of a walk in MuJoCo.
 
     Attributes:
-        slips: by how much each foot that stood slid over the ground since the last pause; what rolls does not [m].
+        slips: slide of each standing foot over the ground since the last pause, without rolling [m], by leg.
     """
 
     slips: Mapping[str, float] = field(default_factory=dict)
@@ -62,23 +63,23 @@ def physics_walk(
     noise: WalkNoise | None = None,
     is_stiff: bool = False,
 ) -> Iterator[PhysicsPause]:
-    """Walk as `simulate_walk` does, in MuJoCo: feet slip and roll, the body sags and tips, contacts decide.
+    """Simulate a walk as `simulate_walk` does, but with the contacts and dynamics of MuJoCo.
 
-    Of `noise` only that of the reports is added (joints, gravity): contacts and slip come from the physics here.
+    Of `noise`, only the errors of reported joints and gravity are used; slip results from the physics.
 
     Args:
         world: level ground with boxes.
         robot: a Guará or a Go2.
         choose, cycles, seed, noise: as in `simulate_walk`.
-        is_stiff: True for position servos alone, which push the feet against each other, so that they creep, always the
-            same way. Otherwise feet share the least forces that carry and steer the body.
+        is_stiff: True = control by position servos, which push the feet against each other, so that they creep, always
+            in the same direction. False = force control, which minimises the contact forces.
 
     Yields:
-        The pauses, each once all is still.
+        The pauses, each when the robot stands still.
 
     Raises:
         MissingExtra: MuJoCo is not installed.
-        WalkEnded: the planner found no foothold, the foot no ground, or the robot fell.
+        WalkEnded: the planner found no foothold, a foot found no ground, or the robot fell.
         OutOfReach: a leg cannot reach its foothold.
     """
     gait, noise = WaveGait.of(robot), noise or WalkNoise()
@@ -122,7 +123,7 @@ def _pause(
     soles = _soles_in_world(robot, body)
     leg = gait.leg_of_swing(step)
     landing = gait.landing(leg)
-    # Ahead of where the body will be; sideways back into the leg's lane.
+    # Ahead of the future position of the body, and sideways in the lane of the leg.
     ahead = float(np.mean([soles[name][0] - gait.hips[name][0] for name in feet])) + _mean_lag(gait)
     target = inverse(footprint) @ (ahead + landing[0], landing[1], 0.0, 1.0)
     ground: tuple[KnownGround, ...] = ()
@@ -146,10 +147,10 @@ def _pause(
 
 
 def _body_motion(gait: WaveGait, body: Robot, leg: int, target: Float) -> Float:
-    """Pose (4, 4) of the body in the world while a foot swings; as high as the legs reach feet and target.
+    """Pose (4, 4) of the body during a swing: the highest from which the legs reach all footholds and the target.
 
     Raises:
-        OutOfReach: they do not.
+        OutOfReach: the legs do not reach them from any height.
     """
     feet, turned = body.feet, body.rotation
     offset = (feet[:, :2] - np.array([gait.hips[name] for name in LEGS])).mean(axis=0)
@@ -170,7 +171,7 @@ def _body_motion(gait: WaveGait, body: Robot, leg: int, target: Float) -> Float:
 
 
 def _mean_lag(gait: WaveGait) -> float:
-    """How far the feet are behind their hips on average when one is about to lift [m]."""
+    """Mean distance of the feet behind their hips just before a swing [m]."""
     legs = len(gait.lift_order)
     return gait.cycle_length / 2 - gait.advance * (legs - 1) / 2
 

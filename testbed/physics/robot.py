@@ -1,63 +1,51 @@
-"""The Go2 in MuJoCo, driven by torques: its model, true state and the inverse kinematics of its legs.
+"""Go2 in MuJoCo, driven by torques: model, true state, and inverse kinematics of the legs.
 
-Another robot derives from `Robot`.
+Other robots derive from `Robot`.
 """
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterable
-from functools import lru_cache
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from guara_perception.app.robot_folder.new_robot import new_robot
 from guara_perception.arrays import Float
 from guara_perception.exceptions import optional_library
 from guara_perception.simulation.world import World
-from kinematics import RobotModel, load_robot
+from kinematics import RobotModel
 from kinematics.transforms import transform_points
 from testbed.physics.ground import add_ground
 from testbed.physics.mujoco_robot import FRICTION, STEP_S, mujoco_robot
-from testbed.stock_robots import stock_urdf
+from testbed.stock_robots import stock_robot
 
 LEGS = ("lf", "rf", "lh", "rh")
 PREFIXES = ("FL", "FR", "RL", "RR")
 SIDE = np.array([1.0, -1.0, 1.0, -1.0])
-# The ball of a foot; the stock URDF has a cylinder of this radius there.
+# Radius of a foot's ball, which replaces a cylinder of this radius in the stock URDF.
 FOOT_RADIUS_M = 0.023
-# Stock values of hip, thigh and calf, which the URDF lacks [Nm].
+# Torque limits of hip, thigh and calf, which the URDF lacks [Nm].
 TORQUE_LIMIT = np.array([23.7, 23.7, 45.43] * 4)
 # Inertia of the rotors and viscous friction of the gears.
 ARMATURE, DAMPING = 0.01, 0.1
-# Pull of a foot in the air to its place: acceleration per metre, per metre a second.
+# Gains of the position [1/s^2] and velocity [1/s] control of a swinging foot.
 SWING_PULL, SWING_BRAKE = 1200.0, 60.0
 
-
-@lru_cache(maxsize=1)
-def go2() -> RobotModel:
-    """The robot folder that `guara robot new` makes of the stock URDF.
-
-    Raises:
-        StockRobotsMissing: the extra `robots-test` is not installed.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        new_robot(stock_urdf("go2"), Path(folder) / "go2")
-        return load_robot(str(Path(folder) / "go2"))
+go2 = partial(stock_robot, "go2")
 
 
 class Robot:
-    """A Go2 on some ground; time goes on in `advance` alone. All that it tells is true.
+    """Go2 on some ground; time passes only in `advance`. All state is the true state.
 
     Attributes:
-        sole: length and width of a flat sole; None = balls [m].
-        heights: of the body over its feet, best first [m].
-        clearance: of a foot in the air [m].
-        dry_friction: of a gear [Nm].
-        start: where the body begins a course, along x [m].
-        slid: (4, 2) way that each foot slid since the start, also in the air; a ball that rolls does not slide [m].
+        sole: length and width of a flat sole [m]; None = ball feet.
+        heights: heights of the body above its feet, best first [m].
+        clearance: clearance of a swinging foot [m].
+        dry_friction: dry friction of a gear [Nm].
+        start: x at which the body begins a course [m].
+        slid: (4, 2) integrated horizontal motion of each foot since the start, including swings [m]; rolling of a ball
+            does not count.
     """
 
     heights, torque_limit = (0.295, 0.27, 0.245), TORQUE_LIMIT
@@ -65,12 +53,12 @@ class Robot:
     sole: Float | None = None
 
     def __init__(self, world: World, start: float = 0.0, feet: Float | None = None) -> None:
-        """Build it, level, its feet on level ground.
+        """Create the robot, standing level on level ground.
 
         Args:
             world: the ground.
-            start: where the body begins, along x [m].
-            feet: (4, 2) positions of the feet in base; None = below the hips [m].
+            start: x at which the body begins [m].
+            feet: (4, 2) positions of the feet in base_link [m]; None = below the hips.
         """
         self._mujoco = optional_library("mujoco", "sim", "a crossing")
         self.product = self._product()
@@ -98,55 +86,55 @@ class Robot:
         return go2()
 
     def _foot_names(self) -> list[str]:
-        """Bodies that touch the ground."""
+        """Names of the bodies that touch the ground."""
         return [f"{prefix}_foot" for prefix in PREFIXES]
 
     def _prepare(self) -> None:
-        """Read from MuJoCo's model what the inverse kinematics need."""
+        """Read the parameters of the inverse kinematics from MuJoCo's model."""
         self.legs = Legs.of(self.model)
 
     def lanes(self) -> Float:
-        """Feet below the hips (4, 2), in base [m]."""
+        """Positions (4, 2) of the feet below the hips, in base_link [m]."""
         return np.column_stack((self.legs.hips[:, 0], self.legs.lanes))
 
     def joints_at(self, feet: Float, base: Float, rotation: Float) -> Float:
-        """Joint positions with the feet (4, 3) there under a pose of the body; NaN out of reach [rad]."""
+        """Joint positions that place the feet at `feet` (4, 3) for a pose of the body [rad]; NaN if out of reach."""
         return self.legs.joints((feet + (0, 0, FOOT_RADIUS_M) - base) @ rotation)[0].ravel()
 
     @property
     def rotation(self) -> Float:
-        """Attitude of the body, (3, 3)."""
+        """Attitude (3, 3) of the body in the world."""
         return np.array(self.data.xmat[self.body]).reshape(3, 3)
 
     @property
     def base(self) -> Float:
-        """Position of the body (3,) [m]."""
+        """Position (3,) of the body in the world [m]."""
         return np.array(self.data.xpos[self.body])
 
     @property
     def transform_base_to_world(self) -> Float:
-        """Pose of the body, (4, 4)."""
+        """Pose (4, 4) of the body in the world."""
         transform = np.eye(4)
         transform[:3, :3], transform[:3, 3] = self.rotation, self.base
         return transform
 
     @property
     def com(self) -> Float:
-        """Centre of mass (3,) [m]."""
+        """Position (3,) of the centre of mass in the world [m]."""
         return np.array(self.data.subtree_com[self.body])
 
     @property
     def feet(self) -> Float:
-        """Lowest points of the feet (4, 3) [m]."""
+        """Lowest points (4, 3) of the feet in the world [m]."""
         return np.asarray(self.data.xpos[self._feet] - (0, 0, FOOT_RADIUS_M))
 
     def feet_by(self, joints: Float, base: Float) -> Float:
-        """Lowest points of the feet (4, 3) by joint positions [rad] and a pose of the body (4, 4) [m]."""
+        """Lowest points (4, 3) of the feet for joint positions [rad] and a pose (4, 4) of the body [m]."""
         return transform_points(base, self.legs.balls(joints)) - (0, 0, FOOT_RADIUS_M)
 
     @property
     def joint_positions(self) -> Float:
-        """(joints,) [rad], in the order of `joint_names`."""
+        """Joint positions in the order of `joint_names` [rad]."""
         return np.array(self.data.qpos[self._positions])
 
     @property
@@ -156,16 +144,16 @@ class Robot:
 
     @property
     def joint_speeds(self) -> Float:
-        """(joints,) [rad/s]."""
+        """Joint velocities in the order of `joint_names` [rad/s]."""
         return np.array(self.data.qvel[self.dofs])
 
     @property
     def turn_rate(self) -> Float:
-        """Of the body, in the world (3,) [rad/s]."""
+        """Angular velocity (3,) of the body in the world [rad/s]."""
         return self.rotation @ np.array(self.data.qvel[3:6])
 
     def moving(self, leg: int, place: Float, velocity: Float, acceleration: Float) -> Float:
-        """Torques of all joints that move a foot in the air, to a place at a speed [Nm]."""
+        """Torques of all joints that make a swinging foot follow a position, velocity and acceleration [Nm]."""
         joints, torques = slice(3 * leg, 3 * leg + 3), np.zeros(len(self.dofs))
         jacobian, dofs = self.jacobian(leg), self.dofs[joints]
         slow = velocity - jacobian @ self.data.qvel
@@ -175,23 +163,23 @@ class Robot:
         return torques
 
     def levelling(self, legs: Iterable[int]) -> Float:
-        """Torques of all joints that keep the soles of standing legs level [Nm]; none of round feet."""
+        """Torques of all joints that keep the soles of standing legs level [Nm]; zero for ball feet."""
         return np.zeros(len(self.dofs))
 
     def jacobian(self, leg: int) -> Float:
-        """Velocity of a foot by all velocities, (3, nv)."""
+        """Jacobian (3, nv) of the position of a foot."""
         at, body = self.feet[leg], self._feet[leg]
         self._mujoco.mj_jac(self.model, self.data, self._jacobian, self._turn_jacobian, at, body)
         return self._jacobian.copy()
 
     def mass_matrix(self) -> Float:
-        """Inertia of all velocities, (nv, nv)."""
+        """Mass matrix (nv, nv)."""
         full = np.zeros((self.model.nv, self.model.nv))
         self._mujoco.mj_fullM(self.model, self.data, full)
         return full
 
     def load(self, leg: int) -> float:
-        """Force of the ground on a foot along its normal [N]."""
+        """Normal force of the ground on a foot [N]."""
         force, load = np.zeros(6), 0.0
         for i in range(self.data.ncon):
             geoms = self.data.contact[i].geom
@@ -201,7 +189,7 @@ class Robot:
         return load
 
     def advance(self, torques: Float, steps: int = 1) -> None:
-        """Let time go on under these torques of the joints [Nm]."""
+        """Simulate a number of time steps with constant joint torques [Nm]."""
         self.data.ctrl[:] = np.clip(torques, -self.torque_limit, self.torque_limit)
         self._mujoco.mj_step(self.model, self.data, steps)
         self._mujoco.mj_subtreeVel(self.model, self.data)
@@ -222,7 +210,7 @@ class Robot:
         return spec.compile()
 
     def _make_feet(self, spec: Any) -> None:
-        """Balls in place of the cylinders of the stock URDF."""
+        """Replace the cylinders of the stock URDF by balls."""
         for name in self._foot_names():
             foot = spec.body(name)
             for geom in list(foot.geoms):
@@ -232,21 +220,24 @@ class Robot:
 
 
 class Legs:
-    """The legs' inverse kinematics, for many postures at once."""
+    """Inverse kinematics of all legs."""
 
     def __init__(self, hips: Float, width: float, link: float) -> None:
-        """Take the hips' positions (4, 3), the way from hip to thigh along y, and the length of thigh and calf [m]."""
+        """Store positions (4, 3) of the hips, distance from hip to thigh along y, and length of thigh and calf [m]."""
         self.hips, self.width, self.link = hips, width, link
         self.lanes = hips[:, 1] + SIDE * width
 
     @classmethod
     def of(cls, model: Any) -> Legs:
-        """Read them from MuJoCo's model."""
+        """Read the dimensions from MuJoCo's model."""
         hips = np.array([model.body(f"{prefix}_hip").pos for prefix in PREFIXES])
         return cls(hips, abs(model.body("FL_thigh").pos[1]), -model.body("FL_calf").pos[2])
 
     def joints(self, balls: Float) -> tuple[Float, Float]:
-        """Joint angles (..., 4, 3), NaN out of reach, and knees (..., 4, 3) for balls of feet (..., 4, 3) in base."""
+        """Compute joint angles (..., 4, 3) and knees (..., 4, 3) for balls of feet (..., 4, 3) in base_link.
+
+        Angles are NaN if a foot is out of reach.
+        """
         p = balls - self.hips
         with np.errstate(invalid="ignore"):
             down = np.sqrt(p[..., 1] ** 2 + p[..., 2] ** 2 - self.width**2)
@@ -258,12 +249,15 @@ class Legs:
         return angles, self.hips + self._turned(roll, -np.sin(thigh), -np.cos(thigh))
 
     def balls(self, joints: Float) -> Float:
-        """Balls of the feet (4, 3) in base by joint angles (12,)."""
+        """Compute the balls (4, 3) of the feet in base_link from joint angles (12,)."""
         roll, thigh, calf = joints.reshape(4, 3).T
         below = thigh + calf
         return self.hips + self._turned(roll, -np.sin(thigh) - np.sin(below), -np.cos(thigh) - np.cos(below))
 
     def _turned(self, roll: Float, x: Float, z: Float) -> Float:
-        """From the hip: `width` aside, then x and z in link lengths in the plane of the leg, turned by its roll."""
+        """Offsets from the hips of points in the planes of the legs, rotated by the roll angles.
+
+        The points are `width` beside the hips; `x` and `z` are their coordinates in units of the link length.
+        """
         y, c, s = SIDE * self.width, np.cos(roll), np.sin(roll)
         return np.stack((self.link * x, c * y - s * self.link * z, s * y + c * self.link * z), axis=-1)

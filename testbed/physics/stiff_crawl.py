@@ -1,4 +1,4 @@
-"""A worse robot: the same crawl by position servos alone, which push the feet against each other: they creep."""
+"""Crawl with position servos only, which push the feet against each other, so that the feet creep."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from testbed.physics.crawl import FALLEN_M, FALLEN_UP, FROZEN_S, HELD_STEPS, TIC
 from testbed.physics.mujoco_robot import SERVO_DAMPING, SERVO_STIFFNESS
 from testbed.physics.robot import Robot
 
-# [Nm/rad] The weight on an edge of a sole turns it by less than 0.01 rad.
+# Stiffness of a sole's hinge [Nm/rad]: the weight on an edge turns the sole by less than 0.01 rad.
 RIGID_SOLE = 100.0
 
 
 class StiffCrawl(Crawl):
-    """Moves a robot by joint positions; what carries the body is what the servos give way."""
+    """Position controller of a robot; the weight of the body deflects the servos."""
 
     def __init__(self, robot: Robot) -> None:
-        """Take a robot that stands, and let it settle."""
+        """Let a standing robot settle."""
         self._standing = robot.feet
-        # In the joints, where MuJoCo takes it as implicit: as a torque it would shake.
+        # Damping is set in the joints, where MuJoCo integrates it implicitly; as a torque, it would cause vibrations.
         robot.model.dof_damping[robot.dofs] = SERVO_DAMPING
-        # Flat soles stand as their URDF says, on an edge where their leg leans.
+        # Flat soles are nearly rigid, as in the URDF; below an inclined leg, they stand on an edge.
         robot.model.jnt_stiffness[robot.model.jnt_stiffness > 0] = RIGID_SOLE
         super().__init__(robot)
 
     def freeze(self) -> None:
-        """Servos stay where they are told to be; the next step begins where the feet have come to."""
+        """Hold the commanded positions; the next step begins at the resulting positions of the feet."""
         for _ in range(round(FROZEN_S / TICK_S)):
             self._tick(self._com, np.zeros(3), self._rotation, np.zeros(3), None)
         self._standing, self._com, self._rotation = self.robot.feet, self.robot.com, self.robot.rotation
@@ -36,7 +36,7 @@ class StiffCrawl(Crawl):
         if swing is not None:
             self._standing[swing[0]] = swing[1]
         base = com - rotation @ robot.com_in_base
-        # A leg that cannot reach stays as it is.
+        # A leg that cannot reach its foothold is not moved.
         error = np.nan_to_num(robot.joints_at(self._standing, base, rotation) - robot.joint_positions)
         robot.advance(SERVO_STIFFNESS * error, HELD_STEPS)
         if robot.rotation[2, 2] < FALLEN_UP or robot.base[2] - robot.feet[:, 2].mean() < FALLEN_M:

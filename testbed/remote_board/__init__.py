@@ -1,6 +1,6 @@
-"""An emulated laser board in a process of its own, as a program has its board: `python -m testbed.remote_board`.
+"""Emulated laser board in a separate process, started with `python -m testbed.remote_board`.
 
-`remote_backend(address)` is a pyusb backend that reaches it; imports `drivers` alone.
+`remote_backend(address)` returns a pyusb backend that connects to it. Imports only `drivers` and `bench_board`.
 """
 
 from __future__ import annotations

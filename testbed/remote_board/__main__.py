@@ -1,4 +1,4 @@
-"""Runs an emulated laser board as a process of its own: `python -m testbed.remote_board`."""
+"""Run an emulated laser board as a separate process: `python -m testbed.remote_board`."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from testbed.remote_board.server import EmulatorServer
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Listen, print `ready ADDRESS`, serve until SIGINT or SIGTERM; return the exit status."""
+    """Listen, print `ready ADDRESS`, and serve until SIGINT or SIGTERM; return the exit status."""
     parser = argparse.ArgumentParser(
         prog="python -m testbed.remote_board",
-        description="A laser board made of software, reached by testbed.remote_board.remote_backend(ADDRESS).",
+        description="Emulated laser board; connect with testbed.remote_board.remote_backend(ADDRESS).",
         epilog="example: python -m testbed.remote_board --listen 127.0.0.1:7500",
     )
     parser.add_argument(
         "--listen",
         default="127.0.0.1:0",
         metavar="ADDRESS",
-        help="127.0.0.1:PORT (0: any free port, the default) or unix:PATH",
+        help="127.0.0.1:PORT (0, the default: any free port) or unix:PATH",
     )
     parser.add_argument("--serial", default="EMU0001", help="serial number of the board")
     options = parser.parse_args(arguments)

@@ -1,4 +1,4 @@
-"""A board emulated in another process, as seen from this one: a bus for the backend, and the views of its state."""
+"""Client of a board emulated in another process: bus for the pyusb backend, and views of the board's state."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from testbed.remote_board.wire import Channel
 
 
 class _Line:
-    """A channel on which one question at a time is asked."""
+    """Connection with at most one pending request."""
 
     def __init__(self, address: str) -> None:
         self._channel = Channel.connect(address)
@@ -25,13 +25,13 @@ class _Line:
         self._lock = threading.Lock()
 
     def ask(self, **question: Any) -> dict[str, Any]:
-        """The answer; raise BusError when the far bus did, or when the emulator is gone."""
+        """Send a request and return the answer; BusError if the remote bus raised it, or if the emulator has ended."""
         with self._lock:
             self._number += 1
             try:
                 self._channel.send(question | {"number": self._number})
                 answer = self._channel.receive()
-                # A signal may have cut off an earlier question between asking and hearing; its answer is stale.
+                # A signal may have interrupted an earlier request before its answer arrived; skip that answer.
                 while answer is not None and answer["number"] != self._number:
                     answer = self._channel.receive()
             except OSError as error:
@@ -44,19 +44,19 @@ class _Line:
         return answer
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         self._channel.close()
 
 
 class RemoteBus(Bus):
-    """The bus of an emulator process. Control and interrupt transfers have a line each, as they have a pipe each."""
+    """Bus of an emulator process, with separate connections for control and interrupt transfers."""
 
     def __init__(self, address: str) -> None:
-        """Connect; OSError when nobody listens at `address`."""
+        """Connect; OSError if no emulator listens at `address`."""
         self._control, self._interrupt = _Line(address), _Line(address)
 
     def present(self) -> bool:
-        """Whether the board is plugged in."""
+        """True while the board is plugged in."""
         try:
             return bool(self._control.ask(op="present")["value"])
         except BusError:
@@ -71,14 +71,14 @@ class RemoteBus(Bus):
         self._control.ask(op="claim")
 
     def release(self) -> None:
-        """Give the interface back; a vanished emulator has nothing to give back to."""
+        """Release the interface; does nothing if the emulator has ended."""
         try:
             self._control.ask(op="release")
         except BusError:
             return
 
     def control(self, request_type: int, request: int, value: int, index: int, length: int, timeout: float) -> bytes:
-        """Make a control transfer to the host."""
+        """Make a control transfer that returns data."""
         setup = [request_type, request, value, index, length]
         return bytes.fromhex(self._control.ask(op="control", setup=setup, timeout=timeout)["data"])
 
@@ -91,31 +91,31 @@ class RemoteBus(Bus):
         return bytes.fromhex(self._interrupt.ask(op="interrupt", length=length, timeout=timeout)["data"])
 
     def close(self) -> None:
-        """Hang up; the board notices nothing."""
+        """Close the connections; the board is not affected."""
         self._control.close()
         self._interrupt.close()
 
 
 class RemoteBoard:
-    """The state of a board emulated in another process, with the methods of `BenchBoard` that look at it.
+    """Access to a board emulated in another process, with methods as in `BenchBoard`.
 
-    Times are those of the monotonic clock, which all processes of a machine share.
+    Times are on the monotonic clock, which is common to all processes of a machine.
     """
 
     def __init__(self, address: str) -> None:
-        """Connect; OSError when nobody listens at `address`."""
+        """Connect; OSError if no emulator listens at `address`."""
         self._line = _Line(address)
 
     def view(self, at: float | None = None) -> BoardView:
-        """What the board was like at a time [s]; None for now."""
+        """Return the state of the board at a time [s]; None = now."""
         return BoardView(**self._line.ask(op="view", at=at))
 
     def exposure(self, start: float, end: float) -> ExposureView:
-        """What a camera that exposed from `start` to `end` [s] saw."""
+        """Return the state of laser and mirror during an exposure from `start` to `end` [s]."""
         return ExposureView(**self._line.ask(op="exposure", start=start, end=end))
 
     def switchings(self) -> tuple[Switching, ...]:
-        """When the laser really went on and off, oldest first."""
+        """Return the changes of the laser, oldest first."""
         return tuple(Switching(time, on) for time, on in self._line.ask(op="switchings")["value"])
 
     def inject(self, fault: Fault) -> None:
@@ -123,26 +123,26 @@ class RemoteBoard:
         self._line.ask(op="inject", fault=encode_fault(fault))
 
     def mend(self) -> None:
-        """Forget every injected fault."""
+        """Remove all injected faults."""
         self._line.ask(op="mend")
 
     def unplug(self) -> None:
-        """Pull the plug."""
+        """Unplug the board."""
         self._line.ask(op="unplug")
 
     def replug(self) -> None:
-        """Plug in again."""
+        """Plug the board in again."""
         self._line.ask(op="replug")
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         self._line.close()
 
 
 def remote_backend(address: str) -> EmulatedBackend:
-    """A pyusb backend whose device is the board of the emulator process at `address`.
+    """Create a pyusb backend for the board of the emulator process at `address`.
 
     Raises:
-        OSError: nobody listens there.
+        OSError: no emulator listens there.
     """
     return EmulatedBackend(RemoteBus(address))

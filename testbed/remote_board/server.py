@@ -1,4 +1,4 @@
-"""Serves an emulated board to other processes: USB transfers, views of its state, and fault injection."""
+"""Server that gives other processes access to an emulated board: USB transfers, views of its state, faults."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from testbed.remote_board.wire import Channel, listen
 
 
 class EmulatorServer:
-    """Listens on a local socket, one thread per client. A client that vanishes changes nothing on the board.
+    """Server on a local socket, with one thread per client.
 
-    Real hardware does not learn either that its host process has died: it only receives nothing more.
-    The claim on the interface is given back, as the kernel does when a process ends.
+    As with real hardware, the end of a client process does not change the board. Only the client's claim on the
+    interface is released, as the kernel does when a process ends.
     """
 
     def __init__(self, board: BenchBoard, address: str = "127.0.0.1:0") -> None:
-        """Begin to listen; `address` as in `wire.parse_address`, port 0 for any free one."""
+        """Start to listen; `address` as in `wire.parse_address`, with port 0 for any free port."""
         self._board = board
         self._bus = FaultyBus(board)
         self._listener, self.address = listen(address)
@@ -38,7 +38,7 @@ class EmulatorServer:
 
     def close(self) -> None:
         """Stop listening."""
-        # accept() in another thread wakes up only when the socket is shut down, not when it is closed.
+        # Shutting the socket down ends accept() in another thread; closing it does not.
         self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
 
@@ -104,7 +104,7 @@ class EmulatorServer:
 
 
 def encode_fault(fault: Fault) -> dict[str, Any]:
-    """A fault as JSON."""
+    """Convert a fault to JSON."""
     request = fault.request.name if isinstance(fault.request, Request) else fault.request
     return {
         "kind": fault.kind.value,
@@ -116,7 +116,7 @@ def encode_fault(fault: Fault) -> dict[str, Any]:
 
 
 def decode_fault(fields: dict[str, Any]) -> Fault:
-    """The fault that `encode_fault` wrote."""
+    """Convert the result of `encode_fault` back to a fault."""
     request = fields["request"]
     return Fault(
         FaultKind(fields["kind"]),

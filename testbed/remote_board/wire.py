@@ -1,4 +1,4 @@
-"""How the emulator process and its clients talk: one JSON object per line over a local socket."""
+"""Protocol between the emulator process and its clients: one JSON object per line over a local socket."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ LOOPBACK = "127.0.0.1"
 
 
 def parse_address(address: str) -> tuple[str, int] | str:
-    """(host, port), or the path of a unix socket.
+    """Parse an address to (host, port), or to the path of a Unix socket.
 
     Args:
-        address: "127.0.0.1:PORT", or "unix:PATH".
+        address: "127.0.0.1:PORT" or "unix:PATH".
 
     Raises:
-        ValueError: neither of them; the emulator never listens to another machine.
+        ValueError: the address has another form, for example another host.
     """
     if address.startswith("unix:"):
         return address.removeprefix("unix:")
@@ -28,7 +28,7 @@ def parse_address(address: str) -> tuple[str, int] | str:
 
 
 def listen(address: str) -> tuple[socket.socket, str]:
-    """A listening socket and the address clients use (port 0 is replaced by the one chosen)."""
+    """Open a listening socket; return it with the address for clients, in which port 0 is replaced by the real port."""
     where = parse_address(address)
     if isinstance(where, str):
         Path(where).unlink(missing_ok=True)
@@ -41,7 +41,7 @@ def listen(address: str) -> tuple[socket.socket, str]:
 
 
 class Channel:
-    """One connection, carrying JSON objects in both directions."""
+    """Connection that transfers JSON objects in both directions."""
 
     def __init__(self, connection: socket.socket) -> None:
         """Wrap a connected socket."""
@@ -53,7 +53,7 @@ class Channel:
         """Connect to an emulator process.
 
         Raises:
-            OSError: nobody listens there.
+            OSError: no process listens there.
         """
         where = parse_address(address)
         if isinstance(where, str):
@@ -71,7 +71,7 @@ class Channel:
         self._socket.sendall(json.dumps(message).encode() + b"\n")
 
     def receive(self) -> dict[str, Any] | None:
-        """The next object, None when the other side has closed."""
+        """Receive the next object; return None if the other side has closed the connection."""
         line = self._file.readline()
         if not line:
             return None

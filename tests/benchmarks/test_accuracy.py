@@ -183,5 +183,6 @@ def test_a_folder_without_truth_is_refused(root: Path, tmp_path: Path):
     )
     assert done.returncode == 1
     assert (
-        done.stderr == f"{tmp_path}: no calibration/truth.json: give a data folder of rendered scans with their truth\n"
+        done.stderr
+        == f"{tmp_path} has no calibration/truth.json; give a data folder of rendered scans with their truth\n"
     )

@@ -47,7 +47,7 @@ def test_courses_of_a_guara_ask_for_less_height_and_more_ground() -> None:
 
 def test_an_unknown_course_is_refused() -> None:
     """The message says what there is."""
-    with pytest.raises(InvalidInput, match="no course is called 'lava'; allowed: trenches, stones"):
+    with pytest.raises(InvalidInput, match="course is 'lava'; allowed: trenches, stones"):
         course("lava", 0)
 
 

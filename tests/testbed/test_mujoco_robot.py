@@ -69,5 +69,5 @@ def test_what_mujoco_refuses_is_reported(robot: RobotModel) -> None:
     text = robot.tree.urdf.text.replace('<mass value="0.45"/>', '<mass value="0"/>')
     tree = SimpleNamespace(urdf=SimpleNamespace(text=text, path=Path("guara.urdf")))
     broken = SimpleNamespace(tree=tree, config=robot.config, joint_names=robot.joint_names)
-    with pytest.raises(InvalidInput, match="guara.urdf: MuJoCo refuses it: .*mass"):
+    with pytest.raises(InvalidInput, match="guara.urdf: MuJoCo rejects the URDF: .*mass"):
         mujoco_robot(broken)  # type: ignore[arg-type]

@@ -130,11 +130,9 @@ def test_what_physics_cannot_do_is_refused(robot: RobotModel) -> None:
     """Worlds beyond boxes, and a missing library, are refused with what is allowed."""
     posture = robot.posture("scan")
     rock = World(features=(Patch(x=0.5, y=0, size=(0.1, 0.1)), Rock(x=0.7, y=0, size=(0.1, 0.1), height=0.03)))
-    with pytest.raises(
-        InvalidInput, match="the world holds a rock: physics knows level ground, boxes, pits and patches only"
-    ):
+    with pytest.raises(InvalidInput, match="the world has a rock; allowed in MuJoCo: boxes, pits and patches"):
         PhysicsRobot(rock, robot, standing(), posture)
-    with pytest.raises(InvalidInput, match="the world undulates by 0.01 m: physics needs level ground"):
+    with pytest.raises(InvalidInput, match="undulation of the world is 0.01 m; allowed in MuJoCo: 0"):
         PhysicsRobot(World(undulation=0.01), robot, standing(), posture)
     with pytest.raises(MissingExtra, match=r"the dance needs no_such_library: pip install 'guara-perception\[sim\]'"):
         optional_library("no_such_library", "sim", "the dance")

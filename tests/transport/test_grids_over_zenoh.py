@@ -180,7 +180,9 @@ def test_a_node_of_another_version_is_named(endpoint: str) -> None:
     """Its keys differ, so that nothing is received: the error tells both versions."""
     with transport.open_node(listen=endpoint) as session, client_at(endpoint) as client:
         transport.AliveToken(session, "guara/perception/v9/@alive/node")
-        with pytest.raises(transport.ScannerUnavailable, match="version v9 of the messages, this package v1: install"):
+        with pytest.raises(
+            transport.ScannerUnavailable, match="version v9 of the messages, but this package uses v1: install"
+        ):
             client.latest()
 
 

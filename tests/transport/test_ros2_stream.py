@@ -33,9 +33,9 @@ def joint_state(stamp: int, names: tuple[str, ...] = ("c", "x", "a", "b")) -> An
     return make_message(JOINT_STATE, header=header(stamp), name=list(names), position=values)
 
 
-def imu(stamp: int, turn: Rotation, *, has_orientation: bool) -> Any:
-    """Of a body at this orientation, at rest."""
-    x, y, z, w = turn.as_quat()
+def imu(stamp: int, turn: Rotation, *, has_orientation: bool, length: float = 1.0) -> Any:
+    """Imu message of a body at rest in this orientation, whose quaternion has the given length."""
+    x, y, z, w = length * turn.as_quat()
     covariance = np.zeros(9)
     covariance[0] = 0.0 if has_orientation else -1.0
     up = turn.inv().apply([0.0, 0.0, 9.81])
@@ -101,15 +101,16 @@ def test_joint_states_become_batches_of_the_stream(endpoint: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("has_orientation", [True, False])
-def test_gravity_is_that_of_the_body(endpoint: str, has_orientation: bool) -> None:
+@pytest.mark.parametrize(("has_orientation", "length"), [(True, 1.0), (True, 1.009), (False, 1.0)])
+def test_gravity_is_that_of_the_body(endpoint: str, has_orientation: bool, length: float) -> None:
     """By orientation or by acceleration, turned from the IMU's frame; none when the IMU is silent."""
     leaning = Rotation.from_euler("xyz", [10, -7, 50], degrees=True)
     down = leaning.inv().apply([0.0, 0.0, -1.0])
     with transport.open_node(listen=endpoint) as node, transport.open_client(endpoint) as ros:
         bridged = Bridged(node, ros, MOUNT)
         # base -> world is leaning, imu -> base is MOUNT.
-        message = imu(START, leaning * Rotation.from_matrix(MOUNT), has_orientation=has_orientation)
+        turn = leaning * Rotation.from_matrix(MOUNT)
+        message = imu(START, turn, has_orientation=has_orientation, length=length)
         while bridged.stream._imu[0] != START:
             # The two topics come on threads of their own.
             bridged.send("imu", IMU, message)

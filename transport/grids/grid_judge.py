@@ -32,7 +32,7 @@ POLL = 0.05
 # Longest wait for a reply from the node [s].
 ANSWER = 1.0
 logger = logging.getLogger(__name__)
-ADVICE = "Wait for the next (wait_for_step), or ask for a scan (request_scan) while the robot stands"
+ADVICE = "Wait for the next grid (wait_for_step), or request a scan (request_scan) while the robot stands"
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class Terms:
     def __post_init__(self) -> None:
         """Check the fields."""
         if self.max_age is not None and not self.max_age >= 0.0:
-            raise MessageError(f"max_age is {self.max_age:g}; allowed: 0 s or more, or None for its own validity")
+            raise MessageError(f"max_age is {self.max_age:g}; allowed: 0 s or more, or None for the grid's validity")
 
 
 TERMS = Terms()
@@ -260,8 +260,8 @@ class GridJudge:
         versions = sorted({key.split("/")[2] for key in others} - {PERCEPTION_VERSION})
         if versions:
             return ScannerUnavailable(
-                f"{found}the node of robot {self._robot!r} speaks version {', '.join(versions)} of the messages, this "
-                f"package {PERCEPTION_VERSION}: install the same version on both sides"
+                f"{found}the node of robot {self._robot!r} uses version {', '.join(versions)} of the messages, but "
+                f"this package uses {PERCEPTION_VERSION}: install the same version on both sides"
             )
         return ScannerUnavailable(
             f"{found}no node of robot {self._robot!r} was found: none is running on this router, the instance name "

@@ -19,10 +19,10 @@ from transport.supervision import join
 # Link speed [bytes/s] below which most published messages lose fragments, while the remaining fragments delay other
 # messages. The reader then unsubscribes and fetches announced messages instead.
 SUBSCRIBING_RATE = 3e6
-# Timeouts of a piece, whose reply may be lost [s]; the second one applies to pieces larger than FIRST_PIECE, which are
-# requested only over a fast link. Pieces grow if a reply takes less than QUICK, and shrink if it takes more than SLOW
-# [s] or does not arrive.
+# Timeouts of a piece [s], whose reply may be lost; the second one applies to pieces larger than FIRST_PIECE, which are
+# requested only over a fast link.
 PIECE_TIMEOUT, LARGE_PIECE_TIMEOUT = 5.0, 1.0
+# Pieces grow if a reply takes less than QUICK, and shrink if it takes more than SLOW or does not arrive [s].
 QUICK, SLOW = 0.025, 0.25
 # First and smallest size of a piece [bytes]; both are less than one batch of Zenoh (64 KiB), so that a small message
 # fits into one batch.
@@ -32,8 +32,8 @@ ATTEMPTS = 20
 BETWEEN_ATTEMPTS = 0.1
 # Number of publishers that are remembered; each start of a node adds one.
 REMEMBERED = 32
-# Longest wait for an announced message, used until the delay is known; shortest wait, which allows for a busy machine
-# [s].
+# Longest wait for an announced message [s], used until the delay is known, and shortest wait, which allows for a busy
+# machine.
 LONGEST_GRACE, SHORTEST_GRACE = 0.3, 0.02
 # A message counts as lost when its delay exceeds this multiple of the estimated delay, within the limits above.
 MARGIN = 4.0

@@ -152,9 +152,9 @@ def decode_stance_stream(payload: bytes | bytearray | memoryview) -> StanceStrea
 
 
 def gravity_of_orientation(quaternion: Quaternion) -> tuple[float, float, float]:
-    """Compute the direction of gravity in `base_link`, pointing down, from an orientation (x, y, z, w).
+    """Compute the direction of gravity in a body frame, pointing down, from the body's orientation (x, y, z, w).
 
-    The orientation is that of the body relative to a world frame with z up.
+    The orientation is relative to a world frame with z up.
 
     Raises:
         MessageError: `quaternion` is not a unit quaternion.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 from collections.abc import Callable, Mapping
@@ -419,7 +418,7 @@ def rounded(terrain: TerrainMessage) -> TerrainMessage:
     """
     layers = {name: ROUND[name](array) if name in ROUND else array for name, array in terrain.layers.items()}
     metadata = {**json.loads(terrain.metadata), "rounding": dict(ROUNDING)}
-    return dataclasses.replace(terrain, layers=layers, metadata=json.dumps(metadata))
+    return replace(terrain, layers=layers, metadata=json.dumps(metadata))
 
 
 def _in_multiples(unit: float, whole: Callable[[Float], Float]) -> Callable[[Array], Array]:

@@ -94,8 +94,8 @@ def request_scan(
                 refusal = _read_refusal(answer.error)
                 _raise_failure(refusal.code, refusal.message, request.timeout)
             elif answer is TIMED_OUT:
-                heard = "it was accepted" if accepted else "no reply"
-                raise ScanTimeout(f"scan not done within {request.timeout:g} s ({heard})")
+                progress = "it was accepted" if accepted else "no reply"
+                raise ScanTimeout(f"scan not done within {request.timeout:g} s ({progress})")
             elif accepted or answer is VANISHED:
                 raise ScannerGone(
                     f"the scanner of {robot!r} disappeared before the end of the scan: its node died, hung or lost its "

@@ -95,7 +95,7 @@ def test_no_foot_goes_where_the_ground_is_unknown(robot: RobotModel) -> None:
 def test_robots_of_other_builds_are_refused(robot: RobotModel) -> None:
     """The planner balances on three feet of four."""
     biped = SimpleNamespace(name="biped", legs=("l", "r"))
-    with pytest.raises(InvalidInput, match="robot 'biped' has 2 legs; allowed: 4, for a planner of strides"):
+    with pytest.raises(InvalidInput, match="robot 'biped' has 2 legs; allowed: 4, for the stride planner"):
         StridePlanner(biped)  # type: ignore[arg-type]
 
 
