@@ -1,4 +1,4 @@
-"""Fixtures of the drivers' tests: an emulated board, a driver on it, and a camera that looks at it."""
+"""Fixtures of the drivers' tests: an emulated board, a driver on it, and a camera that sees it."""
 
 import dataclasses
 import os
@@ -23,7 +23,7 @@ PATIENCE = 180.0
 
 
 class Scene:
-    """A flat grey scene with noise, in which the laser draws one red row."""
+    """Flat grey scene with noise, in which the laser draws one red row."""
 
     def __init__(self) -> None:
         self._noise = _noise()
@@ -34,7 +34,7 @@ class Scene:
 
     @staticmethod
     def row_of(mirror_angle: float) -> float:
-        """Row where the stripe of a mirror angle [rad] appears."""
+        """Row of the stripe at a mirror angle [rad]."""
         return 40.0 + (mirror_angle + 0.15) * 380.0
 
     def __call__(self, view: ExposureView, settings: CameraSettings) -> np.ndarray:
@@ -58,7 +58,7 @@ def scene() -> Scene:
 
 
 def patient_config(**changes: object) -> EmulatorConfig:
-    """A board whose watchdog waits longer, so that a loaded machine does not trip it in tests of other things."""
+    """Board with a longer watchdog, so that a loaded machine does not trip it in other tests."""
     config = EmulatorConfig(settle=0.001, mirror_speed=40.0)
     identity = dataclasses.replace(config.identity, watchdog=60.0)
     return dataclasses.replace(config, identity=identity, **changes)
@@ -66,7 +66,7 @@ def patient_config(**changes: object) -> EmulatorConfig:
 
 @pytest.fixture
 def emulated_time() -> Iterator[None]:
-    """Devices on an emulated clock: nothing really waits, and a busy machine drops none of their frames."""
+    """Devices on an emulated clock: nothing really waits, and a busy machine drops no frames."""
     with timing.on_clock(EmulatedClock()):
         yield
 
@@ -99,12 +99,12 @@ def firing_order() -> list[tuple[int, float]]:
 
 
 def wait_until(condition: Callable[[], bool], patience: float = PATIENCE) -> None:
-    """Wait until a condition holds; fail when it does not within `patience` [s]."""
+    """Wait until a condition holds; fail if it does not within `patience` [s]."""
     deadline = time.monotonic() + patience
     while not condition():
         if time.monotonic() > deadline:
             pytest.fail(f"the condition does not hold within {patience} s")
-        # On the clock of the devices, which stands still unless somebody waits on it, and for their threads.
+        # On the clock of the devices, which only advances while somebody waits on it, and for their threads.
         timing.sleep(0.005)
         time.sleep(0.001)
 
@@ -115,7 +115,7 @@ def eventually() -> Callable[[Callable[[], bool]], None]:
 
 
 class EmulatorProcess:
-    """`python -m testbed.remote_board`, running."""
+    """Running process of `python -m testbed.remote_board`."""
 
     def __init__(self, listen: str) -> None:
         self.process = ForkedProcess("-m", "testbed.remote_board", "--listen", listen, folder=ROOT)
@@ -139,7 +139,7 @@ def emulator_process() -> Iterator[EmulatorProcess]:
 
 @pytest.fixture
 def host() -> Iterator[Callable[..., ForkedProcess]]:
-    """Starts a Python program in a process of its own; whatever is left of it is ended after the test."""
+    """Factory that starts a Python program in its own process; processes are ended after the test."""
     started: list[ForkedProcess] = []
 
     def start(program: str, *arguments: str) -> ForkedProcess:

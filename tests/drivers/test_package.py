@@ -1,4 +1,4 @@
-"""The package as a whole: what importing it costs, how its errors are related, what its pages say."""
+"""The package as a whole: cost of its import, relations of its errors, and its documentation."""
 
 import inspect
 import subprocess
@@ -16,7 +16,7 @@ ROOT = Path(drivers.__file__).resolve().parents[1]
 
 @pytest.mark.slow
 def test_importing_loads_neither_device_library_nor_a_package_above() -> None:
-    """`import drivers` works without pyusb, libusb and OpenCV, and knows nothing of its neighbours."""
+    """`import drivers` works without pyusb, libusb and OpenCV, and imports no neighbouring package."""
     program = (
         "import sys, drivers; "
         "print([name for name in ('usb', 'cv2', 'libusb_package', 'scipy', 'kinematics', 'transport', "
@@ -27,7 +27,7 @@ def test_importing_loads_neither_device_library_nor_a_package_above() -> None:
 
 
 def test_every_error_is_a_driver_error_and_a_builtin() -> None:
-    """A caller who knows nothing of this package still catches what fits."""
+    """A caller that does not import this package can catch built-in exceptions."""
     kinds = [kind for _, kind in inspect.getmembers(errors, inspect.isclass)]
     for kind in set(kinds) - {errors.DriverError}:
         assert issubclass(kind, errors.DriverError)
@@ -36,7 +36,7 @@ def test_every_error_is_a_driver_error_and_a_builtin() -> None:
 
 
 def test_every_error_and_verdict_stands_in_the_page() -> None:
-    """docs/drivers.md says what each means, and gives the udev rule."""
+    """docs/drivers.md explains each of them, and contains the udev rule."""
     page = (ROOT / "docs" / "drivers.md").read_text()
     roots = {"DriverError", "BoardError", "CameraError", "AcquisitionError"}
     for name, _ in inspect.getmembers(errors, inspect.isclass):

@@ -1,4 +1,4 @@
-"""What the tests of kinematics share: both robots, broken copies of a robot folder, and a kinematic crawl."""
+"""Fixtures of the tests of kinematics: every robot, broken copies of a robot folder, and a kinematic crawl."""
 
 import shutil
 from collections.abc import Callable, Iterator
@@ -12,7 +12,7 @@ from kinematics import RobotModel, Stance, load_robot
 from kinematics.load import ROBOTS_FOLDER
 
 SECOND_ROBOT = Path(__file__).parent.parent / "robots" / "tapir"
-# Every robot folder of the repository: one that is added is tested without a change here.
+# Every robot folder of the repository; a new folder is tested without any change here.
 ROBOT_FOLDERS = sorted(
     path.parent for path in (*ROBOTS_FOLDER.glob("*/robot.toml"), *SECOND_ROBOT.parent.glob("*/*.toml"))
 )
@@ -30,13 +30,13 @@ def tapir() -> RobotModel:
 
 @pytest.fixture(scope="session", params=ROBOT_FOLDERS, ids=lambda folder: folder.name)
 def robot(request: pytest.FixtureRequest) -> RobotModel:
-    """Every robot folder: the table that the table-driven tests run over."""
+    """Every robot of the repository; tests with this fixture run once per robot."""
     return load_robot(request.param)
 
 
 @pytest.fixture
 def broken_folder(guara: RobotModel, tmp_path: Path) -> Callable[..., Path]:
-    """A copy of the Guará's folder in which one text of one file is replaced."""
+    """Copy of the Guará's folder in which one text of one file is replaced."""
 
     def make(file: str, old: str, new: str) -> Path:
         folder = tmp_path / "guara"
@@ -51,13 +51,13 @@ def broken_folder(guara: RobotModel, tmp_path: Path) -> Callable[..., Path]:
 
 @pytest.fixture(scope="session")
 def standing(robot: RobotModel) -> kinematics.StancePose:
-    """The pose of the scan posture on all feet."""
+    """Pose of the scan posture on all feet."""
     return robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs))
 
 
 @pytest.fixture(scope="session")
 def put_feet() -> Callable[..., dict[str, float]]:
-    """Joint positions that set soles in `odom` with the body at a pose, all by closed-form or numeric IK."""
+    """Joint positions that place soles in `odom` for a given pose of the body, by inverse kinematics."""
 
     def joints(robot: RobotModel, soles: dict[str, np.ndarray], transform_base_to_odom: np.ndarray) -> dict[str, float]:
         positions: dict[str, float] = {}
@@ -75,7 +75,7 @@ def put_feet() -> Callable[..., dict[str, float]]:
 
 @pytest.fixture(scope="session")
 def crawl(guara: RobotModel, put_feet: Callable[..., dict[str, float]]) -> Callable[..., Iterator[tuple]]:
-    """A kinematic crawl on a flat floor: yields transform_base_to_odom, joint positions, leg set down, per pause."""
+    """Kinematic crawl on a flat floor; yields transform_base_to_odom, joint positions and the leg set down."""
 
     def walk(cycles: int, *, turn: float = 0.0, sway: float = 0.03) -> Iterator[tuple]:
         order, swing, height = ("rh", "rf", "lh", "lf"), 0.14, 0.36
@@ -93,7 +93,7 @@ def crawl(guara: RobotModel, put_feet: Callable[..., dict[str, float]]) -> Calla
                 body = np.eye(4)
                 body[:3, :3] = rotation
                 body[:3, 3] = (*position, height)
-                # Set down three eighths of a cycle ahead of the hip, on the present heading.
+                # Set down three eighths of a cycle ahead of the hip, in the present heading.
                 hip = nominal.position_in_base(guara.tree.leg(leg).hip)
                 ahead = rotation @ (hip + (3.0 * swing / 8.0, 0.0, 0.0)) + (*position, 0.0)
                 soles[leg] = ahead * (1.0, 1.0, 0.0)

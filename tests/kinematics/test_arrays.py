@@ -1,4 +1,4 @@
-"""Read-only arrays cannot be written through any name."""
+"""Read-only arrays cannot be written through any reference to their memory."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from kinematics.arrays import read_only
 
 
 def test_result_cannot_be_written():
-    """Writing into the result is refused."""
+    """Writing to the result raises an error."""
     frozen = read_only(np.zeros(3))
     with pytest.raises(ValueError, match="read-only"):
         frozen[0] = 1
 
 
 def test_the_callers_array_stays_writable_and_apart():
-    """Neither the array that was given nor a view taken before can change the result."""
+    """Neither the given array nor an earlier view of it can change the result."""
     given = np.zeros(4)
     view = given[1:]
     frozen = read_only(given)
@@ -26,7 +26,7 @@ def test_the_callers_array_stays_writable_and_apart():
 
 
 def test_read_only_view_of_writable_memory_is_copied():
-    """A view that is read-only itself but lies on writable memory is not trusted."""
+    """A read-only view of writable memory is copied."""
     memory = np.zeros(4)
     view = memory[:]
     view.setflags(write=False)
@@ -36,7 +36,7 @@ def test_read_only_view_of_writable_memory_is_copied():
 
 
 def test_frozen_arrays_are_not_copied_again():
-    """Freezing twice costs nothing; nor does an array over bytes."""
+    """A frozen array is not copied again, nor is an array over bytes."""
     frozen = read_only(np.zeros(4))
     assert read_only(frozen) is frozen
     assert read_only(frozen[1:]).base is frozen
@@ -45,7 +45,7 @@ def test_frozen_arrays_are_not_copied_again():
 
 
 def test_array_over_a_bytearray_is_copied():
-    """Memory that others can still write is not frozen memory."""
+    """Memory that other objects can write does not count as frozen."""
     memory = bytearray(2)
     over = np.frombuffer(memory, dtype=np.uint8)
     over.setflags(write=False)
@@ -56,7 +56,7 @@ def test_array_over_a_bytearray_is_copied():
 
 @pytest.mark.parametrize("dtype", [np.float32, np.uint16, np.uint8, np.bool_])
 def test_type_shape_and_values_stay(dtype: type):
-    """Freezing changes nothing else."""
+    """Freezing preserves type, shape and values."""
     given = np.arange(6).reshape(2, 3).astype(dtype)
     frozen = read_only(given.T)
     assert frozen.dtype == dtype

@@ -1,4 +1,4 @@
-"""Place of the body at every instant, by a stream of joints with noise and bias over the feet that stand."""
+"""Pose of the body at any instant of a pause, from streamed joints with noise and bias and the standing feet."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TIMES = np.linspace(0.05, 1.95, 39)
 
 
 def tracked(robot: RobotModel, sway: Sway, rate: float, seed: int = 0, **changes: float) -> BodyTrack:
-    """A track of two seconds and a bit on both sides, BEGIN at 0."""
+    """Track that covers two seconds and the smoothing windows around them, with BEGIN at 0."""
     times = np.arange(-0.2, 2.2, 1.0 / rate)
     readings, begin = stream_of(robot, sway, times, np.random.default_rng(seed), **changes)
     track = BodyTrack(robot, begin)
@@ -26,7 +26,7 @@ def tracked(robot: RobotModel, sway: Sway, rate: float, seed: int = 0, **changes
 
 
 def errors(track: BodyTrack, sway: Sway) -> np.ndarray:
-    """Errors (instants, corners) of the height of the ground, by the place of the body [m]; NaN without a place."""
+    """Errors (instants, corners) of ground heights due to the pose of the body [m]; NaN without a pose."""
     found = np.full((len(TIMES), len(GROUND)), np.nan)
     for row, time in enumerate(TIMES.tolist()):
         place = track.at(time)
@@ -38,7 +38,7 @@ def errors(track: BodyTrack, sway: Sway) -> np.ndarray:
 
 @pytest.mark.parametrize(("rate", "most"), [(50.0, 1.5e-4), (200.0, 1e-4), (1000.0, 1e-4)])
 def test_the_body_is_placed_to_a_tenth_of_a_millimetre(robot: RobotModel, rate: float, most: float) -> None:
-    """Encoders off by 0.2 degrees, with 0.05 degrees of noise: what the stripes do not share is a small part of it."""
+    """With joint biases of 0.2 degrees and noise of 0.05 degrees, errors that stripes do not share stay small."""
     for seed in range(3):
         found = errors(tracked(robot, SWAY, rate, seed), SWAY)
         assert np.isfinite(found).all()
@@ -47,7 +47,7 @@ def test_the_body_is_placed_to_a_tenth_of_a_millimetre(robot: RobotModel, rate: 
 
 
 def test_the_covariance_is_that_of_the_places(robot: RobotModel) -> None:
-    """Of 12 pauses of a robot that stands: heights of the ground scatter as the covariance says."""
+    """Over 12 pauses of a standing robot, ground heights scatter as the covariance predicts."""
     still = Sway(0.0, 0.0, 1.0)
     x, y = (GROUND[:, :2] - np.asarray(robot.transform_camera_to_base)[:2, 3]).T
     lever = np.stack([0 * x, 0 * x, 0 * x + 1, y, -x, 0 * x], axis=1)
@@ -64,19 +64,19 @@ def test_the_covariance_is_that_of_the_places(robot: RobotModel) -> None:
 
 
 def test_an_instant_that_is_not_sure_adds_to_the_covariance(robot: RobotModel) -> None:
-    """By as much as the body moves in that time."""
+    """An uncertain instant adds the motion of the body during its sigma to the covariance."""
     track = tracked(robot, SWAY, 200.0)
     sure, unsure = track.at(1.0), track.at(1.0, time_sigma=0.01)
     assert sure is not None and unsure is not None
     camera = np.append(np.asarray(robot.transform_camera_to_base)[:3, 3], 1.0)
     speed = ((SWAY.at(1.01) - SWAY.at(0.99)) @ camera)[:3] / 0.02
     added = np.sqrt(np.diag(unsure.covariance - sure.covariance)[:3])
-    # In the axes of the body at BEGIN, and of smoothed joints with noise.
+    # Along the axes of the body at BEGIN, from smoothed joints with noise.
     assert np.linalg.norm(added) == pytest.approx(0.01 * np.linalg.norm(speed), rel=0.2)
 
 
 def test_no_place_where_the_samples_do_not_tell_it(robot: RobotModel) -> None:
-    """Before, after, in a gap, with a foot lifted, with feet that move apart, with joints faster than the samples."""
+    """No pose is given outside the samples, in a gap, or if feet lift or move apart, or joints move too fast."""
     times = np.arange(0.0, 2.0, 0.005)
     readings, begin = stream_of(robot, SWAY, times, np.random.default_rng(1))
     ones = np.ones((len(times), len(robot.legs)), dtype=bool)
@@ -106,7 +106,7 @@ def test_no_place_where_the_samples_do_not_tell_it(robot: RobotModel) -> None:
 
 
 def test_batches_place_the_body_as_one_and_the_oldest_go(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Four samples at a time, 16 s of them, of which at least the last second is kept."""
+    """Samples added in batches of four give the same poses; at least the last second of 16 s is kept."""
     monkeypatch.setattr(body_track, "MOST_SAMPLES", 200)
     times = np.arange(0.0, 16.0, 0.005)
     readings, begin = stream_of(robot, SWAY, times[-400:], np.random.default_rng(2))
@@ -143,7 +143,7 @@ def test_what_is_no_track_is_refused(robot: RobotModel) -> None:
 
 
 def test_a_gap_is_found_between_two_times_and_what_their_places_need(robot: RobotModel) -> None:
-    """Samples every 10 ms from 0 to 2 s without those between 1.0 and 1.3."""
+    """The longest gap includes the smoothing windows: samples every 10 ms, with a gap from 1.0 to 1.3 s."""
     times = np.arange(0.0, 2.001, 0.01)
     times = times[(times <= 1.0) | (times >= 1.3)]
     readings, begin = stream_of(robot, SWAY, times, np.random.default_rng(0))
@@ -157,7 +157,7 @@ def test_a_gap_is_found_between_two_times_and_what_their_places_need(robot: Robo
 
 
 def test_an_instant_that_is_not_known_has_no_place(robot: RobotModel) -> None:
-    """Its sigma is in the covariance, by the speed of the body; for too long the speed is not the same."""
+    """The sigma of an instant enters the covariance through the speed of the body; a large sigma gives no pose."""
     track = tracked(robot, SWAY, 200.0)
     sharp, doubtful = track.at(1.0), track.at(1.0, 0.01)
     assert sharp is not None and doubtful is not None
@@ -167,7 +167,7 @@ def test_an_instant_that_is_not_known_has_no_place(robot: RobotModel) -> None:
 
 
 def test_noise_of_prismatic_joints_is_metres(tmp_path: Path) -> None:
-    """Of knees that slide, 0.2 m times the noise of a joint that turns is expected; five times as much is no noise."""
+    """Prismatic knees: noise of 0.2 m times that of a revolute joint is accepted, noise far above it is not."""
     robot = load_robot(telescopic_guara(tmp_path))
     begin, times = Stance(robot.posture("scan"), robot.legs), np.arange(-0.2, 0.2, 0.005)
     for factor, is_placed in ((1.0, True), (5.0 * body_track.MOST_NOISE, False)):

@@ -10,7 +10,7 @@ NOISE = np.tile(np.eye(3) * 1e-6, (4, 1, 1))
 
 
 def test_a_known_turn_is_found() -> None:
-    """The rotation between two point sets comes back, also when they lie in a plane (and could be mirrored)."""
+    """The rotation between two point sets is recovered, also for coplanar points, which allow a reflection."""
     rotation = rotation_from_rpy(0.1, -0.2, 0.3)
     before = SOLES @ rotation.T + (0.1, 0.2, 0.3)
     np.testing.assert_allclose(turn_between(SOLES, before), rotation, atol=1e-12)
@@ -18,7 +18,7 @@ def test_a_known_turn_is_found() -> None:
 
 
 def test_flat_ground_holds_the_vertical(guara: RobotModel) -> None:
-    """On ground that looks flat the error does not grow however often gravity is carried on."""
+    """On ground that appears flat, the error does not grow, however often gravity is carried."""
     gravity = GravityEstimate((0.0, 0.0, -1.0), 0.002)
     for _ in range(100):
         gravity = carry_gravity(gravity, SOLES[:3], SOLES[:3], SOLES, NOISE, guara.noise)
@@ -27,7 +27,7 @@ def test_flat_ground_holds_the_vertical(guara: RobotModel) -> None:
 
 
 def test_blocks_hardly_move_the_vertical(guara: RobotModel) -> None:
-    """A support plane tilted by 5 degrees against a well-known vertical is taken for terrain, and the sigma grows."""
+    """A support plane tilted by 5 degrees against a well-known vertical counts as terrain, and the sigma grows."""
     tilted = SOLES @ rotation_from_rpy(0.0, np.radians(5.0), 0.0).T
     before = GravityEstimate((0.0, 0.0, -1.0), 0.002)
     after = carry_gravity(before, tilted[:3], tilted[:3], tilted, NOISE, guara.noise)
@@ -36,7 +36,7 @@ def test_blocks_hardly_move_the_vertical(guara: RobotModel) -> None:
 
 
 def test_a_turned_body_carries_gravity_with_it(guara: RobotModel) -> None:
-    """When the body tips over its feet, gravity tips the other way in the body."""
+    """If the body tips over its feet, gravity tips the opposite way in `base_link`."""
     tip = rotation_from_rpy(0.0, 0.08, 0.0)
     now = SOLES @ tip
     after = carry_gravity(GravityEstimate((0.0, 0.0, -1.0), 0.002), now[:3], SOLES[:3], now, NOISE, guara.noise)
@@ -44,7 +44,7 @@ def test_a_turned_body_carries_gravity_with_it(guara: RobotModel) -> None:
 
 
 def test_a_long_slope_does_not_draw_the_vertical(guara: RobotModel) -> None:
-    """From level ground, known to 3 degrees, onto 12 of slope: after 40 pauses the error is within one sigma."""
+    """From level ground, known to 3 degrees, onto a slope of 12: after 40 pauses the error is within one sigma."""
     gravity = GravityEstimate((0.0, 0.0, -1.0), guara.noise.terrain_slope_sigma)
     sloping = SOLES + np.tan(np.radians(12.0)) * SOLES[:, :1] * (0.0, 0.0, 1.0)
     for _ in range(40):
@@ -54,7 +54,7 @@ def test_a_long_slope_does_not_draw_the_vertical(guara: RobotModel) -> None:
 
 
 def test_first_gravity_is_as_sure_as_terrain_is_level(guara: RobotModel) -> None:
-    """Without IMU the first vertical is the support plane's, with the terrain's slope as its sigma."""
+    """Without an IMU, the first vertical is the support plane's normal, with the slope of terrain as its sigma."""
     pose = guara.stance_pose(Stance(guara.posture("scan"), guara.legs))
     np.testing.assert_allclose(pose.gravity.gravity_in_base, -pose.up_in_base)
     assert pose.gravity.sigma == pose.attitude_sigma

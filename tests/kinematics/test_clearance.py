@@ -1,4 +1,4 @@
-"""How much room a sole and its leg have over the ground at a foothold."""
+"""Clearance of a sole and its leg above the ground at a foothold."""
 
 import math
 
@@ -17,7 +17,7 @@ def foothold(pose: StancePose, leg: str) -> np.ndarray:
 
 
 def test_a_sole_on_flat_ground_touches_it_all_over(robot: RobotModel, standing: StancePose) -> None:
-    """On flat ground the sole lies flat, and the leg above it is clear."""
+    """On flat ground, the whole sole touches the ground and the leg above it is clear."""
     for leg in robot.legs:
         clearance = foothold_clearance(standing, leg, foothold(standing, leg), flat)
         assert clearance.sole == pytest.approx(0.0, abs=1e-9)
@@ -26,7 +26,7 @@ def test_a_sole_on_flat_ground_touches_it_all_over(robot: RobotModel, standing: 
 
 
 def test_a_step_under_the_sole_presses_into_it(guara: RobotModel) -> None:
-    """A 12 mm step under the front of the sole presses in by 12 mm; a hole under its heel leaves a gap."""
+    """A step of 12 mm under the front of the sole gives -12 mm; a hole under the heel leaves a gap."""
     standing = guara.stance_pose(Stance(guara.posture("scan"), guara.legs))
     target = foothold(standing, "lf")
     step = foothold_clearance(standing, "lf", target, lambda x, y: np.where(x > target[0] + 0.03, 0.012, 0.0))
@@ -36,7 +36,7 @@ def test_a_step_under_the_sole_presses_into_it(guara: RobotModel) -> None:
 
 
 def test_a_wall_before_the_knee_leaves_no_clearance(robot: RobotModel, standing: StancePose) -> None:
-    """The higher the wall, the smaller the leg's clearance, down to below 0; the sole still touches flat ground."""
+    """The higher the wall, the smaller the leg's clearance, down to negative values; the sole touches flat ground."""
     leg = robot.legs[0]
     target = foothold(standing, leg)
     last = math.inf
@@ -51,7 +51,7 @@ def test_a_wall_before_the_knee_leaves_no_clearance(robot: RobotModel, standing:
 
 
 def test_unknown_ground_is_not_clear(robot: RobotModel, standing: StancePose) -> None:
-    """Unknown ground below the leg or the sole gives NaN, which passes no comparison."""
+    """Unknown ground below leg or sole gives NaN, which satisfies no comparison."""
     target = foothold(standing, robot.legs[0])
     clearance = foothold_clearance(standing, robot.legs[0], target, lambda x, y: np.full_like(x, np.nan))
     assert math.isnan(clearance.leg) and math.isnan(clearance.sole) and math.isnan(clearance.sole_gap)
@@ -62,7 +62,7 @@ def test_unknown_ground_is_not_clear(robot: RobotModel, standing: StancePose) ->
 
 
 def test_joints_are_those_that_reach_the_foothold(robot: RobotModel, standing: StancePose) -> None:
-    """The joint positions given lead to the foothold by forward kinematics."""
+    """Forward kinematics of the returned joint positions leads to the foothold."""
     leg = robot.legs[1]
     target = foothold(standing, leg) + (0.03, 0.0, 0.01)
     found = foothold_clearance(standing, leg, target, flat)
@@ -73,7 +73,7 @@ def test_joints_are_those_that_reach_the_foothold(robot: RobotModel, standing: S
 
 
 def test_bad_arguments_are_refused(robot: RobotModel, standing: StancePose) -> None:
-    """Footholds out of reach, wrong shapes and height functions that answer with something else are refused."""
+    """Footholds out of reach, wrong shapes and invalid results of the height function are rejected."""
     leg = robot.legs[0]
     target = foothold(standing, leg)
     with pytest.raises(StanceError, match=rf"leg '{leg}' does not reach the foothold \("):

@@ -16,7 +16,7 @@ def turn(angle: float) -> np.ndarray:
 
 
 def seen_from(readings: np.ndarray, angle: float, shift: tuple[float, float, float]) -> np.ndarray:
-    """Readings as they appear from a footprint turned by an angle and moved by a shift."""
+    """Readings as seen from a footprint that is rotated by an angle and displaced by a shift."""
     result = readings.copy()
     result[:, :2] = (readings[:, :2] - shift[:2]) @ turn(angle)
     result[:, 2] -= shift[2]
@@ -25,7 +25,7 @@ def seen_from(readings: np.ndarray, angle: float, shift: tuple[float, float, flo
 
 @pytest.mark.parametrize("stayed", [LEGS, ("lf", "rh"), ("rf", "lh", "rh")])
 def test_a_known_motion_is_found(stayed: tuple[str, ...]) -> None:
-    """Heading, shift and rise come back exactly from two feet or more, and the footholds stay where they are."""
+    """Two or more feet give heading, shift and rise exactly, and the footholds do not move."""
     now = seen_from(READINGS, 0.11, (0.035, -0.01, 0.02))
     fit, footholds = FIRST.after_pause(stayed, LEGS, now, NOISE)
     expected = np.eye(4)
@@ -38,7 +38,7 @@ def test_a_known_motion_is_found(stayed: tuple[str, ...]) -> None:
 @pytest.mark.heavy
 @pytest.mark.slow
 def test_covariances_agree_with_sampling() -> None:
-    """After two pauses, one with a foot set down again, footprint and footholds are as uncertain as sampling says."""
+    """After two pauses, one of them after a step, the covariances of footprint and footholds agree with sampling."""
     rng = np.random.default_rng(3)
     root = rng.normal(size=(4, 4)) * 1e-3
     noise = np.tile(root @ root.T + np.diag([1e-7] * 4), (4, 1, 1))
@@ -64,7 +64,7 @@ def test_covariances_agree_with_sampling() -> None:
 
 
 def test_footholds_become_more_certain_with_time() -> None:
-    """A foothold seen again and again becomes more certain, and never less."""
+    """Repeated observation makes a foothold more certain, never less."""
     footholds, last = FIRST, np.diag(FIRST.covariance)
     for _ in range(4):
         _, footholds = footholds.after_pause(LEGS, LEGS, READINGS, NOISE)
@@ -73,7 +73,7 @@ def test_footholds_become_more_certain_with_time() -> None:
 
 
 def test_a_foot_that_crept_pulls_less() -> None:
-    """A 10 mm creep of one foot in four moves the result by less than plain least squares would, and widens it."""
+    """One of four feet that creeps by 10 mm moves the result less than in plain least squares, and widens it."""
     now = READINGS.copy()
     now[0, 0] -= 0.010
     fit, _ = FIRST.after_pause(LEGS, LEGS, now, NOISE)
@@ -82,7 +82,7 @@ def test_a_foot_that_crept_pulls_less() -> None:
 
 
 def test_feet_that_slipped_stand_where_they_are_now() -> None:
-    """Footholds that no longer fit do not draw the next pause, where nothing moves."""
+    """Footholds that no longer fit do not affect the next pause, in which nothing moves."""
     now = READINGS.copy()
     now[0, 0] -= 0.030
     now[3, 1] += 0.025
@@ -97,7 +97,7 @@ def test_feet_that_slipped_stand_where_they_are_now() -> None:
 
 
 def test_the_pitch_of_a_standing_sole_shows_the_noise_of_its_position() -> None:
-    """Where noise moves position and pitch of a sole together, a pitch that changed corrects the position."""
+    """If noise moves position and pitch of a sole together, a change of pitch corrects the position."""
     noise = np.tile(np.diag([1e-7, 1e-6, 1e-6, 1e-7]), (4, 1, 1))
     by_joint = np.array([0.23, 0.0, 0.0, 1.0]) * 0.0035
     noise += np.outer(by_joint, by_joint)
@@ -113,7 +113,7 @@ def test_the_pitch_of_a_standing_sole_shows_the_noise_of_its_position() -> None:
 
 
 def test_a_sole_that_rocked_says_nothing_by_its_pitch() -> None:
-    """A pitch that changed by far more than noise does not move the footprint."""
+    """A pitch that changed by far more than the noise does not move the footprint."""
     noise = NOISE + np.outer((0.0008, 0.0, 0.0, 0.0035), (0.0008, 0.0, 0.0, 0.0035))
     now = READINGS.copy()
     now[2, 3] += 0.2
@@ -122,7 +122,7 @@ def test_a_sole_that_rocked_says_nothing_by_its_pitch() -> None:
 
 
 def test_feet_that_no_longer_stand_are_forgotten() -> None:
-    """The footholds are those of the feet that carry the body now, in their order."""
+    """The footholds are those of the present supporting feet, in their order."""
     legs = ("rh", "lf", "lh")
     rows = [LEGS.index(leg) for leg in legs]
     _, footholds = FIRST.after_pause(("lf", "rh"), legs, READINGS[rows], NOISE[rows])
@@ -131,8 +131,10 @@ def test_feet_that_no_longer_stand_are_forgotten() -> None:
 
 
 def test_what_other_feet_say_is_a_displacement_that_nothing_reduces() -> None:
-    """A foot that slides across its line to the one that stays: the motion by the others is one sigma away, and later
-    readings of feet that stand change neither it nor the footholds.
+    """One foot slides perpendicular to the line to the foot that stays.
+
+    The displacement according to the other feet is one sigma, and later readings of standing feet change neither it nor
+    the footholds.
     """
     now = READINGS.copy()
     now[0, :2] += (0.0, 0.05)
@@ -145,7 +147,7 @@ def test_what_other_feet_say_is_a_displacement_that_nothing_reduces() -> None:
     for _ in range(3):
         _, footholds = footholds.after_pause(LEGS, LEGS, seen_from(now, 0.1, (0.2, 0.0, 0.0)), NOISE)
     np.testing.assert_allclose(footholds.by_slides, fit.by_slides, atol=1e-6)
-    # Further along the way the turn displaces sideways.
+    # Farther along the path, the rotation displaces the footprint sideways.
     assert footholds.slides_at(np.array([1.0, 0.0]))[1, 1] == pytest.approx((way[1] + way[3]) ** 2, rel=1e-3)
 
 
@@ -154,7 +156,7 @@ def stayed(now: np.ndarray, before: np.ndarray, turn_limit: float = 0.26) -> lis
 
 
 def test_the_foot_that_swung_is_distinguished_from_those_that_stayed() -> None:
-    """However the body moved, one foot of four set down elsewhere is the one left out."""
+    """Whatever the motion of the body, the one foot of four that swung is excluded."""
     for swung in range(4):
         before = SOLES.copy()
         before[swung, 0] -= 0.14
@@ -163,7 +165,7 @@ def test_the_foot_that_swung_is_distinguished_from_those_that_stayed() -> None:
 
 
 def test_a_swing_that_keeps_a_distance_is_seen_by_its_turn() -> None:
-    """A foot that passes the one beside it keeps their distance, but their line turns too far."""
+    """A foot that passes its neighbour keeps the distance, but the line between them rotates too far."""
     before, now = SOLES[:2].copy(), SOLES[:2].copy()
     before[1, 0], now[1, 0] = 0.23, 0.37
     assert stayed(now, before) == []
@@ -171,7 +173,7 @@ def test_a_swing_that_keeps_a_distance_is_seen_by_its_turn() -> None:
 
 
 def test_a_foot_that_slides_across_a_line_may_have_stayed() -> None:
-    """Both pairs of equal length are given, the likelier first."""
+    """Both equally large pairs are returned, the likelier one first."""
     now = SOLES[:3].copy()
     now[0, 1] += 0.05
     found = stayed(now, SOLES[:3])
@@ -179,6 +181,6 @@ def test_a_foot_that_slides_across_a_line_may_have_stayed() -> None:
 
 
 def test_nothing_in_common_means_none() -> None:
-    """With fewer than two feet none can be shown to have stayed."""
+    """With fewer than two feet, none can be shown to have stayed."""
     assert stayed(SOLES[:1], SOLES[:1]) == []
     assert stayed(SOLES[:0], SOLES[:0]) == []

@@ -8,7 +8,7 @@ FEET = np.array([[0.3, 0.18, 0.0], [0.3, -0.18, 0.0], [-0.3, 0.18, 0.0], [-0.3, 
 
 
 def test_a_plane_is_found_exactly() -> None:
-    """Soles on a plane give its coefficients and normal, and no residual."""
+    """Coplanar soles give the coefficients and the normal of their plane, without a residual."""
     soles = FEET.copy()
     soles[:, 2] = 0.1 * soles[:, 0] - 0.05 * soles[:, 1] - 0.36
     plane = fit_support_plane(soles)
@@ -18,7 +18,7 @@ def test_a_plane_is_found_exactly() -> None:
 
 
 def test_residual_is_the_rms_distance() -> None:
-    """One foot 12 mm off a level rectangle leaves 3 mm at every foot."""
+    """One foot 12 mm off a level rectangle leaves a residual of 3 mm at every foot."""
     soles = FEET.copy()
     soles[0, 2] = 0.012
     plane = fit_support_plane(soles)
@@ -27,7 +27,7 @@ def test_residual_is_the_rms_distance() -> None:
 
 
 def test_gain_is_the_derivative_of_the_plane() -> None:
-    """Raising one sole a little moves the coefficients by the gain's column."""
+    """Raising one sole slightly changes the coefficients by that sole's column of the gain."""
     soles = FEET + np.random.default_rng(1).normal(0.0, 0.01, (4, 3))
     plane = fit_support_plane(soles)
     for foot in range(4):
@@ -38,13 +38,13 @@ def test_gain_is_the_derivative_of_the_plane() -> None:
 
 
 def test_too_few_feet_are_refused() -> None:
-    """Two soles span no plane."""
+    """Two soles do not define a plane."""
     with pytest.raises(StanceError, match="support_feet: 2 given; a support plane needs three feet"):
         fit_support_plane(FEET[:2])
 
 
 def test_feet_on_a_line_are_refused() -> None:
-    """Three soles on one line, seen from above, span no plane, whatever their heights."""
+    """Three soles on one line, seen from above, do not define a plane, whatever their heights."""
     line = np.array([[0.0, 0.0, 0.0], [0.1, 0.2, 0.0], [0.2, 0.4, 0.01]])
     with pytest.raises(StanceError, match="the 3 soles lie on one line"):
         fit_support_plane(line)

@@ -1,4 +1,4 @@
-"""The package stays light until a robot is loaded."""
+"""Importing the package is cheap until a robot is loaded."""
 
 import subprocess
 import sys
@@ -19,7 +19,7 @@ def test_import_leaves_pinocchio_alone() -> None:
 
 @pytest.mark.slow
 def test_nothing_is_imported_from_above() -> None:
-    """Importing every module of the package imports none of the packages beside or above it."""
+    """No module of the package imports a package beside or above it."""
     code = (
         "import sys, pkgutil, importlib, kinematics\n"
         "for module in pkgutil.iter_modules(kinematics.__path__, 'kinematics.'): importlib.import_module(module.name)\n"

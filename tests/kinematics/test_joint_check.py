@@ -1,4 +1,4 @@
-"""Joints that read wrong: told by name as far as the closed chains of standing legs tell, and never on clean walks."""
+"""Wrong joint readings are found as far as closed chains of standing legs show them, without false alarms."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ GO2_TOLD = ["FL_thigh_joint", "FR_thigh_joint", "RL_thigh_joint", "RR_thigh_join
 
 @pytest.fixture(scope="module", params=["guara", *further("go2")])
 def walker(request: pytest.FixtureRequest) -> RobotModel:
-    """A robot with flat soles, and one with round feet."""
+    """Robot with flat soles, and one with round feet."""
     return load(request.param)
 
 
 @pytest.fixture(autouse=True)
 def beyond_limits() -> Iterator[None]:
-    """A joint that reads wrong may read beyond its limits."""
+    """Ignore warnings: a wrong joint reading may be beyond the joint limits."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
@@ -36,7 +36,7 @@ def beyond_limits() -> Iterator[None]:
 
 @pytest.mark.slow
 def test_a_jump_is_told_at_the_next_pause(walker: RobotModel) -> None:
-    """0.1 rad of every joint whose foot stands, either way; the joint is among those named, and few others are."""
+    """A jump by +-0.1 rad of any joint of a standing leg: that joint is named, with few others."""
     pauses = walk(walker, 8, 1, has_imu=True)
     check = JointCheck(walker)
     for pause in pauses[:-1]:
@@ -60,7 +60,7 @@ def test_a_jump_is_told_at_the_next_pause(walker: RobotModel) -> None:
 def test_a_jump_is_judged_by_all_that_is_known(
     guara: RobotModel, joint: str, error: float, step: int, seed: int, has_imu: bool
 ) -> None:
-    """Noise of a joint moves its sole and turns it; the last pause alone is noisier than all that the foot stood."""
+    """Joint noise moves and turns the sole; the last pause alone is noisier than the whole stance of the foot."""
     check, pauses = JointCheck(guara), walk(guara, 9, seed, has_imu=has_imu)
     for pause in pauses[:step]:
         check.update(pause.stance)
@@ -68,7 +68,7 @@ def test_a_jump_is_judged_by_all_that_is_known(
 
 
 def test_a_jump_leaves_what_the_other_legs_showed(guara: RobotModel) -> None:
-    """The window goes on, so that wrong zeros of other joints are told as before."""
+    """A jump does not reset the window: wrong zeros of other joints are still reported."""
     check, pauses = JointCheck(guara), walk(guara, 5, 3, has_imu=True)
     for pause in pauses:
         check.update(pause.stance)
@@ -79,7 +79,7 @@ def test_a_jump_leaves_what_the_other_legs_showed(guara: RobotModel) -> None:
 
 
 def test_one_pause_of_point_feet_leaves_no_degree_of_freedom(walker: RobotModel) -> None:
-    """Counted as one, it would let a jump go untold at the next pause. A flat sole has one, its pitch; an IMU two."""
+    """A pause of point feet has no degree of freedom; each flat sole adds one, an IMU two."""
     for has_imu in (False, True):
         check = JointCheck(walker)
         check.update(walk(walker, 1, 1, has_imu=has_imu)[0].stance)
@@ -88,7 +88,7 @@ def test_one_pause_of_point_feet_leaves_no_degree_of_freedom(walker: RobotModel)
 
 @pytest.mark.slow
 def test_a_wrong_zero_is_told_within_a_cycle(walker: RobotModel) -> None:
-    """0.1 rad from the start, of a joint that the analysis of observability names; `sigmas` says so."""
+    """A zero error of 0.1 rad of an observable joint is reported within a cycle, and `sigmas` shows that it is."""
     pauses = walk(walker, 5, 3, has_imu=True)
     joints = GUARA_TOLD if walker.name == "guara" else GO2_TOLD
     for joint in joints if IS_THOROUGH else joints[:2]:
@@ -102,7 +102,7 @@ def test_a_wrong_zero_is_told_within_a_cycle(walker: RobotModel) -> None:
 
 @pytest.mark.slow
 def test_known_ground_shows_legs_that_do_not_fit_it(walker: RobotModel) -> None:
-    """Without an IMU, a wrong knee warps the four soles; only differences of the heights count."""
+    """Without an IMU, a wrong knee warps the four soles; only differences of ground heights count."""
     joint = "rf_kfe_joint" if walker.name == "guara" else "FL_calf_joint"
     pauses = walk(walker, 5, 100, has_imu=False)
     ground = ground_of(pauses[0])
@@ -121,7 +121,7 @@ def test_known_ground_shows_legs_that_do_not_fit_it(walker: RobotModel) -> None:
 
 @pytest.mark.slow
 def test_a_zero_that_explains_it_as_well_is_named_too(guara: RobotModel) -> None:
-    """An ankle, less observable than the knee of its leg, which its wrong zero looks like."""
+    """If an ankle is wrong and the better observable knee explains the readings as well, both are named."""
     check = JointCheck(guara)
     for pause in walk(guara, 5, 104, has_imu=True):
         faults = check.update(misread(pause.stance, "rh_afe_joint", -ERROR)).faults
@@ -132,12 +132,12 @@ def test_a_zero_that_explains_it_as_well_is_named_too(guara: RobotModel) -> None
 @pytest.mark.slow
 @pytest.mark.parametrize("has_imu", [True, *further(False)])
 def test_clean_walks_raise_no_alarm(walker: RobotModel, has_imu: bool) -> None:
-    """Noise of the joints fresh in every pause, soles set down beside their place, standing feet that creep."""
+    """No alarm with fresh joint noise at every pause, soles set down off their target, and creeping feet."""
     assert alarms(walker, walk(walker, 500 if IS_THOROUGH else 60, 7, has_imu=has_imu)) == 0
 
 
 def test_a_joint_beyond_its_limits_is_told(guara: RobotModel) -> None:
-    """At the first pause too, where nothing can be compared."""
+    """A joint beyond its limits is reported at the first pause too, without anything to compare with."""
     stance = Stance(guara.posture("scan"), guara.legs)
     report = JointCheck(guara).update(misread(stance, "lf_kfe_joint", -2.3))
     assert math.isnan(report.residual)
@@ -146,7 +146,7 @@ def test_a_joint_beyond_its_limits_is_told(guara: RobotModel) -> None:
 
 
 def test_a_robot_that_stands_is_compared_with_itself(guara: RobotModel) -> None:
-    """The same stance: no residual. Four feet, one joint: its foot is the one that left. Then a cycle of memory."""
+    """An unchanged stance has no residual; a jump is reported at five pauses in a row, and `reset` forgets it."""
     stance = Stance(guara.posture("scan"), guara.legs, (0.0, 0.0, -1.0))
     check = JointCheck(guara)
     check.update(stance)
@@ -160,7 +160,7 @@ def test_a_robot_that_stands_is_compared_with_itself(guara: RobotModel) -> None:
 
 
 def test_a_foot_that_was_lifted_is_no_joint(guara: RobotModel) -> None:
-    """Steps of 60 to 140 mm forward and aside on level ground, one foot at a time."""
+    """Steps of 60 to 140 mm forward and sideways on level ground, one foot at a time, raise no alarm."""
     stance = Stance(guara.posture("scan"), guara.legs, (0.0, 0.0, -1.0))
     soles = guara.state(stance.joint_positions).soles_in_base(["lf"])[0]
     names = guara.tree.leg("lf").joints
@@ -175,7 +175,7 @@ def test_a_foot_that_was_lifted_is_no_joint(guara: RobotModel) -> None:
 
 @pytest.mark.parametrize("feet", [("lf", "rf"), ("lf", "rf", "lh")])
 def test_few_feet_tell_nothing_of_others(guara: RobotModel, feet: tuple[str, ...]) -> None:
-    """Two feet have one distance; of three, the fourth leg's joints are not compared."""
+    """With two feet nothing is compared; with three, the joints of the fourth leg are not."""
     stance = Stance(guara.posture("scan"), feet, (0.0, 0.0, -1.0))
     check = JointCheck(guara)
     check.update(stance)
@@ -184,7 +184,7 @@ def test_few_feet_tell_nothing_of_others(guara: RobotModel, feet: tuple[str, ...
 
 
 def test_prismatic_joints_are_judged_in_metres(tmp_path: Path) -> None:
-    """A knee that slides: a jump of 15 mm is told, one of 4 mm is noise; sigmas are metres; 30 mm beyond its limits."""
+    """Prismatic knee: a jump of 15 mm is reported, one of 4 mm is noise; sigmas and excess are in metres."""
     robot = load_robot(telescopic_guara(tmp_path))
     knee, still = "lf_kfe_joint", robot.posture("scan")
 
@@ -199,5 +199,5 @@ def test_prismatic_joints_are_judged_in_metres(tmp_path: Path) -> None:
     assert told.startswith(f"joint {knee} jumped by +0.015 m (sigma 0.002) between two pauses")
     assert jumped(0.09) == [f"joint {knee} is 0.030 m beyond its limits: check its encoder"]
     pose = robot.stance_pose(Stance(still, robot.legs))
-    # Of four feet on legs that slide by 0.7 mm, in contact to 1 mm.
+    # Four feet on prismatic legs with noise of 0.7 mm and contact noise of 1 mm.
     assert 0.0003 < math.sqrt(pose.covariance[2, 2]) < 0.001

@@ -15,7 +15,7 @@ GUARA = load_robot("guara")
 
 
 def pose_of(robot: RobotModel, leg: str, positions: np.ndarray) -> tuple[np.ndarray, float]:
-    """Sole centre and sole pitch (in the leg's plane) by Pinocchio."""
+    """Sole centre and sole pitch (in the leg's plane) from Pinocchio."""
     joints = robot.posture("scan")
     joints.update(zip(robot.tree.leg(leg).joints, positions.tolist(), strict=True))
     state = robot.state(joints)
@@ -25,12 +25,12 @@ def pose_of(robot: RobotModel, leg: str, positions: np.ndarray) -> tuple[np.ndar
 @settings(max_examples=examples(80), derandomize=True, deadline=None)
 @given(seed=st.integers(0, 100_000), leg=st.sampled_from(GUARA.legs))
 def test_closed_form_agrees_with_pinocchio(seed: int, leg: str) -> None:
-    """Forward kinematics agrees to 1e-12 m, and inverse kinematics leads back to the same sole and pitch."""
+    """Forward kinematics agrees to 1e-12 m, and inverse kinematics returns the same sole and pitch."""
     geometry = find_leg_geometry(GUARA.tree, leg)
     assert geometry is not None
     positions = np.random.default_rng(seed).uniform(geometry.lower, geometry.upper)
     sole, pitch = pose_of(GUARA, leg, positions)
-    assume(sole[2] < -0.02)  # for a sole above the hip another roll is the answer
+    assume(sole[2] < -0.02)  # For a sole above the hip, another roll is the solution.
     np.testing.assert_allclose(geometry.soles_in_base(positions), sole, atol=1e-12)
     found = geometry.solve(sole[None], np.array([pitch]))[0]
     assert not np.isnan(found).any()
@@ -41,7 +41,7 @@ def test_closed_form_agrees_with_pinocchio(seed: int, leg: str) -> None:
 
 
 def test_soles_out_of_reach_have_no_solution() -> None:
-    """Too far and too near is NaN for all joints, and so is an unknown position."""
+    """Soles that are too far, too near or unknown give NaN for all joints."""
     geometry = find_leg_geometry(GUARA.tree, "lf")
     assert geometry is not None
     soles = geometry.hip + [[0.0, 0.0, -0.41], [0.4, 0.0, -0.3], [np.nan, 0.0, -0.3]]
@@ -51,7 +51,7 @@ def test_soles_out_of_reach_have_no_solution() -> None:
 def test_legs_are_recognised_by_geometry_not_by_name(
     broken_folder: Callable[..., Path], guara: RobotModel, tmp_path: Path
 ) -> None:
-    """With other names, reversed axes and bent bones the closed form is found and still agrees with Pinocchio."""
+    """With other names, reversed axes and bent links, the closed form still applies and agrees with Pinocchio."""
     folder = broken_folder("urdf/guara.urdf", "<robot", "<robot")
     for path in [folder / "robot.toml", *folder.glob("*/guara.*")]:
         text = path.read_text(encoding="utf-8")
@@ -61,7 +61,7 @@ def test_legs_are_recognised_by_geometry_not_by_name(
     urdf = folder / "urdf" / "guara.urdf"
     text = urdf.read_text(encoding="utf-8")
     for leg in guara.legs:
-        # The knee sits 20 mm before the thigh's line, and its axis points to the right.
+        # The knee is 20 mm in front of the line of the thigh, and its axis points to the right.
         start = text.index(f'<joint name="{leg}_c_joint"')
         end = text.index("</joint>", start)
         block = text[start:end].replace('xyz="0 0 -0.150"', 'xyz="0.02 0 -0.150"')
@@ -71,7 +71,7 @@ def test_legs_are_recognised_by_geometry_not_by_name(
         text = text[:start] + block + text[end:]
     urdf.write_text(text, encoding="utf-8")
     srdf = folder / "srdf" / "guara.srdf"
-    # The old postures no longer hold: both become the straight leg, with its heights.
+    # The old postures no longer apply: both become the straight leg, with its heights.
     import re
 
     states = re.sub(r'(_[abcd]_joint" value=)"[^"]*"', r'\1"0"', srdf.read_text(encoding="utf-8"))
@@ -98,7 +98,7 @@ def test_legs_are_recognised_by_geometry_not_by_name(
 
 
 def test_numeric_solver_agrees_with_the_closed_form(guara: RobotModel) -> None:
-    """On a grid of soles and pitches the numeric solver finds the same joints, and finds none where none are."""
+    """On a grid of soles and pitches, the numeric solver finds the same joints, or none where there are none."""
     geometry = find_leg_geometry(guara.tree, "rh")
     assert geometry is not None
     x, y = np.meshgrid(np.linspace(-0.25, 0.25, 9), np.linspace(-0.2, 0.2, 7))
@@ -113,7 +113,7 @@ def test_numeric_solver_agrees_with_the_closed_form(guara: RobotModel) -> None:
 
 
 def test_legs_of_three_joints_have_a_closed_form(tapir: RobotModel) -> None:
-    """With a hip offset; as Pinocchio and the numeric solver have it, out of reach too."""
+    """With a hip offset, the closed form agrees with Pinocchio and the numeric solver, also out of reach."""
     rng = np.random.default_rng(6)
     for leg in tapir.legs:
         geometry = find_leg_geometry(tapir.tree, leg)
@@ -142,7 +142,7 @@ def test_legs_of_three_joints_have_a_closed_form(tapir: RobotModel) -> None:
 
 
 def test_numeric_solver_places_a_point_foot(tapir: RobotModel) -> None:
-    """Legs of three joints reach their targets to 1e-8 m by Pinocchio's own forward kinematics, within limits."""
+    """Legs of three joints reach their targets to 1e-8 m by Pinocchio's forward kinematics, within limits."""
     rng = np.random.default_rng(6)
     for leg in tapir.legs:
         names = tapir.tree.leg(leg).joints

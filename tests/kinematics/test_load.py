@@ -1,4 +1,4 @@
-"""A robot folder as a whole: all errors at once, what is doubtful as warnings, and every folder that is added."""
+"""Loading of robot folders: all errors at once, doubtful content as warnings, and added folders."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def edit(path: Path, *changes: tuple[str, str]) -> None:
 
 
 def test_what_is_wrong_in_all_three_files_comes_at_once(broken_folder: Callable[..., Path]) -> None:
-    """Eight faults in robot.toml, URDF and SRDF: eight findings, each with its file and the line that holds it."""
+    """Eight faults in robot.toml, URDF and SRDF give eight findings, each with its file and line."""
     folder = broken_folder("robot.toml", "encoder_sigma = 0.0035", "encoder_sigma = -1.0")
     edit(
         folder / "robot.toml",
@@ -82,7 +82,7 @@ def test_what_is_wrong_in_all_three_files_comes_at_once(broken_folder: Callable[
 
 
 def test_geometry_is_reported_beside_wrong_settings(broken_folder: Callable[..., Path]) -> None:
-    """A sole frame 20 mm too high does not hide behind a wrong setting, nor the other way round."""
+    """A sole frame 20 mm too high and a wrong setting are both reported."""
     folder = broken_folder("robot.toml", "margin = 0.010", "margin = -1.0")
     edit(folder / "urdf" / "guara.urdf", ('<origin xyz="0 0 -0.100"', '<origin xyz="0 0 -0.080"'))
     with pytest.raises(RobotFileError) as caught:
@@ -92,7 +92,7 @@ def test_geometry_is_reported_beside_wrong_settings(broken_folder: Callable[...,
 
 
 def test_a_broken_urdf_does_not_hide_robot_toml(broken_folder: Callable[..., Path]) -> None:
-    """Findings of both."""
+    """Findings in both files are reported."""
     folder = broken_folder("robot.toml", "hold_time = 0.2", "hold_time = 0")
     edit(folder / "urdf" / "guara.urdf", ("<axis xyz", "<axes xyz"))
     with pytest.raises(RobotFileError) as caught:
@@ -112,7 +112,7 @@ def test_a_broken_urdf_does_not_hide_robot_toml(broken_folder: Callable[..., Pat
 def test_a_scan_pattern_off_the_area_gives_a_warning(
     old: str, new: str, found: str, broken_folder: Callable[..., Path], guara: RobotModel
 ) -> None:
-    """It loads, since a calibration brings angles of its own; the warning gives the two angles that mend it."""
+    """The robot loads, since a calibration has its own angles; the warning suggests two angles."""
     folder = broken_folder("robot.toml", old, new)
     with pytest.warns(RobotFileWarning, match=found) as caught:
         robot = load_robot(folder)
@@ -131,13 +131,13 @@ def test_a_scan_pattern_off_the_area_gives_a_warning(
 
 
 def test_a_robot_loads_without_its_scan_pattern(broken_folder: Callable[..., Path]) -> None:
-    """Only perception reads [scan] and [grid]: a robot whose folder lacks [scan] loads."""
+    """A robot without [scan] loads, because only perception reads [scan] and [grid]."""
     robot = load_robot(broken_folder("robot.toml", "[scan]", "[scam]"))
     assert robot.doubts == ()
 
 
 def test_joints_in_degrees_are_refused(robot: RobotModel) -> None:
-    """A hip at 20 rad is no measurement: refused, with the joint, its limits and what it would be in radians."""
+    """A hip at 20 rad is rejected, with the joint, its limits and its value if given in degrees."""
     posture = robot.posture("scan")
     in_degrees = {joint: math.degrees(value) for joint, value in posture.items()}
     first = next(joint for joint in robot.joint_names if abs(in_degrees[joint]) > 10.0)
@@ -146,7 +146,7 @@ def test_joints_in_degrees_are_refused(robot: RobotModel) -> None:
 
 
 def test_joints_beyond_their_limits_are_reported_in_one_warning(robot: RobotModel) -> None:
-    """Every joint of the robot is beyond its limit; one warning names three and counts the others."""
+    """If every joint is beyond its limits, one warning names three joints and counts the others."""
     with pytest.warns(JointLimitWarning) as caught:
         state = robot.state(robot.tree.upper_limits + 0.1)
     assert len(caught) == 1 and len(state.beyond_limits) == len(robot.joint_names)
@@ -156,7 +156,7 @@ def test_joints_beyond_their_limits_are_reported_in_one_warning(robot: RobotMode
 
 @pytest.mark.slow
 def test_a_folder_that_is_added_to_robots_is_tested(tmp_path: Path) -> None:
-    """In a copy of the checkout with one robot more, the table-driven tests run over it, and fail where it is wrong."""
+    """In a copy of the checkout with one more robot, the table-driven tests cover it, and fail where it is wrong."""
     for folder in ("kinematics", "robots", "tests/kinematics", "tests/robots"):
         shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "tests" / "robots" / "tapir", tmp_path / "robots" / "mine")
@@ -201,12 +201,12 @@ def test_the_same_robot_comes_out(robot: RobotModel, monkeypatch: pytest.MonkeyP
 
 
 def test_it_is_small(robot: RobotModel) -> None:
-    """A grid has a megabyte: the robot in it is a hundredth of that."""
+    """The description has less than 12 kB, about a hundredth of a grid."""
     assert len(describe_robot(robot)) < 12_000
 
 
 def packed(files: object) -> str:
-    """A description with any content."""
+    """Description with arbitrary content."""
     return base64.b64encode(zlib.compress(json.dumps(files).encode())).decode()
 
 
@@ -228,20 +228,20 @@ def packed(files: object) -> str:
     ],
 )
 def test_a_damaged_or_hostile_description_is_refused(text: str, message: str) -> None:
-    """Nothing is unpacked without end, no file beside its own is written or read."""
+    """Decompression is bounded, and no other file is written or read."""
     with pytest.raises(RobotFileError) as caught:
         robot_from_description(text)
     assert message in str(caught.value)
 
 
 def test_a_text_that_is_no_unicode_is_refused() -> None:
-    """A received description may hold a lone surrogate, as JSON allows."""
+    """A received description may contain a lone surrogate, as JSON allows."""
     with pytest.raises(RobotFileError, match="is not valid XML"):
         parse_xml('<robot name="\ud800"/>', Path("guara.urdf"))
 
 
 def test_entities_are_not_expanded(broken_folder: Callable[..., Path], guara: RobotModel) -> None:
-    """Nested entities ("billion laughs") are refused at the first definition."""
+    """Nested entities ("billion laughs") are rejected at the first definition."""
     files = json.loads(zlib.decompress(base64.b64decode(describe_robot(guara))))
     files["srdf"] = '<!DOCTYPE r [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]><robot>&b;</robot>'
     with pytest.raises(RobotFileError, match="entity 'a' is defined; entities are not read"):
@@ -249,7 +249,7 @@ def test_entities_are_not_expanded(broken_folder: Callable[..., Path], guara: Ro
 
 
 def test_the_description_outlives_its_folder(broken_folder: Callable[..., Path]) -> None:
-    """It is made of what was read, not of what lies in the folder now."""
+    """The description is made from the content that was read, not from the present files of the folder."""
     folder = broken_folder("robot.toml", "name", "name")
     robot = load_robot(folder)
     (folder / "robot.toml").unlink()

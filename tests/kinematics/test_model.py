@@ -1,4 +1,4 @@
-"""What holds for every robot folder, and what holds for the Guará alone."""
+"""Properties of every robot folder, and properties of the Guará."""
 
 import math
 from pathlib import Path
@@ -21,14 +21,14 @@ from kinematics.load import ROBOTS_FOLDER
 
 
 def test_names_follow_robot_toml(robot: RobotModel) -> None:
-    """Joint names run leg by leg from hip to sole in robot.toml's order, whatever Pinocchio's order is."""
+    """Joint names are ordered leg by leg from hip to sole as in robot.toml, whatever Pinocchio's order."""
     expected = [joint for leg in robot.config.legs for joint in leg.joints]
     assert list(robot.joint_names) == expected
     assert robot.legs == tuple(leg.name for leg in robot.config.legs)
 
 
 def test_every_shipped_robot_is_found_by_name() -> None:
-    """Every folder of `robots` loads by its name, and by its path, as the same robot."""
+    """Every folder of `robots` loads by name and by path, as the same robot."""
     names = [path.parent.name for path in ROBOTS_FOLDER.glob("*/robot.toml")]
     assert "guara" in names
     for name in names:
@@ -36,7 +36,7 @@ def test_every_shipped_robot_is_found_by_name() -> None:
 
 
 def test_unknown_robot_lists_the_names() -> None:
-    """A robot that is not there is refused with the names that are."""
+    """An unknown robot is rejected with the list of available names."""
     with pytest.raises(RobotNotFound, match="no robot 'lobo'.*names guara") as caught:
         load_robot("lobo")
     assert isinstance(caught.value, FileNotFoundError)
@@ -47,7 +47,7 @@ def test_unknown_robot_lists_the_names() -> None:
 
 
 def test_soles_stand_on_one_plane_in_every_posture(robot: RobotModel) -> None:
-    """In each posture all soles are at one height, and hips and camera over them as robot.toml says."""
+    """In each posture, all soles are at one height, with hips and camera above them as robot.toml states."""
     for posture in robot.config.postures:
         state = robot.state(robot.posture(posture.name))
         soles = state.soles_in_base()
@@ -59,7 +59,7 @@ def test_soles_stand_on_one_plane_in_every_posture(robot: RobotModel) -> None:
 
 
 def test_scan_posture_sees_the_area(robot: RobotModel) -> None:
-    """From the scan posture every corner of the scanned area is before the camera and within a 75 degree picture."""
+    """In the scan posture, every corner of the scanned area is in front of the camera and within 75 degrees."""
     pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs))
     area = robot.config.root.table("grid").table("footprint").values
     for x in area["x"]:  # type: ignore[index]
@@ -70,13 +70,13 @@ def test_scan_posture_sees_the_area(robot: RobotModel) -> None:
 
 
 def test_scan_pattern_covers_the_area(robot: RobotModel) -> None:
-    """The first and the last nominal laser plane fall on the floor just outside the scanned area."""
+    """The first and last nominal laser planes meet the floor just outside the scanned area."""
     state = robot.state(robot.posture(robot.config.scan_posture))
     mirror = state.position_in_base(robot.config.laser_frame)
     height = mirror[2] - state.soles_in_base()[:, 2].mean()
     near, far = robot.config.root.table("grid").table("footprint").pair("x")
     scan = robot.config.root.table("scan").values
-    # The laser plane turns by twice the mirror; zero falls along -z, positive goes forward.
+    # The laser plane turns by twice the mirror angle; at zero it points along -z, at positive angles forward.
     first = mirror[0] + height * math.tan(2.0 * scan["mirror_angle_first"])  # type: ignore[operator]
     last = mirror[0] + height * math.tan(2.0 * scan["mirror_angle_last"])  # type: ignore[operator]
     assert near - 0.02 < first < near
@@ -84,7 +84,7 @@ def test_scan_pattern_covers_the_area(robot: RobotModel) -> None:
 
 
 def test_guara_camera_is_eq_5(guara: RobotModel) -> None:
-    """The nominal mount is the paper's eq. 5 at 31 degrees, with eq. 6's origin behind it at camera height."""
+    """The nominal mount is eq. 5 of the paper at 31 degrees, with the origin of eq. 6 behind it at camera height."""
     alpha = math.radians(31.0)
     eq_5 = np.array(
         [
@@ -101,7 +101,7 @@ def test_guara_camera_is_eq_5(guara: RobotModel) -> None:
 
 
 def test_guara_postures_are_the_published_ones(guara: RobotModel) -> None:
-    """Standing is HFE -22.5, KFE 45, AFE -22.5 degrees; scanning has the camera at 0.500 m."""
+    """Standing is HFE -22.5, KFE 45, AFE -22.5 degrees; in the scan posture the camera is at 0.500 m."""
     standing = guara.posture("standing")
     for leg in guara.legs:
         angles = [math.degrees(standing[joint]) for joint in guara.tree.leg(leg).joints]
@@ -113,7 +113,7 @@ def test_guara_postures_are_the_published_ones(guara: RobotModel) -> None:
 
 
 def test_unknown_names_are_refused_with_those_there_are(robot: RobotModel) -> None:
-    """Typos in frames, legs, postures and joints are refused, each with the list of valid names."""
+    """Misspelt frames, legs, postures and joints are rejected, each with the list of valid names."""
     state = robot.state(robot.posture(robot.config.scan_posture))
     with pytest.raises(UnknownName, match="unknown frame 'cammera'.*" + robot.config.camera_frame):
         state.transform_to_base("cammera")
@@ -129,7 +129,7 @@ def test_unknown_names_are_refused_with_those_there_are(robot: RobotModel) -> No
 
 
 def test_bad_joint_positions_are_refused(robot: RobotModel) -> None:
-    """Missing joints, NaN, wrong length and things that are no numbers are refused by name."""
+    """Missing joints, NaN, wrong length and non-numbers are rejected by name."""
     good = robot.posture("scan")
     first = robot.joint_names[0]
     with pytest.raises(JointPositionError, match=f"no position for {first}; all {len(good)} joints"):
@@ -145,7 +145,7 @@ def test_bad_joint_positions_are_refused(robot: RobotModel) -> None:
 
 
 def test_joints_beyond_their_limits_are_warned_of(robot: RobotModel) -> None:
-    """A joint beyond its limit is kept, reported with the amount, and warned of by name."""
+    """A joint beyond its limits is accepted, reported with its excess, and named in a warning."""
     joint = robot.joint_names[0]
     limit = robot.tree.upper_limits[0]
     with pytest.warns(JointLimitWarning, match=f"joint {joint} is at .* rad, 0.1000 rad beyond its limits"):
@@ -164,7 +164,7 @@ def test_an_array_in_joint_order_is_the_same_as_a_mapping(robot: RobotModel) -> 
 
 
 def test_a_scan_needs_feet(robot: RobotModel) -> None:
-    """Two feet or fewer without gravity are refused, and say what would help."""
+    """Two feet or fewer without gravity are rejected with advice."""
     for count in (0, 1, 2):
         with pytest.raises(
             StanceError, match=rf"support_feet: {count} given .* needs 3 or more; otherwise use attitude 'imu'"
@@ -173,7 +173,7 @@ def test_a_scan_needs_feet(robot: RobotModel) -> None:
 
 
 def test_second_robot_sees_the_floor_as_the_first(guara: RobotModel, tapir: RobotModel) -> None:
-    """Camera and mirror of both robots stand alike over the floor: a scan of one can be processed with the other."""
+    """Camera and mirror of both robots are at the same place above the floor, so scans can be exchanged."""
     poses = [robot.stance_pose(Stance(robot.posture("scan"), robot.legs)) for robot in (guara, tapir)]
     camera, other_camera = (pose.transform_camera_to_footprint for pose in poses)
     np.testing.assert_allclose(camera, other_camera, atol=1e-9)

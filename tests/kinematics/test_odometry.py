@@ -12,7 +12,7 @@ Crawl = Callable[..., Iterator[tuple]]
 
 
 def noisy(robot: RobotModel, joints: dict[str, float], rng: np.random.Generator, contact: float) -> dict[str, float]:
-    """Joint positions with 0.2 degrees of noise each, and soles displaced by contact noise per axis [m]."""
+    """Joint positions with noise of 0.2 degrees each, and soles displaced by contact noise per axis [m]."""
     joints = {name: value + rng.normal(0.0, np.radians(0.2)) for name, value in joints.items()}
     state = robot.state(joints)
     for leg in robot.legs:
@@ -24,7 +24,7 @@ def noisy(robot: RobotModel, joints: dict[str, float], rng: np.random.Generator,
 
 
 def footprint(body: np.ndarray) -> np.ndarray:
-    """The footprint of a level body over the floor."""
+    """Footprint of a level body above the floor."""
     below = body.copy()
     below[2, 3] = 0.0
     return below
@@ -39,7 +39,7 @@ def heading(transform: np.ndarray) -> float:
 def test_a_walk_without_noise_is_followed_exactly(
     guara: RobotModel, crawl: Crawl, gravity: tuple | None, turn: float
 ) -> None:
-    """Straight or in a curve, with gravity or without, exact joints give exact odometry, and the feet that stayed."""
+    """Straight or curved, with or without gravity: exact joints give exact odometry and stayed feet."""
     odometry, first = LegOdometry(guara), None
     for body, joints, leg in crawl(3, turn=turn):
         result = odometry.update(Stance(joints, guara.legs, gravity))
@@ -56,10 +56,10 @@ def test_a_walk_without_noise_is_followed_exactly(
 @pytest.mark.slow
 @pytest.mark.parametrize("gravity", [None, *further((0.0, 0.0, -9.81))])
 def test_error_of_a_long_crawl(guara: RobotModel, crawl: Crawl, gravity: tuple | None) -> None:
-    """Over 48 pauses (1.68 m) with 0.2 degrees and 1 mm of noise the median error of walks is within 1 %.
+    """Over 48 pauses (1.68 m) with 0.2 degrees and 1 mm of noise, the median error of walks is within 1 %.
 
-    Without an IMU it is within 2 %: planes of the feet that do not agree with the carried vertical do not correct it,
-    since on a long slope they would all be wrong alike.
+    Without an IMU it is within 2 %: support planes that disagree with the carried vertical do not correct it, because
+    on a long slope they would all be wrong in the same direction.
     """
     walk, errors = list(crawl(12)), []
     for seed in range(8 if IS_THOROUGH else 3):
@@ -76,7 +76,7 @@ ROCKING = np.radians([1.3, -0.3, -0.6, -0.85])
 
 
 def test_soles_that_rock_do_not_draw_the_walk(guara: RobotModel, crawl: Crawl) -> None:
-    """All soles rock alike where they stand: taken for noise of the joints, that was 6 % of the way."""
+    """All soles rock alike in place; treated as joint noise, this biased odometry by 6 % of the distance."""
     odometry, stood, walk = LegOdometry(guara), dict.fromkeys(guara.legs, 3), list(crawl(6))
     for _, joints, leg in walk:
         stood = {each: 0 if each == leg else min(pauses + 1, 3) for each, pauses in stood.items()}
@@ -96,7 +96,7 @@ SAMPLES = 100
 
 @pytest.fixture(scope="module")
 def sampled(guara: RobotModel, crawl: Crawl) -> tuple[list[tuple], list[list[OdometryPose]]]:
-    """A walk of 8 pauses, and the odometry of each of its pauses in `SAMPLES` walks with noise."""
+    """Walk of 8 pauses, and the odometry of each of its pauses in `SAMPLES` noisy walks."""
     walk, found = list(crawl(2)), []
     for seed in range(SAMPLES):
         rng, odometry = np.random.default_rng(3000 + seed), LegOdometry(guara)
@@ -110,7 +110,7 @@ def sampled(guara: RobotModel, crawl: Crawl) -> tuple[list[tuple], list[list[Odo
 @pytest.mark.heavy
 @pytest.mark.slow
 def test_covariance_agrees_with_sampling(sampled: tuple[list[tuple], list[list[OdometryPose]]]) -> None:
-    """Sigmas of x, y, z and heading after 8 pauses agree with the sampled walks (within the accuracy of 100)."""
+    """Sigmas of x, y, z and heading after 8 pauses agree with the sampled walks (to the accuracy of 100 samples)."""
     walk, found = sampled
     expected = inverse(footprint(walk[0][0])) @ footprint(walk[-1][0])
     offs = [inverse(expected) @ results[-1].transform_footprint_to_odom for results in found]
@@ -124,7 +124,7 @@ def test_covariance_agrees_with_sampling(sampled: tuple[list[tuple], list[list[O
 @pytest.mark.heavy
 @pytest.mark.slow
 def test_covariance_since_last_agrees_with_sampling(sampled: tuple[list[tuple], list[list[OdometryPose]]]) -> None:
-    """Sigmas of x, y and heading of single motions agree with the sampled walks, late in the walk as at its start."""
+    """Sigmas of x, y and heading of single motions agree with the samples, late in the walk as at its start."""
     walk, found = sampled
     for pause in (1, 5, len(walk) - 1):
         expected = inverse(footprint(walk[pause - 1][0])) @ footprint(walk[pause][0])
@@ -142,7 +142,7 @@ def test_covariance_since_last_agrees_with_sampling(sampled: tuple[list[tuple], 
 @pytest.mark.heavy
 @pytest.mark.slow
 def test_noise_of_a_pause_comes_and_goes_as_sampled(sampled: tuple[list[tuple], list[list[OdometryPose]]]) -> None:
-    """An error of one pause alone ends with it: it enters the motions before and after with opposite signs."""
+    """The error of one pause alone enters the motions before and after it with opposite signs."""
     walk, found = sampled
     pauses = range(2, len(walk) - 1)
     against, own = [], []
@@ -159,13 +159,13 @@ def test_noise_of_a_pause_comes_and_goes_as_sampled(sampled: tuple[list[tuple], 
         for results in found[:3]:
             drift = results[pause].covariance_since_last - results[pause].own_covariance
             assert np.linalg.eigvalsh(drift[np.ix_([0, 1, 5], [0, 1, 5])])[0] > -1e-8
-    # Across and in heading they cancel; along the way less, for there the drift of one motion goes on in the next.
+    # Across the path and in heading they cancel; along the path less, because drift continues into the next motion.
     ratio = np.mean(own, axis=0) / np.mean(against, axis=0)
     assert (ratio > 0.7).all() and (ratio[1:] < 1.4).all() and ratio[0] < 2.5
 
 
 def test_a_motion_is_known_better_than_the_walk(guara: RobotModel, crawl: Crawl) -> None:
-    """From pause to pause the motion stays as sure as it was, while the walk's covariance grows without end."""
+    """The covariance of a motion stays constant from pause to pause, while that of the walk grows without bound."""
     odometry, sigmas = LegOdometry(guara), []
     for _, joints, _ in crawl(10):
         result = odometry.update(Stance(joints, guara.legs, (0.0, 0.0, -1.0)))
@@ -176,7 +176,7 @@ def test_a_motion_is_known_better_than_the_walk(guara: RobotModel, crawl: Crawl)
 
 
 def test_covariance_grows(guara: RobotModel, crawl: Crawl) -> None:
-    """From pause to pause no variance shrinks, and the first pause is exact by definition."""
+    """No variance shrinks from pause to pause, and the first pause is exact by definition."""
     odometry, last = LegOdometry(guara), None
     for _, joints, _ in crawl(4):
         result = odometry.update(Stance(joints, guara.legs, (0.0, 0.0, -1.0)))
@@ -189,7 +189,7 @@ def test_covariance_grows(guara: RobotModel, crawl: Crawl) -> None:
 
 
 def test_a_slipped_foot_is_found_and_left_out(guara: RobotModel, crawl: Crawl, put_feet: Callable) -> None:
-    """A foot that slides by 25 mm while it carries the body is named, and does not spoil the motion."""
+    """A foot that slides by 25 mm while it carries the body is named, and does not affect the motion."""
     walk = list(crawl(2))
     odometry = LegOdometry(guara)
     for _, joints, _ in walk[:5]:
@@ -208,7 +208,7 @@ def test_a_slipped_foot_is_found_and_left_out(guara: RobotModel, crawl: Crawl, p
 
 
 def test_too_few_feet_that_stayed_are_refused(guara: RobotModel, crawl: Crawl) -> None:
-    """When no two feet stayed the walk is lost: refused, nothing changed, and a reset starts again."""
+    """If no two feet stayed, the walk is lost: an error, no change, and `reset` starts a new walk."""
     walk = list(crawl(2))
     odometry = LegOdometry(guara)
     before = odometry.update(Stance(walk[0][1], guara.legs, (0.0, 0.0, -1.0)))
@@ -223,7 +223,7 @@ def test_too_few_feet_that_stayed_are_refused(guara: RobotModel, crawl: Crawl) -
 
 
 def test_attitude_is_carried_over_uneven_ground(guara: RobotModel, put_feet: Callable) -> None:
-    """From one pause with gravity the vertical is carried onto blocks; the support plane alone is degrees off."""
+    """From one pause with gravity, the vertical is carried onto blocks; the support plane alone is degrees off."""
     state = guara.state(guara.posture("scan"))
     soles = dict(zip(guara.legs, state.soles_in_base() + (0.0, 0.0, 0.360), strict=True))
     body = np.eye(4)
@@ -242,7 +242,7 @@ def test_attitude_is_carried_over_uneven_ground(guara: RobotModel, put_feet: Cal
 
 
 def test_gravity_for_a_scan_is_that_of_the_pause_to_come(guara: RobotModel, put_feet: Callable) -> None:
-    """Asked for before the update, as often as one likes, it is what the update uses; none without a walk or need."""
+    """Requested before the update, any number of times, it equals the one that the update uses; None if not needed."""
     state = guara.state(guara.posture("scan"))
     soles = dict(zip(guara.legs, state.soles_in_base() + (0.0, 0.0, 0.360), strict=True))
     body = np.eye(4)
@@ -264,7 +264,7 @@ def test_gravity_for_a_scan_is_that_of_the_pause_to_come(guara: RobotModel, put_
 
 
 def test_calibrated_camera_is_handed_on(guara: RobotModel) -> None:
-    """The camera placement given to the odometry is the one in its stance poses."""
+    """The stance poses contain the camera pose given to the odometry."""
     camera = guara.transform_camera_to_base.copy()
     camera[0, 3] += 0.01
     odometry = LegOdometry(guara, transform_camera_to_base=camera)
@@ -275,8 +275,10 @@ def test_calibrated_camera_is_handed_on(guara: RobotModel) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("slide", [0.033, *further(0.020, 0.050)])
 def test_slides_that_look_like_standing_are_in_the_covariance(guara: RobotModel, slide: float) -> None:
-    """While one foot swings, another slides across the line to a third: their distance is kept as well as that of the
-    two that stood, and the heading differs by 35 to 80 mrad. Position and heading stay within their sigmas.
+    """While one foot swings, another slides perpendicular to the line to a third foot.
+
+    Their distance is preserved, as is that of the two that stood, and the headings differ by 35 to 80 mrad. Errors of
+    position and heading stay within their sigmas.
     """
     errors, turns = [], []
     for seed in range(4):
@@ -299,7 +301,7 @@ def test_slides_that_look_like_standing_are_in_the_covariance(guara: RobotModel,
 
 @pytest.mark.parametrize("has_gravity", [True, False])
 def test_feet_that_slide_leave_a_covariance(has_gravity: bool) -> None:
-    """Two feet that slide by 33 mm widen their own motion, not the walk so far again and again."""
+    """Two feet that slide by 33 mm widen the covariance of their motion, but not that of the walk repeatedly."""
     base = Ground.random(0)
     ground = CompliantGround(base.boxes, base.dark, base.phases, soft=(1.0, 1.4), depth=0.0, slide=0.033)
     robot = load_robot("guara")

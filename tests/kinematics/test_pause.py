@@ -19,7 +19,7 @@ def still(robot: RobotModel, speed: float = 0.0) -> dict[str, float]:
 
 
 def test_a_pause_is_long_enough_stillness(robot: RobotModel) -> None:
-    """When the joints were slow for the hold time it is a pause; a joint that turns backwards fast ends it."""
+    """A pause begins after the joints were slow for the hold time; a fast joint, in either direction, ends it."""
     detector, limits = PauseDetector(robot), robot.pause_limits
     assert not detector.update(0.0, still(robot), robot.legs).is_pause
     report = detector.update(limits.hold_time / 2, still(robot), robot.legs)
@@ -35,7 +35,7 @@ def test_a_pause_is_long_enough_stillness(robot: RobotModel) -> None:
 
 
 def test_a_prismatic_joint_is_judged_in_metres(tmp_path: Path) -> None:
-    """0.02 m/s moves a foot as fast as 0.1 rad/s of a leg of 0.2 m: beyond the limit of 0.05 rad/s."""
+    """0.02 m/s moves a foot like 0.1 rad/s of a leg of 0.2 m, which is above the limit of 0.05 rad/s."""
     folder = altered_guara(tmp_path)
     urdf, srdf = folder / "urdf" / "guara.urdf", folder / "srdf" / "guara.srdf"
     slide = '<joint name="imu_joint" type="prismatic"><axis xyz="1 0 0"/><limit lower="-1" upper="1" velocity="1"/>'
@@ -51,7 +51,7 @@ def test_a_prismatic_joint_is_judged_in_metres(tmp_path: Path) -> None:
 
 
 def test_a_change_of_feet_starts_again(robot: RobotModel) -> None:
-    """When the set of loaded feet changes, the hold time runs from there; their order does not matter."""
+    """A change of the supporting feet restarts the hold time; their order does not matter."""
     detector = PauseDetector(robot)
     detector.update(0.0, still(robot), robot.legs)
     assert detector.update(1.0, still(robot), tuple(reversed(robot.legs))).is_pause
@@ -60,7 +60,7 @@ def test_a_change_of_feet_starts_again(robot: RobotModel) -> None:
 
 
 def test_two_feet_are_no_pause(robot: RobotModel) -> None:
-    """With fewer feet than a support plane needs there is no pause, and the reason says so."""
+    """With fewer feet than a support plane needs, there is no pause, and the reason names the number."""
     detector = PauseDetector(robot)
     detector.update(0.0, still(robot), robot.legs[:2])
     report = detector.update(5.0, still(robot), robot.legs[:2])
@@ -68,7 +68,7 @@ def test_two_feet_are_no_pause(robot: RobotModel) -> None:
 
 
 def test_bad_readings_are_refused(robot: RobotModel) -> None:
-    """Time that stands still, unknown or missing joints, NaN and unknown feet are refused."""
+    """Times that do not increase, unknown or missing joints, NaN and unknown feet are rejected."""
     detector = PauseDetector(robot)
     detector.update(1.0, still(robot), robot.legs)
     with pytest.raises(ArgumentError, match="time is 1.0; it must be finite and later than the last reading"):

@@ -6,7 +6,7 @@ from kinematics.urdf import rotation_from_rpy
 
 
 def test_reach_at_scan_height(guara: RobotModel) -> None:
-    """On level ground a foot reaches 150 mm fore and aft of its hip and 174 mm sideways, no more."""
+    """On level ground, a foot reaches 150 mm to the front and rear of its hip and 174 mm sideways, not farther."""
     hip = np.array([0.300, 0.180, 0.0])
     for direction, reach in (((1, 0), 0.150), ((-1, 0), 0.150), ((0, 1), 0.174)):
         near = hip + (direction[0] * (reach - 0.001), direction[1] * (reach - 0.001), -0.360)
@@ -15,7 +15,7 @@ def test_reach_at_scan_height(guara: RobotModel) -> None:
 
 
 def test_grids_keep_their_shape(robot: RobotModel) -> None:
-    """Soles of any shape give answers of that shape; the current soles are always reachable."""
+    """Arrays of soles of any shape give results of that shape; the current soles are always reachable."""
     state = robot.state(robot.posture("scan"))
     sole = state.soles_in_base([robot.legs[0]])[0]
     grid = np.tile(sole, (3, 4, 1))
@@ -28,14 +28,14 @@ def test_grids_keep_their_shape(robot: RobotModel) -> None:
 
 
 def test_no_soles_have_no_answers(robot: RobotModel) -> None:
-    """Where nothing is free, nothing is asked; that is no error."""
+    """Empty arrays give empty results."""
     reach = robot.reach(robot.legs[0], np.empty((0, 3)))
     joints = len(robot.config.legs[0].joints)
     assert reach.joint_positions.shape == (0, joints) and reach.is_reachable.shape == (0,)
 
 
 def test_joint_limits_bound_the_reach(robot: RobotModel) -> None:
-    """Every reachable solution lies within the joint limits."""
+    """Every reachable solution is within the joint limits."""
     x, y = np.meshgrid(np.linspace(-0.2, 0.6, 15), np.linspace(-0.2, 0.5, 15))
     leg = robot.config.legs[0]
     floor = robot.state(robot.posture("scan")).soles_in_base()[0, 2]
@@ -49,7 +49,7 @@ def test_joint_limits_bound_the_reach(robot: RobotModel) -> None:
 
 @pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.0), (0.04, 0.05), (-0.08, -0.06)])
 def test_soles_from_a_tilted_body_lie_level(guara: RobotModel, roll: float, pitch: float) -> None:
-    """From a tilted body the soles come to lie where asked on the ground, with their x axis horizontal."""
+    """Soles of a tilted body are placed on the ground as requested, with a horizontal x axis."""
     gravity = rotation_from_rpy(roll, pitch, 0.0).T @ (0.0, 0.0, -1.0)
     pose = guara.stance_pose(Stance(guara.posture("scan"), guara.legs, tuple(gravity.tolist())), find_unloaded=False)
     for leg in guara.legs:
@@ -66,7 +66,7 @@ def test_soles_from_a_tilted_body_lie_level(guara: RobotModel, roll: float, pitc
 
 
 def test_recorded_soles_are_reachable_where_they_are(guara: RobotModel) -> None:
-    """From a level stance, the positions of the soles give back the joints of the posture."""
+    """For a level stance, the positions of the soles give the joints of the posture."""
     pose = guara.stance_pose(Stance(guara.posture("scan"), guara.legs))
     for leg, sole in zip(pose.support_feet_used, pose.soles_in_footprint, strict=True):
         reach = reach_from_pose(pose, leg, sole)
@@ -75,7 +75,7 @@ def test_recorded_soles_are_reachable_where_they_are(guara: RobotModel) -> None:
 
 
 def test_bad_arguments_are_refused(robot: RobotModel) -> None:
-    """Unknown legs and wrong shapes are refused by name."""
+    """Unknown legs and wrong shapes are rejected by name."""
     pose = robot.stance_pose(Stance(robot.posture("scan"), robot.legs))
     with pytest.raises(UnknownName, match="unknown leg 'xx'"):
         robot.reachable("xx", [0.0, 0.0, 0.0])
@@ -92,7 +92,7 @@ def test_bad_arguments_are_refused(robot: RobotModel) -> None:
 
 
 def test_a_body_that_shifts_reaches_the_same_places_less_its_shift(robot: RobotModel) -> None:
-    """From bodies that are moved and tilted: as `reach_from_pose` of such a stance, and where a sole stands, it is."""
+    """Displaced and tilted bodies agree with `reach_from_pose`; a standing sole gives its own joint positions."""
     rotation = rotation_from_rpy(0.04, -0.05, 0.0)
     gravity = rotation.T @ (0.0, 0.0, -1.0)
     pose = robot.stance_pose(Stance(robot.posture("scan"), robot.legs, tuple(gravity.tolist())), find_unloaded=False)

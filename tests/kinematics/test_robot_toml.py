@@ -109,7 +109,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_fault_is_refused_by_name(fault: str, broken_folder: Callable[..., Path]) -> None:
-    """A robot.toml with one fault is refused when the robot is loaded, by table and key."""
+    """A robot.toml with one fault is rejected when the robot is loaded; the message names table and key."""
     old, new, message = FAULTS[fault]
     with pytest.raises(RobotFileError) as caught:
         load_robot(broken_folder("robot.toml", old, new))
@@ -118,7 +118,7 @@ def test_fault_is_refused_by_name(fault: str, broken_folder: Callable[..., Path]
 
 
 def test_two_legs_are_refused(broken_folder: Callable[..., Path], guara: RobotModel) -> None:
-    """A robot of two legs has no support plane: refused."""
+    """A robot of two legs has no support plane and is rejected."""
     text = (guara.folder / "robot.toml").read_text(encoding="utf-8")
     hind = text[text.index("[legs.lh]") : text.index("# Heights over")]
     with pytest.raises(RobotFileError, match="tables .* 2 given; a support plane needs three legs"):
@@ -134,12 +134,12 @@ def test_tables_for_readers_above_are_there(robot: RobotModel) -> None:
 
 
 def test_missing_table_is_named_with_its_file(guara: RobotModel) -> None:
-    """Asking for a table that is not there names the file and the table."""
+    """A request for a missing table names the file and the table."""
     with pytest.raises(RobotFileError, match=r"robot.toml: the table \[gait\] is missing"):
         guara.config.root.table("gait")
 
 
 def test_a_value_is_no_table(guara: RobotModel) -> None:
-    """Asking for a single value as a table is refused."""
+    """A request for a single value as a table is rejected."""
     with pytest.raises(RobotFileError, match=r"name is 'guara'; a table \[name\] is needed"):
         guara.config.root.table("name")

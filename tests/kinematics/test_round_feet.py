@@ -1,4 +1,4 @@
-"""Round feet that roll as the body advances: where their soles are, and what odometry makes of them."""
+"""Round feet that roll as the body advances: positions of their soles, and odometry."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ADVANCE, HEIGHT, CYCLES = 0.035, 0.320, 6
 
 @pytest.fixture(scope="module")
 def round_footed(tmp_path_factory: pytest.TempPathFactory) -> RobotModel:
-    """The tapir with balls of 23 mm above its sole frames, which are level in its scan posture."""
+    """Robot tapir with balls of 23 mm above its sole frames, which are level in its scan posture."""
     folder = tmp_path_factory.mktemp("robots") / "tapir"
     shutil.copytree(SECOND_ROBOT, folder)
     text = (
@@ -37,7 +37,7 @@ def round_footed(tmp_path_factory: pytest.TempPathFactory) -> RobotModel:
 
 
 def ball(robot: RobotModel, leg: str, joints: Float) -> tuple[Float, float]:
-    """Centre of the ball of a foot in `base_link`, and how far the foot is turned about y [rad]."""
+    """Centre of the ball of a foot in `base_link`, and rotation of the foot about y [rad]."""
     names = robot.tree.leg(leg).joints
     state = robot.state({**robot.posture("scan"), **dict(zip(names, joints.tolist(), strict=True))})
     place = state.transform_to_base(robot.tree.leg(leg).sole)
@@ -45,7 +45,7 @@ def ball(robot: RobotModel, leg: str, joints: Float) -> tuple[Float, float]:
 
 
 def test_the_sole_of_a_ball_is_its_lowest_point(round_footed: RobotModel) -> None:
-    """However the leg is bent, and as the inverse has it."""
+    """For any bend of the leg, and consistently with inverse kinematics."""
     scan = round_footed.posture("scan")
     for seed in range(5):
         bend = dict(zip(scan, 0.3 * np.random.default_rng(seed).uniform(-1, 1, len(scan)), strict=True))
@@ -64,11 +64,11 @@ def test_the_sole_of_a_ball_is_its_lowest_point(round_footed: RobotModel) -> Non
 
 
 def test_feet_that_roll_do_not_lift_the_walk(round_footed: RobotModel) -> None:
-    """The centres of balls that stand move by radius times turn; the walk's height stays, its way is the true one."""
+    """Centres of standing balls move by radius times rotation; height and path of the walk stay correct."""
     robot, odometry = round_footed, LegOdometry(round_footed)
     names = {leg: robot.tree.leg(leg).joints for leg in robot.legs}
     joints = {leg: np.array([robot.posture("scan")[n] for n in names[leg]]) for leg in robot.legs}
-    # Of each foot: x of the centre when its foot is not turned, in the world; y of the centre.
+    # For each foot: x of the centre in the world when the foot is not rotated; y of the centre.
     stands = {}
     for leg in robot.legs:
         centre, turn = ball(robot, leg, joints[leg])

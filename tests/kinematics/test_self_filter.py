@@ -1,4 +1,4 @@
-"""Which points lie on the robot, and which lines of sight it blocks."""
+"""Points on the robot, and lines of sight that it blocks."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def random_shape(kind: str, seed: int):  # noqa: ANN201
 @settings(max_examples=examples(60), derandomize=True, deadline=None)
 @given(kind=st.sampled_from(list(KINDS)), seed=st.integers(0, 1000))
 def test_a_segment_is_blocked_where_it_holds_a_point_inside(kind: str, seed: int) -> None:
-    """A segment is blocked exactly if one of 400 points on it lies in the shape, but for segments that graze it."""
+    """A segment is blocked exactly if one of 400 points on it is in the shape, except for grazing segments."""
     shape, rng = random_shape(kind, seed), np.random.default_rng(seed + 1)
     origins, ends = rng.uniform(-0.6, 0.6, (2, 60, 3))
     fractions = np.linspace(0.0, 1.0, 400)
@@ -32,7 +32,7 @@ def test_a_segment_is_blocked_where_it_holds_a_point_inside(kind: str, seed: int
     met = shape.contains(samples.reshape(-1, 3)).reshape(60, -1).any(axis=1)
     blocked = shape.blocks(origins, ends - origins)
     assert np.all(blocked[met])
-    # A blocked segment without a sample inside only grazes: a shape 2 mm larger holds one of its samples.
+    # A blocked segment without a sample inside only grazes: a shape 2 mm larger contains one of its samples.
     larger = place_shape(Shape(kind, KINDS[kind], np.eye(4)), "link", _transform(shape), 0.012)
     grazed = larger.contains(samples.reshape(-1, 3)).reshape(60, -1).any(axis=1)
     assert np.all(grazed[blocked])
@@ -46,7 +46,7 @@ def _transform(shape) -> np.ndarray:  # noqa: ANN001
 
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_rays_along_the_axes_are_exact(kind: str) -> None:
-    """Segments along an axis are blocked when they pass through a shape, not when they end before or pass beside it."""
+    """Segments along an axis are blocked if they pass through a shape, not if they end before it or pass beside it."""
     shape = place_shape(Shape(kind, KINDS[kind], np.eye(4)), "link", np.eye(4), 0.0)
     for axis in range(3):
         start = np.zeros(3)
@@ -61,7 +61,7 @@ def test_rays_along_the_axes_are_exact(kind: str) -> None:
 
 
 def test_reach_bounds_every_shape() -> None:
-    """Every point inside a shape lies within its bounding sphere, margin included."""
+    """Every point inside a shape is within its bounding sphere, margin included."""
     for kind in KINDS:
         for seed in range(20):
             shape = random_shape(kind, seed)
@@ -71,7 +71,7 @@ def test_reach_bounds_every_shape() -> None:
 
 
 def test_points_on_every_link_are_found(robot: RobotModel) -> None:
-    """The centre of every collision shape lies on the robot, in a random posture; points 2 m above do not."""
+    """In a random posture, the centre of every collision shape is on the robot, and points 2 m above are not."""
     rng = np.random.default_rng(2)
     state = robot.state(rng.uniform(robot.tree.lower_limits, robot.tree.upper_limits))
     self_filter = SelfFilter(state)
@@ -88,7 +88,7 @@ def test_points_on_every_link_are_found(robot: RobotModel) -> None:
 
 
 def test_coarse_tests_change_nothing(robot: RobotModel) -> None:
-    """`contains` and `blocks` give what every single shape gives for every point, near and far."""
+    """`contains` and `blocks` agree with tests of every shape for every point, near and far."""
     state = robot.state(robot.posture("scan"))
     self_filter = SelfFilter(state)
     rng = np.random.default_rng(3)
@@ -103,7 +103,7 @@ def test_coarse_tests_change_nothing(robot: RobotModel) -> None:
 
 
 def test_another_frame_changes_nothing(robot: RobotModel) -> None:
-    """Points given in a frame that is turned and moved are judged as the same points in the body's frame."""
+    """Points in a rotated and displaced frame give the same result as in the body's frame."""
     state = robot.state(robot.posture("scan"))
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = rotation_from_rpy(0.1, -0.05, 0.02), (0.02, -0.01, 0.4)
@@ -114,7 +114,7 @@ def test_another_frame_changes_nothing(robot: RobotModel) -> None:
     np.testing.assert_array_equal(in_base.contains(points), in_frame.contains(moved))
     blocked = in_frame.blocks(transform[:3, :3] @ camera + transform[:3, 3], moved)
     np.testing.assert_array_equal(in_base.blocks(camera, points), blocked)
-    # Points along a stripe ahead of the robot lie on no shape, those of a stripe through its body do.
+    # Points of a stripe ahead of the robot are on no shape; those of a stripe through its body are.
     strip = np.column_stack((np.full(50, 0.8), np.linspace(-0.3, 0.3, 50), np.full(50, -0.3)))
     assert not in_base.contains(strip).any() and in_base.contains(strip - (0.8, 0.0, -0.3)).any()
 
@@ -129,7 +129,7 @@ def test_what_lies_on_the_robot_is_blocked(robot: RobotModel) -> None:
 
 
 def test_a_leg_before_the_camera_shadows_the_ground_behind(guara: RobotModel) -> None:
-    """In the scan posture the area is in view; a fore leg swung forward hides ground on its own side."""
+    """In the scan posture the area is in view; a front leg swung forward hides ground on its side."""
     joints = guara.posture("scan")
     area = guara.config.root.table("grid").table("footprint").values
     x, y = np.meshgrid(np.linspace(*area["x"], 40), np.linspace(*area["y"], 40))  # type: ignore[index]
@@ -144,7 +144,7 @@ def test_a_leg_before_the_camera_shadows_the_ground_behind(guara: RobotModel) ->
 
 
 def test_margin_grows_the_shapes(guara: RobotModel) -> None:
-    """A point 5 mm off the body is on the robot with the usual margin of 10 mm, and not without."""
+    """A point 5 mm off the body is on the robot with the usual margin of 10 mm, but not without a margin."""
     state = guara.state(guara.posture("scan"))
     above = np.array([[0.0, 0.0, 0.030]])
     assert SelfFilter(state).contains(above).all()
@@ -163,7 +163,7 @@ def test_nan_points_are_not_on_the_robot(robot: RobotModel) -> None:
 
 
 def test_bad_arguments_are_refused(guara: RobotModel) -> None:
-    """Wrong shapes, a negative margin, unknown links and a sensor origin inside the robot are refused."""
+    """Wrong shapes, a negative margin, unknown links and a sensor origin inside the robot are rejected."""
     state = guara.state(guara.posture("scan"))
     self_filter = SelfFilter(state)
     with pytest.raises(ArgumentError, match=r"points_in_base has shape \(3,\); \(n, 3\) is needed"):

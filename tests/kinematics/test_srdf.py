@@ -60,7 +60,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_fault_is_refused_by_name(fault: str, broken_folder: Callable[..., Path]) -> None:
-    """An SRDF with one fault, which Pinocchio may pass over, is refused by a message that names its element."""
+    """An SRDF with one fault, which Pinocchio may accept, is rejected with a message that names its element."""
     old, new, message = FAULTS[fault]
     with pytest.raises(RobotFileError) as caught:
         load_robot(broken_folder("srdf/guara.srdf", old, new))
@@ -68,7 +68,7 @@ def test_fault_is_refused_by_name(fault: str, broken_folder: Callable[..., Path]
 
 
 def test_missing_srdf_is_named(broken_folder: Callable[..., Path]) -> None:
-    """A robot folder without its SRDF is refused by name."""
+    """A robot folder without its SRDF is rejected; the message names the file."""
     folder = broken_folder("srdf/guara.srdf", "<robot", "<robot")
     (folder / "srdf" / "guara.srdf").unlink()
     with pytest.raises(RobotFileError, match="guara.srdf: cannot be read"):
@@ -76,7 +76,7 @@ def test_missing_srdf_is_named(broken_folder: Callable[..., Path]) -> None:
 
 
 def test_pinocchio_reads_the_same_postures(guara: RobotModel) -> None:
-    """Pinocchio, reading the SRDF itself, puts every joint where our reader does."""
+    """Pinocchio's own SRDF reader gives the same joint positions."""
     import pinocchio
 
     model = guara.tree.pinocchio_model.copy()

@@ -23,12 +23,12 @@ SQUARE = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
     [((1.0, 1.0), 1.0), ((0.5, 1.0), 0.5), ((2.0, 1.0), 0.0), ((3.0, 1.0), -1.0), ((3.0, 3.0), -np.sqrt(2.0))],
 )
 def test_margin_of_a_square(point: tuple[float, float], margin: float) -> None:
-    """Inside, on the border, beside an edge and beside a corner."""
+    """Points inside, on the border, beside an edge and beside a corner."""
     assert polygon_margin(SQUARE, point) == pytest.approx(margin)
 
 
 def test_what_is_no_polygon_holds_nothing() -> None:
-    """One corner, two corners or corners on a line give the negative distance."""
+    """One corner, two corners or collinear corners give the negative distance."""
     assert polygon_margin([[0.0, 0.0]], (3.0, 4.0)) == pytest.approx(-5.0)
     assert polygon_margin([[0.0, 0.0], [2.0, 0.0]], (1.0, 1.0)) == pytest.approx(-1.0)
     assert polygon_margin([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], (1.0, 0.0)) == pytest.approx(0.0)
@@ -37,7 +37,7 @@ def test_what_is_no_polygon_holds_nothing() -> None:
 @settings(max_examples=examples(60), derandomize=True, deadline=None)
 @given(seed=st.integers(0, 1000), angle=st.floats(-3.0, 3.0))
 def test_margin_does_not_depend_on_order_position_or_heading(seed: int, angle: float) -> None:
-    """Corners in another order, turned and shifted with the point, give the same margin."""
+    """Permuted corners, rotated and shifted together with the point, give the same margin."""
     rng = np.random.default_rng(seed)
     corners, point = rng.normal(size=(5, 2)), rng.normal(size=2)
     rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -50,14 +50,14 @@ def test_margin_does_not_depend_on_order_position_or_heading(seed: int, angle: f
 @settings(max_examples=examples(40), derandomize=True, deadline=None)
 @given(seed=st.integers(0, 1000))
 def test_another_foot_never_makes_it_worse(seed: int) -> None:
-    """Adding a corner never lowers the margin."""
+    """An additional corner never reduces the margin."""
     rng = np.random.default_rng(seed)
     corners, point = rng.normal(size=(5, 2)), rng.normal(size=2)
     assert polygon_margin(corners, point) >= polygon_margin(corners[:4], point) - 1e-12
 
 
 def test_bad_arguments_are_refused() -> None:
-    """Wrong shapes and NaN are refused."""
+    """Wrong shapes and NaN are rejected."""
     with pytest.raises(ArgumentError, match=r"corners have shape \(2, 3\)"):
         polygon_margin(np.zeros((2, 3)), (0.0, 0.0))
     with pytest.raises(ArgumentError, match=r"point has shape \(3,\)"):
@@ -67,7 +67,7 @@ def test_bad_arguments_are_refused() -> None:
 
 
 def test_standing_on_four_feet(guara: RobotModel) -> None:
-    """On four feet the sides of the rectangle of soles are the nearest; lifting a leg leaves next to nothing."""
+    """On four feet, the sides of the rectangle of soles are nearest; lifting a leg leaves almost no margin."""
     pose = guara.stance_pose(Stance(guara.posture("scan"), guara.legs))
     assert stability_margin(pose) == pytest.approx(0.180, abs=1e-6)
     centre = pose.state.centre_of_mass_in_base
@@ -79,7 +79,7 @@ def test_standing_on_four_feet(guara: RobotModel) -> None:
 
 
 def test_a_shifted_body_gains_margin_on_one_side(robot: RobotModel, standing: StancePose) -> None:
-    """Lifting a leg costs margin for every robot."""
+    """Lifting a leg reduces the margin of every robot."""
     for leg in robot.legs:
         assert stability_margin(standing, lifted=leg) < stability_margin(standing)
 

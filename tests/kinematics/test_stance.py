@@ -8,25 +8,25 @@ GOOD = {"joint_positions": {"a": 0.1, "b": -1}, "support_feet": ["lf", "rf"], "g
 
 
 def test_json_form_survives_the_round_trip() -> None:
-    """A stance written to its JSON form and read again is equal, with and without gravity."""
+    """A stance converted to JSON and back is equal, with and without gravity."""
     for gravity in (None, [0.0, 0.1, -9.81]):
         stance = Stance.from_dict({**GOOD, "gravity_in_base": gravity})
         assert Stance.from_dict(stance.to_dict()) == stance
 
 
 def test_pickle_survives_the_round_trip() -> None:
-    """A stance sent to another process is equal there."""
+    """A pickled stance is equal after loading."""
     stance = Stance.from_dict(GOOD)
     assert pickle.loads(pickle.dumps(stance)) == stance
 
 
 def test_gravity_may_be_left_out() -> None:
-    """A missing gravity_in_base means unknown, as null does."""
+    """A missing gravity_in_base means unknown, like null."""
     assert Stance.from_dict({k: GOOD[k] for k in ("joint_positions", "support_feet")}).gravity_in_base is None
 
 
 def test_values_are_read_only() -> None:
-    """Neither the stance nor its joints can be changed, and the dictionary given stays the caller's own."""
+    """Neither stance nor joints can be changed, and changing the given dictionary does not affect the stance."""
     given = {"a": 0.1}
     stance = Stance(given, ("lf",))
     given["a"] = 5.0
@@ -57,7 +57,7 @@ def test_values_are_read_only() -> None:
     ],
 )
 def test_bad_fields_are_named(change: dict, message: str) -> None:
-    """Every bad value is refused by a message that names its field."""
+    """Every invalid value is rejected with a message that names its field."""
     with pytest.raises(StanceError) as caught:
         Stance.from_dict({**GOOD, **change})
     assert message in str(caught.value)
@@ -66,12 +66,12 @@ def test_bad_fields_are_named(change: dict, message: str) -> None:
 
 @pytest.mark.parametrize("field", ["joint_positions", "support_feet"])
 def test_missing_fields_are_named(field: str) -> None:
-    """A missing field is named under the name of the object it is missing in."""
+    """A missing field is named together with its object."""
     with pytest.raises(StanceError, match=f"stance_end.{field} is missing"):
         Stance.from_dict({k: v for k, v in GOOD.items() if k != field}, field="stance_end")
 
 
 def test_something_else_than_an_object_is_refused() -> None:
-    """A stance that is no object is refused."""
+    """A stance that is not an object is rejected."""
     with pytest.raises(StanceError, match="stance: 3 is not an object"):
         Stance.from_dict(3)  # type: ignore[arg-type]

@@ -20,7 +20,7 @@ from kinematics.stance_pose import sole_covariances
 from kinematics.urdf import rotation_from_rpy
 from tests.thorough import examples
 
-# A recorded stance: the body pitched 3 degrees nose down and rolled 2 degrees, hips at 0.360 m over a flat floor.
+# Recorded stance: body pitched 3 degrees nose down and rolled 2 degrees, hips 0.360 m above a flat floor.
 TILT = {
     "lf": (-0.034593375, -0.634912534, 1.164447867, -0.581895211),
     "rf": (-0.035231454, -0.709851431, 1.308766086, -0.651274533),
@@ -40,7 +40,7 @@ def tilted(robot: RobotModel, gravity: bool = True, feet: tuple[str, ...] | None
 
 
 def lifted(robot: RobotModel, leg: str, by: float, gravity: bool = False, posture: str = "scan") -> Stance:
-    """The posture with one foot above the floor, named as supporting all the same."""
+    """Scan posture with one foot above the floor that is nevertheless named as supporting."""
     joints = robot.posture(posture)
     state = robot.state(joints)
     found = robot.reach(leg, state.soles_in_base([leg])[0] + (0.0, 0.0, by))
@@ -51,7 +51,7 @@ def lifted(robot: RobotModel, leg: str, by: float, gravity: bool = False, postur
 
 @pytest.mark.parametrize("gravity", [True, False])
 def test_recorded_tilt_is_found(guara: RobotModel, gravity: bool) -> None:
-    """With and without gravity a recorded stance gives its tilt of 3 and 2 degrees, its height and a level camera."""
+    """With and without gravity, a recorded stance gives its tilt of 3 and 2 degrees, its height and a level camera."""
     pose = guara.stance_pose(tilted(guara, gravity))
     assert pose.attitude_source == ("imu" if gravity else "support_plane")
     assert math.degrees(pose.pitch) == pytest.approx(3.0, abs=1e-4)
@@ -59,18 +59,18 @@ def test_recorded_tilt_is_found(guara: RobotModel, gravity: bool) -> None:
     assert pose.height == pytest.approx(0.360, abs=1e-6)
     assert pose.support_residual < 1e-6 and pose.unloaded_feet == ()
     np.testing.assert_allclose(pose.soles_in_footprint[:, 2], 0.0, atol=1e-6)
-    # The soles were put straight below the hips of the level body.
+    # The soles are vertically below the hips of the level body.
     np.testing.assert_allclose(pose.soles_in_footprint[0], [0.300, 0.180, 0.0], atol=1e-6)
 
 
 def test_signs_of_roll_and_pitch(guara: RobotModel) -> None:
-    """Nose down is a positive pitch, gravity leaning to +x; left side up is a positive roll, leaning to -y."""
+    """Nose down is positive pitch, with gravity towards +x; left side up is positive roll, with gravity towards -y."""
     joints = guara.posture("scan")
     nose_down = guara.stance_pose(Stance(joints, guara.legs, (math.sin(0.1), 0.0, -math.cos(0.1))))
     assert nose_down.pitch == pytest.approx(0.1) and nose_down.roll == pytest.approx(0.0)
     left_up = guara.stance_pose(Stance(joints, guara.legs, (0.0, -math.sin(0.1), -math.cos(0.1))))
     assert left_up.roll == pytest.approx(0.1) and left_up.pitch == pytest.approx(0.0)
-    # A point ahead of a body with its nose down is lower than the body.
+    # A point ahead of a body that is pitched nose down is lower than the body.
     ahead = nose_down.transform_base_to_footprint @ (1.0, 0.0, 0.0, 1.0)
     assert ahead[2] < nose_down.height
 
@@ -83,7 +83,7 @@ def test_signs_of_roll_and_pitch(guara: RobotModel) -> None:
     feet=st.sampled_from([("lf", "rf", "lh"), ("lf", "rf", "lh", "rh"), ("rf",), ("lh", "rf")]),
 )
 def test_footprint_definition(roll: float, pitch: float, length: float, feet: tuple[str, ...]) -> None:
-    """The footprint is straight below the body, level, headed as the body, z = 0 at the mean of the soles."""
+    """The footprint is vertically below the body, level, with the body's heading and z = 0 at the mean of the soles."""
     rotation = rotation_from_rpy(roll, pitch, 0.0)
     gravity = rotation.T @ (0.0, 0.0, -length)
     pose = GUARA.stance_pose(Stance(GUARA.posture("scan"), feet, tuple(gravity.tolist())), find_unloaded=False)
@@ -99,7 +99,7 @@ def test_footprint_definition(roll: float, pitch: float, length: float, feet: tu
 
 @pytest.mark.parametrize("length", [1e-308, 1e-300, 1e-160, 1.0, 1e160, 1e307])
 def test_gravity_of_any_length_gives_the_same_pose(guara: RobotModel, length: float) -> None:
-    """Lengths whose squares are 0 or infinite; from the IMU and carried over."""
+    """Lengths whose squares are 0 or infinite, for an IMU and for carried gravity."""
     gravity = tuple((length * np.array(TILT_GRAVITY) / np.linalg.norm(TILT_GRAVITY)).tolist())
     expected = guara.stance_pose(tilted(guara)).transform_base_to_footprint
     for odometry in (None, GravityEstimate(gravity, 0.005)):
@@ -109,7 +109,7 @@ def test_gravity_of_any_length_gives_the_same_pose(guara: RobotModel, length: fl
 
 
 def test_best_source_is_taken_and_named(guara: RobotModel) -> None:
-    """Gravity beats odometry beats the support plane; each can be asked for by name, and `level` only by name."""
+    """Gravity precedes odometry, which precedes the support plane; each can be requested, `level` only by request."""
     odometry = GravityEstimate((0.01, 0.0, -1.0), 0.005)
     assert guara.stance_pose(tilted(guara), odometry=odometry).attitude_source == "imu"
     assert guara.stance_pose(tilted(guara, False), odometry=odometry).attitude_source == "odometry"
@@ -124,7 +124,7 @@ def test_best_source_is_taken_and_named(guara: RobotModel) -> None:
 
 
 def test_attitude_is_as_sure_as_its_source(guara: RobotModel) -> None:
-    """Sigmas of robot.toml; a support plane has that of the ground's slope beside the noise of its soles."""
+    """Sigmas are those of robot.toml; the support plane adds the slope of the ground to the noise of its soles."""
     odometry, noise = GravityEstimate((0.01, 0.0, -1.0), 0.005), guara.noise
     expected = {"imu": noise.imu_sigma, "odometry": 0.005, "level": noise.level_sigma}
     for source, sigma in expected.items():
@@ -135,7 +135,7 @@ def test_attitude_is_as_sure_as_its_source(guara: RobotModel) -> None:
 
 
 def test_sources_that_are_not_there_are_refused(guara: RobotModel) -> None:
-    """Asking for an attitude that the stance cannot give is refused, and so is an unknown one."""
+    """An attitude source that the stance lacks is rejected, as is an unknown source."""
     with pytest.raises(StanceError, match="attitude 'imu' was requested, but the stance has no gravity_in_base"):
         guara.stance_pose(tilted(guara, False), attitude="imu")
     with pytest.raises(StanceError, match="attitude 'odometry' was requested, but no odometry was given"):
@@ -146,7 +146,7 @@ def test_sources_that_are_not_there_are_refused(guara: RobotModel) -> None:
 
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, 0.0), (0.0, 0.0, 9.81), (0.0, 0.0, float("nan")), (0.0, -1.0)])
 def test_gravity_that_does_not_point_down_is_refused(guara: RobotModel, gravity: tuple[float, ...]) -> None:
-    """Whether an IMU or a walk gives it."""
+    """For an IMU and for carried gravity."""
     state = guara.state(guara.posture("scan"))
     carried = GravityEstimate(gravity, 0.01)
     for said in ({"gravity_in_base": gravity}, {"odometry": carried}):
@@ -155,7 +155,7 @@ def test_gravity_that_does_not_point_down_is_refused(guara: RobotModel, gravity:
 
 
 def test_few_feet_need_gravity(guara: RobotModel) -> None:
-    """With gravity one foot is enough, without it three are needed; none at all is always refused."""
+    """With gravity one foot suffices, without it three are needed; no foot at all is always rejected."""
     assert guara.stance_pose(tilted(guara, True, ("lf",))).height == pytest.approx(0.36, abs=1e-5)
     with pytest.raises(
         StanceError, match="attitude from 'support_plane' needs 3 or more; otherwise use attitude 'imu' with"
@@ -177,7 +177,7 @@ def test_a_fallen_body_is_refused(guara: RobotModel) -> None:
 @pytest.mark.parametrize("by", [0.012, 0.030])
 @pytest.mark.parametrize("gravity", [True, False])
 def test_one_unloaded_foot_is_left_out(robot: RobotModel, gravity: bool, by: float) -> None:
-    """A foot that hangs is found among four, whichever it is, and the pose is that of the other three."""
+    """Any hanging foot of four is found, and the pose is that of the other three."""
     for leg in robot.legs:
         pose = robot.stance_pose(lifted(robot, leg, by, gravity))
         assert pose.unloaded_feet == (leg,)
@@ -191,7 +191,7 @@ def test_one_unloaded_foot_is_left_out(robot: RobotModel, gravity: bool, by: flo
 
 @pytest.mark.slow
 def test_noise_does_not_unload_a_foot(guara: RobotModel) -> None:
-    """With joint noise as robot.toml states it, hardly any of 400 stances on a flat floor loses a foot."""
+    """With the joint noise of robot.toml, almost none of 400 stances on a flat floor loses a foot."""
     rng, lost = np.random.default_rng(5), 0
     for _ in range(400):
         joints = {name: value + rng.normal(0.0, 0.0035) for name, value in guara.posture("scan").items()}
@@ -200,7 +200,7 @@ def test_noise_does_not_unload_a_foot(guara: RobotModel) -> None:
 
 
 def test_feet_on_uneven_ground_all_count_where_gravity_is_known(guara: RobotModel) -> None:
-    """With gravity, feet of which no three are at one height are all taken: the mean of the soles stays the zero."""
+    """With gravity, feet of which no three are level are all used, and z = 0 stays at the mean of the soles."""
     joints, state = guara.posture("scan"), guara.state(guara.posture("scan"))
     heights = dict(zip(guara.legs, (0.040, 0.0, 0.0, 0.020), strict=True))
     for leg, height in heights.items():
@@ -212,7 +212,7 @@ def test_feet_on_uneven_ground_all_count_where_gravity_is_known(guara: RobotMode
 
 
 def sampled_covariance(stance: Stance, attitude: str, count: int) -> np.ndarray:
-    """Covariance of the body's pose over noisy soles and verticals, by sampling: REP-103 order."""
+    """Covariance of the body's pose over noisy soles and verticals by sampling, in REP-103 order."""
     rng, noise = np.random.default_rng(11), GUARA.noise
     state = GUARA.state(stance.joint_positions)
     legs = stance.support_feet
@@ -247,7 +247,7 @@ def sampled_covariance(stance: Stance, attitude: str, count: int) -> np.ndarray:
 def test_covariance_agrees_with_sampling(attitude: str, feet: tuple[str, ...]) -> None:
     """Sigmas of the body's pose agree with Monte Carlo within 10 %, and so do the correlations."""
     stance = tilted(GUARA, attitude == "imu", feet)
-    # x and y are exact by definition, and the heading is up to the tilt.
+    # x and y are exact by definition, and the heading is exact apart from the tilt.
     uncertain = np.ix_([2, 3, 4], [2, 3, 4])
     found = GUARA.stance_pose(stance, find_unloaded=False).covariance[uncertain]
     sampled = sampled_covariance(stance, attitude, examples(4200))[uncertain]
@@ -259,7 +259,7 @@ def test_covariance_agrees_with_sampling(attitude: str, feet: tuple[str, ...]) -
 
 @pytest.mark.slow
 def test_footprint_covariance_agrees_with_noisy_joints(guara: RobotModel) -> None:
-    """From joint noise alone (0.2 degrees) the covariance agrees with sampling the whole way from joint angles."""
+    """For joint noise alone (0.2 degrees), the covariance agrees with sampling of joint angles."""
     rng, stance = np.random.default_rng(7), tilted(guara, False)
     noise = type(guara.noise)(
         **{f: getattr(guara.noise, f) for f in guara.noise.__dataclass_fields__} | {"contact_sigma": 1e-9}
@@ -276,7 +276,7 @@ def test_footprint_covariance_agrees_with_noisy_joints(guara: RobotModel) -> Non
 
 
 def test_calibrated_camera_overrides_the_nominal(guara: RobotModel) -> None:
-    """The calibrated placement is used as given; the nominal one only where none is."""
+    """The calibrated camera pose is used unchanged; the nominal pose is used only without one."""
     camera = guara.transform_camera_to_base.copy()
     camera[:3, 3] += (0.003, -0.002, 0.001)
     nominal = guara.stance_pose(tilted(guara))
@@ -289,7 +289,7 @@ def test_calibrated_camera_overrides_the_nominal(guara: RobotModel) -> None:
 
 
 def test_results_are_read_only(guara: RobotModel) -> None:
-    """No array of a pose can be written to."""
+    """No array of a pose can be written."""
     pose = guara.stance_pose(tilted(guara))
     for array in (
         pose.transform_base_to_footprint,

@@ -14,7 +14,7 @@ def some_positions(robot: RobotModel, seed: int) -> np.ndarray:
 
 
 def test_jacobian_agrees_with_finite_differences(robot: RobotModel) -> None:
-    """Columns of a frame's Jacobian are the derivatives of its origin and attitude by each joint."""
+    """Columns of a frame's Jacobian are the derivatives of its origin and attitude with respect to each joint."""
     positions, increment = some_positions(robot, 1), 1e-6
     frame = robot.config.legs[1].sole
     jacobian = robot.state(positions).jacobian(frame)
@@ -37,7 +37,7 @@ def test_other_legs_do_not_move_a_sole(robot: RobotModel) -> None:
 
 
 def test_centre_of_mass_is_the_weighted_mean_of_links(robot: RobotModel) -> None:
-    """Pinocchio's centre of mass is that of the links' masses at their positions, added up here."""
+    """Pinocchio's centre of mass equals the mass-weighted mean of the links."""
     state = robot.state(some_positions(robot, 3))
     total, weighted_sum = 0.0, np.zeros(3)
     for name, link in robot.tree.links.items():
@@ -49,7 +49,7 @@ def test_centre_of_mass_is_the_weighted_mean_of_links(robot: RobotModel) -> None
 
 
 def test_frames_are_the_products_of_the_joints(robot: RobotModel) -> None:
-    """Every frame is where multiplying the URDF's own joint transforms puts it."""
+    """Every frame equals the product of the joint transforms of the URDF."""
     state = robot.state(some_positions(robot, 4))
     above = {joint.child: joint for joint in robot.tree.urdf.joints}
 
@@ -68,7 +68,7 @@ def test_frames_are_the_products_of_the_joints(robot: RobotModel) -> None:
 
 
 def test_everything_is_read_only(robot: RobotModel) -> None:
-    """No array that a state gives out can be written to."""
+    """No array returned by a state can be written."""
     state = robot.state(robot.posture("scan"))
     frame = robot.config.camera_frame
     for array in (
@@ -86,7 +86,7 @@ def test_everything_is_read_only(robot: RobotModel) -> None:
 
 
 def test_states_do_not_share_memory(robot: RobotModel) -> None:
-    """A later state leaves an earlier one as it was."""
+    """A later state does not change an earlier one."""
     first = robot.state(robot.posture("scan"))
     before = first.soles_in_base().copy()
     robot.state(some_positions(robot, 5))
@@ -96,7 +96,7 @@ def test_states_do_not_share_memory(robot: RobotModel) -> None:
 @settings(max_examples=examples(40), derandomize=True, deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_mirrored_joints_give_mirrored_soles(seed: int) -> None:
-    """With left and right joints exchanged (rolls reversed) the soles are the mirror image."""
+    """Exchanging left and right joints (with reversed rolls) mirrors the soles."""
     robot = ROBOTS["guara"]
     positions = dict(zip(robot.joint_names, some_positions(robot, seed), strict=True))
     twin = {"l": "r", "r": "l"}

@@ -22,7 +22,7 @@ from testbed.altered_robot import telescopic_guara
 
 
 def shifted(robot: RobotModel, rotation: np.ndarray, shift: tuple[float, float, float]) -> Stance:
-    """The scan posture after the body turned by a rotation and moved by a shift over feet that stayed."""
+    """Scan posture after the body was rotated and shifted over feet that stayed."""
     joints = robot.posture("scan")
     soles = robot.state(joints).soles_in_base()
     for leg, sole in zip(robot.legs, soles, strict=True):
@@ -33,7 +33,7 @@ def shifted(robot: RobotModel, rotation: np.ndarray, shift: tuple[float, float, 
 
 
 def test_the_motion_of_the_camera_is_found(robot: RobotModel) -> None:
-    """A known motion of the body over its feet gives the camera's distance and angle."""
+    """A known motion of the body over its feet gives the camera's translation and rotation."""
     begin = Stance(robot.posture("scan"), robot.legs)
     rotation, shift = rotation_from_rpy(0.0, 0.002, 0.001), (0.0004, 0.0, -0.0003)
     motion = camera_motion(robot, begin, shifted(robot, rotation, shift))
@@ -52,7 +52,7 @@ def test_a_scan_during_which_the_camera_moved_is_refused(robot: RobotModel) -> N
         CameraMoved, match=r"moved by 1.5\d mm and 0.0\d\d degrees .* 0.5 mm and 0.05 degrees are allowed"
     ):
         check_camera_still(robot, begin, shifted(robot, unrotated, (0.0, 0.0, 0.0015)))
-    # A turn about the camera itself, so that it turns without moving.
+    # A rotation about the camera itself, so that it does not translate.
     for angle, allowed in ((0.04, True), (0.15, False)):
         rotation = rotation_from_rpy(0.0, math.radians(angle), 0.0)
         motion = camera_motion(robot, begin, shifted(robot, rotation, tuple(camera - rotation @ camera)))
@@ -61,7 +61,7 @@ def test_a_scan_during_which_the_camera_moved_is_refused(robot: RobotModel) -> N
 
 
 def test_the_calibrated_camera_counts(robot: RobotModel) -> None:
-    """The farther out a camera is, the more a turn moves it."""
+    """The farther the camera is from the axis, the more a rotation moves it."""
     begin, turned = Stance(robot.posture("scan"), robot.legs), rotation_from_rpy(0.0, 0.001, 0.0)
     far = robot.transform_camera_to_base.copy()
     far[0, 3] += 1.0
@@ -71,7 +71,7 @@ def test_the_calibrated_camera_counts(robot: RobotModel) -> None:
 
 
 def test_three_feet_must_have_stayed(robot: RobotModel) -> None:
-    """With fewer than three common feet the motion is unknown, and the question is refused."""
+    """With fewer than three common feet, the motion is unobservable, which is an error."""
     joints = robot.posture("scan")
     with pytest.raises(StanceError, match="support_feet: 2 carried the body in all readings"):
         camera_motion(robot, Stance(joints, robot.legs), Stance(joints, robot.legs[:2]))
@@ -81,7 +81,7 @@ Motion = Callable[[float], tuple[np.ndarray, np.ndarray]]
 
 
 def paused(robot: RobotModel, times: np.ndarray, body: Motion, noise: float, rng: np.random.Generator) -> Stillness:
-    """A pause of a body that stands as `body` says (turn and shift by time), its joints biased and read with noise."""
+    """Pause of a body that moves as `body` returns (rotation and shift by time), with biased and noisy joints."""
     bias = rng.normal(0.0, robot.noise.encoder_sigma, len(robot.joint_names))
     found: Stillness | None = None
     for time in times:
@@ -110,7 +110,7 @@ FREQUENT, BOTH_ENDS = np.arange(0.0, 1.01, 0.02), np.array([0.0, 1.0])
 @pytest.mark.slow
 @pytest.mark.parametrize(("times", "pauses"), [(FREQUENT, 20), (BOTH_ENDS, 300)], ids=["with HOLD", "without HOLD"])
 def test_noise_alone_is_no_motion(robot: RobotModel, times: np.ndarray, pauses: int) -> None:
-    """A robot that stands keeps its pauses: white noise of 0.05 degrees in every reading, biases of 0.2 degrees."""
+    """A standing robot raises no alarm: white noise of 0.05 degrees per reading, biases of 0.2 degrees."""
     rng, exact = np.random.default_rng(3), robot.posture("scan")
     for _ in range(pauses):
         bias = rng.normal(0.0, robot.noise.encoder_sigma, len(exact))
@@ -145,7 +145,7 @@ def test_noise_alone_is_no_motion(robot: RobotModel, times: np.ndarray, pauses: 
 def test_a_motion_shows_through_the_noise(
     robot: RobotModel, times: np.ndarray, size: float, shape: Callable[[float], float], kind: str
 ) -> None:
-    """A millimetre or a tenth of a degree up and down, or a half more without HOLD; frames before it stay confirmed."""
+    """Motions of 1 mm or 0.1 degrees are detected, or 1.5 times as much without HOLD; earlier frames stay confirmed."""
     rng, camera = np.random.default_rng(5), robot.transform_camera_to_base[:3, 3]
 
     def body(time: float) -> tuple[np.ndarray, np.ndarray]:
@@ -158,12 +158,12 @@ def test_a_motion_shows_through_the_noise(
 
     stillness = paused(robot, times, body, WHITE, rng)
     assert "the camera moved by" in stillness.motion and "are allowed: scan again" in stillness.motion
-    # It began after 0.3 s or later; what was read until then still stands, and nothing after it.
+    # The motion began after 0.3 s or later; frames until then stay confirmed, later ones do not.
     assert stillness.still_until < 0.62 if len(times) > 2 else stillness.still_until == -math.inf
 
 
 def test_sway_does_not_count_as_noise(robot: RobotModel) -> None:
-    """A body that sways by 2 mm at 3 Hz is found at once, and the noise that the readings show stays what it is."""
+    """A sway of 2 mm at 3 Hz is detected at once and does not raise the estimated noise."""
 
     def sway(time: float) -> tuple[np.ndarray, np.ndarray]:
         return np.eye(3), np.array([0.0, 0.002 * math.sin(6.0 * math.pi * time), 0.0])
@@ -175,7 +175,7 @@ def test_sway_does_not_count_as_noise(robot: RobotModel) -> None:
 
 
 def test_noise_that_hides_a_millimetre_is_told(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Noise of 0.2 degrees is no motion where robot.toml states it; what it hides is said and in the covariance."""
+    """Noise of 0.2 degrees stated in robot.toml is not a motion; the undetectable motion is reported."""
     with monkeypatch.context() as patch:
         patch.setattr(robot, "noise", replace(robot.noise, encoder_noise=math.radians(0.2)))
         noisy = paused(robot, FREQUENT, standing, math.radians(0.2), np.random.default_rng(2))
@@ -190,7 +190,7 @@ def test_noise_that_hides_a_millimetre_is_told(robot: RobotModel, monkeypatch: p
 
 
 def test_a_repeated_reading_confirms_nothing(robot: RobotModel) -> None:
-    """The same message again, or one with an older stamp, does not extend the time that the robot is known to stand."""
+    """A repeated message, or one with an older stamp, does not extend the confirmed time."""
     begin = Stance(robot.posture("scan"), robot.legs)
     stillness = Stillness(robot, begin, 10.0)
     stillness.add(10.5, begin)
@@ -203,7 +203,7 @@ def test_a_repeated_reading_confirms_nothing(robot: RobotModel) -> None:
 
 
 def test_a_foot_that_is_lifted_leaves_the_others(robot: RobotModel) -> None:
-    """With three of four feet left the motion is still told; with two it is refused."""
+    """With three of four feet left, the motion is still estimated; with two it is an error."""
     begin, moved = Stance(robot.posture("scan"), robot.legs), shifted(robot, np.eye(3), (0.0, 0.0, 0.003))
     stillness = Stillness(robot, begin, 0.0)
     stillness.add(1.0, Stance(moved.joint_positions, robot.legs[1:]))
@@ -215,7 +215,7 @@ def test_a_foot_that_is_lifted_leaves_the_others(robot: RobotModel) -> None:
 @pytest.mark.parametrize("times", [BOTH_ENDS, np.arange(0.0, 1.01, 0.2), FREQUENT], ids=["END", "5 Hz", "50 Hz"])
 @pytest.mark.parametrize("stride", [0.01, 0.03, 0.06])
 def test_feet_that_stepped_are_no_noise(robot: RobotModel, times: np.ndarray, stride: float) -> None:
-    """Each foot elsewhere at the end, as after a step, is a motion although no motion of the body explains it."""
+    """Feet displaced at the end, as after steps, are reported although no motion of the body explains them."""
     rng = np.random.default_rng(6)
     exact = robot.posture("scan")
     state = robot.state(exact)
@@ -233,7 +233,7 @@ def test_feet_that_stepped_are_no_noise(robot: RobotModel, times: np.ndarray, st
 
 
 def test_a_long_pause_keeps_its_first_readings(robot: RobotModel) -> None:
-    """A creep of 1 mm over thousands of readings is found although the middle ones are dropped."""
+    """A creep of 1 mm over thousands of readings is detected although the middle ones are dropped."""
     exact, moved = robot.posture("scan"), shifted(robot, np.eye(3), (0.0, 0.0, 0.001)).joint_positions
     rng, stillness = np.random.default_rng(4), Stillness(robot, Stance(exact, robot.legs), 0.0)
     for number in range(1, 3000):
@@ -244,7 +244,7 @@ def test_a_long_pause_keeps_its_first_readings(robot: RobotModel) -> None:
 
 
 def test_legs_that_slide_are_as_noisy_as_legs_that_turn(tmp_path: Path) -> None:
-    """A body that sinks by 1.5 mm on four prismatic knees has moved; noise of 0.2 m times encoder_noise has not."""
+    """A body that sinks by 1.5 mm on prismatic knees has moved; noise of 0.2 m times encoder_noise is no motion."""
     robot = load_robot(telescopic_guara(tmp_path))
     begin, noise = robot.posture("scan"), 0.2 * robot.noise.encoder_noise
 

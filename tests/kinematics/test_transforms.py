@@ -23,7 +23,7 @@ def test_a_transform_and_its_inverse_give_identity() -> None:
 
 
 def test_points_of_any_shape_are_taken_through() -> None:
-    """Points (..., 3) come out in the same shape, each by the homogeneous product."""
+    """Points (..., 3) keep their shape, and each equals the homogeneous product."""
     transform, points = some_transform(2), np.random.default_rng(0).normal(size=(4, 5, 3))
     moved = transform_points(transform, points)
     assert moved.shape == points.shape
@@ -53,7 +53,7 @@ def test_skew_is_the_cross_product() -> None:
     ],
 )
 def test_what_is_no_transform_is_refused(change, message: str) -> None:  # noqa: ANN001
-    """Wrong shape, NaN, mirrors, scales and a wrong last row are refused by name."""
+    """Wrong shape, NaN, reflections, scales and a wrong last row are rejected by name."""
     with pytest.raises(ArgumentError, match=message):
         checked_transform(change(some_transform(3)), "mount")
 
@@ -68,6 +68,6 @@ def test_what_is_no_transform_is_refused(change, message: str) -> None:  # noqa:
     ],
 )
 def test_what_is_no_covariance_is_refused(covariance: np.ndarray, message: str) -> None:
-    """Wrong shape, NaN, lack of symmetry and negative eigenvalues are refused by name."""
+    """Wrong shape, NaN, asymmetry and negative eigenvalues are rejected by name."""
     with pytest.raises(ArgumentError, match=message):
         checked_covariance(covariance, "noise")

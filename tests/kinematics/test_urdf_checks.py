@@ -1,4 +1,4 @@
-"""Every fault that some reader of URDF passes over in silence is refused, by name."""
+"""Faults that some URDF reader accepts silently are rejected by name."""
 
 import re
 import shutil
@@ -135,7 +135,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_fault_is_refused_by_name(fault: str, broken_folder: Callable[..., Path]) -> None:
-    """A URDF with one fault is refused by a message that names the file or the table, and the element."""
+    """A URDF with one fault is rejected with a message that names the file or table, and the element."""
     old, new, message = FAULTS[fault]
     with pytest.raises(RobotFileError) as caught:
         load_robot(broken_folder("urdf/guara.urdf", old, new))
@@ -193,7 +193,7 @@ NOT_USED = {
 def test_what_is_not_used_is_passed_over_and_named(
     case: str, broken_folder: Callable[..., Path], guara: RobotModel
 ) -> None:
-    """It loads, with one warning that names what is no URDF or no body, and stands where it stood."""
+    """Unused content is listed in one warning, and does not change the robot."""
     old, new, message = NOT_USED[case]
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -206,7 +206,7 @@ def test_what_is_not_used_is_passed_over_and_named(
 
 
 def test_all_findings_come_at_once_with_their_lines(broken_folder: Callable[..., Path]) -> None:
-    """Three faults in one file: three findings, in the order of the file, each with its line."""
+    """Three faults in one file give three findings, in file order, each with its line."""
     folder = broken_folder("robot.toml", "name", "name")
     path = folder / "urdf" / "guara.urdf"
     text = path.read_text().replace('xyz="0.400 0 0.140"', 'xyz="0.400, 0, 0.140"')
@@ -223,7 +223,7 @@ def test_all_findings_come_at_once_with_their_lines(broken_folder: Callable[...,
 
 
 def test_a_continuous_joint_turns_either_way(broken_folder: Callable[..., Path], guara: RobotModel) -> None:
-    """Continuous hips load as joints of one angle from -pi to pi, and stand where revolute ones do."""
+    """Continuous hips load as joints of one angle from -pi to pi, with the poses of revolute ones."""
     path = broken_folder("robot.toml", "name", "name") / "urdf" / "guara.urdf"
     text = re.sub(r'(_haa_joint") type="revolute"', r'\1 type="continuous"', path.read_text())
     path.write_text(text.replace('<limit lower="-0.6" upper="0.6" effort="40" velocity="2"/>', ""))
@@ -235,7 +235,7 @@ def test_a_continuous_joint_turns_either_way(broken_folder: Callable[..., Path],
 
 
 def test_a_chain_of_thousands_of_joints_is_refused_at_once(broken_folder: Callable[..., Path]) -> None:
-    """Its tree is not built: 3,000 joints beside those of the legs, more than any stance can name."""
+    """3,000 joints besides those of the legs are rejected before the tree is built."""
     link = '<link name="l{0}"/><joint name="j{0}" type="revolute"><parent link="{1}"/><child link="l{0}"/>'
     limit = '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
     chain = "".join((link + limit).format(i, f"l{i - 1}" if i else "base_link") for i in range(3000))
@@ -245,7 +245,7 @@ def test_a_chain_of_thousands_of_joints_is_refused_at_once(broken_folder: Callab
 
 
 def test_a_file_of_a_size_that_no_robot_has_is_refused(broken_folder: Callable[..., Path]) -> None:
-    """Sixteen megabytes and more are not read."""
+    """Files of more than sixteen megabytes are not read."""
     path = broken_folder("robot.toml", "name", "name") / "urdf" / "guara.urdf"
     path.write_text(path.read_text() + " " * 17 * 1024 * 1024)
     with pytest.raises(RobotFileError, match="at most 16777216 are read"):
@@ -253,7 +253,7 @@ def test_a_file_of_a_size_that_no_robot_has_is_refused(broken_folder: Callable[.
 
 
 def test_check_urdf_agrees(robot: RobotModel) -> None:
-    """The check_urdf program that comes with Pinocchio accepts the files too, with the same root."""
+    """The program check_urdf that comes with Pinocchio accepts the files too, with the same root."""
     program = shutil.which("check_urdf", path=str(Path(sys.executable).parent)) or shutil.which("check_urdf")
     assert program is not None, "check_urdf comes with pin (cmeel-urdfdom)"
     done = subprocess.run([program, str(robot.tree.urdf.path)], capture_output=True, text=True, timeout=60, check=False)
@@ -262,7 +262,7 @@ def test_check_urdf_agrees(robot: RobotModel) -> None:
 
 @pytest.mark.slow
 def test_mujoco_compiles_the_guara(guara: RobotModel) -> None:
-    """MuJoCo, which checks masses and inertias on its own, compiles the same file and finds the same mass."""
+    """MuJoCo, which checks masses and inertias itself, compiles the same file with the same mass."""
     mujoco = pytest.importorskip("mujoco", reason="the extra `sim` is not installed")
     model = mujoco.MjModel.from_xml_string(guara.tree.urdf.text)
     masses = sum(link.mass or 0.0 for link in guara.tree.urdf.links)
@@ -285,6 +285,6 @@ def test_rpy_turns_about_fixed_axes() -> None:
 
 
 def test_missing_file_is_named(tmp_path: Path) -> None:
-    """A URDF that is not there is named."""
+    """The error for a missing URDF names the file."""
     with pytest.raises(RobotFileError, match="nothing.urdf: cannot be read"):
         read_urdf(tmp_path / "nothing.urdf")

@@ -1,8 +1,9 @@
-"""What every board must promise, as far as it can be asked without instruments: the driver's, the example's, yours.
+"""Guarantees of every board that can be tested without instruments: the driver's, the example's, and your own.
 
-Point the laser at a wall and ask a board of your own, GUARA_BOARD being "module:Class" on PYTHONPATH:
+Point the laser at a wall, and name your own board as "module:Class" on PYTHONPATH in GUARA_BOARD:
 
     GUARA_BOARD=own_board:PicBoard PYTHONPATH=examples python -m pytest tests/drivers/board/test_any_board.py
+
 """
 
 import importlib
@@ -23,20 +24,20 @@ from testbed.bench_board import BenchBoard, BenchCamera, bench_backend
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 OWN = os.environ.get("GUARA_BOARD")
-# [s] Added to the limits that a board names.
+# Added to the limits that a board states [s].
 MARGIN = 0.1
 pytestmark = pytest.mark.slow
 
 
 def made(source: str) -> Board:
-    """A board of a class "module:Class"."""
+    """Board of a class "module:Class"."""
     module, _, name = source.partition(":")
     return getattr(importlib.import_module(module), name)()
 
 
 @pytest.fixture(params=[OWN] if OWN else ["emulated", "own_board:PicBoard"])
 def make(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], Board]]:
-    """Makes the board under test; the emulated one lives in its own time."""
+    """Factory of the board under test; the emulated board runs on an emulated clock."""
     with ExitStack() as stack:
         if request.param == "emulated":
             clock = EmulatedClock()
@@ -49,7 +50,7 @@ def make(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Ite
 
 
 def test_it_is_dark_when_opened_and_when_closed(make: Callable[[], Board]) -> None:
-    """Also where the block is left by an exception with the laser on; closing twice does nothing."""
+    """Also if an exception leaves the block with the laser on; closing twice does nothing."""
     board = make()
     with pytest.raises(RuntimeError, match="the owner's mistake"), board:
         assert not board.status().laser_sensed
@@ -63,7 +64,7 @@ def test_it_is_dark_when_opened_and_when_closed(make: Callable[[], Board]) -> No
 
 
 def test_a_closed_board_says_so(make: Callable[[], Board]) -> None:
-    """Nothing is asked of a board that nobody holds."""
+    """Commands to a closed board raise BoardNotOpen."""
     board = make()
     for ask in (board.status, board.laser_on, lambda: board.identity):
         with pytest.raises(BoardNotOpen):
@@ -71,7 +72,7 @@ def test_a_closed_board_says_so(make: Callable[[], Board]) -> None:
 
 
 def test_its_limits_are_those_that_a_scan_relies_on(make: Callable[[], Board]) -> None:
-    """Silence of 0.4 s at most; a travel that holds the angle 0 and one step more."""
+    """The watchdog acts within 0.4 s, and the travel includes the angle 0 and at least one more step."""
     with make() as board:
         identity = board.identity
         assert 0.0 < identity.watchdog <= 0.4
@@ -80,7 +81,7 @@ def test_its_limits_are_those_that_a_scan_relies_on(make: Callable[[], Board]) -
 
 
 def test_light_follows_the_command(make: Callable[[], Board]) -> None:
-    """As the sensor sees it, and without a motion of the mirror."""
+    """According to the sensor, and without a motion of the mirror."""
     with make() as board:
         for _ in range(3):
             status = board.laser_on()
@@ -91,7 +92,7 @@ def test_light_follows_the_command(make: Callable[[], Board]) -> None:
 
 
 def test_a_silent_host_goes_dark(make: Callable[[], Board]) -> None:
-    """After the time that it names, and it is ready again once faults are cleared."""
+    """The laser goes off after the stated time, and the board is ready again once faults are cleared."""
     with make() as board:
         board.laser_on()
         timing.sleep(board.identity.watchdog + MARGIN)
@@ -101,7 +102,7 @@ def test_a_silent_host_goes_dark(make: Callable[[], Board]) -> None:
 
 
 def test_light_has_an_end(make: Callable[[], Board]) -> None:
-    """However often the host asks; after a rest it shines again."""
+    """Whatever the host sends, the laser goes off at its limit; after a rest it can be switched on again."""
     with make() as board:
         board.laser_on()
         end = timing.monotonic() + board.identity.laser_limit + MARGIN
@@ -116,7 +117,7 @@ def test_light_has_an_end(make: Callable[[], Board]) -> None:
 
 
 def test_the_mirror_goes_where_it_is_sent(make: Callable[[], Board]) -> None:
-    """Home first; then every place of its travel, its angle with it, waiting or not."""
+    """After homing, the mirror reaches every step of its travel at the right angle, with or without waiting."""
     with make() as board:
         identity = board.identity
         if not board.status().homed:
@@ -136,7 +137,7 @@ def test_the_mirror_goes_where_it_is_sent(make: Callable[[], Board]) -> None:
 
 @pytest.mark.parametrize("angle", [float("nan"), float("inf"), -3.0, 3.0])
 def test_it_does_not_go_beyond_its_travel(make: Callable[[], Board], angle: float) -> None:
-    """Nor does it move at all then."""
+    """A step outside the travel is rejected, and the mirror does not move."""
     with make() as board:
         before = board.ensure_ready().step
         with pytest.raises(MirrorOutOfRange):
@@ -163,7 +164,7 @@ def test_a_terminated_program_closes_its_board() -> None:
 
 @pytest.mark.skipif(OWN is not None, reason="asked of a board that breaks its promise")
 def test_a_board_without_a_watchdog_fails(tmp_path: Path) -> None:
-    """The suite finds it, by the command above."""
+    """This suite, run by the command above, detects a board without a watchdog."""
     (tmp_path / "careless.py").write_text(
         "import own_board\n\n\nclass Careless(own_board.PicBoard):\n"
         "    def __init__(self):\n        super().__init__()\n"
@@ -184,7 +185,7 @@ def test_a_board_without_a_watchdog_fails(tmp_path: Path) -> None:
 
 
 def test_it_does_not_sweep_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A triggered camera needs the board of the protocol; the message says what to do."""
+    """A triggered camera needs a board with this protocol; the message says what to do."""
     monkeypatch.syspath_prepend(str(EXAMPLES))
     board = made(OWN or "own_board:PicBoard")
     emulated = BenchBoard()

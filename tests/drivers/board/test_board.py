@@ -1,4 +1,4 @@
-"""Laser and mirror, through the real driver and the real pyusb on an emulated board."""
+"""Laser and mirror of an emulated board, through the real driver and the real pyusb."""
 
 import math
 import time
@@ -23,7 +23,7 @@ from testbed.bench_board import BenchBoard, Fault, FaultKind, bench_backend
 
 
 def test_laser_obeys(board: LaserBoard, emulated: BenchBoard) -> None:
-    """On is light, off is dark, and the status says which."""
+    """The status reports the laser as commanded, on and off."""
     assert board.laser_on().laser_sensed
     assert emulated.view().laser_on
     assert not board.laser_off().laser_sensed
@@ -41,7 +41,7 @@ def test_dead_laser_is_found_at_once(board: LaserBoard, emulated: BenchBoard) ->
 
 
 def test_stuck_laser_is_found_and_put_out_by_the_supply(board: LaserBoard, emulated: BenchBoard, eventually) -> None:
-    """A transistor that sticks raises an error, and the laser is dark nevertheless, until it is mended."""
+    """A shorted transistor raises an error, and the supply turns the laser off until it is repaired."""
     emulated.inject(Fault(FaultKind.LASER_STUCK_ON))
     board.laser_on()
     with pytest.raises(LaserStuckOn, match="the board cut its supply"):
@@ -55,7 +55,7 @@ def test_stuck_laser_is_found_and_put_out_by_the_supply(board: LaserBoard, emula
 
 
 def test_stuck_laser_behind_a_blind_sensor_still_shines(board: LaserBoard, emulated: BenchBoard) -> None:
-    """The board cannot know; only the camera or the watchdog helps (so acquisition proves it by pictures)."""
+    """Without a working sensor the board cannot know; only images or the watchdog reveal it."""
     emulated.inject(Fault(FaultKind.BLIND_SENSOR))
     emulated.inject(Fault(FaultKind.LASER_STUCK_ON))
     board.laser_on()
@@ -64,7 +64,7 @@ def test_stuck_laser_behind_a_blind_sensor_still_shines(board: LaserBoard, emula
 
 
 def test_hot_board_refuses_in_words(board: LaserBoard, emulated: BenchBoard) -> None:
-    """Over-temperature puts the laser out and keeps it out until the board is cool."""
+    """Over-temperature turns the laser off until the board is cool; the message says so."""
     board.laser_on()
     emulated.inject(Fault(FaultKind.HOT, amount=61))
     assert board.status().temperature == 61.0
@@ -79,7 +79,7 @@ def test_hot_board_refuses_in_words(board: LaserBoard, emulated: BenchBoard) -> 
 
 
 def test_mirror_goes_to_the_step_nearest_to_the_angle(board: LaserBoard, emulated: BenchBoard) -> None:
-    """The true angle is within half a step of what was asked, and is what was returned."""
+    """The true angle is within half a step of the requested one, and equals the returned one."""
     board.home()
     for angle in (0.1, -0.2, 0.3, 0.0, 0.2999):
         reached = board.go_to_angle(angle)
@@ -89,7 +89,7 @@ def test_mirror_goes_to_the_step_nearest_to_the_angle(board: LaserBoard, emulate
 
 
 class Clock:
-    """The emulated board's time, which the test stops and lets run."""
+    """Time of the emulated board, which the test stops and starts."""
 
     def __init__(self) -> None:
         self.running = True
@@ -107,7 +107,7 @@ class Clock:
 
 @pytest.fixture
 def stopped() -> Iterator[tuple[LaserBoard, BenchBoard, Clock]]:
-    """A homed board whose time stands still."""
+    """Homed board whose time stands still."""
     clock = Clock()
     emulated = BenchBoard(clock=clock)
     with LaserBoard(BoardConfig(motion_timeout=20.0), backend=bench_backend(emulated)) as board:
@@ -117,7 +117,7 @@ def stopped() -> Iterator[tuple[LaserBoard, BenchBoard, Clock]]:
 
 
 def test_motion_without_waiting_is_waited_for_later(stopped: tuple[LaserBoard, BenchBoard, Clock]) -> None:
-    """`wait=False` returns while the mirror moves, `wait_until_still` when it rests."""
+    """`wait=False` returns while the mirror moves, `wait_until_still` once it rests."""
     board, emulated, clock = stopped
     reached = board.go_to_angle(0.4, wait=False)
     assert emulated.view().moving
@@ -128,7 +128,7 @@ def test_motion_without_waiting_is_waited_for_later(stopped: tuple[LaserBoard, B
 
 
 def test_going_before_homing_is_refused(board: LaserBoard) -> None:
-    """Steps mean nothing before home is known."""
+    """Steps are undefined before homing."""
     with pytest.raises(MirrorNotHomed, match="call home"):
         board.go_to_angle(0.0)
 
@@ -143,7 +143,7 @@ def test_angle_outside_the_travel_is_refused(board: LaserBoard, angle: float) ->
 
 @pytest.mark.parametrize("step", [0, 100000])
 def test_step_outside_the_travel_is_refused_by_the_board(board: LaserBoard, step: int) -> None:
-    """The firmware has the last word on its travel."""
+    """The firmware checks its travel itself."""
     board.home()
     with pytest.raises(MirrorOutOfRange, match=rf"step {step} is outside the board's travel of 64 \.\.\. \d+"):
         board.go_to_step(step)
@@ -161,7 +161,7 @@ def test_step_outside_the_travel_is_refused_by_the_board(board: LaserBoard, step
 def test_what_is_out_of_range_is_named(
     board: LaserBoard, request_: Request, argument: int, error: type[BoardError], expected_text: str
 ) -> None:
-    """A step only where there is one."""
+    """The message names a step only if the argument is a step."""
     board.home()
     with pytest.raises(BoardError, match=expected_text) as caught:
         board.command(request_, argument)
@@ -169,7 +169,7 @@ def test_what_is_out_of_range_is_named(
 
 
 def test_lost_steps_show_at_home(board: LaserBoard, emulated: BenchBoard) -> None:
-    """A motor that missed 40 steps is off by as much until homing finds it out and sets it right."""
+    """A motor that lost 40 steps is off by as much until homing detects and corrects it."""
     assert board.home() == 0
     emulated.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, amount=40))
     wanted = board.go_to_angle(0.2)
@@ -183,7 +183,7 @@ def test_lost_steps_show_at_home(board: LaserBoard, emulated: BenchBoard) -> Non
 
 
 def test_missing_home_switch_is_reported(board: LaserBoard, emulated: BenchBoard) -> None:
-    """A switch that is never met ends in an error, and the mirror counts as not homed."""
+    """If the switch is not found, an error is raised and the mirror counts as not homed."""
     emulated.inject(Fault(FaultKind.NO_HOME_SWITCH))
     with pytest.raises(HomeNotFound, match="the home switch was not found"):
         board.home()
@@ -191,7 +191,7 @@ def test_missing_home_switch_is_reported(board: LaserBoard, emulated: BenchBoard
 
 
 def test_commands_while_homing_are_refused(stopped: tuple[LaserBoard, BenchBoard, Clock]) -> None:
-    """A board on its way home says so instead of mixing two motions."""
+    """A homing board rejects motion commands."""
     board, _, _ = stopped
     board.command(Request.HOME)
     with pytest.raises(MirrorTimeout, match="still homing"):
@@ -199,7 +199,7 @@ def test_commands_while_homing_are_refused(stopped: tuple[LaserBoard, BenchBoard
 
 
 def test_jammed_mirror_times_out(emulated: BenchBoard) -> None:
-    """A motion that never ends is given up in the configured time."""
+    """A motion that does not end raises an error after the configured time."""
     config = BoardConfig(home_timeout=0.1)
     emulated.inject(Fault(FaultKind.JAMMED))
     with LaserBoard(config, backend=bench_backend(emulated)) as board:
@@ -208,7 +208,7 @@ def test_jammed_mirror_times_out(emulated: BenchBoard) -> None:
 
 
 def test_halt_stops_the_mirror_on_its_way(stopped: tuple[LaserBoard, BenchBoard, Clock]) -> None:
-    """After a halt the mirror rests short of where it was sent, and can be sent again."""
+    """A halted mirror rests short of its target and can be moved again."""
     board, emulated, clock = stopped
     begin = emulated.view().mirror_angle
     goal = board.go_to_angle(0.4, wait=False)
@@ -223,7 +223,7 @@ def test_halt_stops_the_mirror_on_its_way(stopped: tuple[LaserBoard, BenchBoard,
 
 @pytest.mark.parametrize("kind", [FaultKind.STALL, FaultKind.GARBAGE, FaultKind.SHORT_READ, FaultKind.TIMEOUT])
 def test_a_lost_report_does_not_lose_the_motion(board: LaserBoard, emulated: BenchBoard, kind: FaultKind) -> None:
-    """When the interrupt endpoint fails, the status is asked for instead."""
+    """If the interrupt endpoint fails, the status is read instead."""
     board.home()
     emulated.inject(Fault(kind, "report", count=5))
     reached = board.go_to_angle(0.3)
@@ -231,7 +231,7 @@ def test_a_lost_report_does_not_lose_the_motion(board: LaserBoard, emulated: Ben
 
 
 def test_ensure_ready_brings_back_a_board_that_was_replugged(board: LaserBoard, emulated: BenchBoard) -> None:
-    """After a loss of power, one call makes the board fit for the next scan."""
+    """After a loss of power, one call makes the board ready for the next scan."""
     board.ensure_ready()
     emulated.unplug()
     emulated.replug()
@@ -241,7 +241,7 @@ def test_ensure_ready_brings_back_a_board_that_was_replugged(board: LaserBoard, 
 
 
 def test_a_board_that_was_reset_asks_for_a_new_session(board: LaserBoard, emulated: BenchBoard) -> None:
-    """The laser cannot be switched on by a host that the board does not remember."""
+    """A host without a session cannot switch the laser on."""
     emulated.unplug()
     emulated.replug()
     with pytest.raises(BoardNotOpen, match="forgotten this session"):

@@ -1,4 +1,4 @@
-"""What a board's configuration refuses."""
+"""Validation of the board's configuration."""
 
 import math
 
@@ -19,6 +19,6 @@ from drivers import BoardConfig
     ],
 )
 def test_a_bad_value_is_refused_with_what_is_allowed(changes: dict, expected_text: str) -> None:
-    """Each field is checked where it enters, and the message holds the value."""
+    """Each field is checked, and the message contains the value."""
     with pytest.raises(ValueError, match=expected_text):
         BoardConfig(**changes)

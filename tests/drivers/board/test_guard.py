@@ -36,7 +36,7 @@ def begin(host: Host, address: str, then: str = KEEP_ALIGHT, open_: str = "board
 
 
 def test_watchdog_puts_the_laser_out_when_the_host_is_killed(emulator_process, host: Host, eventually) -> None:
-    """kill -9 leaves the host no chance to switch off; the board gets no more requests and switches off by itself."""
+    """After kill -9 the host cannot switch off; without requests, the board turns the laser off itself."""
     process, remote = begin(host, emulator_process.address)
     time.sleep(0.7)
     assert remote.view().laser_on, "a living host keeps the laser on beyond the watchdog's time"
@@ -45,7 +45,7 @@ def test_watchdog_puts_the_laser_out_when_the_host_is_killed(emulator_process, h
     process.wait(PATIENCE)
     eventually(lambda: not remote.view().laser_on)
     off = remote.switchings()[-1]
-    # In the emulator's own clock: this is the protocol's limit, not a measure of this machine's speed.
+    # On the emulator's clock: this is the limit of the protocol, not a measure of this machine's speed.
     assert not off.on and off.time - killed <= 0.6
     assert BoardFault.WATCHDOG in BoardFault(remote.view().faults)
 
@@ -54,7 +54,7 @@ def test_watchdog_puts_the_laser_out_when_the_host_is_killed(emulator_process, h
 def test_signals_switch_off_rather_than_wait_for_the_watchdog(
     emulator_process, host: Host, number: signal.Signals, eventually
 ) -> None:
-    """A host that gets a signal switches the laser off before it ends, without any `with` block."""
+    """A signalled host turns the laser off before it ends, also without a `with` block."""
     process, remote = begin(host, emulator_process.address)
     process.send_signal(number)
     status = process.wait(PATIENCE)
@@ -65,7 +65,7 @@ def test_signals_switch_off_rather_than_wait_for_the_watchdog(
 
 @pytest.mark.parametrize("then", ["", "raise RuntimeError('lost')", "sys.exit(3)"])
 def test_end_of_the_program_switches_off(emulator_process, host: Host, then: str) -> None:
-    """A program that forgets to close the board leaves it dark at exit, also by an exception."""
+    """A program that does not close the board leaves it dark at exit, also after an exception."""
     process, remote = begin(host, emulator_process.address, then)
     process.wait(PATIENCE)
     assert not remote.view().laser_on
@@ -85,7 +85,7 @@ def test_handlers_of_the_program_are_left_alone(emulator_process, host: Host) ->
 
 
 class Fake:
-    """Something to close."""
+    """Closable object."""
 
     def __init__(self, fails: bool = False) -> None:
         self.closed, self.fails = 0, fails
@@ -97,7 +97,7 @@ class Fake:
 
 
 def test_signal_handlers_are_taken_and_given_back() -> None:
-    """While a device is watched SIGTERM unwinds, afterwards it is as before."""
+    """While a device is watched, SIGTERM unwinds; afterwards the handlers are as before."""
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     first, second = Fake(), Fake()
     guard.watch(first)
@@ -120,7 +120,7 @@ def test_signals_can_be_left_alone() -> None:
 
 
 def test_one_failing_device_does_not_keep_the_others_open() -> None:
-    """At exit every device is closed, even after one that fails."""
+    """At exit every device is closed, even after a failure."""
     devices = [Fake(fails=True), Fake()]
     for device in devices:
         guard.watch(device)

@@ -1,4 +1,4 @@
-"""The numbers of the protocol, against PROTOCOL.md."""
+"""Numbers of the protocol, compared with PROTOCOL.md."""
 
 from pathlib import Path
 
@@ -20,13 +20,13 @@ def test_checksum_has_the_published_check_value() -> None:
 
 
 def test_every_request_stands_in_the_document() -> None:
-    """Each command's number and name are in the table of commands."""
+    """Number and name of each command are in the table of commands."""
     for request in Request:
         assert f"| 0x{request.value:02X} | {request.name} |" in DOCUMENT
 
 
 def test_every_result_flag_and_fault_stands_in_the_document() -> None:
-    """Each value that a status can carry is written down with its number."""
+    """Each value that a status can contain is documented with its number."""
     for result in Result:
         assert f"{result.value} {result.name}" in DOCUMENT
     for flag in BoardFlag:
@@ -36,7 +36,7 @@ def test_every_result_flag_and_fault_stands_in_the_document() -> None:
 
 
 def test_every_fault_has_words() -> None:
-    """No fault is reported as nothing."""
+    """Every fault has a description."""
     assert protocol.describe_faults(BoardFault(0)) == "no fault"
     for fault in BoardFault:
         assert protocol.describe_faults(fault) == protocol.FAULT_MEANINGS[fault]
@@ -47,7 +47,7 @@ def test_every_fault_has_words() -> None:
 @given(st.integers(-(2**31), 2**31 - 1))
 @settings(max_examples=examples(200), derandomize=True)
 def test_argument_survives_being_split(argument: int) -> None:
-    """A signed 32-bit argument comes back from the two halves of the setup packet."""
+    """A signed 32-bit argument is recovered from the two halves of the setup packet."""
     value, index = protocol.split_argument(argument)
     assert 0 <= value <= 0xFFFF and 0 <= index <= 0xFFFF
     assert protocol.join_argument(value, index) == argument

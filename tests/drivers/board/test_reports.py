@@ -1,4 +1,4 @@
-"""Reports of the board: they hold the time of their event, and the driver uses it when it fetches them late."""
+"""Reports of the board contain the time of their event, which the driver uses even if it fetches them late."""
 
 import time
 from collections.abc import Iterator
@@ -13,12 +13,12 @@ from testbed.bench_board import BenchBoard, Fault, FaultKind, bench_backend
 from testbed.remote_board import remote_backend
 
 SETTLE = 0.003
-FAR = 3000  # steps
+FAR = 3000  # [steps]
 MILLISECOND = 0.001
 
 
 class Bench:
-    """A homed board whose time the test sets, with the laser on and no report waiting."""
+    """Homed board with the laser on and no report waiting, whose time is set by the test."""
 
     def __init__(self, mirror_speed: float = 7.0) -> None:
         self.now = 100.0
@@ -42,13 +42,13 @@ class Bench:
 
     @property
     def travel_time(self) -> float:
-        """From home to FAR [s]."""
+        """Time from home to FAR [s]."""
         config = self.board.config
         return (FAR - config.identity.min_step) * config.identity.step_angle / config.mirror_speed
 
 
 def test_report_of_a_motion_holds_the_time_at_which_it_had_settled() -> None:
-    """Not the time at which it is fetched; and nothing before that time."""
+    """Not the time at which it is fetched; and no report before that time."""
     bench = Bench()
     begun = bench.ask(Request.GO_TO, FAR)
     bench.now += bench.travel_time + 0.5 * SETTLE
@@ -62,7 +62,7 @@ def test_report_of_a_motion_holds_the_time_at_which_it_had_settled() -> None:
 
 @pytest.mark.parametrize("seconds", [0.1, 0.8])
 def test_report_of_a_motion_holds_the_laser_as_it_was_then(seconds: float) -> None:
-    """A later event of the watchdog has a report of its own."""
+    """A later action of the watchdog has its own report."""
     bench = Bench()
     bench.ask(Request.GO_TO, FAR)
     assert bench.travel_time + SETTLE < 0.5
@@ -76,7 +76,7 @@ def test_report_of_a_motion_holds_the_laser_as_it_was_then(seconds: float) -> No
 
 
 def test_report_of_a_motion_longer_than_the_watchdog_says_that_the_laser_was_off() -> None:
-    """What happened before the end of the motion is in its report, even when nobody looked in between."""
+    """The report includes what happened before the end of the motion, even without a request in between."""
     bench = Bench(mirror_speed=0.3)
     begun = bench.ask(Request.GO_TO, FAR)
     assert bench.travel_time > 1.0
@@ -89,7 +89,7 @@ def test_report_of_a_motion_longer_than_the_watchdog_says_that_the_laser_was_off
 
 
 def test_oldest_reports_are_dropped() -> None:
-    """A host that fetched none for long gets the newest; a motion that another one replaced has no report."""
+    """A host that fetched none gets the newest reports; a motion that another one replaced has none."""
     bench = Bench()
     for index in range(9):
         bench.ask(Request.GO_TO, 100 + 10 * index)
@@ -103,7 +103,7 @@ def test_oldest_reports_are_dropped() -> None:
 
 
 def test_halted_motion_is_reported_and_a_board_without_power_forgets() -> None:
-    """A halt ends a motion; after power-up nothing has happened yet."""
+    """A halt ends a motion; power-up discards all reports."""
     bench = Bench()
     bench.ask(Request.GO_TO, FAR)
     bench.now += 0.01
@@ -121,7 +121,7 @@ def test_halted_motion_is_reported_and_a_board_without_power_forgets() -> None:
 
 
 class Skewed:
-    """The board's clock: with another origin and another rate than the host's, if asked for."""
+    """Clock of the board, with an origin and a rate that may differ from those of the host."""
 
     def __init__(self, offset: float = 0.0, rate: float = 1.0) -> None:
         self.offset, self.rate = offset, rate
@@ -131,7 +131,7 @@ class Skewed:
         return self._begin + self.offset + self.rate * (time.monotonic() - self._begin)
 
     def on_host(self, instant: float) -> float:
-        """The host's time [s] at an instant of this clock."""
+        """Host time at an instant of this clock [s]."""
         return self._begin + (instant - self._begin - self.offset) / self.rate
 
 
@@ -152,7 +152,7 @@ def skewed(request: pytest.FixtureRequest) -> Iterator[tuple[LaserBoard, BenchBo
 def test_end_of_a_motion_is_known_also_when_asked_late(
     skewed: tuple[LaserBoard, BenchBoard, Skewed], asleep: float
 ) -> None:
-    """Never reported earlier than it was and hardly later, whatever origin and rate the two clocks have."""
+    """The reported time is never too early and hardly late, for clocks of any origin and rate."""
     board, emulated, clock = skewed
     board.go_to_angle(board.identity.angle_of(board.identity.min_step) + 0.4, wait=False)
     time.sleep(asleep)
@@ -166,7 +166,7 @@ def test_end_of_a_motion_is_known_also_when_asked_late(
 
 @pytest.mark.parametrize("kind", [FaultKind.GARBAGE, FaultKind.SHORT_READ, FaultKind.STALL, FaultKind.TIMEOUT])
 def test_status_stands_in_for_a_report_that_is_lost(kind: FaultKind) -> None:
-    """Then all that is known is that the mirror stands still at the time of the status."""
+    """The time of the status is then the only time at which the mirror is known to be at rest."""
     emulated = BenchBoard(EmulatorConfig())
     with LaserBoard(backend=bench_backend(emulated)) as board:
         board.home()
@@ -179,7 +179,7 @@ def test_status_stands_in_for_a_report_that_is_lost(kind: FaultKind) -> None:
 
 
 def test_clock_that_went_back_is_not_believed(board: LaserBoard, emulated: BenchBoard) -> None:
-    """A report that is older than its command proves no time; the mirror counts as still from now on."""
+    """A report older than its command is not used; the mirror counts as at rest from now on."""
     board.home()
     board.go_to_angle(0.1, wait=False)
     time.sleep(0.1)
@@ -189,7 +189,7 @@ def test_clock_that_went_back_is_not_believed(board: LaserBoard, emulated: Bench
 
 
 def test_reports_of_earlier_motions_are_passed_over(board: LaserBoard, emulated: BenchBoard) -> None:
-    """Those of motions whose report nobody fetched, as in a scan that lost frames."""
+    """Reports that were not fetched, as in a scan that lost frames, are skipped."""
     board.home()
     for angle in (0.1, 0.12, 0.14):
         board.go_to_angle(angle, wait=False)
@@ -201,7 +201,7 @@ def test_reports_of_earlier_motions_are_passed_over(board: LaserBoard, emulated:
 
 
 def test_mirror_that_stands_is_still_now(board: LaserBoard) -> None:
-    """No motion was begun: the status is asked for."""
+    """Without a motion, the status is read."""
     board.home()
     sequence = board.status().sequence
     status, since = board.still_since()
@@ -209,7 +209,7 @@ def test_mirror_that_stands_is_still_now(board: LaserBoard) -> None:
 
 
 def test_reports_of_another_process_hold_their_own_time(emulator_process) -> None:
-    """Over the socket it is the same board."""
+    """A board reached over the socket behaves in the same way."""
     with LaserBoard(BoardConfig(), backend=remote_backend(emulator_process.address)) as board:
         board.ensure_ready()
         board.go_to_angle(0.0)

@@ -1,4 +1,4 @@
-"""Handshake, bounded retries, reconnecting and closing."""
+"""Handshake, bounded retries, reconnection and closing."""
 
 import threading
 import time
@@ -31,7 +31,7 @@ TRANSIENT = [
 
 
 def test_handshake_reads_what_the_board_is(board: LaserBoard, emulated: BenchBoard) -> None:
-    """The identity that arrives is the one the board was made with."""
+    """The received identity is the one with which the board was created."""
     assert board.identity == emulated.config.identity
     assert board.serial == "EMU0001"
 
@@ -40,7 +40,7 @@ def test_handshake_reads_what_the_board_is(board: LaserBoard, emulated: BenchBoa
 def test_a_transient_fault_is_overcome_by_repeating(
     board: LaserBoard, emulated: BenchBoard, kind: FaultKind, error: type[BoardError], expected_text: str
 ) -> None:
-    """Two faults in a row pass unseen by the caller, since three attempts are made."""
+    """Two consecutive faults are hidden from the caller by the third attempt."""
     emulated.inject(Fault(kind, Request.STATUS, count=2))
     assert board.status().result is Result.OK
 
@@ -49,7 +49,7 @@ def test_a_transient_fault_is_overcome_by_repeating(
 def test_a_lasting_fault_is_typed_and_says_how_often_it_was_tried(
     board: LaserBoard, emulated: BenchBoard, kind: FaultKind, error: type[BoardError], expected_text: str
 ) -> None:
-    """The third failure in a row is raised, with the cause and the number of attempts."""
+    """The third consecutive failure is raised, with its cause and the number of attempts."""
     emulated.inject(Fault(kind, Request.STATUS, count=3))
     with pytest.raises(error, match=expected_text) as caught:
         board.status()
@@ -58,14 +58,14 @@ def test_a_lasting_fault_is_typed_and_says_how_often_it_was_tried(
 
 
 def test_a_time_out_names_the_wait_of_its_transfer(board: LaserBoard, emulated: BenchBoard) -> None:
-    """It may be shorter than the configured one, near the end of the watchdog's time."""
+    """Near the end of the watchdog's time, it is shorter than the configured one."""
     emulated.inject(Fault(FaultKind.TIMEOUT, Request.STATUS))
     with pytest.raises(BoardTimeout, match="within 20 ms"):
         board._link.request(Request.STATUS, 0, STATUS_SIZE, 0.02)
 
 
 def test_a_stalled_report_blames_no_request(board: LaserBoard, emulated: BenchBoard) -> None:
-    """The message says what stalled, and that reading again helps; it does."""
+    """The message says what stalled and that reading again helps, which it does."""
     emulated.inject(Fault(FaultKind.STALL, "report"))
     with pytest.raises(BoardStalled, match="stalled its report endpoint.*read again"):
         board._link.read_report(0.1)
@@ -73,7 +73,7 @@ def test_a_stalled_report_blames_no_request(board: LaserBoard, emulated: BenchBo
 
 
 def test_repeating_a_command_whose_answer_was_lost_does_it_once(board: LaserBoard, emulated: BenchBoard) -> None:
-    """Commands are idempotent: a motion whose acknowledgement is lost is not made twice."""
+    """Commands are idempotent: a repeated motion command starts no second motion."""
     board.home()
     emulated.inject(Fault(FaultKind.TIMEOUT_AFTER, Request.GO_TO))
     motions = board.status().motion
@@ -84,7 +84,7 @@ def test_repeating_a_command_whose_answer_was_lost_does_it_once(board: LaserBoar
 
 @pytest.mark.parametrize("kind", [FaultKind.UNPLUG, FaultKind.UNPLUG_AFTER])
 def test_unplugging_is_not_repeated_but_reported(board: LaserBoard, emulated: BenchBoard, kind: FaultKind) -> None:
-    """A board that left the bus is not asked again; the error says to reconnect."""
+    """A board that left the bus is not addressed again; the error advises to reconnect."""
     emulated.inject(Fault(kind, Request.STATUS))
     with pytest.raises(BoardUnplugged, match=r"left the bus during the command STATUS.*reconnect"):
         board.status()
@@ -92,7 +92,7 @@ def test_unplugging_is_not_repeated_but_reported(board: LaserBoard, emulated: Be
 
 
 def test_reconnecting_finds_a_board_that_comes_back(board: LaserBoard, emulated: BenchBoard) -> None:
-    """A board plugged in again during `reconnect` works again, dark and with its home unknown."""
+    """A board that is plugged in during `reconnect` works again, with the laser off and not homed."""
     board.home()
     board.laser_on()
     emulated.unplug()
@@ -106,7 +106,7 @@ def test_reconnecting_finds_a_board_that_comes_back(board: LaserBoard, emulated:
 
 
 def test_reconnecting_gives_up_in_time(board: LaserBoard, emulated: BenchBoard) -> None:
-    """A board that stays away is "not found" after the time given."""
+    """If the board stays away, BoardNotFound is raised after the given time."""
     emulated.unplug()
     before = time.monotonic()
     with pytest.raises(BoardNotFound):
@@ -124,7 +124,7 @@ def test_reconnecting_gives_up_in_time(board: LaserBoard, emulated: BenchBoard) 
     ],
 )
 def test_another_version_of_the_protocol_is_refused(version: int, expected_text: str) -> None:
-    """An older board needs a newer firmware, a newer one a newer driver; nothing is switched meanwhile."""
+    """An older board needs newer firmware, a newer one a newer driver; nothing is switched."""
     emulated = BenchBoard()
     emulated.inject(Fault(FaultKind.WRONG_VERSION, amount=version))
     board = LaserBoard(backend=bench_backend(emulated))
@@ -140,7 +140,7 @@ def test_another_version_of_the_protocol_is_refused(version: int, expected_text:
 def test_an_older_minor_version_is_accepted_and_logged(
     version: int, expected_text: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """A board of 1.0 works as before; the log says which was found."""
+    """A board of protocol 1.0 works; the log contains its version."""
     caplog.set_level("INFO")
     emulated = BenchBoard()
     emulated.inject(Fault(FaultKind.WRONG_VERSION, amount=version))
@@ -150,7 +150,7 @@ def test_an_older_minor_version_is_accepted_and_logged(
 
 
 def test_repeats_end_before_the_watchdog_does() -> None:
-    """However many attempts are configured: after half of the board's time the driver gives up, as it must."""
+    """For any number of attempts, the driver gives up after half of the watchdog's time."""
     clock = EmulatedClock()
     with timing.on_clock(clock):
         emulated = BenchBoard()
@@ -165,7 +165,7 @@ def test_repeats_end_before_the_watchdog_does() -> None:
 
 
 def test_newer_minor_version_is_accepted() -> None:
-    """A board that knows more than the driver is fine."""
+    """A board with more commands than the driver uses is accepted."""
     emulated = BenchBoard()
     emulated.inject(Fault(FaultKind.WRONG_VERSION, amount=0x0105))
     with LaserBoard(backend=bench_backend(emulated)) as board:
@@ -175,7 +175,7 @@ def test_newer_minor_version_is_accepted() -> None:
 @pytest.mark.parametrize("kind", [kind for kind, *_ in TRANSIENT] + [FaultKind.UNPLUG, FaultKind.UNPLUG_AFTER])
 @pytest.mark.parametrize("request_", [Request.IDENTIFY, Request.HELLO])
 def test_a_fault_in_the_handshake_leaves_the_board_free(kind: FaultKind, request_: Request) -> None:
-    """Whatever fails while opening, the device is given back and a second try works."""
+    """After any failure to open, the device is released and a second attempt works."""
     emulated = BenchBoard()
     emulated.inject(Fault(kind, request_, count=3))
     board = LaserBoard(BoardConfig(timeout=0.01), backend=bench_backend(emulated))
@@ -189,7 +189,7 @@ def test_a_fault_in_the_handshake_leaves_the_board_free(kind: FaultKind, request
 
 
 def test_leaving_the_block_puts_the_laser_out(emulated: BenchBoard) -> None:
-    """Normal end and exception alike."""
+    """After a normal end and after an exception."""
     backend = bench_backend(emulated)
     with LaserBoard(backend=backend) as board:
         board.laser_on()
@@ -202,14 +202,14 @@ def test_leaving_the_block_puts_the_laser_out(emulated: BenchBoard) -> None:
 
 
 def test_a_failure_while_closing_never_hides_the_error_under_way(emulated: BenchBoard) -> None:
-    """The user sees what went wrong first."""
+    """The original error is raised."""
     with pytest.raises(ZeroDivisionError), LaserBoard(BoardConfig(timeout=0.01), backend=bench_backend(emulated)):
         emulated.inject(Fault(FaultKind.TIMEOUT, Request.GOODBYE, count=3))
         raise ZeroDivisionError
 
 
 def test_a_failure_while_closing_is_raised_when_nothing_else_is() -> None:
-    """A board that could not be switched dark is not passed over in silence."""
+    """A laser that could not be turned off raises an error."""
     emulated = BenchBoard()
     board = LaserBoard(BoardConfig(timeout=0.01), backend=bench_backend(emulated))
     board.open()
@@ -220,7 +220,7 @@ def test_a_failure_while_closing_is_raised_when_nothing_else_is() -> None:
 
 
 def test_laser_stuck_on_is_reported_while_closing(eventually) -> None:
-    """A laser that does not go out on goodbye is an error, since someone must cut its power."""
+    """A laser that stays on after GOODBYE is an error, because its power must be cut by hand."""
     emulated = BenchBoard()
     emulated.inject(Fault(FaultKind.LASER_STUCK_ON))
     board = LaserBoard(backend=bench_backend(emulated))
@@ -230,7 +230,7 @@ def test_laser_stuck_on_is_reported_while_closing(eventually) -> None:
 
 
 def test_closing_an_unplugged_board_is_quiet(board: LaserBoard, emulated: BenchBoard) -> None:
-    """Without USB power the laser is out, so there is nothing to complain of."""
+    """Without USB power the laser is off, so no error is raised."""
     emulated.unplug()
     board.close()
     assert not board.is_open
@@ -239,7 +239,7 @@ def test_closing_an_unplugged_board_is_quiet(board: LaserBoard, emulated: BenchB
 def test_after_an_answer_to_another_request_the_command_is_repeated(
     board: LaserBoard, monkeypatch: pytest.MonkeyPatch, emulated: BenchBoard
 ) -> None:
-    """A whole status that echoes another command is not believed."""
+    """A valid status that echoes another command is not accepted."""
     real, wrong = emulated.serve, [2]
 
     def serve(request: int, argument: int) -> bytes | None:
@@ -256,6 +256,6 @@ def test_after_an_answer_to_another_request_the_command_is_repeated(
 
 
 def test_identity_before_opening_is_refused() -> None:
-    """There is no made-up identity."""
+    """There is no default identity."""
     with pytest.raises(BoardNotOpen, match="with LaserBoard"):
         _ = LaserBoard(backend=bench_backend(BenchBoard())).identity

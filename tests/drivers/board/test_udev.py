@@ -8,21 +8,21 @@ from drivers.board.usb_link import UDEV_RULE_FILE, udev_instructions, udev_rule
 
 
 def test_rule_names_the_ids_in_lower_case_hexadecimal() -> None:
-    """udev compares the ids as text, four lower-case digits."""
+    """udev compares the ids as text of four lower-case digits."""
     rule = udev_rule(0x1ABC, 0x0002)
     assert 'ATTR{idVendor}=="1abc"' in rule and 'ATTR{idProduct}=="0002"' in rule
     assert "uaccess" in rule
 
 
 def test_instructions_install_the_rule_and_load_it() -> None:
-    """The file sorts before 73, where uaccess is acted upon."""
+    """The name of the file sorts before 73, in which uaccess is evaluated."""
     text = udev_instructions()
     assert udev_rule() in text and UDEV_RULE_FILE in text and "udevadm control --reload-rules" in text
     assert int(UDEV_RULE_FILE.rsplit("/", 1)[1].split("-")[0]) < 73
 
 
 def test_instructions_can_be_pasted_into_a_shell(tmp_path: Path) -> None:
-    """From where the command begins to the end of the line, as a program prints it; nothing but the rule is written."""
+    """The printed line, from the command to its end, writes the rule and nothing else."""
     sudo, log = tmp_path / "sudo", tmp_path / "log"
     sudo.write_text(f'#!/bin/sh\necho "$@" >> {log}\nif [ "$1" = tee ]; then cat >> {log}; fi\n')
     sudo.chmod(0o755)

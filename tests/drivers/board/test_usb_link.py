@@ -1,4 +1,4 @@
-"""Finding and opening the board, through the real pyusb."""
+"""Search for and opening of the board, through the real pyusb."""
 
 import errno
 
@@ -22,13 +22,13 @@ from testbed.bench_board import BenchBoard, Fault, FaultKind, bench_backend
 
 
 def test_real_libusb_loads_and_finds_no_board() -> None:
-    """The libusb of libusb-package works on this machine; ids that no device has give "not found"."""
+    """The libusb of libusb-package works on this machine; ids that no device has give BoardNotFound."""
     with pytest.raises(BoardNotFound, match="no laser board 1209:ffff on USB: check its cable"):
         LaserBoard(BoardConfig(product_id=0xFFFF)).open()
 
 
 def test_missing_libusb_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where the library does not load, the message names the package to reinstall."""
+    """If the library cannot be loaded, the message names the package to reinstall."""
     import libusb_package
 
     monkeypatch.setattr(libusb_package, "get_libusb1_backend", lambda: None)
@@ -37,7 +37,7 @@ def test_missing_libusb_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_permission_denied_holds_the_udev_rule() -> None:
-    """A user without permission is given the rule to install."""
+    """A user without permission gets the rule to install."""
     emulated = BenchBoard()
     emulated.inject(Fault(FaultKind.NO_PERMISSION, "open"))
     with pytest.raises(BoardPermissionDenied) as caught:
@@ -47,7 +47,7 @@ def test_permission_denied_holds_the_udev_rule() -> None:
 
 
 def test_pyusb_without_langid_counts_as_permission_denied(monkeypatch: pytest.MonkeyPatch) -> None:
-    """pyusb reports strings it may not read as a ValueError about langids; users see what it means."""
+    """pyusb's ValueError about langids means that strings may not be read; the message says so."""
 
     def unreadable(*_: object) -> str:
         raise ValueError("The device has no langid (permission issue, no string descriptors supported ...)")
@@ -58,7 +58,7 @@ def test_pyusb_without_langid_counts_as_permission_denied(monkeypatch: pytest.Mo
 
 
 def test_unreadable_descriptors_are_a_bad_reply(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Any other ValueError of pyusb while opening is a device that describes itself wrongly."""
+    """Any other ValueError of pyusb while opening means invalid descriptors."""
 
     def broken(*_: object) -> str:
         raise ValueError("odd")
@@ -69,7 +69,7 @@ def test_unreadable_descriptors_are_a_bad_reply(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_second_program_finds_the_board_in_use(board: LaserBoard, emulated: BenchBoard) -> None:
-    """Two drivers cannot hold one board, and the second says why."""
+    """Two drivers cannot open one board; the second one raises BoardInUse."""
     backend = board._link._backend
     with pytest.raises(BoardInUse, match="another program uses"):
         LaserBoard(backend=backend).open()
@@ -93,7 +93,7 @@ def test_board_is_chosen_by_serial_number() -> None:
 
 
 def test_closed_link_says_how_to_open() -> None:
-    """A transfer on a closed link is refused by name, not by an attribute error."""
+    """A transfer on a closed link raises BoardNotOpen, not AttributeError."""
     link = UsbLink(BoardConfig(), bench_backend(BenchBoard()))
     with pytest.raises(BoardNotOpen, match="with LaserBoard"):
         link.request(Request.STATUS, 0, 26)
@@ -103,7 +103,7 @@ def test_closed_link_says_how_to_open() -> None:
 
 @pytest.mark.parametrize("number", [errno.EIO, errno.EOVERFLOW, None])
 def test_any_other_bus_error_keeps_its_words(monkeypatch: pytest.MonkeyPatch, number: int | None) -> None:
-    """Errors without a class of their own are typed too, with what libusb said."""
+    """Errors without a class of their own contain libusb's text."""
     link = UsbLink(BoardConfig(), bench_backend(BenchBoard()))
     link.open()
 

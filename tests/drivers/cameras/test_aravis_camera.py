@@ -1,4 +1,4 @@
-"""`AravisCamera` against Aravis' own fake camera: real GigE Vision on loopback, pictures drawn at the trigger."""
+"""`AravisCamera` with Aravis's fake camera: real GigE Vision on loopback, images drawn at the trigger."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from drivers.errors import (
 from testbed.gige import FakeGigeCamera
 from tests.gige import fake_gige
 
-# Seconds; packets on loopback take milliseconds, a busy machine longer.
+# [s] Packets on loopback take milliseconds; a busy machine takes longer.
 PATIENCE = 60.0
 
 
@@ -39,20 +39,22 @@ def fake() -> Iterator[FakeGigeCamera]:
 
 
 def picture_of(number: int) -> np.ndarray:
-    """Grey, with one red row."""
+    """Grey image with one red row."""
     picture = np.full((256, 320, 3), 40, np.uint8)
     picture[number % 256, :, 2] = 200
     return picture
 
 
 def test_each_trigger_brings_the_picture_drawn_for_it(fake: FakeGigeCamera) -> None:
-    """Nothing before the first; then in order, numbered without a gap past the wrap of the ids, each
-    with the time of the camera's own clock, raw and unchangeable."""
+    """One frame per trigger, in order, numbered without gaps across the wrap of the ids.
+
+    No frame arrives before the first trigger. Each has the time of the camera's own clock, and is raw and read-only.
+    """
     with AravisCamera(fake.name, trigger="Line1") as camera:
         assert camera.triggered and camera.counts_frames and camera.pixel_format == "Mono8"
         with pytest.raises(CameraTimeout, match=r"delivered no frame within 0\.05 s"):
             camera.grab(0.05)
-        # Aravis' fake begins at 65300 of 65535.
+        # The ids of Aravis's fake camera begin at 65300 of 65535.
         for number in range(260):
             assert fake.expose(picture_of(number), taken_at=7.0 + 0.011 * number)
             frame = camera.grab(PATIENCE)
@@ -79,7 +81,7 @@ def test_frames_wait_in_order_until_they_are_fetched_or_forgotten(fake: FakeGige
 
 
 def test_settings_are_locked_and_read_back(fake: FakeGigeCamera) -> None:
-    """The camera holds them, and the shortest time between triggers follows the exposure."""
+    """The camera keeps them, and the shortest trigger period follows the exposure."""
     with AravisCamera(fake.name, trigger="Line1", exposure_output="Line2") as camera:
         held = camera.lock(CameraSettings(exposure=0.004, gain=6.0, gamma=1.0))
         assert held.exposure == pytest.approx(0.004) and (held.gain, held.gamma, held.white_balance) == (6.0, 1.0, None)
@@ -87,12 +89,12 @@ def test_settings_are_locked_and_read_back(fake: FakeGigeCamera) -> None:
         assert fake.state.shows_exposure
         assert 0.004 < camera.trigger_period < 0.005
         camera.lock(CameraSettings(exposure=0.0005))
-        # The camera's own highest rate, 500 frames per second.
+        # The camera's highest frame rate is 500 frames per second.
         assert camera.trigger_period == pytest.approx(0.002)
 
 
 def test_what_another_program_changed_is_read(fake: FakeGigeCamera) -> None:
-    """Exposure and gain as the camera holds them now, in seconds and decibels."""
+    """Present exposure and gain of the camera are read, in seconds and decibels."""
     with AravisCamera(fake.name) as camera:
         locked = camera.lock(CameraSettings(exposure=0.004, gain=6.0))
         assert setting_changes(camera, locked) == ()
@@ -117,7 +119,7 @@ def test_what_it_cannot_hold_is_refused(fake: FakeGigeCamera, settings: dict[str
 
 @pytest.mark.parametrize("pattern", BAYER)
 def test_a_raw_mosaic_comes_as_it_is(fake: FakeGigeCamera, pattern: str) -> None:
-    """Each pixel sees the colour that the pattern's name gives it."""
+    """Each pixel has the colour given by the name of the pattern."""
     rng = np.random.default_rng(4)
     picture = rng.integers(0, 256, (256, 320, 3), dtype=np.uint8)
     with AravisCamera(fake.name, trigger="Line1", pixel_format=pattern, raw=True) as camera:
@@ -131,7 +133,7 @@ def test_a_raw_mosaic_comes_as_it_is(fake: FakeGigeCamera, pattern: str) -> None
 
 
 def test_of_a_mosaic_the_red_pixels_are_taken(fake: FakeGigeCamera) -> None:
-    """One channel of half the width and height, nothing made up; a size that is asked for is that of the frames."""
+    """Red pixels form an image of half the width and height; a requested size is that of the frames."""
     rng = np.random.default_rng(6)
     picture = rng.integers(0, 256, (256, 320, 3), dtype=np.uint8)
     with AravisCamera(fake.name, trigger="Line1", pixel_format="BayerGB8", size=(160, 128)) as camera:
@@ -142,7 +144,7 @@ def test_of_a_mosaic_the_red_pixels_are_taken(fake: FakeGigeCamera) -> None:
 
 
 def test_without_a_trigger_it_runs_freely(fake: FakeGigeCamera) -> None:
-    """A trigger is then ignored."""
+    """Triggers are then ignored."""
     with AravisCamera(fake.name, fps=50.0) as camera:
         assert not camera.triggered
         first, second = camera.grab(PATIENCE), camera.grab(PATIENCE)
@@ -191,7 +193,7 @@ def test_what_it_does_not_have_is_refused(fake: FakeGigeCamera, options: dict, e
     with pytest.raises(CameraSettingRefused, match=expected_text):
         camera.open()
     with AravisCamera(fake.name):
-        pass  # It was given back.
+        pass  # The camera was released.
 
 
 def test_a_camera_that_is_not_there(fake: FakeGigeCamera) -> None:
@@ -200,7 +202,7 @@ def test_a_camera_that_is_not_there(fake: FakeGigeCamera) -> None:
 
 
 def test_a_camera_that_another_program_holds(fake: FakeGigeCamera) -> None:
-    """The camera stays with that program."""
+    """The camera stays with the other program."""
     with AravisCamera(fake.name, trigger="Line1") as first:
         with pytest.raises(CameraNotFound, match="no other program uses it"):
             AravisCamera(fake.name).open()
@@ -215,7 +217,7 @@ def test_an_unknown_pixel_format() -> None:
 
 @given(st.lists(st.integers(1, 500), min_size=1, max_size=300), st.integers(1, SHORT_IDS))
 def test_counting_goes_on_where_short_numbers_begin_again(increments: list[int], start: int) -> None:
-    """Whatever the gaps and wherever the ids begin again (1 after 65535, never 0)."""
+    """The counter continues for any gap and any position of the wrap (1 after 65535, never 0)."""
     camera = AravisCamera()
     true = start
     camera._count(start)
@@ -226,7 +228,7 @@ def test_counting_goes_on_where_short_numbers_begin_again(increments: list[int],
 
 
 def test_a_camera_that_does_not_answer_while_it_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An error of Aravis does not pass the driver."""
+    """Errors of Aravis are converted to driver errors."""
 
     def lock_settings(*_: object) -> None:
         raise BrokenPipeError("Timeout")

@@ -1,4 +1,4 @@
-"""`AravisCamera` when packets are lost, and when the camera is: against Aravis' own fake camera on loopback."""
+"""`AravisCamera` when packets or the camera are lost, with Aravis's fake camera on loopback."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.gige import fake_gige
 
 @pytest.mark.slow
 def test_a_frame_whose_packets_were_lost_is_a_gap() -> None:
-    """Never a picture with holes."""
+    """Incomplete images are never returned."""
     with fake_gige(lost_packets=0.005) as fake, AravisCamera(fake.name, trigger="Line1") as camera:
         counters = []
         for number in range(30):
@@ -33,7 +33,7 @@ def test_a_frame_whose_packets_were_lost_is_a_gap() -> None:
 
 @pytest.mark.slow
 def test_a_camera_that_vanishes() -> None:
-    """The loss is reported once the heartbeat is missed."""
+    """The loss is reported once the heartbeat fails."""
     with fake_gige() as fake, AravisCamera(fake.name, trigger="Line1") as camera:
         fake.__exit__(None, None, None)
         until = time.monotonic() + 60.0

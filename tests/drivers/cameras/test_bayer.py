@@ -1,4 +1,4 @@
-"""Bayer mosaics: what each pixel sees, and its red pixels."""
+"""Bayer mosaics: colour of each pixel, and the red pixels."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from drivers.cameras.bayer import PATTERNS, mosaic, red_pixels
 
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_the_red_pixels_are_those_that_see_red(pattern: str) -> None:
-    """Green and blue do not matter, and the picture has memory of its own."""
+    """Green and blue have no effect, and the result owns its memory."""
     rng = np.random.default_rng(2)
     picture = rng.integers(0, 256, (20, 30, 3), dtype=np.uint8)
     red = red_pixels(mosaic(picture, pattern), pattern)

@@ -18,18 +18,18 @@ from drivers import Camera, CameraSettings, Frame
     ],
 )
 def test_a_bad_setting_is_refused(changes: dict, expected_text: str) -> None:
-    """The message holds the name and the value."""
+    """The message contains name and value."""
     with pytest.raises(ValueError, match=expected_text):
         CameraSettings(**changes)
 
 
 def test_gain_may_be_zero_or_less() -> None:
-    """Cameras count gain in decibels or in units of their own from zero."""
+    """Cameras state gain in decibels or in units of their own that start at zero."""
     assert CameraSettings(gain=0.0).gain == 0.0 and CameraSettings(gain=-3.0).gain == -3.0
 
 
 class Own(Camera):
-    """The smallest camera a user can wire: five methods."""
+    """Smallest possible camera: five methods."""
 
     def __init__(self) -> None:
         self.is_open = False
@@ -51,7 +51,7 @@ class Own(Camera):
 
 
 def test_an_own_camera_needs_five_methods_and_is_closed_by_its_block() -> None:
-    """The context manager comes from the base class, and closes after an exception too."""
+    """The inherited context manager closes it, also after an exception."""
     camera = Own()
     with pytest.raises(KeyError), camera:
         assert camera.is_open
@@ -60,6 +60,6 @@ def test_an_own_camera_needs_five_methods_and_is_closed_by_its_block() -> None:
 
 
 def test_a_camera_without_its_methods_cannot_be_made() -> None:
-    """What is missing shows when the camera is made, not in the middle of a scan."""
+    """Missing methods raise an error at construction, not during a scan."""
     with pytest.raises(TypeError, match="grab"):
         type("Half", (Camera,), {"open": lambda self: None})()

@@ -1,4 +1,4 @@
-"""OpenCV cameras, on real files through the real backends, and on a live device made of a stub."""
+"""OpenCV cameras with real files and backends, and with a stub of a live device."""
 
 import threading
 import time
@@ -46,7 +46,7 @@ def video(tmp_path: Path) -> Path:
 
 
 def test_frames_cannot_change_under_another_name_either(sequence: str) -> None:
-    """What a frame is a view of, if anything, is read-only as well: a laser-off frame is kept for a whole scan."""
+    """The base array of a frame is read-only too, because a laser-off frame is kept for a whole scan."""
     with OpenCvCamera(sequence) as camera:
         memory: object = camera.grab(1.0).image
         first = memory
@@ -59,7 +59,7 @@ def test_frames_cannot_change_under_another_name_either(sequence: str) -> None:
 
 
 def test_image_sequence_is_read_pixel_by_pixel(sequence: str) -> None:
-    """PNG files come back exactly, in order, numbered, read-only, and end."""
+    """PNG files are returned exactly, in order, numbered and read-only, until they end."""
     with OpenCvCamera(sequence) as camera:
         for number, level in enumerate(LEVELS):
             frame = camera.grab(1.0)
@@ -72,7 +72,7 @@ def test_image_sequence_is_read_pixel_by_pixel(sequence: str) -> None:
 
 @pytest.mark.parametrize("backend", ["any", "ffmpeg"])
 def test_video_file_is_read_whole(video: Path, backend: str) -> None:
-    """Every frame of a motion-JPEG file arrives, within what the compression loses."""
+    """Every frame of a motion-JPEG file arrives, within the loss of the compression."""
     with OpenCvCamera(video, backend=backend) as camera:
         reds = [float(camera.grab(1.0).image[:, :, 2].mean()) for _ in LEVELS]
         with pytest.raises(CameraEnded):
@@ -81,7 +81,7 @@ def test_video_file_is_read_whole(video: Path, backend: str) -> None:
 
 
 def test_reopening_a_file_starts_over(sequence: str) -> None:
-    """`open` does nothing when it is open, and begins again after `close`."""
+    """`open` does nothing if the file is open, and starts over after `close`."""
     camera = OpenCvCamera(sequence, backend="images")
     for _ in range(2):
         with camera:
@@ -92,7 +92,7 @@ def test_reopening_a_file_starts_over(sequence: str) -> None:
 
 
 def test_flush_of_a_file_loses_nothing(sequence: str) -> None:
-    """A file has nothing waiting."""
+    """No frames of a file are waiting."""
     with OpenCvCamera(sequence) as camera:
         camera.flush()
         assert camera.grab(1.0).counter == 0
@@ -100,13 +100,13 @@ def test_flush_of_a_file_loses_nothing(sequence: str) -> None:
 
 @pytest.mark.parametrize("source", ["no/such/file.avi", "/dev/video97", 97])
 def test_missing_source_is_named(source: str | int) -> None:
-    """The message holds the source and what to check."""
+    """The message names the source and what to check."""
     with pytest.raises(CameraNotFound, match=f"camera {source} cannot be opened .*group `video`"):
         OpenCvCamera(source).open()
 
 
 def test_firewire_is_explained() -> None:
-    """Whoever asks for FireWire reads that this OpenCV has none, and where the ways around are written down."""
+    """The message says that this OpenCV has no FireWire backend, and where alternatives are described."""
     if cv2.videoio_registry.hasBackend(cv2.CAP_FIREWIRE):
         pytest.fail("this OpenCV has FireWire: docs/drivers.md and the message must change")
     with pytest.raises(CameraBackendMissing, match=r"no FireWire backend.*docs/drivers\.md"):
@@ -116,20 +116,20 @@ def test_firewire_is_explained() -> None:
 
 
 def test_missing_backend_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An OpenCV built without GStreamer says so instead of failing to open."""
+    """An OpenCV without GStreamer raises CameraBackendMissing."""
     monkeypatch.setattr(cv2.videoio_registry, "hasBackend", lambda number: False)
     with pytest.raises(CameraBackendMissing, match="was built without gstreamer"):
         OpenCvCamera("videotestsrc ! appsink", backend="gstreamer").open()
 
 
 def test_unknown_backend_lists_the_known() -> None:
-    """A misspelt backend is refused when the camera is made."""
+    """A misspelt backend is rejected at construction."""
     with pytest.raises(ValueError, match="unknown backend 'v4l', allowed: any, v4l2, gstreamer, ffmpeg, images"):
         OpenCvCamera(0, backend="v4l")
 
 
 def test_a_file_takes_no_settings(sequence: str) -> None:
-    """Its frames are taken; asking for nothing is fine."""
+    """Its frames exist already; empty settings are accepted."""
     with OpenCvCamera(sequence) as camera:
         assert camera.lock(CameraSettings()) == CameraSettings()
         with pytest.raises(CameraSettingRefused, match="is a file"):
@@ -137,7 +137,7 @@ def test_a_file_takes_no_settings(sequence: str) -> None:
 
 
 class LiveCapture:
-    """Stands for cv2.VideoCapture on a live device: delivers a frame whenever the test lets it."""
+    """Replacement of cv2.VideoCapture for a live device, which delivers frames on request of the test."""
 
     size = (64, 48)
 
@@ -178,7 +178,7 @@ def live(monkeypatch: pytest.MonkeyPatch) -> LiveCapture:
 
 
 def test_live_camera_keeps_its_timeout_and_the_newest_frame(live: LiveCapture, eventually) -> None:
-    """OpenCV's blocking read does not block the caller, and frames that nobody fetched are not handed out late."""
+    """OpenCV's blocking read does not block the caller, and only the newest frame is returned."""
     with OpenCvCamera(0) as camera:
         assert camera.lag is None
         with pytest.raises(CameraTimeout, match=r"no frame within 0\.05 s"):
@@ -200,7 +200,7 @@ def test_live_camera_keeps_its_timeout_and_the_newest_frame(live: LiveCapture, e
 
 
 def test_live_camera_that_stops_is_reported(live: LiveCapture) -> None:
-    """A cable pulled ends in "stopped delivering", not in endless time-outs."""
+    """A disconnected camera raises "stopped delivering", not endless time-outs."""
     with OpenCvCamera(0) as camera:
         live.alive = False
         with pytest.raises(CameraEnded, match="stopped delivering frames: check its cable"):
@@ -208,7 +208,7 @@ def test_live_camera_that_stops_is_reported(live: LiveCapture) -> None:
 
 
 def test_a_read_that_raises_ends_the_camera(live: LiveCapture, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An exception inside OpenCV does not leave a thread dead and the caller waiting."""
+    """An exception inside OpenCV ends the camera, so that the caller does not wait for a dead thread."""
 
     def fail() -> tuple[bool, np.ndarray]:
         raise cv2.error("corrupt frame")
@@ -223,7 +223,7 @@ def test_a_read_that_raises_ends_the_camera(live: LiveCapture, monkeypatch: pyte
 def test_a_read_that_never_returns_does_not_keep_the_program(
     live: LiveCapture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Closing gives up on a driver that hangs, and does not release what is still being read."""
+    """Closing gives up on a read that hangs, and does not release the capture."""
     monkeypatch.setattr("drivers.cameras.opencv_camera.LONGEST_READ", 0.05)
     camera = OpenCvCamera(0)
     camera.open()
@@ -235,7 +235,7 @@ def test_a_read_that_never_returns_does_not_keep_the_program(
 
 
 def test_size_is_read_back(live: LiveCapture) -> None:
-    """A camera that delivers another size than asked for is refused and closed."""
+    """A camera that delivers another size than requested is rejected and closed."""
     with pytest.raises(CameraSettingRefused, match="asked for 640 x 480 pixels, but delivers 64 x 48"):
         OpenCvCamera(0, size=(640, 480), fps=30.0).open()
     assert live.released

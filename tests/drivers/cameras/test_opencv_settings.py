@@ -1,4 +1,4 @@
-"""Locking settings in V4L2's units, with a capture that records what is set."""
+"""Locking of settings in V4L2's units, with a capture that records the settings."""
 
 import cv2
 import pytest
@@ -9,7 +9,7 @@ from drivers.errors import CameraSettingRefused
 
 
 class Capture:
-    """A device with whole-numbered controls, some of which may be missing or stubborn."""
+    """Device with integer controls, some of which may be missing or fixed."""
 
     def __init__(self) -> None:
         self.held: dict[int, float] = {}
@@ -29,7 +29,7 @@ class Capture:
 
 
 def test_all_settings_are_held_with_the_automatics_off() -> None:
-    """Exposure is counted in 100 microseconds, and each automatic is switched off before its value is set."""
+    """Exposure is in units of 100 us, and automatic modes are turned off before values are set."""
     capture = Capture()
     wanted = CameraSettings(exposure=0.0123, gain=4.0, white_balance=4500.0, gamma=100.0)
     held = lock_settings(capture, wanted, "cam")
@@ -42,14 +42,14 @@ def test_all_settings_are_held_with_the_automatics_off() -> None:
 
 
 def test_what_is_not_asked_for_is_left_alone() -> None:
-    """None changes nothing."""
+    """None leaves a setting unchanged."""
     capture = Capture()
     assert lock_settings(capture, CameraSettings(gain=2.0), "cam") == CameraSettings(gain=2.0)
     assert capture.order == [cv2.CAP_PROP_GAIN]
 
 
 def test_a_missing_setting_is_named() -> None:
-    """The message says which setting, which value, and what to do."""
+    """The message names the setting, the value, and what to do."""
     capture = Capture()
     capture.missing.add(cv2.CAP_PROP_GAMMA)
     with pytest.raises(CameraSettingRefused, match=r"cam has no setting gamma \(asked for 100\).*v4l2-ctl"):
@@ -66,7 +66,7 @@ def test_a_missing_setting_is_named() -> None:
     ],
 )
 def test_a_value_that_was_not_taken_is_refused(prop: int, settings: CameraSettings, expected_text: str) -> None:
-    """Saying yes is not enough: what is read back counts."""
+    """The value read back counts, even if `set` reports success."""
     capture = Capture()
     capture.stubborn[prop] = 333.0
     with pytest.raises(CameraSettingRefused, match=expected_text):
@@ -74,7 +74,7 @@ def test_a_value_that_was_not_taken_is_refused(prop: int, settings: CameraSettin
 
 
 def test_what_is_held_is_read_without_setting_anything() -> None:
-    """In the units of `CameraSettings`; an automatic that is on again is named; only what was locked is asked for."""
+    """Locked settings are read in the units of `CameraSettings`; an active automatic mode is named."""
     capture = Capture()
     locked = lock_settings(capture, CameraSettings(exposure=0.0123, gain=4.0, white_balance=4500.0), "cam")
     reported = len(capture.order)
@@ -87,7 +87,7 @@ def test_what_is_held_is_read_without_setting_anything() -> None:
 
 
 def test_a_device_that_tells_nothing_is_not_believed() -> None:
-    """OpenCV answers -1 or 0 for what it cannot read."""
+    """OpenCV returns -1 or 0 for values that it cannot read."""
     capture = Capture()
     capture.held = {cv2.CAP_PROP_EXPOSURE: -1.0, cv2.CAP_PROP_AUTO_EXPOSURE: 1.0, cv2.CAP_PROP_GAIN: -1.0}
     held = held_settings(capture, CameraSettings(exposure=0.01, gain=2.0, gamma=1.0))

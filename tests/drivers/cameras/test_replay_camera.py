@@ -1,4 +1,4 @@
-"""Replaying frames."""
+"""Replay of frames."""
 
 import time
 
@@ -12,7 +12,7 @@ IMAGES = [np.full((4, 6), value, np.uint8) for value in (1, 2, 3)]
 
 
 def test_frames_come_in_order_numbered_and_end() -> None:
-    """Nothing is dropped, and the end is an error of its own."""
+    """No frame is dropped, and the end raises CameraEnded."""
     with ReplayCamera(IMAGES) as camera:
         frames = [camera.grab(0.1) for _ in IMAGES]
         with pytest.raises(CameraEnded, match=r"no frames left \(3 were played\)"):
@@ -23,14 +23,14 @@ def test_frames_come_in_order_numbered_and_end() -> None:
 
 
 def test_images_are_read_only() -> None:
-    """Replayed frames cannot be changed by their reader, and the caller's own array stays writable."""
+    """The reader cannot change replayed frames, and the caller's array stays writable."""
     with ReplayCamera(IMAGES) as camera, pytest.raises(ValueError, match="read-only"):
         camera.grab(0.1).image[0, 0] = 9
     assert IMAGES[0].flags.writeable
 
 
 def test_a_list_starts_over_when_reopened() -> None:
-    """Two scans can be replayed from one list; a generator is used up once."""
+    """A list can be replayed twice; a generator is exhausted."""
     camera = ReplayCamera(IMAGES)
     for _ in range(2):
         with camera:
@@ -38,13 +38,13 @@ def test_a_list_starts_over_when_reopened() -> None:
 
 
 def test_frames_keep_their_numbers() -> None:
-    """Frames with numbers of their own show their gaps."""
+    """Frames with their own numbers show their gaps."""
     with ReplayCamera([Frame(IMAGES[0], 7, 0.0), Frame(IMAGES[1], 9, 0.1)]) as camera:
         assert [camera.grab(0.1).counter, camera.grab(0.1).counter] == [7, 9]
 
 
 def test_frame_rate_is_kept() -> None:
-    """With 50 frames per second three frames take at least 60 ms, and too short a wait times out."""
+    """At 50 frames per second, three frames take at least 60 ms, and a shorter timeout raises an error."""
     with ReplayCamera(IMAGES, fps=50.0) as camera:
         begun = time.monotonic()
         for _ in IMAGES:
@@ -55,7 +55,7 @@ def test_frame_rate_is_kept() -> None:
 
 
 def test_settings_cannot_be_changed_afterwards() -> None:
-    """Replayed frames have the exposure they have; asking for nothing is fine."""
+    """Replayed frames already have their exposure; empty settings are accepted."""
     with ReplayCamera(IMAGES, name="tape") as camera:
         assert camera.lock(CameraSettings()) == CameraSettings()
         with pytest.raises(CameraSettingRefused, match="tape replays existing frames"):

@@ -1,4 +1,4 @@
-"""What a camera no longer holds."""
+"""Detection of changed camera settings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SAME = {"exposure": 0.004, "gain": 0.0, "white_balance": 5000.0, "gamma": 1.0}
 
 
 class Reporting(ReplayCamera):
-    """Holds what the test says."""
+    """Camera that reports the settings given by the test."""
 
     def __init__(self, values: dict[str, float], automatic: tuple[str, ...] = ()) -> None:
         super().__init__([])
@@ -57,5 +57,5 @@ def test_a_change_is_reported_by_name_with_both_values(camera: Camera, expected_
     ],
 )
 def test_what_is_as_it_was_or_not_reported_is_no_change(camera: Camera, locked: CameraSettings) -> None:
-    """The camera's own rounding, what was not locked, and cameras that cannot be read."""
+    """Rounding, settings that were not locked, and unreadable cameras are no changes."""
     assert setting_changes(camera, locked) == ()

@@ -1,4 +1,4 @@
-"""`V4l2Camera` with a stand-in for linuxpy: there is no video device to test with, so the kernel's side is a fake."""
+"""`V4l2Camera` with a fake of linuxpy, because there is no video device to test with."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Unplugged:
 
 
 class FakeVideo:
-    """As much of `linuxpy.video.device` as the camera uses; frames are queued by the test."""
+    """Subset of `linuxpy.video.device` that the camera uses; frames are queued by the test."""
 
     def __init__(self, formats: tuple[str, ...] = ("MJPEG", "YUYV", "GREY"), sizes: tuple = ((8, 4),)) -> None:
         self.formats, self.sizes = formats, sizes
@@ -112,7 +112,7 @@ GREY = bytes(range(32))
 
 
 def test_frames_carry_the_kernels_numbers_and_stamps() -> None:
-    """In order, past the end of 32 bits; a gap is a lost frame, and a damaged one is a gap too."""
+    """In order, across the wrap at 32 bits; lost and damaged frames leave gaps."""
     video = FakeVideo()
     with V4l2Camera(video=video, fps=120.0) as camera:
         assert camera.counts_frames and not camera.triggered and video.fps == 120.0
@@ -139,7 +139,7 @@ def test_frames_carry_the_kernels_numbers_and_stamps() -> None:
 
 
 def test_a_usb_camera_tells_product_ids_and_serial_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As the kernel shows them beside the video device; empty for a camera that is not on USB."""
+    """From the files beside the video device; empty for a camera that is not on USB."""
     usb = tmp_path / "devices" / "1-2"
     (usb / "1-2:1.0").mkdir(parents=True)
     for name, said in {"product": "OV9281", "idVendor": "1bcf", "idProduct": "0b09", "serial": "00\x0042"}.items():
@@ -176,7 +176,7 @@ def test_settings_are_locked_and_read_back() -> None:
 
 
 def test_what_is_held_is_read_back_later() -> None:
-    """Another program that changes a control or switches an automatic on shows; a camera that is gone says so."""
+    """Controls changed by another program are detected; a disconnected camera raises an error."""
     video = FakeVideo()
     with V4l2Camera(video=video) as camera:
         locked = camera.lock(CameraSettings(exposure=0.004, gain=3))
@@ -227,7 +227,7 @@ def test_a_camera_that_is_pulled_out() -> None:
 
 
 def test_damaged_frames_do_not_prolong_the_wait(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each of them costs 0.4 s of the 1 s that a frame may take; afterwards only frames that wait are read."""
+    """Each costs 0.4 s of the timeout of 1 s; afterwards only waiting frames are read."""
     video, waits, now = FakeVideo(), [], [5.0]
 
     def select(readers: list, _w: list, _x: list, timeout: float) -> tuple:

@@ -18,7 +18,7 @@ ORDER = [(index, -0.14 + 0.46 * index / 69) for index in range(0, 70, 5)]
 
 
 def render(view: ExposureView, settings: CameraSettings) -> Image:
-    """One bright row that moves with the mirror."""
+    """Image with one bright row that moves with the mirror."""
     image = np.full((256, 96), 40, np.uint8)
     if view.laser_fraction > 0.2:
         row = round(20 + (view.mirror_angle + 0.15) * 400)
@@ -28,7 +28,7 @@ def render(view: ExposureView, settings: CameraSettings) -> Image:
 
 @pytest.fixture
 def devices() -> Iterator[tuple[LaserBoard, EmulatedCamera]]:
-    """Open, in emulated time."""
+    """Open board and camera, in emulated time."""
     with timing.on_clock(EmulatedClock()):
         emulated = EmulatedBoard()
         with LaserBoard(backend=emulated_backend(emulated)) as board, EmulatedCamera(emulated, render) as camera:
@@ -36,7 +36,7 @@ def devices() -> Iterator[tuple[LaserBoard, EmulatedCamera]]:
 
 
 def test_a_scan_is_in_step(devices: tuple[LaserBoard, EmulatedCamera]) -> None:
-    """Each stripe is lit where the mirror points; the laser is off afterwards, and no step is lost."""
+    """Each stripe is where the mirror points; afterwards the laser is off, and no step is lost."""
     board, camera = devices
     prepare(board, ORDER)
     with acquire(board, camera, ORDER, AcquireOptions(off=OffFrames.ONE)) as stripes:
@@ -46,7 +46,7 @@ def test_a_scan_is_in_step(devices: tuple[LaserBoard, EmulatedCamera]) -> None:
 
 
 def test_it_is_a_board_of_protocol_1_0(devices: tuple[LaserBoard, EmulatedCamera]) -> None:
-    """Sweeps are refused as by old firmware, and their commands stall."""
+    """Sweeps are rejected as by old firmware, and their commands stall."""
     board, camera = devices
     assert board.identity.protocol == (1, 0) and BoardFlag.HAS_SWEEP not in board.status().flags
     camera.triggered = True
@@ -57,7 +57,7 @@ def test_it_is_a_board_of_protocol_1_0(devices: tuple[LaserBoard, EmulatedCamera
 
 
 def test_silence_turns_the_laser_off(devices: tuple[LaserBoard, EmulatedCamera]) -> None:
-    """The watchdog cuts the supply; the fault is told, and can be cleared."""
+    """The watchdog cuts the supply; the fault is reported and can be cleared."""
     board, _ = devices
     board.laser_on()
     timing.sleep(board.identity.watchdog + 0.05)
@@ -66,7 +66,7 @@ def test_silence_turns_the_laser_off(devices: tuple[LaserBoard, EmulatedCamera])
 
 
 def test_one_program_uses_the_board() -> None:
-    """The interface is claimed once, and free after closing."""
+    """The interface can be claimed once, and again after closing."""
     backend = emulated_backend(EmulatedBoard())
     with LaserBoard(backend=backend), pytest.raises(BoardInUse), LaserBoard(backend=backend):
         pass
@@ -75,7 +75,7 @@ def test_one_program_uses_the_board() -> None:
 
 
 def test_time_limits_are_kept(devices: tuple[LaserBoard, EmulatedCamera]) -> None:
-    """A frame or a motion that takes longer than it may is a time-out of its own kind."""
+    """A frame and a motion that take too long raise their own time-out errors."""
     board, camera = devices
     with pytest.raises(CameraTimeout):
         camera.grab(1e-4)

@@ -1,4 +1,4 @@
-"""The emulated backend, seen through pyusb as any USB tool would."""
+"""The emulated backend, used through pyusb as by any USB tool."""
 
 import pytest
 import usb.core
@@ -31,34 +31,34 @@ def test_descriptors_are_those_of_the_document(device: usb.core.Device) -> None:
 
 
 def test_strings_are_read_by_standard_requests(device: usb.core.Device) -> None:
-    """Manufacturer, product and serial number arrive as UTF-16 descriptors."""
+    """Manufacturer, product and serial number are UTF-16 descriptors."""
     assert usb.util.get_string(device, 1) == "Guara"
     assert device.product == "Guara laser board"
     assert device.serial_number == "S-42"
 
 
 def test_whole_descriptor_can_be_printed(device: usb.core.Device) -> None:
-    """What `print(device)` shows in a bug report holds the essentials."""
+    """`print(device)`, as in a bug report, shows the essentials."""
     text = str(device)
     assert "1209" in text and "Interrupt" in text and "S-42" in text
 
 
 @pytest.mark.parametrize(("kind", "request_"), [(0xC0, 0x99), (0x40, 0x10), (0x80, 0x06)])
 def test_unknown_transfers_stall(device: usb.core.Device, kind: int, request_: int) -> None:
-    """A request that the protocol does not know ends as on a real device: EPIPE."""
+    """A request outside the protocol fails with EPIPE, as on a real device."""
     with pytest.raises(usb.core.USBError) as caught:
         device.ctrl_transfer(kind, request_, 0x0309, 0, 8)
     assert caught.value.errno == 32 and caught.value.backend_error_code == -9
 
 
 def test_silent_interrupt_endpoint_times_out(device: usb.core.Device) -> None:
-    """Nothing to report is a time-out of pyusb's own class."""
+    """Without a report, pyusb's time-out error is raised."""
     with pytest.raises(usb.core.USBTimeoutError):
         device.read(REPORT_ENDPOINT, 32, 10)
 
 
 def test_unplugged_board_is_not_listed() -> None:
-    """Enumeration finds what is on the bus."""
+    """Enumeration finds only the devices on the bus."""
     board = BenchBoard()
     backend = bench_backend(board)
     board.unplug()
@@ -68,7 +68,7 @@ def test_unplugged_board_is_not_listed() -> None:
 
 
 def test_only_configuration_one_can_be_set(device: usb.core.Device) -> None:
-    """Setting the configuration works, a second one does not exist."""
+    """Configuration 1 can be set, any other is rejected."""
     device.set_configuration(1)
     with pytest.raises(usb.core.USBError):
         device._ctx.backend.set_configuration(device._ctx.handle, 2)

@@ -1,4 +1,4 @@
-"""The emulated firmware by itself, on a clock that the test sets: limits of the laser to the millisecond."""
+"""The emulated firmware on a clock set by the test: limits of the laser to the millisecond."""
 
 import dataclasses
 
@@ -13,7 +13,7 @@ HELLO = PROTOCOL_MAJOR << 8
 
 
 class Bench:
-    """A board whose time the test sets."""
+    """Board whose time is set by the test."""
 
     def __init__(self, **changes: object) -> None:
         self.now = 100.0
@@ -33,7 +33,7 @@ def bench() -> Bench:
 
 
 def test_nothing_but_off_works_without_a_session() -> None:
-    """Before HELLO the laser cannot be switched on nor the mirror moved; off always works."""
+    """Before HELLO, the laser cannot be switched on nor the mirror moved; off always works."""
     bench = Bench()
     for request, argument in [(Request.LASER, 1), (Request.HOME, 0), (Request.GO_TO, 100), (Request.HALT, 0)]:
         assert bench.ask(request, argument).result is Result.NO_SESSION
@@ -43,14 +43,14 @@ def test_nothing_but_off_works_without_a_session() -> None:
 
 
 def test_other_major_version_gets_no_session() -> None:
-    """A host that speaks another major version is turned away."""
+    """A host with another major version gets no session."""
     bench = Bench()
     status = bench.ask(Request.HELLO, (PROTOCOL_MAJOR + 1) << 8)
     assert status.result is Result.VERSION and BoardFlag.SESSION not in status.flags
 
 
 def test_watchdog_acts_after_its_time_of_silence(bench: Bench) -> None:
-    """Still on just before, off at 0.4 s exactly, and refused until cleared."""
+    """The laser is on just before 0.4 s and off at 0.4 s exactly; it stays off until the fault is cleared."""
     bench.ask(Request.LASER, 1)
     bench.now += 0.399
     assert bench.board.view().laser_on
@@ -77,14 +77,14 @@ def test_every_request_of_a_session_feeds_the_watchdog(bench: Bench) -> None:
 
 
 def test_silence_in_the_dark_is_no_fault(bench: Bench) -> None:
-    """The watchdog guards the laser: a dark board may be left alone for long."""
+    """Without the laser on, silence of any length is no fault."""
     bench.now += 3600.0
     assert not bench.ask(Request.STATUS).faults
     assert bench.ask(Request.LASER, 1).laser_sensed
 
 
 def test_laser_time_without_a_rest_is_limited(bench: Bench) -> None:
-    """Fed without end, the laser goes out after 10 s; a rest of 50 ms begins a new count, a shorter one does not."""
+    """The laser goes off after 10 s; a rest of 50 ms restarts the count, a shorter one does not."""
     bench.ask(Request.LASER, 1)
     for _ in range(30):
         bench.now += 0.3
@@ -104,7 +104,7 @@ def test_laser_time_without_a_rest_is_limited(bench: Bench) -> None:
 
 
 def test_laser_time_fault_cannot_be_cleared_before_the_rest(bench: Bench) -> None:
-    """Clearing at once would make the limit void."""
+    """Clearing at once would defeat the limit."""
     bench.ask(Request.LASER, 1)
     for _ in range(34):
         bench.now += 0.3
@@ -116,7 +116,7 @@ def test_laser_time_fault_cannot_be_cleared_before_the_rest(bench: Bench) -> Non
 
 
 def test_unplugging_and_replugging_forgets_everything(bench: Bench) -> None:
-    """No power: dark at once. Power again: no session, no home, nothing commanded."""
+    """Without power the laser is off at once; after power-up there is no session, home or command."""
     bench.ask(Request.HOME)
     bench.now += 5.0
     bench.ask(Request.LASER, 1)
@@ -130,14 +130,14 @@ def test_unplugging_and_replugging_forgets_everything(bench: Bench) -> None:
 
 
 def test_hello_puts_the_laser_out(bench: Bench) -> None:
-    """A new host begins in the dark."""
+    """A new session starts with the laser off."""
     bench.ask(Request.LASER, 1)
     bench.ask(Request.HELLO, HELLO)
     assert not bench.board.view().laser_on
 
 
 def test_the_past_can_be_asked_for(bench: Bench) -> None:
-    """View and exposure answer for past instants: that is what a camera with read-out time needs."""
+    """Past exposures can be queried, as a camera with read-out time needs."""
     bench.ask(Request.HOME)
     bench.now += 5.0
     bench.ask(Request.GO_TO, 2197)
@@ -162,7 +162,7 @@ def test_unknown_request_is_not_served(bench: Bench) -> None:
 
 
 def test_fault_strikes_where_and_as_often_as_planned() -> None:
-    """Skip lets transfers pass, count repeats, other commands are left alone."""
+    """`skip` lets transfers pass, `count` repeats the fault, and other commands are unaffected."""
     board = BenchBoard()
     board.inject(Fault(FaultKind.STALL, Request.LASER, skip=2, count=2))
     kinds = (FaultKind.STALL,)
@@ -172,7 +172,7 @@ def test_fault_strikes_where_and_as_often_as_planned() -> None:
 
 
 def test_fault_without_request_strikes_any_command_but_no_report() -> None:
-    """Commands are meant unless something else is named."""
+    """A fault without a request affects commands only."""
     board = BenchBoard()
     board.inject(Fault(FaultKind.STALL))
     assert board.plan.strike("report", (FaultKind.STALL,)) is None
@@ -180,7 +180,7 @@ def test_fault_without_request_strikes_any_command_but_no_report() -> None:
 
 
 def test_a_board_that_reaches_other_angles() -> None:
-    """Its travel is the usual one, extended to every angle given; steps begin where they did."""
+    """Its travel is the default one, extended to every given angle; steps begin at the same number."""
     usual = EmulatorConfig().identity
     assert EmulatorConfig.reaching([-0.1, 0.3]).identity == usual
     identity = EmulatorConfig.reaching([0.5, -0.3]).identity

@@ -1,4 +1,4 @@
-"""The emulated camera: a free-running shutter that looks at an emulated board."""
+"""The emulated camera: a free-running camera that sees an emulated board."""
 
 import time
 
@@ -15,7 +15,7 @@ def red(image: np.ndarray) -> float:
 
 
 def test_frames_are_stamped_one_period_apart(camera: BenchCamera) -> None:
-    """Number times period is the time between stamps, whatever the reader does meanwhile."""
+    """Stamps are multiples of the period, whatever the reader does in between."""
     first = camera.grab(5.0)
     time.sleep(0.03)
     later = camera.grab(5.0)
@@ -26,7 +26,7 @@ def test_frames_are_stamped_one_period_apart(camera: BenchCamera) -> None:
 def test_a_frame_shows_the_board_as_it_was_during_the_exposure(
     camera: BenchCamera, board: LaserBoard, emulated: BenchBoard
 ) -> None:
-    """A frame whose exposure began after the laser was on shows it, one that ended before does not."""
+    """An exposure that began after the laser was on shows it, one that ended before does not."""
     board.laser_on()
     on = emulated.view().laser_since
     for _ in range(10):
@@ -39,7 +39,7 @@ def test_a_frame_shows_the_board_as_it_was_during_the_exposure(
 
 
 def test_exposure_is_taken_and_cut_to_the_period(camera: BenchCamera) -> None:
-    """`lock` answers with what is held, and `lag` follows."""
+    """`lock` returns the exposure that is set, and `lag` follows."""
     assert camera.lock(CameraSettings(exposure=0.001, gain=3.0)).gain == 3.0
     assert camera.lag == pytest.approx(0.0015)
     assert camera.lock(CameraSettings(exposure=1.0)).exposure == pytest.approx(1 / 300)
@@ -54,7 +54,7 @@ def test_flush_gives_a_frame_that_arrives_later(camera: BenchCamera) -> None:
 
 
 class FakeTime:
-    """A clock that only sleeping moves, so that no frame is missed however slow the machine is."""
+    """Clock that only advances during sleep, so that no frame is missed on a slow machine."""
 
     def __init__(self) -> None:
         self.now = 50.0
@@ -76,18 +76,18 @@ def slow_motion(monkeypatch: pytest.MonkeyPatch, scene) -> BenchCamera:
 
 
 def test_every_frame_comes_once(slow_motion: BenchCamera) -> None:
-    """A reader that is quick enough gets each frame, in order."""
+    """A fast reader gets each frame once, in order."""
     assert [slow_motion.grab(1.0).counter for _ in range(20)] == list(range(20))
 
 
 def test_dropped_frame_is_a_gap(slow_motion: BenchCamera) -> None:
-    """The frame never arrives, its number is missing."""
+    """A dropped frame never arrives, and its number is missing."""
     slow_motion.faults.append(CameraFault("drop", 2, 2))
     assert [slow_motion.grab(1.0).counter for _ in range(4)] == [0, 1, 4, 5]
 
 
 def test_repeated_frame_has_the_old_number(slow_motion: BenchCamera) -> None:
-    """Picture, number and stamp come again."""
+    """Image, number and stamp are repeated."""
     slow_motion.faults.append(CameraFault("repeat", 2))
     frames = [slow_motion.grab(1.0) for _ in range(4)]
     assert [frame.counter for frame in frames] == [0, 1, 1, 3]
@@ -95,7 +95,7 @@ def test_repeated_frame_has_the_old_number(slow_motion: BenchCamera) -> None:
 
 
 def test_frozen_picture_has_a_new_number(slow_motion: BenchCamera) -> None:
-    """The counter runs on, the picture does not."""
+    """The counter continues, the image does not change."""
     slow_motion.faults.append(CameraFault("freeze", 1))
     frames = [slow_motion.grab(1.0) for _ in range(3)]
     assert [frame.counter for frame in frames] == [0, 1, 2]
@@ -104,7 +104,7 @@ def test_frozen_picture_has_a_new_number(slow_motion: BenchCamera) -> None:
 
 
 def test_size_and_exposure_can_change(slow_motion: BenchCamera) -> None:
-    """Half the size, twice the light, each for its frame only."""
+    """Half the size or twice the light, each for one frame only."""
     slow_motion.faults += [CameraFault("resize", 1), CameraFault("brighten", 2)]
     plain, small, bright, again = (slow_motion.grab(1.0).image for _ in range(4))
     assert small.shape == (plain.shape[0] // 2, plain.shape[1] // 2, 3)
@@ -113,14 +113,14 @@ def test_size_and_exposure_can_change(slow_motion: BenchCamera) -> None:
 
 
 def test_silence_is_a_timeout(camera: BenchCamera) -> None:
-    """A camera that delivers nothing lets the caller go in time."""
+    """A camera that delivers nothing raises a time-out."""
     camera.faults.append(CameraFault("silence", 0, 10**6))
     with pytest.raises(CameraTimeout, match=r"no frame within 0\.02 s"):
         camera.grab(0.02)
 
 
 def test_bad_use_is_refused(emulated: BenchBoard, scene) -> None:
-    """Impossible rates, unknown faults and closed cameras say what is allowed."""
+    """Messages for impossible rates, unknown faults and closed cameras state what is allowed."""
     with pytest.raises(ValueError, match="exposure above 0 and at most 1 / fps"):
         BenchCamera(emulated, scene, fps=30.0, exposure=0.1)
     with pytest.raises(ValueError, match="unknown camera fault 'melt', allowed: drop, repeat"):

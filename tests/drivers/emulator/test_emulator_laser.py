@@ -1,4 +1,4 @@
-"""The past of the emulated laser."""
+"""History of the emulated laser."""
 
 import pytest
 from hypothesis import given, settings
@@ -16,7 +16,7 @@ from tests.thorough import examples
 )
 @settings(max_examples=examples(150), derandomize=True)
 def test_fraction_is_the_mean_over_instants(gaps: list[float], start: float, length: float) -> None:
-    """The share of an interval equals the mean over many instants in it."""
+    """The fraction of an interval equals the mean over many instants in it."""
     laser, now = Laser(0.0), 0.0
     for turn, gap in enumerate(gaps):
         now += gap
@@ -27,7 +27,7 @@ def test_fraction_is_the_mean_over_instants(gaps: list[float], start: float, len
 
 
 def test_switching_to_the_same_state_is_no_change() -> None:
-    """The log has the time at which the light changed, not of the command."""
+    """The log has the time at which the light changed, not that of the command."""
     laser = Laser(0.0)
     laser.switch(True, 1.0)
     laser.switch(True, 2.0)
@@ -35,7 +35,7 @@ def test_switching_to_the_same_state_is_no_change() -> None:
 
 
 def test_the_fraction_of_an_instant_is_all_or_nothing() -> None:
-    """An exposure of no length has the light of its instant; before the log there was none."""
+    """An empty interval has the light at its instant; before the log the laser was off."""
     laser = Laser(0.0)
     laser.switch(True, 1.0)
     assert laser.fraction(1.5, 1.5) == 1.0 and laser.fraction(0.5, 0.5) == laser.fraction(-1.0, -1.0) == 0.0

@@ -18,7 +18,7 @@ def motor(position: float = 0.0) -> LossyMotor:
 @given(st.lists(st.tuples(st.integers(0, 5000), st.floats(0.0, 3.0)), min_size=1, max_size=6))
 @settings(max_examples=examples(100), derandomize=True)
 def test_no_motion_is_faster_than_the_motor(moves: list[tuple[int, float]]) -> None:
-    """Whatever is commanded, and whenever, the position never jumps."""
+    """Whatever is commanded at any time, the position never jumps."""
     device, now = motor(), 0.0
     for target, gap in moves:
         now += gap
@@ -32,7 +32,7 @@ def test_no_motion_is_faster_than_the_motor(moves: list[tuple[int, float]]) -> N
 
 
 def test_a_move_up_goes_straight_and_settles() -> None:
-    """Distance over speed, plus the time to settle."""
+    """Duration is distance over speed, plus the settling time."""
     device = motor()
     device.move(500, 1.0)
     assert device.true_position(1.25) == pytest.approx(250)
@@ -40,7 +40,7 @@ def test_a_move_up_goes_straight_and_settles() -> None:
 
 
 def test_a_move_down_comes_back_from_below() -> None:
-    """Backlash is taken up: the last approach is always upwards."""
+    """To take up backlash, the last approach is always upwards."""
     device = motor(500)
     device.move(100, 0.0)
     assert device.true_position(0.4 + OVERSHOOT / SPEED) == pytest.approx(100 - OVERSHOOT)
@@ -48,7 +48,7 @@ def test_a_move_down_comes_back_from_below() -> None:
 
 
 def test_lost_steps_are_not_believed() -> None:
-    """The firmware thinks it arrived, the mirror is short by what was lost."""
+    """The firmware reports the target, but the mirror is off by the lost steps."""
     device = motor()
     device.lost -= 25
     device.move(500, 0.0)
@@ -57,7 +57,7 @@ def test_lost_steps_are_not_believed() -> None:
 
 
 def test_halt_keeps_the_position() -> None:
-    """A halted motor stays where it was."""
+    """A halted motor keeps its position."""
     device = motor()
     device.move(500, 0.0)
     device.halt(0.2)

@@ -1,4 +1,4 @@
-"""The emulator as a process of its own, reached over a local socket by the same backend."""
+"""The emulator in its own process, reached over a local socket by the same backend."""
 
 import signal
 import subprocess
@@ -19,7 +19,7 @@ from tests.drivers.conftest import PATIENCE
 
 
 def test_driver_works_on_a_board_in_another_process(emulator_process) -> None:
-    """Laser and mirror obey over the socket, and the state seen from outside is the true one."""
+    """Laser and mirror can be commanded over the socket, and the state read from outside is the true one."""
     far = RemoteBoard(emulator_process.address)
     with LaserBoard(backend=remote_backend(emulator_process.address)) as board:
         board.ensure_ready()
@@ -36,7 +36,7 @@ def test_driver_works_on_a_board_in_another_process(emulator_process) -> None:
 
 
 def test_faults_are_injected_from_outside(emulator_process) -> None:
-    """Stall, unplug and replug travel over the socket, and arrive as the same errors as near by."""
+    """Stall, unplug and replug over the socket cause the same errors as within the process."""
     far = RemoteBoard(emulator_process.address)
     config = BoardConfig(attempts=1)
     with LaserBoard(config, backend=remote_backend(emulator_process.address)) as board:
@@ -54,7 +54,7 @@ def test_faults_are_injected_from_outside(emulator_process) -> None:
 
 
 def test_a_dead_emulator_is_an_unplugged_board(emulator_process) -> None:
-    """When the process ends, the driver sees a device that left the bus."""
+    """If the process ends, the driver raises BoardUnplugged."""
     with LaserBoard(backend=remote_backend(emulator_process.address)) as board:
         emulator_process.process.kill()
         emulator_process.process.wait(PATIENCE)
@@ -63,7 +63,7 @@ def test_a_dead_emulator_is_an_unplugged_board(emulator_process) -> None:
 
 
 def test_claim_of_a_vanished_host_is_given_back(emulator_process, host, eventually) -> None:
-    """As the kernel does: when a process dies, its device can be opened by the next one."""
+    """When a process ends, its claim is released as by the kernel, and the next process can open the device."""
     program = (
         "import sys, time\nfrom drivers import LaserBoard\nfrom testbed.remote_board import remote_backend\n"
         "board = LaserBoard(backend=remote_backend(sys.argv[1])); board.open(); print('open'); time.sleep(60)"
@@ -107,7 +107,7 @@ def test_unix_socket_and_clean_end(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("address", ["0.0.0.0:80", "localhost:80", "127.0.0.1", "127.0.0.1:x", "board"])
 def test_other_addresses_are_refused(address: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Only this machine can reach the emulator; the command says what is allowed and ends with 2."""
+    """Only this machine can reach the emulator; the command prints what is allowed and ends with status 2."""
     with pytest.raises(ValueError, match=r"allowed: '127\.0\.0\.1:PORT' and 'unix:PATH'"):
         parse_address(address)
     assert main(["--listen", address]) == 2
@@ -131,5 +131,5 @@ def test_unknown_operation_is_answered_with_an_error() -> None:
     ],
 )
 def test_faults_survive_the_socket(fault: Fault) -> None:
-    """What is injected far away is what was meant here."""
+    """A fault is the same after it was sent over the socket."""
     assert decode_fault(encode_fault(fault)) == fault

@@ -1,4 +1,4 @@
-"""Whole scans: emulated board under the real driver, emulated camera, every mode, and what puts them out of step."""
+"""Whole scans in every mode with an emulated board and camera, and causes that put them out of step."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.usefixtures("emulated_time")
 def test_a_scan_brings_every_stripe_in_step(
     board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, scene, firing_order: list, off: OffFrames
 ) -> None:
-    """Each index once and in order, the stripe in each picture where its own mirror angle puts it."""
+    """Each index occurs once and in order, and each image shows the stripe at its own mirror angle."""
     rows = []
     with acquire(
         board, camera, firing_order, options(off), band=lambda index: band_of(scene, firing_order[index][1])
@@ -56,7 +56,7 @@ def band_of(scene, angle: float) -> tuple[int, int]:
 
 
 def test_shared_off_frame_is_one_array(board: LaserBoard, camera: BenchCamera, firing_order: list) -> None:
-    """With one off frame, all stripes carry the same, and its stamp is before theirs."""
+    """With one off frame, all stripes have the same array, stamped before them."""
     with acquire(board, camera, firing_order[:5], options(OffFrames.ONE)) as stripes:
         taken = list(stripes)
     assert all(stripe.off is taken[0].off and stripe.off_stamp < stripe.on_stamp for stripe in taken)
@@ -65,7 +65,7 @@ def test_shared_off_frame_is_one_array(board: LaserBoard, camera: BenchCamera, f
 
 @pytest.mark.slow
 def test_even_stripes_first_stay_in_step(board: LaserBoard, camera: BenchCamera, firing_order: list) -> None:
-    """The even stripes, then those between: all in step, in the order asked for."""
+    """Even stripes, then those in between: all in step, in the requested order."""
     order = sorted(firing_order, key=lambda stripe: stripe[0] % 2)
     with acquire(board, camera, order, options(OffFrames.ONE)) as stripes:
         taken = [stripe.index for stripe in stripes]
@@ -74,7 +74,7 @@ def test_even_stripes_first_stay_in_step(board: LaserBoard, camera: BenchCamera,
 
 
 def test_replayed_frames_go_to_their_stripes(board: LaserBoard, scene, firing_order: list) -> None:
-    """Frames are replayed in the order of the scan; when they are too few, the scan says so and keeps what it has."""
+    """Frames are replayed in scan order; if there are too few, the scan fails and keeps its stripes."""
     frames = []
     for _, angle in firing_order[:4]:
         for lit in (1.0, 0.0):
@@ -96,7 +96,7 @@ def test_replayed_frames_go_to_their_stripes(board: LaserBoard, scene, firing_or
 
 
 def test_a_camera_of_unknown_lag_is_in_step_too(board: LaserBoard, camera: BenchCamera, firing_order: list) -> None:
-    """Frames are thrown away after every change instead."""
+    """Frames are dropped after every change instead."""
     camera.lag = None
     with acquire(board, camera, firing_order[:10], options(OffFrames.PER_STRIPE)) as stripes:
         assert len(list(stripes)) == 10
@@ -106,7 +106,7 @@ def test_a_camera_of_unknown_lag_is_in_step_too(board: LaserBoard, camera: Bench
 
 @pytest.mark.slow
 def test_a_lag_set_too_short_is_found_out(emulated: BenchBoard, board: LaserBoard, scene, firing_order: list) -> None:
-    """With a camera that is slower than it says, frames belong to earlier commands, and the proof says so."""
+    """If the camera is slower than its `lag`, frames belong to earlier commands, which the proof detects."""
     with BenchCamera(emulated, scene, fps=100.0, exposure=0.002, latency=0.015) as camera:
         camera.lag = 0.0
         with acquire(board, camera, firing_order[:20], options(OffFrames.PER_STRIPE)) as stripes:
@@ -118,7 +118,7 @@ def test_a_lag_set_too_short_is_found_out(emulated: BenchBoard, board: LaserBoar
 def test_prepare_counts_the_steps_lost_in_a_scan(
     board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list
 ) -> None:
-    """Homing between scans finds what the pictures cannot: a few steps lost in the middle of a scan."""
+    """Homing between scans detects what images cannot: a few steps lost during a scan."""
     assert prepare(board, firing_order) == 0
     emulated.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=10, amount=12))
     with acquire(board, camera, firing_order[:20], options(OffFrames.ONE)) as stripes:
@@ -132,7 +132,7 @@ def test_prepare_counts_the_steps_lost_in_a_scan(
 def test_a_large_loss_of_steps_shows_in_the_band(
     board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, scene, firing_order: list
 ) -> None:
-    """Steps of two stripes are lost: the stripes leave the rows where they can be."""
+    """If the steps of two stripes are lost, stripes leave their possible rows."""
     emulated.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=10, amount=160))
     bands = {index: band_of(scene, angle) for index, angle in firing_order}
     with acquire(board, camera, firing_order[:20], options(OffFrames.ONE), band=bands.__getitem__) as stripes:
@@ -144,7 +144,7 @@ def test_a_large_loss_of_steps_shows_in_the_band(
 def test_a_scan_finds_home_and_clears_faults_by_itself(
     board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list
 ) -> None:
-    """A board fresh from power-up scans without preparation."""
+    """A board scans directly after power-up."""
     emulated.unplug()
     emulated.replug()
     with acquire(board, camera, firing_order[:5], options(OffFrames.ONE)) as stripes:
@@ -154,7 +154,7 @@ def test_a_scan_finds_home_and_clears_faults_by_itself(
 
 @pytest.mark.slow
 def test_a_watchdog_that_bit_in_mid_scan_is_reported(emulated: BenchBoard, scene, firing_order: list) -> None:
-    """A host that slept for 0.8 s: the scan goes on, and says that the laser was out meanwhile."""
+    """After the host slept for 0.8 s, the scan goes on and reports that the laser was off meanwhile."""
     short = BenchBoard()
     with (
         LaserBoard(backend=bench_backend(short)) as board,
@@ -178,7 +178,7 @@ def test_a_watchdog_that_bit_in_mid_scan_is_reported(emulated: BenchBoard, scene
 
 
 def test_misuse_is_refused_in_words(board: LaserBoard, camera: BenchCamera, firing_order: list) -> None:
-    """No with block, no stripes, an angle beyond the travel: each before anything moves."""
+    """A missing `with` block, no stripes, and an angle beyond the travel are rejected before anything moves."""
     with pytest.raises(AcquisitionNotEntered, match=r"with acquire\(\.\.\.\) as stripes"):
         list(acquire(board, camera, firing_order))
     with pytest.raises(AcquisitionNotEntered, match=r"with acquire\(\.\.\.\) as stripes"):
@@ -200,6 +200,6 @@ def test_misuse_is_refused_in_words(board: LaserBoard, camera: BenchCamera, firi
     ],
 )
 def test_bad_options_are_refused(changes: dict, expected_text: str) -> None:
-    """Each field is checked, and the message holds the value."""
+    """Each field is checked, and the message contains the value."""
     with pytest.raises(ValueError, match=expected_text):
         AcquireOptions(**changes)

@@ -1,4 +1,4 @@
-"""Every way in which a scan can end: whole, with the pause, by an error, by a hung camera; always the laser is off."""
+"""Every way in which a scan can end: complete, with the pause, by an error, by a hung camera; the laser is off."""
 
 import time
 
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("emulated_time")
 def test_a_pause_that_ends_leaves_a_partial_scan(
     board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list, off: OffFrames, last: int
 ) -> None:
-    """Stopped while stripe `last` is being taken: those before it are there, the others missing, the laser is off."""
+    """A scan stopped at stripe `last` has the stripes before it; the others are missing, the laser is off."""
     streams: list[StripeStream] = []
 
     def pause_is_over() -> bool:
@@ -53,7 +53,7 @@ def test_a_stopped_scan_ends_with_a_dark_flash(
     off: OffFrames,
     together: int,
 ) -> None:
-    """It proves the stripes since the flash before; the stripe that carries it says so."""
+    """The dark flash proves the stripes since the previous one, and its stripe is marked."""
     streams: list[StripeStream] = []
     choices = options(off, queue_size=80, together=together, dark_after=frozenset({2, 69}))
     scan = acquire(
@@ -75,7 +75,7 @@ def test_a_stopped_scan_ends_with_a_dark_flash(
 
 
 def test_a_scan_that_may_not_begin_is_empty(board: LaserBoard, camera: BenchCamera, firing_order: list) -> None:
-    """In a pause that is over already no stripe is fired."""
+    """In a pause that is already over, no stripe is fired."""
     with acquire(board, camera, firing_order, should_stop=lambda: True) as stripes:
         assert list(stripes) == []
         assert stripes.report.fired == () and not stripes.report.in_step
@@ -85,7 +85,7 @@ def test_a_scan_that_may_not_begin_is_empty(board: LaserBoard, camera: BenchCame
 def test_an_exception_in_the_loop_puts_the_laser_out(
     board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list, off: OffFrames
 ) -> None:
-    """Whatever the caller's code raises, the laser is off when the block has been left, and stays off."""
+    """After any exception of the caller, the laser is off when the block is left, and stays off."""
     with pytest.raises(ZeroDivisionError), acquire(board, camera, firing_order, options(off)) as stripes:
         for stripe in stripes:
             if stripe.index == 5:
@@ -99,7 +99,7 @@ def test_an_exception_in_the_loop_puts_the_laser_out(
 def test_laser_is_out_as_soon_as_the_scan_has_ended(
     board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list
 ) -> None:
-    """Not only when the block is left: the caller may take its time over the last stripe."""
+    """Not only when the block is left: the caller may still be processing the last stripe."""
     streams: list[StripeStream] = []
     scan = acquire(
         board,
@@ -117,7 +117,7 @@ def test_laser_is_out_as_soon_as_the_scan_has_ended(
 def test_laser_goes_off_although_the_camera_hangs(
     board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list
 ) -> None:
-    """The thread of the scan sits in a grab; leaving the block puts the laser out without waiting for it."""
+    """Leaving the block turns the laser off without waiting for the scan thread, which hangs in a grab."""
     real, outcome = camera.grab, []
 
     def grab(timeout: float):
@@ -140,7 +140,7 @@ def test_laser_goes_off_although_the_camera_hangs(
 def test_leaving_the_loop_early_ends_the_scan(
     board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list
 ) -> None:
-    """`break` is enough; the report lists the stripes that the caller got."""
+    """`break` suffices; the report lists the stripes that the caller received."""
     with acquire(board, camera, firing_order, options(OffFrames.ONE)) as stripes:
         for stripe in stripes:
             if stripe.index == 3:
@@ -154,7 +154,7 @@ def test_leaving_the_loop_early_ends_the_scan(
 def test_a_slow_caller_makes_the_scan_wait_with_the_laser_off(
     board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list, off: OffFrames, eventually
 ) -> None:
-    """A full queue interrupts the scan; afterwards it goes on in step, and no frame counts as dropped."""
+    """A full queue interrupts the scan, which then continues in step without dropped frames."""
     with acquire(board, camera, firing_order[:12], options(off, queue_size=2)) as stripes:
         iterator = iter(stripes)
         taken = [next(iterator)]

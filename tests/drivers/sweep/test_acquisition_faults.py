@@ -1,4 +1,4 @@
-"""Every fault of board and camera at every phase of a scan: nothing false is handed out, the next scan is whole."""
+"""Faults of board and camera at every phase of a scan: no wrong stripe is handed over; the next scan is complete."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from drivers.errors import BoardError, CameraTimeout, LaserDead, LaserRefused, L
 from testbed.bench_board import BenchBoard, BenchCamera, CameraFault, Fault, FaultKind, bench_backend
 
 FIRING_ORDER = [(index, -0.1 + 0.02 * index) for index in range(12)]
-PHASES = {  # where in the scan a transfer fails: which command, how many pass first
+PHASES = {  # Place in the scan at which a transfer fails: command, and number of transfers that pass first.
     "before the first stripe": (Request.GO_TO, 0),
     "laser on": (Request.LASER, 1),
     "turning in mid scan": (Request.GO_TO, 6),
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.usefixtures("emulated_time")
 
 
 def scan(board: LaserBoard, camera: BenchCamera, off: OffFrames = OffFrames.ONE):
-    """Take a scan; return its stripes, its report and the error that ended it."""
+    """Run a scan; return its stripes, its report and the error that ended it."""
     taken, failure = [], None
     choices = AcquireOptions(off=off, frame_timeout=0.5)
     with acquire(board, camera, FIRING_ORDER, choices) as stripes:
@@ -64,7 +64,7 @@ def next_scan_is_whole(board: LaserBoard, camera: BenchCamera, emulated: BenchBo
 def test_single_transfer_faults(
     quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, kind: FaultKind, phase: str
 ) -> None:
-    """A retry overcomes a transient fault without a trace; an unplugged board ends the scan with the stripes so far."""
+    """A retry hides a transient fault; an unplugged board ends the scan with the stripes so far."""
     request, skip = PHASES[phase]
     quick_board.ensure_ready()
     emulated.inject(Fault(kind, request, skip=skip))
@@ -83,7 +83,7 @@ def test_single_transfer_faults(
 def test_lasting_transfer_faults_end_the_scan(
     quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, kind: FaultKind
 ) -> None:
-    """When all attempts fail, the scan ends with the typed error, the laser off, and the stripes so far."""
+    """If all attempts fail, the scan ends with the typed error, the laser off, and the stripes so far."""
     quick_board.ensure_ready()
     emulated.inject(Fault(kind, Request.GO_TO, skip=6, count=3))
     taken, report, failure = scan(quick_board, camera)
@@ -97,7 +97,7 @@ def test_lasting_transfer_faults_end_the_scan(
 def test_dead_laser_ends_the_scan(
     quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, off: OffFrames
 ) -> None:
-    """A photodiode that sees nothing stops the scan before a frame is taken for a stripe."""
+    """If the photodiode senses no light, the scan ends before a frame is taken for a stripe."""
     emulated.inject(Fault(FaultKind.LASER_STUCK_OFF))
     taken, report, failure = scan(quick_board, camera, off)
     assert isinstance(failure, LaserDead) and taken == [] and not report.in_step
@@ -108,7 +108,7 @@ def test_dead_laser_ends_the_scan(
 def test_stuck_laser_ends_the_scan(
     quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, off: OffFrames, eventually
 ) -> None:
-    """A laser that does not go out is an error of the scan, and the board's relay puts it out."""
+    """A laser that stays on ends the scan with an error, and the board's relay turns it off."""
     emulated.inject(Fault(FaultKind.LASER_STUCK_ON))
     _, _, failure = scan(quick_board, camera, off)
     assert isinstance(failure, LaserStuckOn)
@@ -121,7 +121,7 @@ def test_stuck_laser_ends_the_scan(
 def test_dead_laser_behind_a_blind_sensor_shows_in_the_pictures(
     quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard
 ) -> None:
-    """Every stripe is dark, nothing is proved, and the report says what that means."""
+    """Every stripe is dark, nothing is proved, and the report gives the reason."""
     emulated.inject(Fault(FaultKind.BLIND_SENSOR))
     emulated.inject(Fault(FaultKind.LASER_STUCK_OFF))
     taken, report, failure = scan(quick_board, camera, OffFrames.PER_STRIPE)
@@ -133,7 +133,7 @@ def test_dead_laser_behind_a_blind_sensor_shows_in_the_pictures(
 def test_stuck_laser_behind_a_blind_sensor_shows_in_the_pictures(
     quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard
 ) -> None:
-    """Off frames with a stripe in them are leaks (or hide the stripe, before the mirror turned): none is in step."""
+    """Off frames that show a stripe are leaks, or hide the stripe before the mirror turned: none is in step."""
     emulated.inject(Fault(FaultKind.BLIND_SENSOR))
     emulated.inject(Fault(FaultKind.LASER_STUCK_ON))
     taken, report, _ = scan(quick_board, camera, OffFrames.PER_STRIPE)
@@ -143,7 +143,7 @@ def test_stuck_laser_behind_a_blind_sensor_shows_in_the_pictures(
 
 
 def test_hot_board_ends_the_scan(quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard) -> None:
-    """Over-temperature in mid scan: refused with a message, dark, and whole again when cool."""
+    """Over-temperature ends the scan with a message and the laser off; once cool, the board scans again."""
     stop_at = 4
     choices = AcquireOptions(off=OffFrames.PER_STRIPE, queue_size=1)
     with pytest.raises(LaserRefused, match="too hot"), acquire(quick_board, camera, FIRING_ORDER, choices) as stripes:
@@ -159,7 +159,7 @@ def test_hot_board_ends_the_scan(quick_board: LaserBoard, camera: BenchCamera, e
 def test_dropped_and_repeated_frames_cost_time_but_no_truth(
     quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, kind: str, off: OffFrames
 ) -> None:
-    """The counter gives them away; the scan takes the next frame instead, and counts."""
+    """The counter reveals them; the scan uses the next frame instead, and counts them."""
     quick_board.ensure_ready()
     camera.faults += [CameraFault(kind, number) for number in range(0, 4000, 5)]
     taken, report, failure = scan(quick_board, camera, off)
@@ -174,7 +174,7 @@ def test_dropped_and_repeated_frames_cost_time_but_no_truth(
 def test_frozen_camera_is_found_out(
     quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, off: OffFrames
 ) -> None:
-    """New numbers, old picture: no stripe taken while it is frozen counts as in step."""
+    """New numbers with an old image: no stripe taken meanwhile counts as in step."""
     quick_board.ensure_ready()
     first = camera.grab(5.0)
     camera.faults.append(CameraFault("freeze", first.counter + 1, 10**6))
@@ -187,7 +187,7 @@ def test_frozen_camera_is_found_out(
 
 
 def test_silent_camera_ends_the_scan(quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard) -> None:
-    """After two stripes in a row without a frame the scan ends; a lit stripe without a frame is handed out as lost."""
+    """After two stripes in a row without a frame the scan ends; a fired stripe without a frame is lost."""
     camera.faults.append(CameraFault("silence", 0, 10**6))
     taken, report, failure = scan(quick_board, camera, OffFrames.NONE)
     assert isinstance(failure, CameraTimeout) and "2 stripes in a row" in str(failure)
@@ -200,7 +200,7 @@ def test_silent_camera_ends_the_scan(quick_board: LaserBoard, camera: BenchCamer
 def test_lost_off_frame_is_reported(
     quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, off: OffFrames
 ) -> None:
-    """A stripe without its off frame is compared with the one before, comes without one, and the report says so."""
+    """A stripe without its off frame is compared with the previous one, and the loss is reported."""
     quick_board.ensure_ready()
     real, lost = camera.grab, []
 
@@ -227,7 +227,7 @@ def test_lost_off_frame_is_reported(
 def test_changed_size_is_not_handed_out(
     quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, off: OffFrames
 ) -> None:
-    """A picture of another size is not used: its stripe comes without a frame."""
+    """An image of another size is not used: its stripe has no frame."""
     quick_board.ensure_ready()
     seen: list[int] = []
     real = camera.grab
@@ -250,7 +250,7 @@ def test_changed_size_is_not_handed_out(
 
 
 def test_changed_exposure_is_reported(quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard) -> None:
-    """A camera that doubles its exposure after the off frame changes the whole picture."""
+    """A camera that doubles its exposure after the off frame changes the whole image."""
     quick_board.ensure_ready()
     first = camera.grab(5.0)
     camera.faults.append(CameraFault("brighten", first.counter + 40, 10**6))
@@ -265,7 +265,7 @@ def test_changed_exposure_is_reported(quick_board: LaserBoard, camera: BenchCame
 def test_a_mirror_that_cannot_move_prevents_the_scan(
     camera: BenchCamera, another_board: BenchBoard, kind: FaultKind
 ) -> None:
-    """Faults of the mechanics end the scan before the first stripe, with the laser off."""
+    """Mechanical faults end the scan before the first stripe, with the laser off."""
     another_board.inject(Fault(kind))
     config = BoardConfig(home_timeout=0.3, motion_timeout=0.3)
     with LaserBoard(config, backend=bench_backend(another_board)) as board:

@@ -1,4 +1,4 @@
-"""Stripes handed over in groups: which are together, and that none is lost however a scan ends."""
+"""Stripes handed over in groups: composition of the groups, and no loss however a scan ends."""
 
 import threading
 
@@ -24,7 +24,7 @@ SIZES = {1: [1] * 11, 3: [3, 3, 3, 1, 1], 4: [4, 4, 2, 1], 100: [7, 2, 1, 1]}
 def test_stripes_together_arrive_in_order_and_the_last_alone(
     board: LaserBoard, camera: BenchCamera, firing_order: list, together: int
 ) -> None:
-    """A group is handed over after its last stripe was fired; the last stripe of all waits for nobody."""
+    """A group is handed over after its last stripe was fired; the last stripe of the scan is alone."""
     with acquire(board, camera, firing_order[:11], options(together=together, queue_size=80)) as stream:
         fired_before = [(stripe.index, len(stream.report.fired)) for stripe in stream]
         assert stream.report.in_step
@@ -39,12 +39,12 @@ def test_stripes_together_arrive_in_order_and_the_last_alone(
 def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_is_stopped(
     board: LaserBoard, camera: BenchCamera, firing_order: list
 ) -> None:
-    """What was taken before a pause ended is not lost in a group that never fills."""
+    """Stripes of an incomplete group are not lost when a pause ends."""
     streams: list[StripeStream] = []
     is_there = threading.Event()
 
     def pause_is_over() -> bool:
-        # Asked from the scan's own thread, which may be ahead of this one.
+        # Called from the scan thread, which may be ahead of this one.
         assert is_there.wait(180.0)
         return len(streams[0]._worker.fired) > 6
 
@@ -60,7 +60,7 @@ def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_is_stop
 def test_groups_hold_the_stripes_that_are_handed_over_together(
     board: LaserBoard, camera: BenchCamera, firing_order: list, together: int
 ) -> None:
-    """As large as asked for, at most twice the number still to come, the last stripe alone; all stripes, in order."""
+    """Groups have the requested size, at most twice the remaining number, and the last stripe alone."""
     with acquire(board, camera, firing_order[:11], options(together=together)) as stream:
         groups = [[stripe.index for stripe in group] for group in stream.groups()]
         assert stream.report.in_step
@@ -69,13 +69,13 @@ def test_groups_hold_the_stripes_that_are_handed_over_together(
 
 
 def test_a_scan_of_one_stripe_is_one_group(board: LaserBoard, camera: BenchCamera, firing_order: list) -> None:
-    """The first stripe is the last."""
+    """The first stripe is the last one."""
     with acquire(board, camera, firing_order[:1], options(together=8)) as stream:
         assert [len(group) for group in stream.groups()] == [1]
 
 
 def test_what_is_left_of_a_group_comes_next(board: LaserBoard, camera: BenchCamera, firing_order: list) -> None:
-    """A caller that leaves its loop and begins another loses nothing; only what was handed out is in the report."""
+    """A caller that leaves its loop and starts another loses nothing; the report has only handed-over stripes."""
     with acquire(board, camera, firing_order[:9], options(together=4)) as stream:
         for stripe in stream:
             if stripe.index == 1:
@@ -88,7 +88,7 @@ def test_what_is_left_of_a_group_comes_next(board: LaserBoard, camera: BenchCame
 def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_fails(
     board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list
 ) -> None:
-    """A board that is unplugged in the middle of a group costs what was not yet taken, no more."""
+    """If the board is unplugged within a group, only later stripes are lost."""
     board.ensure_ready()
     emulated.inject(Fault(FaultKind.UNPLUG, Request.GO_TO, skip=7))
     taken: list[int] = []
@@ -103,7 +103,7 @@ def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_fails(
 def test_a_board_lost_while_the_scan_waits_for_the_caller_costs_no_stripe_that_was_taken(
     board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list, eventually
 ) -> None:
-    """The laser cannot be put out for the wait, which ends the scan; the group that found no room is handed over."""
+    """The laser cannot be turned off for the wait, which ends the scan; the waiting group is handed over."""
     board.ensure_ready()
     emulated.inject(Fault(FaultKind.UNPLUG, Request.LASER, skip=2))
     with acquire(board, camera, firing_order, options(together=2, queue_size=2)) as stream:

@@ -1,4 +1,4 @@
-"""Measuring a camera's lag."""
+"""Measurement of a camera's lag."""
 
 import pytest
 
@@ -12,17 +12,17 @@ from testbed.bench_board import BenchBoard, BenchCamera
 def test_measured_lag_is_never_too_short(
     board: LaserBoard, emulated: BenchBoard, scene, exposure: float, latency: float
 ) -> None:
-    """The upper end covers exposure and latency, also beyond a period; and a scan that relies on it is in step."""
+    """The upper bound covers exposure and latency, also beyond a period; a scan that uses it is in step."""
     board.ensure_ready()
     board.go_to_angle(0.1)
     scene.ambient, scene.brightness = 10.0, 50.0
     with BenchCamera(emulated, scene, fps=60.0, exposure=exposure, latency=latency) as camera:
         measured = measure_lag(board, camera)
         assert not emulated.view().laser_on
-        # A frame with nine tenths of the light is taken as wholly lit: the lag may be short by a tenth of the exposure.
+        # A frame with nine tenths of the light counts as lit, so the lag may be short by a tenth of the exposure.
         assert measured.lag >= 0.9 * exposure + latency - 1e-4
         assert measured.period == pytest.approx(1 / 60, rel=1e-6)
-        # The true lag lies within the uncertainty.
+        # The true lag is within the uncertainty.
         assert measured.lag - measured.uncertainty <= exposure + latency
         camera.lag = measured.lag
         firing_order = [(index, -0.1 + 0.03 * index) for index in range(8)]
@@ -34,7 +34,7 @@ def test_measured_lag_is_never_too_short(
 
 
 def test_a_clipped_stripe_is_refused(board: LaserBoard, camera: BenchCamera, scene) -> None:
-    """Half an exposure of a clipped stripe looks like a whole one: the lag would come out too short."""
+    """Half an exposure of a clipped stripe looks like a whole one, which would make the lag too short."""
     board.ensure_ready()
     board.go_to_angle(0.1)
     scene.brightness = 1000.0
@@ -43,7 +43,7 @@ def test_a_clipped_stripe_is_refused(board: LaserBoard, camera: BenchCamera, sce
 
 
 def test_a_covered_laser_has_no_lag(board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, scene) -> None:
-    """Pictures that do not depend on the laser say nothing; the laser is off afterwards."""
+    """Images that do not depend on the laser raise an error; the laser is off afterwards."""
     scene.swallow = True
     with pytest.raises(LaserNotSeen, match="on and off do not differ"):
         measure_lag(board, camera)
@@ -51,7 +51,7 @@ def test_a_covered_laser_has_no_lag(board: LaserBoard, camera: BenchCamera, emul
 
 
 def test_a_laser_that_stops_answering_is_reported(board: LaserBoard, camera: BenchCamera, scene) -> None:
-    """When pictures no longer follow the switch, the measurement gives up in bounded time."""
+    """If images no longer follow the switch, the measurement fails in bounded time."""
     real, calls = board.laser_on, []
 
     def on_once():
@@ -64,7 +64,7 @@ def test_a_laser_that_stops_answering_is_reported(board: LaserBoard, camera: Ben
 
 
 def test_a_replay_has_no_rhythm(board: LaserBoard, scene) -> None:
-    """Replayed frames have no lag to measure."""
+    """A replay has no lag to measure."""
     import numpy as np
 
     from drivers import Frame
@@ -78,6 +78,6 @@ def test_a_replay_has_no_rhythm(board: LaserBoard, scene) -> None:
 
 
 def test_too_few_toggles_are_refused(board: LaserBoard, camera: BenchCamera) -> None:
-    """Three switchings say too little."""
+    """Three switchings are too few."""
     with pytest.raises(ValueError, match="toggles is 3; allowed: at least 4"):
         measure_lag(board, camera, toggles=3)

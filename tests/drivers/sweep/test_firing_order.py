@@ -1,4 +1,4 @@
-"""Firing orders that are refused."""
+"""Firing orders that are rejected."""
 
 import math
 
@@ -18,6 +18,6 @@ from drivers.sweep.firing_order import check_firing_order
     ],
 )
 def test_bad_firing_orders_are_refused(firing_order: list, expected_text: str) -> None:
-    """The message names the stripe that is wrong, or says that there is none."""
+    """The message names the invalid stripe, or says that there is none."""
     with pytest.raises(BadFiringOrder, match=expected_text):
         check_firing_order(firing_order)

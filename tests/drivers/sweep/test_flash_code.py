@@ -1,4 +1,4 @@
-"""The code of a sweep: where its dark flashes lie, and that each scan takes them."""
+"""Flash code of a sweep: places of its dark flashes, and their execution by each kind of scan."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CODE = frozenset({3, 31, 60, 69})
 
 
 def test_one_lies_in_each_part_and_the_last_is_always_dark() -> None:
-    """At most 6 % more frames for whole sweeps; every place but the last is as likely as any other."""
+    """At most 6 % more frames in whole sweeps; all places but the last are equally likely."""
     counts: Counter[int] = Counter()
     for _ in range(400):
         code = sorted(draw_code(range(70)))
@@ -37,7 +37,7 @@ def test_short_sweeps_have_fewer(count: int, darks: int) -> None:
 def test_a_scan_step_by_step_takes_them(
     board: LaserBoard, camera: BenchCamera, firing_order: list, off: OffFrames
 ) -> None:
-    """After the stripes named, dark, and at the cost of these frames."""
+    """Dark frames follow the given stripes, at the cost of these frames only."""
     with acquire(board, camera, firing_order, options(off)) as plain:
         before = list(plain)
     with acquire(board, camera, firing_order, options(off, dark_after=CODE)) as stripes:
@@ -52,13 +52,13 @@ def test_a_scan_step_by_step_takes_them(
             assert stripe.dark_stamp > stripe.on_stamp
     of_a_frame = plain.report.duration / plain.report.frames_used
     assert stripes.report.frames_used == plain.report.frames_used + len(CODE)
-    # At 300 frames per second switching the laser takes a good part of a frame.
+    # At 300 frames per second, switching the laser takes a considerable part of a frame period.
     assert stripes.report.duration - plain.report.duration <= 2 * len(CODE) * of_a_frame
 
 
 @pytest.mark.usefixtures("emulated_time")
 def test_a_dark_frame_that_is_lost_is_taken_again(board: LaserBoard, camera: BenchCamera, firing_order: list) -> None:
-    """By a camera that runs freely, the next frame serves; where none comes, the stripe is lost."""
+    """With a free-running camera, the next frame serves; without any, the stripe is lost."""
     given = AcquireOptions(off=OffFrames.NONE, frame_timeout=0.2, dark_after=frozenset({0, 2}))
     camera.faults.append(CameraFault("drop", 2))
     with acquire(board, camera, firing_order[:3], given) as stripes:

@@ -1,4 +1,4 @@
-"""Which frame belongs to which command, and what the counter shows."""
+"""Assignment of frames to commands, and counts from the frame counter."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from drivers.sweep.stripe_worker import ScanStopped
 
 
 class Script(Camera):
-    """A camera that plays (counter, stamp) pairs; None is a time-out."""
+    """Camera that plays (counter, stamp) pairs; None is a time-out."""
 
     def __init__(self, *frames: tuple[int, float] | None) -> None:
         self.frames = list(frames)
@@ -17,10 +17,10 @@ class Script(Camera):
         self.flushed = 0
 
     def open(self) -> None:
-        """Nothing to open."""
+        """Do nothing."""
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Do nothing."""
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
         return settings
@@ -43,18 +43,18 @@ def grabber_of(board: LaserBoard):
     return make
 
 
-NOW = 1e9  # far in the future of the monotonic clock, so that every missing frame counts as awaited
+NOW = 1e9  # Far in the future of the monotonic clock, so that every missing frame counts as expected.
 
 
 def test_a_frame_must_begin_after_the_command(grabber_of) -> None:
-    """Stamp minus lag decides, to the edge."""
+    """Stamp minus lag decides, exactly at the limit."""
     grabber = grabber_of(Script((1, NOW), (2, NOW + 0.0199), (3, NOW + 0.0201)))
     assert grabber.after(NOW).counter == 3
     assert (grabber.used, grabber.skipped) == (1, 2)
 
 
 def test_unknown_lag_throws_frames_away(grabber_of) -> None:
-    """Two frames that arrive after the command are not believed, and one from before does not count among them."""
+    """Two frames that arrive after the command are dropped; one from before is not counted among them."""
     camera = Script(*[(number, NOW + number) for number in range(-1, 6)])
     camera.lag = None
     grabber = grabber_of(camera, flush_frames=2)
@@ -63,7 +63,7 @@ def test_unknown_lag_throws_frames_away(grabber_of) -> None:
 
 
 def test_gaps_and_repetitions_are_counted(grabber_of) -> None:
-    """The camera's own counter gives them away."""
+    """The camera's counter reveals them."""
     grabber = grabber_of(Script((1, NOW), (1, NOW), (0, NOW), (5, NOW + 4), (6, NOW + 5)))
     taken = [grabber.after(0.0).counter for _ in range(3)]
     assert taken == [1, 5, 6]
@@ -71,7 +71,7 @@ def test_gaps_and_repetitions_are_counted(grabber_of) -> None:
 
 
 def test_frames_missed_while_nobody_asked_are_not_dropped(grabber_of) -> None:
-    """A camera runs on while the mirror turns; only frames due while one was awaited count."""
+    """A camera runs on while the mirror turns; only frames that were due during a grab count."""
     grabber = grabber_of(Script((1, 10.0), (9, 11.0)))
     grabber.after(0.0)
     grabber.after(0.0)
@@ -79,7 +79,7 @@ def test_frames_missed_while_nobody_asked_are_not_dropped(grabber_of) -> None:
 
 
 def test_restart_forgets_the_counting(grabber_of) -> None:
-    """After a restart, a gap means nothing."""
+    """After a restart, a gap is not counted."""
     camera = Script((1, NOW), (90, NOW + 1))
     grabber = grabber_of(camera)
     grabber.after(0.0)
@@ -89,20 +89,20 @@ def test_restart_forgets_the_counting(grabber_of) -> None:
 
 
 def test_no_frame_in_time_is_none(grabber_of) -> None:
-    """Single time-outs of the camera do not count until all of the time is up."""
+    """Single time-outs of the camera do not count until the whole time is over."""
     assert grabber_of(Script(None, None, (1, NOW))).after(NOW - 1).counter == 1
     assert grabber_of(Script()).after(NOW) is None
 
 
 def test_the_board_is_asked_while_a_frame_is_awaited(grabber_of, board: LaserBoard) -> None:
-    """Each wait that ends without a frame feeds the watchdog, so that a slow camera does not put the laser out."""
+    """Each wait without a frame resets the watchdog, so that a slow camera does not turn the laser off."""
     before = board.status().sequence
     grabber_of(Script(None, None, None, (1, NOW))).after(0.0)
     assert board.status().sequence == before + 4
 
 
 def test_giving_up_comes_from_the_check(grabber_of) -> None:
-    """Whoever asks may stop the wait between two grabs."""
+    """`check` may abort the wait between two grabs."""
 
     def stop() -> None:
         raise ScanStopped

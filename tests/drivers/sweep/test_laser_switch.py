@@ -1,4 +1,4 @@
-"""The laser as a scan uses it."""
+"""Laser switch of a scan."""
 
 import dataclasses
 
@@ -12,7 +12,7 @@ from testbed.bench_board import BenchBoard, Fault, FaultKind, bench_backend
 
 
 def test_after_closing_nothing_switches_on(board: LaserBoard, emulated: BenchBoard) -> None:
-    """The thread of a scan that lags behind cannot light the laser again."""
+    """A delayed scan thread cannot switch the laser on again."""
     switch = LaserSwitch(board)
     switch.on()
     assert switch.lit and emulated.view().laser_on
@@ -25,7 +25,7 @@ def test_after_closing_nothing_switches_on(board: LaserBoard, emulated: BenchBoa
 
 
 def test_laser_put_out_by_the_board_is_switched_on_again_and_counted() -> None:
-    """A watchdog that bit is cleared once; the interruption shows."""
+    """A watchdog fault is cleared once, and the interruption is counted."""
     now = [100.0]
     emulated = BenchBoard(clock=lambda: now[0])
     with LaserBoard(backend=bench_backend(emulated)) as board:
@@ -41,14 +41,14 @@ def test_laser_put_out_by_the_board_is_switched_on_again_and_counted() -> None:
 
 
 def test_a_fault_that_stays_is_raised(board: LaserBoard, emulated: BenchBoard) -> None:
-    """Heat cannot be cleared away."""
+    """Over-temperature cannot be cleared."""
     emulated.inject(Fault(FaultKind.HOT, amount=80))
     with pytest.raises(LaserRefused, match="too hot"):
         LaserSwitch(board).on()
 
 
 def test_laser_rests_before_its_time_limit() -> None:
-    """A scan longer than the limit never trips it: the laser is off for the board's rest in between."""
+    """A scan longer than the limit never reaches it, because the laser rests in between."""
     identity = dataclasses.replace(EmulatorConfig().identity, watchdog=20.0, laser_limit=0.2, laser_rest=0.02)
     emulated = BenchBoard(dataclasses.replace(EmulatorConfig(), identity=identity))
     with LaserBoard(backend=bench_backend(emulated)) as board:

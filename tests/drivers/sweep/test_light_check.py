@@ -1,4 +1,4 @@
-"""Clipped and too dark light in the first frames of a scan."""
+"""Clipped or dark light in the first frames of a scan."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def capture(on: Image | None, off: Image | None) -> StripeCapture:
 
 
 def stripe(level: float, background: float = 40.0, clipped_columns: float = 0.0) -> StripeCapture:
-    """A stripe of this grey level in the middle of the picture."""
+    """Stripe of this grey level in the middle of the image."""
     rng = np.random.default_rng(1)
     off = np.clip(background + rng.normal(0, 1.0, (HEIGHT, WIDTH, 3)), 0, 255).astype(np.uint8)
     on = off.copy()
@@ -59,7 +59,7 @@ def test_a_clipped_and_a_dark_stripe_are_reported_once(bad: StripeCapture, expec
 
 
 def test_a_picture_that_is_clipped_without_the_laser_is_reported() -> None:
-    """A window over a fifth of the picture is reported, a lamp over a hundredth not; in the off frame or in `on`."""
+    """A window over a fifth of the image is reported, a lamp over a hundredth is not; in `off` or `on`."""
     good = stripe(180.0)
     for of_rows, is_reported in ((HEIGHT // 5, True), (HEIGHT // 100, False)):
         on, off = good.on.copy(), good.off.copy()
@@ -71,7 +71,7 @@ def test_a_picture_that_is_clipped_without_the_laser_is_reported() -> None:
 
 
 def test_a_stripe_that_shows_no_laser_is_passed_over() -> None:
-    """A hole, a lost frame, and a band outside of the picture say nothing; the next stripe is examined."""
+    """A hole, a lost frame, and a band outside the image give no result; the next stripe is examined."""
     hole = capture(stripe(180.0).off, stripe(180.0).off)
     assert problems(capture(None, None), hole, stripe(255.0)) != ()
     assert problems(hole, hole, hole) == ()

@@ -18,7 +18,7 @@ def ready(board: LaserBoard) -> LaserBoard:
 def test_ridge_ends_within_the_wanted_levels(
     ready: LaserBoard, camera: BenchCamera, emulated: BenchBoard, scene, exposure: float
 ) -> None:
-    """From far too dark, right, or clipped: the stripe ends bright but unclipped, with the laser off."""
+    """From a dark, correct or clipped start, the stripe ends bright and unclipped, with the laser off."""
     scene.ambient, scene.brightness = 20.0, 120.0
     result = meter_exposure(ready, camera, 0.1, exposure=exposure, limits=(0.0001, 0.005), levels=(0.5, 0.8))
     assert result.settled and result.advice == ""
@@ -30,7 +30,7 @@ def test_ridge_ends_within_the_wanted_levels(
 
 
 def test_too_bright_a_scene_is_reported(ready: LaserBoard, camera: BenchCamera, scene) -> None:
-    """At the shortest exposure still clipped: close the iris."""
+    """Clipped even at the shortest exposure; the advice is to close the iris."""
     scene.brightness = 2000.0
     result = meter_exposure(ready, camera, 0.1, exposure=0.002, limits=(0.001, 0.005))
     assert not result.settled and result.clipped_fraction > 0.5
@@ -38,7 +38,7 @@ def test_too_bright_a_scene_is_reported(ready: LaserBoard, camera: BenchCamera, 
 
 
 def test_too_dark_a_scene_is_reported(ready: LaserBoard, camera: BenchCamera, scene) -> None:
-    """At the longest exposure still dim: open the iris."""
+    """Dim even at the longest exposure; the advice is to open the iris."""
     scene.ambient, scene.brightness = 5.0, 25.0
     result = meter_exposure(ready, camera, 0.1, exposure=0.002, limits=(0.0005, 0.004))
     assert not result.settled and "open the iris" in result.advice
@@ -48,7 +48,7 @@ def test_too_dark_a_scene_is_reported(ready: LaserBoard, camera: BenchCamera, sc
 def test_without_success_it_tells_the_exposure_that_is_set(
     ready: LaserBoard, camera: BenchCamera, scene, rounds: int
 ) -> None:
-    """After the last round, with a scene that would need a longer exposure than is allowed."""
+    """After the last round, in a scene that needs a longer exposure than allowed."""
     scene.ambient, scene.brightness = 5.0, 25.0
     result = meter_exposure(ready, camera, 0.1, exposure=0.001, limits=(0.0005, 0.0025), max_rounds=rounds)
     assert not result.settled and result.exposure == pytest.approx((0.001, 0.0025)[rounds - 1])
@@ -60,7 +60,7 @@ def test_at_least_one_round_is_needed(ready: LaserBoard, camera: BenchCamera) ->
 
 
 def test_without_exposure_it_only_measures(ready: LaserBoard, camera: BenchCamera) -> None:
-    """A camera whose exposure cannot be set is measured as it is."""
+    """A camera whose exposure cannot be set is measured only."""
     result = meter_exposure(ready, camera, 0.1)
     assert result.exposure is None
     assert result.stripe_level == pytest.approx(190 / 255, abs=0.03)
@@ -75,13 +75,13 @@ def test_no_stripe_at_all_is_an_error(ready: LaserBoard, camera: BenchCamera, em
 
 
 def test_a_replay_cannot_be_set(ready: LaserBoard) -> None:
-    """Asking a replay for an exposure is refused by the camera."""
+    """A replay rejects an exposure."""
     with ReplayCamera([]) as tape, pytest.raises(CameraSettingRefused):
         meter_exposure(ready, tape, 0.1, exposure=0.002)
 
 
 def test_pictures_of_two_sizes_are_refused(ready: LaserBoard) -> None:
-    """The camera changed between off and on."""
+    """The size changed between off and on frame."""
     frames = [np.zeros((10, 20), np.uint8), np.zeros((20, 20), np.uint8)]
     with ReplayCamera(frames) as tape, pytest.raises(CameraError, match=r"from \(10, 20\) to \(20, 20\)"):
         meter_exposure(ready, tape, 0.1)
@@ -89,7 +89,7 @@ def test_pictures_of_two_sizes_are_refused(ready: LaserBoard) -> None:
 
 @pytest.mark.slow
 def test_no_frame_is_a_timeout(ready: LaserBoard) -> None:
-    """A camera slower than the time-out."""
+    """The camera is slower than the timeout."""
     with ReplayCamera([np.zeros((4, 4), np.uint8)] * 2, fps=0.1) as tape, pytest.raises(CameraTimeout, match="metered"):
         meter_exposure(ready, tape, 0.1)
 
@@ -98,6 +98,6 @@ def test_no_frame_is_a_timeout(ready: LaserBoard) -> None:
 def test_impossible_ranges_are_refused(
     ready: LaserBoard, camera: BenchCamera, name: str, pair: tuple[float, float]
 ) -> None:
-    """Both ends are in the message."""
+    """The message contains both ends."""
     with pytest.raises(ValueError, match=f"{name} are {pair[0]} ... {pair[1]}; they must increase"):
         meter_exposure(ready, camera, 0.1, **{name: pair})

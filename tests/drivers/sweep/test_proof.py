@@ -1,4 +1,4 @@
-"""Judging frames against what was commanded."""
+"""Verification of frames against commands."""
 
 from functools import cache
 
@@ -38,7 +38,7 @@ def judge(proof: StripeProof, angle: float, on: np.ndarray, off: np.ndarray = OF
 
 @pytest.mark.parametrize("channel", [0, 1, 2])
 def test_a_stripe_of_any_colour_is_seen_where_it_is(channel: int) -> None:
-    """Lit in every column, at its row, with no leak."""
+    """Lit in every column, at its row, without a leak."""
     verdict, evidence = judge(StripeProof(), 0.0, scene(77, channel=channel))
     assert verdict is StripeVerdict.OK
     assert evidence.lit_fraction == 1.0 and evidence.leak_fraction == 0.0
@@ -49,7 +49,7 @@ def test_a_stripe_of_any_colour_is_seen_where_it_is(channel: int) -> None:
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize("colour", [True, False])
 def test_depth_and_colour_of_the_picture_do_not_matter(dtype: type, colour: bool) -> None:
-    """8 or 16 bit, colour or grey."""
+    """8 or 16 bits, colour or grey."""
     on, off = scene(50), OFF
     if not colour:
         on, off = on[:, :, 2], off[:, :, 2]
@@ -61,31 +61,31 @@ def test_depth_and_colour_of_the_picture_do_not_matter(dtype: type, colour: bool
 
 @pytest.mark.parametrize("seed", range(20))
 def test_noise_is_never_taken_for_the_laser(seed: int) -> None:
-    """Two frames without laser are dark, whatever the noise."""
+    """Two frames without the laser give DARK, whatever the noise."""
     verdict, evidence = judge(StripeProof(), 0.0, scene(None, seed=seed))
     assert verdict is StripeVerdict.DARK and evidence.lit_fraction == 0.0
 
 
 def test_strong_noise_raises_the_threshold() -> None:
-    """Noise far above the least contrast still shows no laser."""
+    """Noise far above the minimum contrast does not count as laser."""
     rng = np.random.default_rng(5)
     on, off = (rng.normal(100, 12, (HEIGHT, WIDTH, 3)).clip(0, 255).astype(np.uint8) for _ in range(2))
     assert judge(StripeProof(), 0.0, on, off)[0] is StripeVerdict.DARK
 
 
 def test_a_stripe_in_a_few_columns_counts_as_seen() -> None:
-    """Most of the ground may swallow the laser."""
+    """Most of the ground may absorb the laser."""
     assert judge(StripeProof(), 0.0, scene(60, columns=slice(0, 32)))[0] is StripeVerdict.OK
 
 
 def test_stripe_in_the_off_frame_is_a_leak() -> None:
-    """A laser that shines in the off frame shows there, at another row or the same columns."""
+    """A laser that is on in the off frame is detected, at another row or in the same columns."""
     assert judge(StripeProof(), 0.0, scene(60), scene(90, seed=3))[0] is StripeVerdict.LEAK
     assert judge(StripeProof(), 0.0, scene(None, seed=2), scene(90, seed=3))[0] is StripeVerdict.LEAK
 
 
 def test_changed_light_is_reported_but_usable() -> None:
-    """A stripe is still found when the whole frame became brighter."""
+    """A stripe is found although the whole frame became brighter."""
     verdict, evidence = judge(StripeProof(), 0.0, scene(60, level=70))
     assert verdict is StripeVerdict.AMBIENT_CHANGED and verdict.in_step
     assert evidence.offset == pytest.approx(90, abs=3)
@@ -93,13 +93,13 @@ def test_changed_light_is_reported_but_usable() -> None:
 
 @pytest.mark.parametrize(("band", "verdict"), [((70, 90), "OK"), ((100, 150), "OUT_OF_BAND"), ((0, 77), "OUT_OF_BAND")])
 def test_band_is_where_the_stripe_must_be(band: tuple[int, int], verdict: str) -> None:
-    """A band holds its first row, but not its end."""
+    """A band includes its first row, but not its end."""
     assert judge(StripeProof(), 0.0, scene(80), band=band)[0] is StripeVerdict[verdict]
 
 
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_frame_one_stripe_late_is_found(direction: int) -> None:
-    """After a regular sweep, a stripe seen where the one before was has not moved; then the sweep goes on."""
+    """A stripe at the place of the previous one has not moved; afterwards the sweep continues."""
     proof = StripeProof()
     verdicts = []
     for turn, seen in enumerate([0, 1, 2, 3, 4, 4, 6, 7]):
@@ -109,7 +109,7 @@ def test_a_frame_one_stripe_late_is_found(direction: int) -> None:
 
 
 def test_a_mirror_that_stops_stays_found() -> None:
-    """Every stripe after the mirror jammed is out of step, not only the first."""
+    """Every stripe after the mirror jammed is out of step, not only the first one."""
     proof = StripeProof()
     names = [judge(proof, 0.01 * turn, scene(40 + 8 * min(turn, 3), seed=turn))[0].name for turn in range(8)]
     assert names == ["OK"] * 4 + ["NOT_MOVED"] * 4
@@ -117,7 +117,7 @@ def test_a_mirror_that_stops_stays_found() -> None:
 
 @pytest.mark.parametrize("edges", [(30, 33), (170, 40)])
 def test_a_few_columns_that_are_no_stripe_make_no_later_one_look_stuck(edges: tuple[int, int]) -> None:
-    """Edges of a scene that moved, in a stripe that shows nowhere else; a mirror that stops afterwards is found."""
+    """Edges of a moving scene in a dark stripe do no harm; a mirror that stops afterwards is detected."""
     proof, rows = StripeProof(), range(60, 180, 10)
     for number, row in enumerate(rows):
         on = scene(row, seed=number)
@@ -131,7 +131,7 @@ def test_a_few_columns_that_are_no_stripe_make_no_later_one_look_stuck(edges: tu
 
 @pytest.mark.parametrize("columns", [slice(0, 32), slice(None)])
 def test_a_mirror_that_stops_on_dark_ground_is_found(columns: slice) -> None:
-    """Stripes in a tenth of the columns are compared with one another, not with the last one in all of them."""
+    """Stripes in a tenth of the columns are compared with each other, not with the last full one."""
     proof = StripeProof()
     for number in range(4):
         assert judge(proof, 0.01 * number, scene(60 + 10 * number))[0] is StripeVerdict.OK
@@ -141,14 +141,14 @@ def test_a_mirror_that_stops_on_dark_ground_is_found(columns: slice) -> None:
 
 
 def test_the_sweep_back_to_the_stripes_between_is_in_step() -> None:
-    """A jump back of the mirror moves the stripe back; that is no fault."""
+    """A jump back of the mirror moves the stripe back, which is no fault."""
     proof = StripeProof()
     for turn, index in enumerate([0, 2, 4, 6, 8, 1, 3, 5, 7]):
         assert judge(proof, 0.01 * index, scene(40 + 6 * index, seed=turn))[0] is StripeVerdict.OK
 
 
 def test_without_off_frames_the_stripe_before_is_the_reference() -> None:
-    """The stripe that went away is no leak."""
+    """The previous stripe in the reference is no leak."""
     proof = StripeProof()
     frames = [scene(40 + 10 * turn, seed=turn) for turn in range(6)]
     for turn in range(1, 6):
@@ -175,7 +175,7 @@ def test_limits_can_be_set() -> None:
 def test_light_is_the_sum_of_the_channels_where_it_is_sampled(
     size: tuple[int, int], dtype: type, kind: str, first: int
 ) -> None:
-    """For pictures of every size, depth and layout."""
+    """For images of every size, depth and memory layout."""
     rng = np.random.default_rng(first)
     image = rng.integers(0, np.iinfo(dtype).max, (*size, 3), dtype=dtype, endpoint=True)
     if kind == "grey":
@@ -200,20 +200,20 @@ def band_of(row: int) -> tuple[int, int]:
 @given(st.lists(st.integers(30, 170), min_size=2, max_size=8), st.integers(0, 10))
 @settings(max_examples=examples(25), derandomize=True)
 def test_the_band_alone_shows_what_the_whole_frame_shows(rows: list[int], seed: int) -> None:
-    """One off frame for all: verdict, row, contrast, offset and shift, wherever the stripes lie."""
+    """With one off frame, band and whole frame give equal verdict, row, contrast, offset and shift."""
     in_band, whole = StripeProof(), StripeProof()
     for turn, row in enumerate(rows):
         on = scene(row, seed=seed + turn)
         angle = 0.001 * row
         verdict, evidence = judge(in_band, angle, on, band=band_of(row))
-        # An off frame of its own each time: nothing is known of it yet.
+        # With a new off frame each time, nothing is known about the off frame.
         expected, of_whole = judge(whole, angle, on, OFF.copy(), band=band_of(row))
         assert verdict is expected
         assert evidence == of_whole
 
 
 def test_light_in_the_off_frame_is_found_however_late_it_shows() -> None:
-    """Hidden behind the first stripe, seen with the second, it counts against all further stripes of that frame."""
+    """Hidden behind the first stripe and detected with the second, it counts for all further stripes."""
     off = scene(80, seed=99, columns=slice(0, 150))
     proof, names = StripeProof(), []
     for turn, row in enumerate([80, 90, 150, 160]):
@@ -227,7 +227,7 @@ def test_light_in_the_off_frame_is_found_however_late_it_shows() -> None:
     [(None, "DARK"), (30, "OUT_OF_BAND"), (190, "OUT_OF_BAND"), (80, "OUT_OF_BAND"), (118, "NOT_MOVED")],
 )
 def test_a_stripe_that_is_not_in_its_band_is_looked_for_everywhere(row: int | None, name: str) -> None:
-    """After stripes in step it is found however far off it lies; the next stripe in its band is in step again."""
+    """It is found at any distance; the next stripe in its band is in step again."""
     proof = StripeProof()
     for turn in range(5):
         seen = 86 + 8 * turn
@@ -237,7 +237,7 @@ def test_a_stripe_that_is_not_in_its_band_is_looked_for_everywhere(row: int | No
 
 
 def test_a_stripe_in_few_columns_of_its_band_is_outvoted_by_a_brighter_one_elsewhere() -> None:
-    """Too little is lit in the band to take it for the stripe without comparing the rest."""
+    """With few lit columns in the band, the rest of the image is compared too."""
     proof = StripeProof()
     for turn in range(4):
         seen = 86 + 8 * turn

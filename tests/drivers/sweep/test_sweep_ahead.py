@@ -1,4 +1,4 @@
-"""A sweep takes the next frame while the mirror turns: only one exposed with mirror still and laser on is used."""
+"""Scans that grab while the mirror turns: only frames exposed with the mirror at rest and the laser on are used."""
 
 import dataclasses
 from collections.abc import Callable, Iterator
@@ -30,7 +30,7 @@ FIRING_ORDER = [(index, -0.1 + 0.012 * index) for index in range(24)]
 
 
 class Watched:
-    """A scene that remembers what each picture was taken of."""
+    """Scene that records the conditions of each image."""
 
     def __init__(self) -> None:
         self._scene = Scene()
@@ -46,7 +46,7 @@ class Watched:
         return next(view for image, view in self._taken if stripe.on.base is image)
 
     def assert_still_and_lit(self, stripes: list[StripeCapture]) -> None:
-        """Every picture is of a mirror that stood where the stripe belongs, under a laser that was on throughout."""
+        """Assert that every image was exposed with the mirror at rest at its stripe and the laser on throughout."""
         for stripe in stripes:
             view = self.of(stripe)
             assert view.mirror_travel == 0.0, stripe.index
@@ -56,7 +56,7 @@ class Watched:
 
 @dataclasses.dataclass
 class Rig:
-    """Devices whose every exposure is remembered."""
+    """Devices that record every exposure."""
 
     emulated: BenchBoard
     board: LaserBoard
@@ -93,7 +93,7 @@ def rig() -> Iterator[Rig]:
     ("fps", "exposure", "latency"), [(60.0, 0.008, 0.005), (60.0, 0.016, 0.0005), (200.0, 0.002, 0.004)]
 )
 def test_no_frame_is_used_that_saw_the_mirror_move(settle: float, fps: float, exposure: float, latency: float) -> None:
-    """Whether the motion ends long before an exposure, during it, or after several; forwards and, farther, back."""
+    """Motions end long before an exposure, during it, or after several; forwards and, farther, backwards."""
     with rig_of(patient_config(settle=settle), fps, exposure, latency) as rig:
         taken = rig.scan()
         rig.scene.assert_still_and_lit(taken)
@@ -102,7 +102,7 @@ def test_no_frame_is_used_that_saw_the_mirror_move(settle: float, fps: float, ex
 
 @pytest.mark.slow
 def test_one_frame_per_stripe_is_enough_where_the_mirror_is_quick() -> None:
-    """The bound on the end of the motion is so near to it that no frame is wasted."""
+    """The bound on the end of the motion is so tight that no frame is wasted."""
     with rig_of(EmulatorConfig(), 30.0, 0.008, 0.008) as rig:
         rig.scan()
         assert rig.report.frames_skipped <= 4, "while homing ends"
@@ -110,7 +110,7 @@ def test_one_frame_per_stripe_is_enough_where_the_mirror_is_quick() -> None:
 
 
 def test_host_that_sleeps_uses_no_wrong_frame(rig: Rig) -> None:
-    """However long it takes between command and frame, before and after."""
+    """For any delay between command and frame, and after it."""
     real, rng = rig.camera.grab, np.random.default_rng(1)
 
     def grab(timeout: float) -> Frame:
@@ -127,7 +127,7 @@ def test_host_that_sleeps_uses_no_wrong_frame(rig: Rig) -> None:
 
 @pytest.mark.parametrize("kind", ["drop", "repeat"])
 def test_frames_dropped_and_repeated_put_nothing_out_of_step(rig: Rig, kind: str) -> None:
-    """The end of each motion is asked for with the frame that comes instead."""
+    """The end of each motion is read with the frame that arrives instead."""
     rig.camera.faults += [CameraFault(kind, number) for number in range(0, 4000, 3)]
     taken = rig.scan()
     rig.scene.assert_still_and_lit(taken)
@@ -138,7 +138,7 @@ def test_frames_dropped_and_repeated_put_nothing_out_of_step(rig: Rig, kind: str
     "kind", [FaultKind.GARBAGE, FaultKind.SHORT_READ, FaultKind.STALL, FaultKind.TIMEOUT, FaultKind.TIMEOUT_AFTER]
 )
 def test_reports_that_are_lost_put_nothing_out_of_step(rig: Rig, kind: FaultKind) -> None:
-    """The status is asked for, which says only that the mirror is still now: the next frame is used."""
+    """The status only shows that the mirror is at rest now, so the next frame is used."""
     rig.board.ensure_ready()
     rig.emulated.inject(Fault(kind, "report", skip=3, count=4))
     taken = rig.scan()
@@ -148,7 +148,7 @@ def test_reports_that_are_lost_put_nothing_out_of_step(rig: Rig, kind: FaultKind
 
 @pytest.mark.parametrize("kind", [FaultKind.TIMEOUT_AFTER, FaultKind.GARBAGE])
 def test_motion_whose_answer_was_lost_counts_from_the_answer_that_came(rig: Rig, kind: FaultKind) -> None:
-    """GO_TO is carried out, then repeated."""
+    """GO_TO is executed, then repeated."""
     rig.board.ensure_ready()
     rig.emulated.inject(Fault(kind, Request.GO_TO, skip=5, count=2))
     taken = rig.scan()
@@ -169,7 +169,7 @@ def jam(rig: Rig) -> None:
 
 
 def while_the_mirror_turns(rig: Rig, stripe: int, what: Callable[[Rig], None]) -> None:
-    """Let something happen after the GO_TO of a stripe, before its motion ends."""
+    """Run an action after the GO_TO of a stripe, before its motion ends."""
     real, count = rig.board.go_to_step, []
 
     def go_to_step(step: int, *, wait: bool = True) -> float:
@@ -183,7 +183,7 @@ def while_the_mirror_turns(rig: Rig, stripe: int, what: Callable[[Rig], None]) -
 
 
 def test_mirror_that_jams_in_mid_scan_ends_it(rig: Rig) -> None:
-    """Frames go on to come, but none is used for a stripe whose mirror never came to rest."""
+    """Frames continue to arrive, but none is used for a stripe whose mirror never came to rest."""
     rig.board.config = BoardConfig(timeout=0.05, motion_timeout=0.3)
     while_the_mirror_turns(rig, 5, jam)
     taken = []
@@ -196,7 +196,7 @@ def test_mirror_that_jams_in_mid_scan_ends_it(rig: Rig) -> None:
 
 @pytest.mark.slow
 def test_laser_that_the_board_puts_out_in_mid_scan_is_lit_again() -> None:
-    """The report of the motion shows it: the frame taken meanwhile is not used, and the scan's report says so."""
+    """The report of the motion shows it; the frame is not used, and the scan's report says so."""
     with rig_of(patient_config(settle=0.01), 200.0, 0.002, 0.001) as rig:
         while_the_mirror_turns(rig, 7, put_out)
         taken = rig.scan()
@@ -206,7 +206,7 @@ def test_laser_that_the_board_puts_out_in_mid_scan_is_lit_again() -> None:
 
 
 def test_laser_that_the_board_will_not_light_again_ends_the_scan() -> None:
-    """A board that is too hot is reported as such."""
+    """The error names over-temperature."""
     with rig_of(patient_config(settle=0.01), 200.0, 0.002, 0.001) as rig:
         while_the_mirror_turns(rig, 7, hot)
         with pytest.raises(LaserRefused, match="too hot"):
@@ -217,7 +217,7 @@ def test_laser_that_the_board_will_not_light_again_ends_the_scan() -> None:
 
 @pytest.mark.slow
 def test_laser_rests_before_its_limit() -> None:
-    """At most half of the board's limit without a rest: it never has to put the laser out itself."""
+    """The laser rests after at most half of the board's limit, so the board never turns it off."""
     config = patient_config()
     config = dataclasses.replace(
         config, identity=dataclasses.replace(config.identity, laser_limit=0.2, laser_rest=0.02)
@@ -232,7 +232,7 @@ def test_laser_rests_before_its_limit() -> None:
 
 
 class Obedient(ReplayCamera):
-    """Frames that must not be asked for while the mirror moves: each grab takes the next one."""
+    """Camera that must not be read while the mirror moves, because each grab takes the next frame."""
 
     def watch(self, emulated: BenchBoard, moving: list[bool]) -> None:
         self._emulated, self._moving = emulated, moving
@@ -255,7 +255,7 @@ def test_recorded_frame_is_not_asked_for_before_the_mirror_is_still(rig: Rig) ->
 
 
 def test_camera_of_unknown_lag_is_not_asked_before_the_mirror_is_still(rig: Rig) -> None:
-    """Its frames say nothing of when they were exposed: those that follow the end of the motion are thrown away."""
+    """The exposure times of its frames are unknown, so those after the end of the motion are dropped."""
     rig.camera.lag = None
     real, moving = rig.camera.grab, []
 

@@ -1,4 +1,4 @@
-"""Which frame belongs to which trigger: the true offset of the clocks is found, or none, whatever went wrong."""
+"""Assignment of frames to triggers: the true offset of the clocks is found, or none, whatever went wrong."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from tests.thorough import further
 
 TOLERANCE = 0.001
 OFFSET, DELAY, EXPOSURE, ARRIVAL = 77.0, 50e-6, 0.004, 0.0055
-# What is wrong with an exposure: "missed", "doubled", or by how many seconds it is late.
+# Fault of an exposure: "missed", "doubled", or its delay [s].
 Fault = str | float
-# Stripes, seconds between their triggers, and whether an off frame comes first: with the firmware's ramp and 4 ms of
+# Number of stripes, trigger period [s], and True if an off frame comes first: with the firmware's ramp and 4 ms of
 # light, with 0.5 ms of light and no off frame, and a coarse sweep.
 SWEEPS = [(70, 0.0093, True), (70, 0.0059, False), (35, 0.0115, True)]
 
 
 def triggers_of(stripes: int, gap: float, has_off: bool, tolerance: float = TOLERANCE) -> Float:
-    """Times of a sweep's triggers."""
+    """Times of the triggers of a sweep."""
     waits = uneven_waits(stripes, tolerance)
     gaps = [EXPOSURE + 0.0002] * has_off + [gap + WAIT_UNIT * wait for wait in waits[1:]]
     return np.cumsum([0.0, *gaps])
 
 
 def stamps_of(triggers: Float, faults: Mapping[int, Fault]) -> Float:
-    """What the camera says of its exposures; one that is asked for while the shutter is open does not come."""
+    """Stamps of the camera's exposures; a trigger while the shutter is open is missed."""
     found, closed = [], -1.0
     for number, trigger in enumerate(triggers):
         fault = faults.get(number)
@@ -47,10 +47,10 @@ def stamps_of(triggers: Float, faults: Mapping[int, Fault]) -> Float:
 
 
 def proved_at(triggers: Float, stamps: Float) -> int | None:
-    """After how many triggers, as the scan's thread reads them, an offset is proved; None: never. It must be true."""
+    """Number of triggers, as the scan thread reads them, after which a true offset is proved; None if it never is."""
     match = ClockMatch(TOLERANCE)
     arrivals = stamps - OFFSET + ARRIVAL
-    # A trigger is reported at the next one.
+    # A trigger is reported at the next trigger.
     for count, now in enumerate([*triggers[1:], triggers[-1] + 0.1], 1):
         match.learn(triggers[:count], stamps[arrivals <= now])
         if match.proved:
@@ -63,10 +63,10 @@ def proved_at(triggers: Float, stamps: Float) -> int | None:
 @pytest.mark.slow
 @pytest.mark.parametrize("sweep", [SWEEPS[0], *further(*SWEEPS[1:])])
 def test_any_two_triggers_may_go_wrong(sweep: tuple[int, float, bool]) -> None:
-    """Every trigger, and every pair of them, missed, doubled or late: the offset is proved, and the true one.
+    """Any one or two triggers may be missed, doubled or late: the proved offset is the true one.
 
-    Late by little, by as much as a wait, by a gap, by a gap and a wait, and by much. What comes after the proof cannot
-    change it, so pairs are tried only up to the proof.
+    Delays are short, as long as a wait, an interval, or both together, and long. Faults after the proof cannot change
+    it, so pairs are tried only up to the proof.
     """
     triggers, gap = triggers_of(*sweep), sweep[1]
     kinds: list[Fault] = ["missed", "doubled", 0.0011, 0.002, gap, gap + 0.002, 0.02]
@@ -89,11 +89,11 @@ def test_any_two_triggers_may_go_wrong(sweep: tuple[int, float, bool]) -> None:
 )
 @settings(deadline=None)
 def test_every_shift_misses_frames(stripes: int, gap: float, tolerance: float) -> None:
-    """However frames lie within the tolerance, each shift by whole triggers leaves at least ten of them unexplained."""
+    """Each shift by whole triggers leaves at least ten frames unexplained, for any errors within the tolerance."""
     triggers = triggers_of(stripes, gap, has_off=False, tolerance=tolerance)
     for shift in range(1, triggers.size):
         spans = np.sort(triggers[shift:] - triggers[:-shift])
-        # Each frame may be off by the tolerance, so two that are not distinguished may lie twice as far apart.
+        # Each frame may be off by the tolerance, so two that are not distinguished may be twice as far apart.
         alike = np.searchsorted(spans, spans + 2 * tolerance * (1 - 1e-6)) - np.arange(spans.size)
         assert alike.max() <= triggers.size - 10
 
@@ -116,7 +116,7 @@ def test_a_camera_may_sleep_through_the_first_frames() -> None:
 
 
 def test_a_shift_is_never_taken_for_the_truth() -> None:
-    """Random sweeps with frames missing anywhere, extra ones and late ones: an offset is the true one, or none."""
+    """Random sweeps with missing, extra and late frames: the offset is the true one, or none."""
     rng = random.Random(3)
     triggers = triggers_of(70, 0.008, has_off=True)
     proved = 0
@@ -136,7 +136,7 @@ def test_a_shift_is_never_taken_for_the_truth() -> None:
 
 
 def test_even_gaps_prove_nothing() -> None:
-    """Without the waits a missed first trigger would look like a missed last one: no offset is believed."""
+    """Without waits, a missed first trigger looks like a missed last one, so no offset is proved."""
     triggers = 0.008 * np.arange(71)
     match = ClockMatch(TOLERANCE)
     match.learn(triggers, triggers[1:] + 5.0)

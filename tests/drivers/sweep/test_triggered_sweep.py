@@ -1,4 +1,4 @@
-"""Scans that the board sweeps by itself, through `acquire`: every frame proved by times, or a lost stripe."""
+"""Scans by board sweeps through `acquire`: every frame is verified by its times, or its stripe is lost."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SWEEP = AcquireOptions(sweep=SweepOptions(flash=0.004))
 
 
 class Rig:
-    """An emulated board with a triggered camera whose picture shows where the mirror stood."""
+    """Emulated board with a triggered camera whose images show the position of the mirror."""
 
     def __init__(self, config: EmulatorConfig | None = None) -> None:
         self.emulated = BenchBoard(config)
@@ -68,7 +68,7 @@ def board(rig: Rig) -> Iterator[LaserBoard]:
 
 
 def wrong(rig: Rig, stripes) -> list[int]:
-    """Indices of the stripes whose picture shows another than the commanded angle."""
+    """Indices of the stripes whose image shows another than the commanded angle."""
     found = []
     for stripe in stripes:
         if stripe.on is None:
@@ -82,7 +82,7 @@ def wrong(rig: Rig, stripes) -> list[int]:
 @pytest.mark.parametrize("wired", [False, True])
 @pytest.mark.parametrize("off", list(OffFrames))
 def test_a_sweep_brings_every_stripe_proved(rig: Rig, board: LaserBoard, off: OffFrames, wired: bool) -> None:
-    """In order, in step, each showing what was commanded; the report says whether exposures were counted."""
+    """In order, in step, each image as commanded; the report says if exposures were counted."""
     rig.emulated.shutter.wired = wired
     stripes, report = rig.scan(board, AcquireOptions(off=off, sweep=SweepOptions()))
     assert [stripe.index for stripe in stripes] == [index for index, _ in FIRING_ORDER]
@@ -96,7 +96,7 @@ def test_a_sweep_brings_every_stripe_proved(rig: Rig, board: LaserBoard, off: Of
 def test_dark_flashes_come_with_their_stripes(
     rig: Rig, board: LaserBoard, off: OffFrames, dropped: frozenset[int]
 ) -> None:
-    """Proved as every frame is, and dark; one that was lost is taken again with its stripe."""
+    """Verified like every frame, and dark; a lost one is repeated with its stripe."""
     rig.camera.dropped = dropped
     code = frozenset({4, 30, 50, 69})
     stripes, report = rig.scan(board, AcquireOptions(off=off, sweep=SweepOptions(), dark_after=code))
@@ -108,7 +108,7 @@ def test_dark_flashes_come_with_their_stripes(
 
 
 def test_a_board_of_the_protocol_before_takes_none(board: LaserBoard) -> None:
-    """The scan goes on without them, and says so."""
+    """The scan continues without them, and a note says so."""
     old = EmulatorConfig(identity=replace(EmulatorConfig().identity, protocol=(1, 1)))
     rig = Rig(old)
     with LaserBoard(BoardConfig(handle_signals=False), backend=bench_backend(rig.emulated)) as device:
@@ -118,7 +118,7 @@ def test_a_board_of_the_protocol_before_takes_none(board: LaserBoard) -> None:
 
 
 def test_it_takes_little_longer_than_the_motion(rig: Rig, board: LaserBoard) -> None:
-    """At most 1.15 times move, settle and flash, by the board's own motion profile; 0.65 s in all."""
+    """At most 1.15 times motion, settling and flash by the board's motion profile; 0.65 s in all."""
     prepare(board, FIRING_ORDER)
     before = len(rig.emulated.triggers())
     stripes, _ = rig.scan(board)
@@ -144,7 +144,7 @@ def test_it_takes_little_longer_than_the_motion(rig: Rig, board: LaserBoard) -> 
     ],
 )
 def test_triggers_gone_wrong_never_give_a_wrong_stripe(rig: Rig, board: LaserBoard, shutter, wired: bool) -> None:
-    """What was missed, doubled or late is taken again; the scan is whole all the same."""
+    """Missed, doubled and late triggers are repeated, and the scan is complete."""
     rig.emulated.shutter.wired = wired
     for name, value in shutter.items():
         setattr(rig.emulated.shutter, name, value)
@@ -163,7 +163,7 @@ def test_a_stripe_whose_frame_is_lost_is_taken_again(rig: Rig, board: LaserBoard
 
 
 def test_stripes_taken_again_do_not_wait(rig: Rig, board: LaserBoard) -> None:
-    """The clocks are matched by then: uneven waits are not needed any more."""
+    """The clocks are already matched, so uneven waits are not needed."""
     prepare(board, FIRING_ORDER)
     rig.camera.dropped = frozenset(range(41, 46))
     stripes, report = rig.scan(board)
@@ -174,7 +174,7 @@ def test_stripes_taken_again_do_not_wait(rig: Rig, board: LaserBoard) -> None:
 
 
 def test_what_is_missed_every_time_is_lost(rig: Rig, board: LaserBoard) -> None:
-    """A camera that sees every second trigger only: what it sees can be proved, nothing is guessed."""
+    """A camera that misses every second trigger: its frames can be verified, and none is guessed."""
     rig.emulated.shutter.missed = frozenset(range(1, 400, 2))
     stripes, report = rig.scan(board, AcquireOptions(sweep=SweepOptions(repeats=0)))
     lost = [stripe for stripe in stripes if stripe.verdict is StripeVerdict.LOST]
@@ -192,7 +192,7 @@ def test_a_camera_without_trigger_is_refused(rig: Rig, board: LaserBoard) -> Non
 
 
 def test_a_board_of_1_0_is_distinguished_from_one_that_sweeps(rig: Rig) -> None:
-    """It refuses a sweep, with a message."""
+    """It rejects a sweep with a message."""
     import dataclasses
 
     old = dataclasses.replace(EmulatorConfig().identity, protocol=(1, 0))
@@ -205,7 +205,7 @@ def test_a_board_of_1_0_is_distinguished_from_one_that_sweeps(rig: Rig) -> None:
 
 
 def test_heat_ends_the_sweep_in_the_dark(rig: Rig, board: LaserBoard) -> None:
-    """The board grows hot while the camera exposes: whoever reads the stripes may be far behind."""
+    """The board overheats during an exposure, while the reader of the stripes may be far behind."""
     pictures = itertools.count()
 
     def render(view, settings) -> np.ndarray:
@@ -225,7 +225,7 @@ def test_heat_ends_the_sweep_in_the_dark(rig: Rig, board: LaserBoard) -> None:
 
 
 def test_leaving_early_puts_the_laser_out(rig: Rig, board: LaserBoard, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The sweep ends with the block; its second half waits until the block is left, however slow this machine is."""
+    """The sweep ends with the block; its second half waits for this, however slow the machine."""
     here, leaving, pictures, off = threading.get_ident(), threading.Event(), itertools.count(), board.laser_off
 
     def laser_off():
@@ -263,7 +263,7 @@ def test_options_check_themselves(wrong: dict[str, float]) -> None:
     ],
 )
 def test_a_slow_camera_is_proved_too(fps: int, off: OffFrames) -> None:
-    """Uneven gaps are seen although the camera needs time between triggers; the sweep takes little more than that."""
+    """Uneven intervals show although the camera needs time between triggers, and the sweep is hardly longer."""
     with timing.on_clock(EmulatedClock()):
         rig = Rig()
         rig.camera = EmulatedTriggeredCamera(rig.emulated, rig.emulated.shutter, rig.render, fps=fps)
