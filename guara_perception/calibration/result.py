@@ -156,12 +156,12 @@ def warnings(
     missing: Sequence[int],
 ) -> list[str]:
     """Warnings about omitted views, a given lens, missing laser lines, and planes taken from the mirror model."""
-    said = [f"view {view.name} was left out: {view.reason}" for view in views if not view.is_usable]
-    said += [f"view {name} was left out: {reason}" for name, reason in intrinsics.outliers]
+    found = [f"view {view.name} was left out: {view.reason}" for view in views if not view.is_usable]
+    found += [f"view {name} was left out: {reason}" for name, reason in intrinsics.outliers]
     if intrinsics.is_given:
-        said.append("the lens was given without its uncertainty: that of one estimated from 14 pictures is assumed")
+        found.append("the lens was given without its uncertainty; that of a lens estimated from 14 pictures is assumed")
     faults = [one for one in lost if not one.is_beside]
-    said += [f"stripe index {one.index} on plate {session.plates[one.plate].name}: {one.reason}" for one in faults]
+    found += [f"stripe index {one.index} on plate {session.plates[one.plate].name}: {one.reason}" for one in faults]
     if missing:
-        said.append(f"stripe index {format_indices(tuple(missing))}: filled in by the mirror model")
-    return said
+        found.append(f"stripe index {format_indices(tuple(missing))}: filled in by the mirror model")
+    return found

@@ -2,7 +2,7 @@
 
 Corners of a laser-off image are tracked (Lucas-Kanade) into the other images of the scan, outside the rows of the laser
 line. In dim light a single image is too noisy: all images of the scan, laser-off ones too, are then aligned with their
-common mean (`dim_motions`), and estimates of neighbouring stripes are averaged. Ground without texture gives none.
+common mean (`dim_motions`), and estimates of neighbouring stripes are averaged. Without texture there is no estimate.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ DIM_LEVEL, BRIGHT_LEVEL, MOST_GAIN = 32.0, 100.0, 16.0
 # Least mean level of a dim image [grey levels of 255]. Below it, the pattern of the sensor, which is the same in all
 # images, could pass for ground that stands still.
 LEAST_LEVEL = 1.0
-# Largest share of the rows of a dim image in which the laser may be; with more, the rest shows too little.
+# Largest fraction of the rows of a dim image that may contain the laser; with more, too little background is left.
 MOST_HIDDEN = 0.5
 # Corners: largest number, quality relative to the best one, least distance [px]. An estimate needs at least
 # LEAST_CORNERS corners that agree, and at least LEAST_SHARE of the corners must be tracked. Of the tracked corners, at
@@ -257,7 +257,7 @@ class BackgroundWitness:
         """
         self._camera, self._pose, self._ends = camera, transform_camera_to_footprint, ends
         self._reference: Image | None = None
-        # Images of a dim scan: stripe (None for the reference), reduced image, first and end row of the laser line. And
+        # Images of a dim scan: stripe (None for the reference), reduced image, first and end row of the laser line; and
         # the last laser-off image among them.
         self._dim: list[tuple[int | None, Image, tuple[float, float]]] = []
         self._dark: Image | None = None
@@ -330,7 +330,7 @@ class BackgroundWitness:
         looks = [None if each is None else self._seen_by(*each) for each in found]
         is_lost = 2 * sum(each is not None for each in looks) < len(pictures)
         self._elsewhere = set(self._seen) if is_lost and show_other_ground(pictures, rows) else set()
-        # The laser-off image that the scan begins with and the image of its first stripe share the noise of one.
+        # Rises are relative to the mean of the first laser-off image and the image of the first stripe.
         begin = _pooled([look for look in looks[:2] if look is not None])
         self._seen = {index: [] for index in self._seen}
         for index, look in zip(indices[1:], looks[1:], strict=False):
@@ -457,16 +457,16 @@ class BackgroundWitness:
             if self._dim:
                 self._look_at_dim()
             common = self._reference_sigma()
-            self._stood = common, _estimates(self._told(), common)
+            self._stood = common, _estimates(self._reliable(), common)
         return self._stood
 
-    def _told(self) -> dict[int, list[_Seen]]:
-        """Reliable estimates; none if at most half of all are, because these are then accidental, as in the dark."""
+    def _reliable(self) -> dict[int, list[_Seen]]:
+        """Reliable estimates by stripe; none if at most half of all are reliable, as in the dark, because of chance."""
         if all(look.is_sure for looks in self._seen.values() for look in looks):
             return self._seen
-        told = {index: [look for look in looks if look.is_sure] for index, looks in self._seen.items()}
-        count, whole = (sum(map(len, looks.values())) for looks in (told, self._seen))
-        return told if 2 * count > whole else {}
+        sure = {index: [look for look in looks if look.is_sure] for index, looks in self._seen.items()}
+        count, whole = (sum(map(len, looks.values())) for looks in (sure, self._seen))
+        return sure if 2 * count > whole else {}
 
     def moved(self, stripes: Collection[int], places: Mapping[int, Float] | None) -> dict[int, float]:
         """Stripes whose images contradict the poses from the joints, with the largest error of their heights [m].
@@ -484,7 +484,7 @@ class BackgroundWitness:
         if places is not None:
             looks = {
                 index: [replace(look, rise=look.rise - self._displaced(places[index])[:, 2]) for look in seen]
-                for index, seen in self._told().items()
+                for index, seen in self._reliable().items()
                 if index in places
             }
             found = _estimates(looks, common)

@@ -1,14 +1,15 @@
 """Camera motion during a scan in dim light, estimated from all pixels of all its images (direct alignment).
 
-At a mean level of one or two, no corner of a single image stands out of the noise. The mean of all images, each moved
-to where the others show the ground, is like one exposure as long as all of them. Gauss-Newton steps align every image
-with the mean of the others, from coarse to fine:
+At a mean level of one or two, no corner of a single image stands out from the noise. The mean of all images, after
+alignment, is like one exposure as long as all of theirs together. Gauss-Newton steps align every image with the mean of
+the others, from coarse to fine:
 
     T(p) - I(p + G(p) m) = grad T(p) G(p) dm + a + b T(p)
 
 where T is the mean, I the image, G the flow of the ground per unit of motion m, and a and b are changes of the light.
-The noise of T has gradients too. The product of the gradients of two means, of half of the images each, is free of it:
-the steps are solved with this product, and its share of the square of T's gradients shows whether there is texture.
+The square of T's gradients also contains the noise of T. The product of the gradients of two means, each of one half of
+the images, does not: the steps are solved with this product, and its ratio to the square shows whether the ground has
+texture.
 """
 
 from __future__ import annotations
@@ -22,30 +23,31 @@ import numpy as np
 
 from guara_perception.arrays import Float, Float32, Grey, Index, Mask
 
-# Passes over all images, by the factor by which the images are reduced.
+# Number of passes over all images, by reduction factor of the images.
 PASSES = {2: 3, 1: 2}
-# Steps of each image in a pass, between which the mean stays as it is.
+# Number of steps of each image per pass, during which the mean does not change.
 STEPS = 2
-# Pixels at the border of each size that are not compared, and sigma by which the gradients are smoothed [px].
+# Width of the border that is not compared, and sigma of the smoothing of the gradients [px of the reduced images].
 MARGIN_PX, SMOOTH_PX = 4, 0.8
-# Side of the tiles of a chessboard whose two colours give an estimate each; their difference shows the noise [px].
+# Side of the tiles of a chessboard pattern [px]. The black and the white tiles give one estimate each, whose difference
+# shows the noise.
 TILE_PX = 8
 # Differences are clipped at this multiple of their rms, so that parts that move by themselves, such as the legs, have
 # little weight.
 CLIPPED = 3.0
-# Least share that must be texture in the direction of motion in which it is least, of all images together and of half
-# of the tiles of one image; with less, errors are larger than their sigmas.
+# Least share of texture in the gradients, in the direction of motion in which it is smallest: for all images together,
+# and for one half of the tiles of an image. With less, errors exceed their sigmas.
 LEAST_TEXTURE, LEAST_OF_HALF = 0.8, 0.4
-# An image and the mean of the others need a few others, and these a few pixels of ground.
+# Least number of images, and of pixels that show the ground.
 LEAST_PICTURES, LEAST_PIXELS = 4, 64
 # Sigmas of the two smoothings whose difference is `contrast` [px].
 FINE_PX, COARSE_PX = 1.0, 8.0
-# The others show other ground than the first image if they are less like it than this share of how much neighbouring
-# images are alike. Neighbouring images must be alike by so many sigmas.
+# The images show other ground than the first one if their mean covariance with it is less than LEAST_SHARE of that of
+# neighbouring images, which must exceed LIKENESS_SIGMAS sigmas.
 LEAST_SHARE, LIKENESS_SIGMAS = 0.5, 10.0
 # Degrees of freedom of the motion, then offset and gain of the light.
 MOTION, PARAMETERS = 6, 8
-# Median of the mean square of MOTION normal errors of sigma 1.
+# Median of the mean square of MOTION standard normal errors.
 MEDIAN_OF_SPREAD = 0.89
 
 
@@ -56,12 +58,12 @@ def dim_motions(
 
     Args:
         pictures: (h, w) images, reduced and brightened.
-        hidden: first and end row of each image that may show the laser and are not compared; equal = none.
+        hidden: first and end row of the part of each image that may show the laser and is not compared; equal = none.
         flow: (h, w, 2, 6) motion of each pixel along x and y [px] per unit of motion of the camera; NaN off the ground.
 
     Returns:
-        Motion (6,) of each image from an unknown pose that all share, and its covariance (6, 6); None where an image
-        shows too little texture, empty if all together do.
+        Motion (6,) of each image from an unknown pose that is common to all, and its covariance (6, 6); None for an
+        image with too little texture. Empty for too few images, or if all together show too little texture.
     """
     ground = np.asarray(np.isfinite(flow).all(axis=(2, 3)))
     if len(pictures) < LEAST_PICTURES or np.count_nonzero(ground) < LEAST_PIXELS:
@@ -86,7 +88,7 @@ def dim_motions(
 
 
 def contrast(picture: Grey) -> Float32:
-    """Grey image without its shading, smoothed a little against noise."""
+    """Grey image without large-scale shading, smoothed slightly to reduce noise."""
     exact = picture.astype(np.float32)
     fine, coarse = (cv2.GaussianBlur(exact, (0, 0), sigma) for sigma in (FINE_PX, COARSE_PX))
     return np.asarray(fine - coarse)
@@ -113,7 +115,7 @@ def show_other_ground(pictures: Sequence[Grey], hidden: Sequence[tuple[float, fl
 
 
 class _Aligner:
-    """Images of one size."""
+    """Images of a scan, reduced by one factor, and their alignment with each other."""
 
     def __init__(
         self, pictures: Sequence[Grey], hidden: Sequence[tuple[float, float]], flow: Float, ground: Mask, factor: int
@@ -124,7 +126,7 @@ class _Aligner:
         self._hidden = [(first / factor, end / factor) for first, end in hidden]
         self._flow = (flow[middle, middle][:height, :width] / factor).astype(np.float32)
         inner = slice(MARGIN_PX, -MARGIN_PX)
-        # 1 for pixels that are compared.
+        # 1 for pixels that are compared, 0 for others.
         self._counts = np.zeros((height, width), np.float32)
         self._counts[inner, inner] = ground[middle, middle][:height, :width][inner, inner]
         rows, columns = np.mgrid[:height, :width].astype(np.float32)
@@ -145,7 +147,7 @@ class _Aligner:
         whole, count = sums.sum(axis=0), counts.sum(axis=0)
         mean = whole / np.maximum(count, 1)
         derivatives = self._derivatives(mean, SMOOTH_PX)
-        # Rows that the laser hides in all images of one half have no edge.
+        # Rows that the laser hides in all images of one half are taken from the mean of all, to avoid artificial edges.
         one, other = np.where(counts > 0, sums / np.maximum(counts, 1), mean)
         squares = self._products(derivatives, derivatives)
         texture = self._products(self._derivatives(one, SMOOTH_PX), self._derivatives(other))
@@ -176,7 +178,7 @@ class _Aligner:
         return (result, statistics.median(spreads) / MEDIAN_OF_SPREAD * shapes) if spreads else None
 
     def _moved(self, number: int, motion: Float) -> tuple[Float32, Float32]:
-        """Image as it was without its motion, 0 where it may show the laser, and 1 where not."""
+        """Image with its motion undone, 0 where it may show the laser; and a mask as float, 1 where it cannot."""
         flow = self._flow.reshape(-1, MOTION) @ motion.astype(np.float32)
         places = self._places + flow.reshape(self._places.shape)
         across, down = places[..., 0], places[..., 1]
@@ -185,12 +187,12 @@ class _Aligner:
         return seen * usable, usable
 
     def _is_visible(self, number: int, rows: Float32 | Index) -> Mask:
-        """True for rows of an image that cannot show the laser."""
+        """Mask of the rows of an image that cannot show the laser."""
         first, end = self._hidden[number]
         return np.asarray((rows <= first - 1) | (rows >= end) | (first == end))
 
     def _derivatives(self, mean: Float32, smooth: float = 0.0) -> Float32:
-        """Derivatives (h, w, 8) of an image by motion, and by offset and gain of the light."""
+        """Derivatives (h, w, 8) of an image with respect to motion, and to offset and gain of the light."""
         result = np.empty((*mean.shape, PARAMETERS), np.float32)
         image = cv2.GaussianBlur(mean, (0, 0), smooth) if smooth else mean
         along_x, along_y = (cv2.Sobel(image, cv2.CV_32F, x, 1 - x, ksize=3, scale=1 / 8)[..., None] for x in (1, 0))
@@ -205,7 +207,7 @@ class _Aligner:
 
 
 def _least_share(square: Float, texture: Float) -> float:
-    """Share of texture in the gradients, in the direction of motion in which it is least.
+    """Share of texture in the gradients, in the direction of motion in which it is smallest.
 
     Args:
         square, texture: (8, 8) sums of products of the derivatives of one mean, and of two means.

@@ -35,7 +35,7 @@ WIDEST_CORE_OF_HEIGHT = 8 / 512
 WEAKEST_LINE = 50.0
 # Without laser-off pictures, texture hides the stripe if its contrast exceeds this multiple of the stripe's height.
 MOST_TEXTURE = 3.0
-# Percentiles that bound the darkest and the brightest tenth of a scene [%].
+# Percentiles that bound the darkest and the brightest tenth of a scene.
 TENTHS = (10, 90)
 # Share of the columns that must show a stripe before the stripe can be called weak.
 LEAST_SEEN = 0.01

@@ -37,9 +37,9 @@ def with_pictures(terrain: TerrainGrid, processor: ScanProcessor | None = None) 
 
 
 def cause_image(terrain: TerrainGrid) -> Image:
-    """Flags (512, 640) that say why unknown orthorectified pixels are unknown; 0 where the height is known.
+    """Flags (512, 640) with the cause of each unknown orthorectified pixel; 0 where the height is known.
 
-    They are the flags of the cell under the pixel; UNSCANNED where that cell is known from other pixels.
+    The flags are those of the cell under the pixel, or UNSCANNED if that cell is known from other pixels.
     """
     flags = (_under_pixels(terrain, terrain.hazard) & UNKNOWN_MASK).astype(np.uint8)
     flags[flags == 0] = Hazard.UNSCANNED

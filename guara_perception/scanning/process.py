@@ -107,7 +107,7 @@ def run_scan(
         _check_still(scan, calibration, robot)
         processor.leave_track()
     # Last, because a scan that is rejected needs no other warnings.
-    _tell_differences(scan, calibration)
+    _warn_of_differences(scan, calibration)
     return processor
 
 
@@ -143,7 +143,7 @@ def _check_fit(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
         )
 
 
-def _tell_differences(scan: Scan, calibration: Calibration) -> None:
+def _warn_of_differences(scan: Scan, calibration: Calibration) -> None:
     """Warn of mirror angles and a calibration hash that differ from those of the calibration."""
     angles = {stripe.index: stripe.mirror_angle for stripe in scan.stripes}
     calibrated = {index: calibration.stripe(index).mirror_angle for index in angles}

@@ -382,7 +382,7 @@ class ScanProcessor:
             profiles[pair.index] = profile = self._finder.find(pair, band)
             self._proof.add(pair.index, profile)
             if not profile.is_frame_bad:
-                # At once, while these rows of the images are in the processor's cache.
+                # Sampled immediately, while these rows of the images are in the processor's cache.
                 share = second_line(pair, profile)
                 self._samples.add(pair, profile)
                 self._witness.look(pair.index, pair.on, pair.off, band)

@@ -126,8 +126,9 @@ def scan_record(
     unknown = (hazard & UNKNOWN_MASK) != 0
     expected = ~((hazard & np.uint16(Hazard.UNSCANNED | Hazard.OCCLUDED | Hazard.SELF)) != 0)
     coverage = int(np.count_nonzero(~unknown & expected)) / max(int(np.count_nonzero(expected)), 1)
-    told = {index: reason for index, reason in bad.items() if index not in proof.unproved and reason != MOVED}
-    reasons = [f"stripe {index}: {reason}" for index, reason in told.items()]
+    reasons = [
+        f"stripe {index}: {reason}" for index, reason in bad.items() if index not in proof.unproved and reason != MOVED
+    ]
     sway = robot.pause_limits.stance_sway
     if proved.may_sway:
         amplitude = f"up to {np.degrees(sway):.2f} degrees, which the variance of heights includes" if sway else "none"
@@ -156,7 +157,7 @@ def scan_record(
         reasons += filter(None, (motion, floor.mirrored_frames(points, mirrored_points), samples.texture()))
     if planned.attitude_source == "support_plane":
         reasons.append(
-            "levelled by the plane of the feet, as neither an IMU nor leg odometry gives gravity: level to "
+            "levelled by the plane of the feet, since neither an IMU nor leg odometry gives gravity: level to "
             f"{np.degrees(planned.attitude_sigma or 0.0):.1f} degrees (one sigma)"
         )
     if planned.calibration_verdict == "refused":

@@ -178,7 +178,7 @@ class SurfaceRaster:
         return without_cells(self._raster, self._too_high)
 
     def marks(self) -> Flags:
-        """Flags of the cells with unusable returns of all stripes so far: not a copy, later stripes change it."""
+        """Flags (rows, columns) of the cells with unusable returns of all stripes so far; not a copy."""
         new = [stripe for index, stripe in self._stripes.items() if index not in self._marked]
         self._marked.update(self._stripes)
         doubtful = np.concatenate([np.empty((0, 3)), *(stripe.doubtful.points for stripe in new)])

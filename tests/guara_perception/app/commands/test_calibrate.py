@@ -331,7 +331,7 @@ def test_known_lens(
     assert run([*arguments, *more]) == 0
     said = capsys.readouterr().out
     assert said.startswith("verdict: usable") and "focal length sigma" not in said
-    assert "the lens was given without its uncertainty: that of one estimated from 14 pictures is assumed" in said
+    assert "the lens was given without its uncertainty; that of a lens estimated from 14 pictures is assumed" in said
     assert ("board corner error" in said) == (edit is one_board)
     assert ("no picture of a board verifies it" in (report / "report.html").read_text()) == (edit is without_board)
     written = gp.load_calibration(out)
