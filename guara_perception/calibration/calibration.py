@@ -188,7 +188,7 @@ class CameraModel:
         distortion = read_only(np.array(self.distortion, dtype=np.float64).ravel())
         if len(self.size) != 2 or not all(16 <= n <= LARGEST_SIDE_PX and n == int(n) for n in self.size):
             raise InvalidInput(
-                f"camera size is {tuple(n if n != int(n) else int(n) for n in self.size)}, it must be (width, height), "
+                f"camera size is {tuple(int(n) if n % 1 == 0 else n for n in self.size)}, it must be (width, height), "
                 f"integers from 16 to {LARGEST_SIDE_PX} px"
             )
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
@@ -267,10 +267,15 @@ def _fold_radius(k1: float, k2: float, k3: float) -> float:
     return float(radius[falling[0]]) if falling.size else np.inf
 
 
-def floor_pixels(camera: CameraModel, transform_camera_to_footprint: Float, points: Float) -> Float:
-    """Pixels (n, 2) of points (n, 2) on the floor in base_footprint [m]; NaN as in `CameraModel.project`."""
+def floor_pixels(
+    camera: CameraModel, transform_camera_to_footprint: Float, points: Float, height: float = 0.0
+) -> Float:
+    """Pixels (n, 2) of points (n, 2), x and y in base_footprint [m], on the plane z = `height` [m].
+
+    NaN as in `CameraModel.project`.
+    """
     rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
-    in_footprint = np.column_stack((points, np.zeros(len(points))))
+    in_footprint = np.column_stack((points, np.full(len(points), height)))
     return camera.project((in_footprint - translation) @ rotation)
 
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from guara_perception.arrays import Float, Index, Interval
 from guara_perception.calibration.bundle import CameraFit
-from guara_perception.calibration.calibration import CameraModel, plane_in_frame
+from guara_perception.calibration.calibration import CameraModel, floor_pixels, plane_in_frame
 from guara_perception.calibration.calibration_input import Plate
 from guara_perception.calibration.height_sigma import HeightUncertainty, field_covariance
 from guara_perception.calibration.mirror_model import MirrorModel
-from guara_perception.calibration.plates import PlateLine, level_pixels
+from guara_perception.calibration.plates import PlateLine
 from guara_perception.calibration.stripe_planes import StripeFit, fit_stripes
 from guara_perception.calibration.sweep import Sweep, fit_sweep, line_points
 from kinematics.arrays import FrozenArrays
@@ -151,7 +151,7 @@ def floor_sigmas(
         stripes: (n,) row in `laser.stripes` of the stripe that measures each point.
     """
     transform = fit.transform_camera_to_footprint
-    pixels, height_by_row = level_pixels(fit.camera, transform, points, 0.0), np.empty(len(points))
+    pixels, height_by_row = floor_pixels(fit.camera, transform, points), np.empty(len(points))
     for k in np.unique(stripes):
         of_stripe, plane = stripes == k, laser.stripes.planes[k]
         below = heights_through(pixels[of_stripe] + (0.0, 1.0), fit.camera, transform, plane)
@@ -216,7 +216,7 @@ def _uncertainty(
         for height in FIELD_HEIGHTS_M:
             x = -(plane[1] * FIELD_Y_M + plane[2] * height + plane[3]) / plane[0]
             xy = np.column_stack((x, FIELD_Y_M))
-            pixels.append(level_pixels(fit.camera, fit.transform_camera_to_footprint, xy, height))
+            pixels.append(floor_pixels(fit.camera, fit.transform_camera_to_footprint, xy, height))
             points.append(np.column_stack((xy, np.full(len(xy), height))))
             rows.append(np.full(len(xy), k))
     point, pixel, row = np.concatenate(points), np.concatenate(pixels), np.concatenate(rows)

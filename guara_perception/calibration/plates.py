@@ -189,20 +189,13 @@ def _line(
     off = np.bincount(group, residual[kept], BINS)[used] / count[used]
     points = np.column_stack((np.polyval(coefficients, y) + off, y))
     sigma = float(np.sqrt(np.mean(profile.sigma_px[columns[kept]] ** 2)))
-    return level_pixels(camera, transform, points, height), count[used], sigma
-
-
-def level_pixels(camera: CameraModel, transform_camera_to_footprint: Float, points: Float, height: float) -> Float:
-    """Pixels (n, 2) of points (n, 2), x and y in base_footprint, on the plane z = `height` [m]."""
-    lowered = transform_camera_to_footprint.copy()
-    lowered[2, 3] -= height
-    return floor_pixels(camera, lowered, points)
+    return floor_pixels(camera, transform, points, height), count[used], sigma
 
 
 def _visible_columns(camera: CameraModel, transform: Float, height: float, coefficients: Float) -> int:
     """Number of columns in which the straight line x = polyval(coefficients, y) is inside the image."""
     y = np.linspace(-1.0, 1.0, 201) + transform[1, 3]
-    pixels = level_pixels(camera, transform, np.column_stack((np.polyval(coefficients, y), y)), height)
+    pixels = floor_pixels(camera, transform, np.column_stack((np.polyval(coefficients, y), y)), height)
     pixels = pixels[np.isfinite(pixels[:, 0])]
     pixels = pixels[np.argsort(pixels[:, 0])]
     rows = np.interp(np.arange(camera.size[0]), pixels[:, 0], pixels[:, 1], left=np.nan, right=np.nan)

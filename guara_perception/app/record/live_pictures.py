@@ -13,7 +13,6 @@ from guara_perception.calibration.board import BoardSpec
 from guara_perception.calibration.calibration import CameraModel, floor_pixels
 from guara_perception.calibration.crosses import find_crosses
 from guara_perception.calibration.find_board import find_board
-from guara_perception.calibration.plates import level_pixels
 from guara_perception.images import eight_bits, to_grey
 from guara_perception.settings import Settings
 from transport.supervision import supervised
@@ -95,7 +94,7 @@ def area_look(camera: CameraModel, transform_camera_to_footprint: Float, setting
     corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)])
     share = np.linspace(0, 4, 4 * SIDE_POINTS + 1)
     outline = np.column_stack([np.interp(share, np.arange(5), corners[:, axis]) for axis in (0, 1)])
-    pixels = np.rint(level_pixels(camera, transform_camera_to_footprint, outline, height)).astype(np.int32)
+    pixels = np.rint(floor_pixels(camera, transform_camera_to_footprint, outline, height)).astype(np.int32)
 
     def look(picture: Image) -> tuple[Image, str]:
         drawn = _colour(picture)

@@ -11,7 +11,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.calibration.bundle import fit_camera
 from guara_perception.calibration.calibrate_session import calibrate_session
-from guara_perception.calibration.calibration import plane_in_frame
+from guara_perception.calibration.calibration import floor_pixels, plane_in_frame
 from guara_perception.calibration.calibration_input import CalibrationSession, Fiducials, Plate
 from guara_perception.calibration.checks import mount_checks
 from guara_perception.calibration.faults import suspect_plate
@@ -19,7 +19,7 @@ from guara_perception.calibration.height_sigma import HeightUncertainty
 from guara_perception.calibration.laser import LeaveOneOut, fit_laser
 from guara_perception.calibration.mirror_model import nominal_mirror
 from guara_perception.calibration.mount import locate_camera
-from guara_perception.calibration.plates import PlateLine, level_pixels
+from guara_perception.calibration.plates import PlateLine
 from guara_perception.calibration.result import CalibrationResult
 from guara_perception.images import to_grey
 from kinematics import RobotModel
@@ -224,7 +224,7 @@ def five_plates(result: CalibrationResult, wrong: int, error: float) -> tuple[li
         for k, index in list(enumerate(result.laser.stripes.indices))[::3]:
             plane = result.laser.stripes.planes[k]
             crossing = np.column_stack((-(plane[1] * y + plane[2] * height + plane[3]) / plane[0], y))
-            pixels = level_pixels(result.fit.camera, result.fit.transform_camera_to_footprint, crossing, height)
+            pixels = floor_pixels(result.fit.camera, result.fit.transform_camera_to_footprint, crossing, height)
             pixels[:, 1] += 0.03 * rng.standard_normal(len(y))
             angle = result.calibration.stripe(index).mirror_angle
             line = next(line for line in result.lines if line.index == index)

@@ -103,6 +103,8 @@ def test_arrays_are_copies_and_read_only():
         ({"size": (8, 512)}, "integers from 16 to 8192 px"),
         ({"size": (10**9, 10**9)}, "camera size is (1000000000, 1000000000), it must be"),
         ({"size": (640.5, 512)}, "camera size is (640.5, 512), it must be (width, height), integers"),
+        ({"size": (float("nan"), 512)}, "camera size is (nan, 512), it must be (width, height), integers"),
+        ({"size": (640, float("inf"))}, "camera size is (640, inf), it must be (width, height), integers"),
         ({"matrix": np.eye(4)}, "camera matrix has shape (4, 4), it must be 3x3 and finite"),
         ({"matrix": MATRIX * np.nan}, "must be 3x3 and finite"),
         ({"matrix": -MATRIX}, "positive focal lengths and a last row of 0 0 1"),
