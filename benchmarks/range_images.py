@@ -16,8 +16,7 @@ import numpy.typing as npt
 import guara_perception as gp
 from benchmarks.command import Table
 from guara_perception.app.scene.scene import range_image_messages
-from guara_perception.ranging.range_images import COLUMNS, ROWS
-from guara_perception.scanning.pictures import cause_image, sigma_image_mm, with_pictures
+from guara_perception.scanning.pictures import COLUMNS, ROWS, cause_image, sigma_image_mm, with_pictures
 from guara_perception.scanning.process import run_scan
 from kinematics import RobotModel
 

@@ -13,9 +13,8 @@ from guara_perception.arrays import Float, Float32, Grey, Image, Interval, Mask
 from guara_perception.calibration.calibration import Calibration, CameraModel, floor_pixels
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.files import check_folder
-from guara_perception.ranging.range_images import COLUMNS, ROWS
 from guara_perception.scan import Scan
-from guara_perception.scanning.pictures import cause_image
+from guara_perception.scanning.pictures import COLUMNS, ROWS, cause_image
 from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.terrain.drawing.style import (
     TRAVERSABILITY_COLOURS,

@@ -10,8 +10,7 @@ import numpy as np
 from guara_perception.app.files.write_picture import write_picture
 from guara_perception.arrays import Float32, Grey, Image
 from guara_perception.files import whole_file
-from guara_perception.ranging.range_images import COLUMNS, ROWS
-from guara_perception.scanning.pictures import cause_image
+from guara_perception.scanning.pictures import COLUMNS, ROWS, cause_image
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 

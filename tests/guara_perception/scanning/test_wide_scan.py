@@ -64,6 +64,7 @@ def test_its_pictures_show_its_own_area() -> None:
     for area in ("footprint", "wide"):
         terrain = made.finish(area)
         ortho = with_pictures(terrain, made).pictures["ortho_image_mm"]
+        assert not ortho.flags.writeable
         (ny, nx), (rows, columns) = terrain.shape, ortho.shape
         iy = ((np.arange(columns) + 0.5) * ny / columns).astype(int)
         ix = ((np.arange(rows) + 0.5) * nx / rows).astype(int)
