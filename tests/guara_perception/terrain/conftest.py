@@ -1,4 +1,4 @@
-"""Makes scans and walks for the tests of the terrain: heights in, grids out, no frames."""
+"""Scans and walks for the tests of the terrain, made from heights without frames."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ MakeScan = Callable[..., gp.TerrainGrid]
 
 @pytest.fixture(scope="session")
 def limits(robot: RobotModel) -> TraversabilityLimits:
-    """Limits of the ground on which the Guará's feet can stand."""
+    """Traversability limits of the Guará."""
     return Settings.of(robot).limits
 
 
 @pytest.fixture(scope="session")
 def scan_grid(robot: RobotModel) -> GridGeometry:
-    """The area of a single scan."""
+    """Geometry of a single scan."""
     settings = Settings.of(robot)
     return GridGeometry.over(settings.footprint_x, settings.footprint_y, settings.resolution)
 
 
 @pytest.fixture(scope="session")
 def make_scan(robot: RobotModel, scan_grid: GridGeometry, limits: TraversabilityLimits) -> MakeScan:
-    """A scan's grid from heights (one number or (ny, nx)) and unknown flags, without a stance in its metadata."""
+    """Grid of a scan from heights (one number or (ny, nx)) and unknown flags, without a stance in its metadata."""
 
     def make(
         heights: Any = 0.0,

@@ -1,4 +1,4 @@
-"""`compare` counts what two grids say differently."""
+"""`compare` counts the differences between two grids."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import guara_perception as gp
 
 
 def test_a_grid_equals_itself(make_scan):
-    """No difference, nothing known or free in one alone."""
+    """No difference, and no cell known or free in one grid only."""
     terrain = make_scan(0.01)
     same = gp.compare(terrain, terrain)
     assert (same.mean, same.rms, same.largest) == (0.0, 0.0, 0.0)
@@ -18,7 +18,7 @@ def test_a_grid_equals_itself(make_scan):
 
 
 def test_differences_are_counted_by_side(make_scan):
-    """Heights over common cells, cells known or free on one side alone, and NaN where either is unknown."""
+    """Heights over common cells, cells known or free in one grid only, and NaN where either is unknown."""
     flags = np.zeros((108, 90), np.uint16)
     flags[:, :5] = gp.Hazard.DROPOUT
     a, b = make_scan(0.0), make_scan(0.002, flags=flags)
@@ -33,13 +33,13 @@ def test_differences_are_counted_by_side(make_scan):
 
 
 def test_nothing_in_common_has_no_mean(make_scan):
-    """NaN, not zero: an error that was not measured is unknown."""
+    """NaN, not zero, because an error that was not measured is unknown."""
     reported = gp.compare(make_scan(0.0), make_scan(0.0, flags=int(gp.Hazard.UNSCANNED)))
     assert np.isnan(reported.rms) and reported.known_in_both == 0
 
 
 def test_other_cells_are_refused(make_scan):
-    """Both geometries are named."""
+    """The message names both geometries."""
     fine = make_scan(0.0)
     with pytest.raises(gp.InvalidInput, match="b is NoneType; allowed: a grid"):
         gp.compare(fine, None)

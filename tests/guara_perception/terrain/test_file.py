@@ -1,4 +1,4 @@
-"""Grid files: what is saved is what is loaded, and what is no grid, or an unsafe one, is refused by name."""
+"""Grid files: saved grids are loaded unchanged; other and unsafe files are rejected by name."""
 
 import dataclasses
 from pathlib import Path
@@ -11,7 +11,7 @@ import guara_perception as gp
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory: pytest.TempPathFactory, paper_terrain: gp.TerrainGrid) -> Path:
-    """A grid file; never write to it."""
+    """Grid file; never write to it."""
     path = tmp_path_factory.mktemp("grid") / "grid.npz"
     paper_terrain.save(path)
     return path
@@ -29,7 +29,7 @@ def test_everything_comes_back(saved: Path, paper_terrain: gp.TerrainGrid):
 
 
 def test_a_stale_grid_stays_stale(paper_terrain: gp.TerrainGrid, tmp_path: Path):
-    """With its reasons, in a file too: no query answers from it unasked."""
+    """With its reasons, also in a file: queries reject it unless stale grids are allowed."""
     dataclasses.replace(paper_terrain, stale_because=("2 pauses old", "withdrawn")).save(tmp_path / "stale.npz")
     terrain = gp.load_terrain(tmp_path / "stale.npz")
     assert terrain.stale_because == ("2 pauses old", "withdrawn") and "stale_because" not in terrain.metadata
@@ -40,7 +40,7 @@ def test_a_stale_grid_stays_stale(paper_terrain: gp.TerrainGrid, tmp_path: Path)
 
 
 def test_grid_without_pictures_is_saved_too(tmp_path: Path):
-    """Terrain from any heights is saved and loaded; its extent stays."""
+    """A grid from any heights is saved and loaded with its extent."""
     terrain = gp.assess_terrain(np.zeros((30, 20), np.float32), 0.01, origin=(-0.5, 2.0))
     terrain.save(tmp_path / "t.npz")
     loaded = gp.load_terrain(tmp_path / "t.npz")
@@ -49,7 +49,7 @@ def test_grid_without_pictures_is_saved_too(tmp_path: Path):
 
 
 def changed(**values: object):
-    """A change of some arrays of the file."""
+    """Change of some arrays of the file."""
     return lambda content: content.update({name: np.asarray(value) for name, value in values.items()})
 
 
@@ -78,7 +78,7 @@ BAD = {
 
 @pytest.mark.parametrize(("change", "reported"), BAD.values(), ids=BAD)
 def test_bad_content_is_refused_by_name(saved: Path, tmp_path: Path, change, reported: str):
-    """Each message starts with the file and says which array is wrong, how, and what it must be."""
+    """Each message begins with the file, and names the array, its fault, and what it must be."""
     with np.load(saved) as content:
         arrays = dict(content)
     change(arrays)
@@ -91,7 +91,7 @@ def test_bad_content_is_refused_by_name(saved: Path, tmp_path: Path, change, rep
 
 
 def test_unsafe_content_is_refused(saved: Path, tmp_path: Path):
-    """A file in which one safe cell was given a flag by hand is refused with the rule that it breaks."""
+    """A file in which a safe cell was given a flag is rejected with the violated rule."""
     with np.load(saved) as content:
         arrays = dict(content)
     iy, ix = np.argwhere(arrays["hazard"] == 0)[0]
@@ -103,7 +103,7 @@ def test_unsafe_content_is_refused(saved: Path, tmp_path: Path):
 
 @pytest.mark.slow
 def test_damaged_file_is_refused(tmp_path: Path):
-    """Cut anywhere, or with any bit of its directory or its data flipped: refused, or still the same grid."""
+    """Truncated anywhere, or with any bit of its directory or data flipped: rejected, or the same grid."""
     path = tmp_path / "grid.npz"
     reference = gp.assess_terrain(np.zeros((8, 6), np.float32), 0.01)
     reference.save(path)
@@ -124,7 +124,7 @@ def test_damaged_file_is_refused(tmp_path: Path):
 
 
 def test_other_files_are_refused(tmp_path: Path):
-    """Nothing there, a text, an empty file, a bare array, pickled objects."""
+    """A missing file, a text, an empty file, a bare array, pickled objects."""
     with pytest.raises(gp.MissingFile, match="none.npz: no such file"):
         gp.load_terrain(tmp_path / "none.npz")
     (tmp_path / "text.npz").write_text("x")

@@ -19,7 +19,7 @@ from guara_perception.terrain.layers.record import ScanRecord
 
 @pytest.fixture
 def terrain() -> gp.TerrainGrid:
-    """Flat known ground of 40 x 60 cells with its corner at (0.5, -0.1); a hole, and different heights in two cells."""
+    """Flat known ground of 40 x 60 cells with its corner at (0.5, -0.1), a hole, and two cells of other heights."""
     heights = np.zeros((40, 60))
     heights[10, 20] = np.nan
     heights[30, 5] = 0.001
@@ -27,7 +27,7 @@ def terrain() -> gp.TerrainGrid:
 
 
 def test_flag_values_never_change() -> None:
-    """Values go over the wire and into files: they never change."""
+    """Values are part of messages and files."""
     expected = {
         "DROPOUT": 1,
         "OCCLUDED": 2,
@@ -51,7 +51,7 @@ def test_flag_values_never_change() -> None:
 
 
 def test_cells_are_counted_by_flag() -> None:
-    """Every flag by name, a cell with several of them under each."""
+    """Every flag by name; a cell with several flags counts for each of them."""
     hazard = np.array([[0, 1, 1 | 2], [4096 | 32768, 32768, 32]], np.uint16)
     counts = cells_by_flag(hazard)
     assert list(counts) == [flag.name for flag in MEANING]
@@ -62,7 +62,7 @@ def test_cells_are_counted_by_flag() -> None:
 
 
 def test_cells_are_half_open_and_found_by_their_corner(terrain: gp.TerrainGrid) -> None:
-    """A cell holds its lower corner, not its upper one, in spite of rounding."""
+    """A cell includes its lower corner, not its upper one, in spite of rounding."""
     x, y = 0.5 + 5 * 0.005, -0.1 + 30 * 0.005
     assert terrain.height_at(x, y) == pytest.approx(0.001)
     assert terrain.height_at(x + 0.00499, y + 0.00499) == pytest.approx(0.001)
@@ -75,7 +75,7 @@ def test_cells_are_half_open_and_found_by_their_corner(terrain: gp.TerrainGrid) 
     "point", [(0.4999, 0.0), (0.8001, 0.0), (0.6, -0.1001), (0.6, 0.1001), (np.nan, 0), (1e300, 0)]
 )
 def test_outside_is_unknown_unscanned_and_not_traversable(terrain: gp.TerrainGrid, point: tuple[float, float]) -> None:
-    """Off the grid, not finite or absurdly far: NaN, UNSCANNED, False; never an error."""
+    """Off the grid, not finite or very far away: NaN, UNSCANNED, False, and no error."""
     assert np.isnan(terrain.height_at(*point))
     assert terrain.hazard_at(*point) == Hazard.UNSCANNED
     assert terrain.is_traversable(*point) is False
@@ -83,7 +83,7 @@ def test_outside_is_unknown_unscanned_and_not_traversable(terrain: gp.TerrainGri
 
 
 def test_arrays_and_numbers_are_answered_alike(terrain: gp.TerrainGrid) -> None:
-    """Arrays of any shape give arrays of that shape, with the values that single questions give."""
+    """Arrays of any shape give arrays of that shape, with the values of single queries."""
     rng = np.random.default_rng(0)
     x, y = rng.uniform(0.45, 0.85, (7, 5)), rng.uniform(-0.15, 0.15, (7, 5))
     heights, flags, safe = terrain.height_at(x, y), terrain.hazard_at(x, y), terrain.is_traversable(x, y)
@@ -97,14 +97,14 @@ def test_arrays_and_numbers_are_answered_alike(terrain: gp.TerrainGrid) -> None:
 
 
 def test_positions_that_do_not_fit_together_are_refused(terrain: gp.TerrainGrid) -> None:
-    """Three x and two y, or a text, are refused with one message."""
+    """Three x and two y, or a text, are rejected with one message."""
     for x, y in (([1, 2, 3], [1, 2]), ("here", 0.0)):
         with pytest.raises(gp.InvalidInput, match="numbers or arrays that broadcast to one shape"):
             terrain.height_at(x, y)
 
 
 def test_occupancy_bytes_are_row_by_row_from_the_corner() -> None:
-    """Golden bytes: -1 and 100 for unknown, 0 for perfect ground, data = ravel, x fastest."""
+    """Expected bytes: -1 and 100 for unknown, 0 for perfect ground, data = ravel, x fastest."""
     heights = np.zeros((40, 50))
     heights[0, 3] = np.nan
     heights[39, 0] = np.nan
@@ -120,7 +120,7 @@ def test_occupancy_bytes_are_row_by_row_from_the_corner() -> None:
 
 
 def test_occupancy_is_the_score_in_ninety_ninths() -> None:
-    """Free cells are round(99 * (1 - traversability)), so that the least safe score is still below 100."""
+    """Free cells are round(99 * (1 - traversability)), so that the lowest score is still below 100."""
     ramp = np.tile(np.arange(60) * 0.005 * np.tan(0.1), (60, 1))
     terrain = gp.assess_terrain(ramp, 0.005)
     score = float(terrain.traversability[30, 30])
@@ -129,7 +129,7 @@ def test_occupancy_is_the_score_in_ninety_ninths() -> None:
 
 
 def test_layers_are_there_by_name_and_cannot_be_written(terrain: gp.TerrainGrid) -> None:
-    """Attribute and name give the same array; nothing of a grid can be changed."""
+    """Attribute and name give the same array; nothing in a grid can be changed."""
     assert terrain.layer("slope") is terrain.slope
     with pytest.raises(gp.InvalidInput, match="layer is 'height', allowed: elevation, variance"):
         terrain.layer("height")
@@ -142,7 +142,7 @@ def test_layers_are_there_by_name_and_cannot_be_written(terrain: gp.TerrainGrid)
 
 
 def test_a_grid_survives_pickling_and_copying(terrain: gp.TerrainGrid) -> None:
-    """The copy has the same bytes and the same protection."""
+    """The copy has the same bytes and is read-only too."""
     for twin in (pickle.loads(pickle.dumps(terrain)), copy.deepcopy(terrain)):
         for name, layer in terrain.layers.items():
             assert twin.layer(name).tobytes() == layer.tobytes()
@@ -151,7 +151,7 @@ def test_a_grid_survives_pickling_and_copying(terrain: gp.TerrainGrid) -> None:
 
 
 def test_wrong_extent_or_geometry_is_refused(terrain: gp.TerrainGrid) -> None:
-    """Layers and geometry must fit, and there are two extents."""
+    """Layers must fit the geometry, and there are two extents."""
     with pytest.raises(gp.InvalidInput, match="extent is 'world', allowed: footprint, map"):
         dataclasses.replace(terrain, extent="world")
     with pytest.raises(gp.InvalidInput, match=r"layers have shape \(40, 60\), but the geometry has \(60, 40\)"):
@@ -160,13 +160,13 @@ def test_wrong_extent_or_geometry_is_refused(terrain: gp.TerrainGrid) -> None:
 
 @pytest.mark.parametrize("resolution", [0.0, -1.0, np.nan, np.inf, 0.007])
 def test_a_resolution_must_divide_the_area(resolution: float) -> None:
-    """Zero, negative, NaN or one that does not divide the area is refused."""
+    """Zero, negative, NaN, or a value that does not divide the area is rejected."""
     with pytest.raises(gp.InvalidInput, match="resolution"):
         GridGeometry.over((0.5, 0.95), (-0.27, 0.27), resolution)
 
 
 def test_file_round_trip(terrain: gp.TerrainGrid, tmp_path: Path) -> None:
-    """Saved and loaded, every layer has the same bytes and every field the same value."""
+    """After saving and loading, every layer has the same bytes and every field the same value."""
     full = dataclasses.replace(
         terrain, stamp=12, step=3, extent="map", record=ScanRecord.from_json({**terrain.metadata, "robot": "guara"})
     )
@@ -183,7 +183,7 @@ def test_file_round_trip(terrain: gp.TerrainGrid, tmp_path: Path) -> None:
 
 
 def test_files_that_are_no_terrain_are_refused(terrain: gp.TerrainGrid, tmp_path: Path) -> None:
-    """Missing, empty, cut, of another kind, with a layer left out or made unsafe: one line that names the file."""
+    """Missing, empty, truncated, other, incomplete and unsafe files: one line that names the file."""
     path = tmp_path / "t.npz"
     with pytest.raises(gp.MissingFile, match="t.npz: no such file"):
         gp.load_terrain(path)

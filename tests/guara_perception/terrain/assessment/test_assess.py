@@ -1,4 +1,4 @@
-"""Slope, step, roughness, edges and clearance against values known from first principles."""
+"""Slope, step, roughness, edges and clearance, compared with values from first principles."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def plane(a: float, b: float, shape: tuple[int, int] = (40, 50)) -> np.ndarray:
 @PROPERTY
 @given(st.floats(-1, 1), st.floats(-1, 1))
 def test_slope_of_a_plane_is_exact(a: float, b: float) -> None:
-    """On a plane the slope is the plane's angle and the roughness zero, in every cell with a whole disc."""
+    """On a plane, every cell with a whole disc has the plane's slope and no roughness."""
     terrain = gp.assess_terrain(plane(a, b), RESOLUTION)
     inner = np.s_[3:-3, 3:-3]
     np.testing.assert_allclose(terrain.slope[inner], np.arctan(np.hypot(a, b)), atol=1e-6)
@@ -44,14 +44,14 @@ def test_slope_of_a_plane_is_exact(a: float, b: float) -> None:
 @PROPERTY
 @given(st.floats(0.1, 1.4), st.integers(0, 3))
 def test_slope_does_not_depend_on_the_heading(tangent: float, quarter: int) -> None:
-    """A ramp turned by quarter turns keeps its slope."""
+    """A ramp rotated by quarter turns keeps its slope."""
     ramp = np.rot90(plane(tangent, 0.0, (40, 40)), quarter)
     slope = gp.assess_terrain(ramp, RESOLUTION).slope[10:30, 10:30]
     np.testing.assert_allclose(slope, np.arctan(tangent), atol=1e-6)
 
 
 def test_a_slope_is_as_unsure_as_the_vertical() -> None:
-    """A plane of 15 degrees passes the limit of 20 when the vertical is known to 0.1 degrees, and fails with 3."""
+    """A plane of 15 degrees passes the limit of 20 if the vertical is known to 0.1 degrees, and fails at 3."""
     heights = plane(np.tan(np.radians(15.0)), 0.0)
     nothing = np.zeros(heights.shape)
     raster = Raster(heights, nothing, heights, heights)
@@ -66,7 +66,7 @@ def test_a_slope_is_as_unsure_as_the_vertical() -> None:
 
 
 def test_what_neighbours_share_is_in_the_total_alone() -> None:
-    """However large it is, no flag and no score changes by it."""
+    """Shared variance of any size changes no flag and no score."""
     rng = np.random.default_rng(2)
     heights = plane(0.1, 0.05) + rng.normal(0, 0.001, (40, 50))
     variance = rng.uniform(0, 1e-7, heights.shape)
@@ -81,7 +81,7 @@ def test_what_neighbours_share_is_in_the_total_alone() -> None:
 
 
 def test_roughness_is_the_standard_deviation_about_the_plane() -> None:
-    """Noise on a ramp: the roughness is what a plane fitted by hand to the disc leaves, at right angles to it."""
+    """Noise on a ramp: roughness is the rms distance from a plane fitted to the disc, at right angles to it."""
     rng = np.random.default_rng(1)
     ground = plane(0.3, -0.2) + rng.normal(0, 0.002, (40, 50))
     kernel = disc_kernel(3.0).astype(bool)
@@ -98,7 +98,7 @@ def test_roughness_is_the_standard_deviation_about_the_plane() -> None:
 
 
 def test_sigma_of_the_slope_is_what_noise_makes_of_it() -> None:
-    """Monte Carlo: a ramp at the limit of slope and noise; as many are STEEP as a normal distribution has."""
+    """Monte Carlo: on a ramp at the limit, as many cells are STEEP as a normal distribution predicts."""
     rng = np.random.default_rng(2)
     sigma, none = 0.001, np.zeros((300, 300), np.uint16)
     ground = plane(0.5, 0.0, none.shape) + rng.normal(0, sigma, none.shape)
@@ -113,7 +113,7 @@ def test_sigma_of_the_slope_is_what_noise_makes_of_it() -> None:
 @settings(max_examples=examples(12), deadline=None, derandomize=True)
 @given(st.integers(0, 10_000), st.sampled_from([1.0, 2.9, 3.0, 5.5]))
 def test_layers_are_those_of_a_plain_fit_to_each_disc(seed: int, radius: float) -> None:
-    """Rough ground with holes: plane, step and flags of every cell by hand; columns alone give the same bits."""
+    """Rough ground with holes: layers of every cell equal a plain computation; columns alone give the same bits."""
     rng = np.random.default_rng(seed)
     shape, limits = (14, 80), dataclasses.replace(default_limits(), disc_radius=radius * RESOLUTION)
     height = plane(rng.normal(0, 0.3), 0.1, shape) + rng.normal(0, rng.choice([1e-4, 2e-3]), shape)
@@ -160,7 +160,7 @@ def test_layers_are_those_of_a_plain_fit_to_each_disc(seed: int, radius: float) 
 
 @pytest.mark.parametrize("changed", [slice(0, 0), slice(0, 2), slice(17, 21), slice(38, 40), slice(0, 40)])
 def test_tests_that_are_kept_change_no_bit(changed: slice) -> None:
-    """Where some columns have changed since the last call, the layers equal those of a first call."""
+    """If some columns have changed since the last call, the layers equal those of a first call."""
     rng = np.random.default_rng(5)
     none, discs = np.zeros((60, 40), np.uint16), DiscTests()
     before = plane(0.2, 0.1, none.shape) + rng.normal(0, 1e-3, none.shape)
@@ -179,7 +179,7 @@ def test_tests_that_are_kept_change_no_bit(changed: slice) -> None:
 
 
 def test_a_step_is_measured_to_the_height_of_the_box() -> None:
-    """Beside and on a box the step height is the box's, within the disc's reach and nowhere else."""
+    """Beside and on a box, the step height is that of the box, within the disc's reach and nowhere else."""
     ground = np.zeros((40, 40))
     ground[:, 20:] = 0.045
     terrain = gp.assess_terrain(ground, RESOLUTION)
@@ -189,7 +189,7 @@ def test_a_step_is_measured_to_the_height_of_the_box() -> None:
 
 
 def test_up_and_down_are_distinguished() -> None:
-    """Below a box of 45 mm there is a step, on it a drop; a fall of 25 mm is too deep, a rise of 25 mm is not."""
+    """Below a box of 45 mm is a step, on it a drop; a fall of 25 mm is too deep, a rise of 25 mm is not."""
     ground = np.zeros((40, 40))
     ground[:, 20:] = 0.045
     high = gp.assess_terrain(ground, RESOLUTION)
@@ -204,7 +204,7 @@ def test_up_and_down_are_distinguished() -> None:
 
 
 def test_a_step_inside_one_cell_counts() -> None:
-    """Lowest and highest samples of one cell that are 35 mm apart make a step, though the mean heights are flat."""
+    """Samples of one cell that are 35 mm apart make a step, although the mean heights are flat."""
     flat, high = np.zeros((40, 40)), np.zeros((40, 40))
     high[20, 20] = 0.035
     layers = assess_layers(Raster(flat, flat, flat, high), flat.astype(np.uint16), RESOLUTION, default_limits())
@@ -217,7 +217,7 @@ def test_a_step_inside_one_cell_counts() -> None:
     [("slope", Hazard.STEEP), ("step", Hazard.STEP), ("drop", Hazard.DROP), ("roughness", Hazard.ROUGH)],
 )
 def test_the_upper_confidence_bound_is_tested(limits: TraversabilityLimits, limit: str, flag: Hazard) -> None:
-    """Ground just below a limit is allowed when known exactly, and a hazard when its height is uncertain."""
+    """Ground just below a limit is safe if known exactly, and a hazard if its height is uncertain."""
     y, x = np.mgrid[:40, :40] * RESOLUTION
     ground = {
         "slope": x * np.tan(0.95 * limits.slope),
@@ -243,7 +243,7 @@ def test_a_height_that_is_too_unsure_is_uncertain(limits: TraversabilityLimits) 
 
 
 def test_score_falls_with_every_test_and_is_one_on_perfect_ground() -> None:
-    """Flat and exactly known is 1; a slope of half the limit is half; products, never means."""
+    """Flat, exactly known ground scores 1; half the limit of slope scores half; scores are multiplied."""
     flat = gp.assess_terrain(np.zeros((60, 60)), RESOLUTION)
     assert flat.traversability[30, 30] == 1.0
     limit = 0.35
@@ -254,20 +254,20 @@ def test_score_falls_with_every_test_and_is_one_on_perfect_ground() -> None:
 
 
 def test_deeper_than_60_mm_everything_empty_is_traversable(scan_grid: gp.TerrainGrid) -> None:
-    """On known, flat ground exactly the cells whose centre is nearer than 60 mm to the front or rear are EDGE."""
+    """On known, flat ground exactly the cells with centres within 60 mm of the front or rear are EDGE."""
     ny, nx = scan_grid.shape
     terrain = gp.assess_terrain(np.zeros((ny, nx)), RESOLUTION)
     depth_x = (np.minimum(np.arange(nx), nx - 1 - np.arange(nx)) + 0.5) * RESOLUTION
     depth_y = (np.minimum(np.arange(ny), ny - 1 - np.arange(ny)) + 0.5) * RESOLUTION
     deep = (depth_y[:, None] > 0.060) & (depth_x[None, :] > 0.060)
     assert (terrain.hazard[deep] == 0).all()
-    # Half a sole (40 mm) along the border is never free.
+    # A margin of half a sole (40 mm) along the border is never free.
     assert (terrain.hazard[:, depth_x < 0.040] == Hazard.EDGE).all()
     assert (terrain.hazard[depth_y < 0.030] == Hazard.EDGE).all()
 
 
 def test_the_sole_must_fit(limits: TraversabilityLimits) -> None:
-    """EDGE are the cells from which the 80 x 60 mm sole or a test would reach an unknown cell, and no others."""
+    """EDGE cells are exactly those from which the 80 x 60 mm sole or a test would reach an unknown cell."""
     ground = np.zeros((80, 80))
     ground[40, 40] = np.nan
     terrain = gp.assess_terrain(ground, RESOLUTION)
@@ -280,7 +280,7 @@ def test_the_sole_must_fit(limits: TraversabilityLimits) -> None:
 
 
 def test_clearance_is_the_distance_to_the_nearest_hazard_or_the_border() -> None:
-    """From a cell centre to the near face of the unknown cell; negative inside; to the border where that is nearer."""
+    """From the cell's centre to the near side of the unknown cell; negative inside; to a nearer border."""
     ground = np.zeros((40, 60))
     ground[20, 30] = np.nan
     terrain = gp.assess_terrain(ground, RESOLUTION)
@@ -292,13 +292,13 @@ def test_clearance_is_the_distance_to_the_nearest_hazard_or_the_border() -> None
 
 
 def test_clearance_where_all_is_hazard_is_never_positive() -> None:
-    """An unknown grid has no clearance anywhere."""
+    """An unknown grid has no positive clearance."""
     terrain = gp.assess_terrain(np.full((10, 12), np.nan), RESOLUTION)
     assert (terrain.clearance < 0).all()
 
 
 def test_values_need_most_of_the_disc_on_all_sides() -> None:
-    """With 60 % of the disc known a slope is given; beside a wide gap on one side it is NaN, and the cell EDGE."""
+    """With 60 % of the disc known there is a slope; beside a wide gap it is NaN, and the cell is EDGE."""
     ground = plane(0.1, 0.0)
     ground[:, 20:] = np.nan
     terrain = gp.assess_terrain(ground, RESOLUTION)
@@ -309,6 +309,6 @@ def test_values_need_most_of_the_disc_on_all_sides() -> None:
 
 
 def test_too_fine_a_grid_for_the_disc_is_refused() -> None:
-    """A disc of more cells than can be summed exactly is refused with what to do."""
+    """A disc of too many cells is rejected, with advice."""
     with pytest.raises(gp.InvalidInput, match="150 cells, allowed: at most 24; use larger cells"):
         gp.assess_terrain(np.zeros((10, 10)), 0.0001)

@@ -1,4 +1,4 @@
-"""Every unknown cell has its cause, and the right one."""
+"""Every unknown cell has a cause, and the right one."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SENSOR_ORIGINS = (np.array([0.4, 0.0, 0.5]), np.array([0.6, 0.0, 0.47]))
 
 
 class Plan:
-    """The same look at every cell."""
+    """Plan with the same pair and visibility for every cell."""
 
     geometry = GRID
 
@@ -57,18 +57,18 @@ def flat(*unknown: tuple[int, int]) -> np.ndarray:
 
 
 def test_known_cells_carry_no_cause() -> None:
-    """Marks of stray returns do not touch what was seen."""
+    """Marks of unusable returns do not affect known cells."""
     assert (causes(flat(), marks=np.full(GRID.shape, 16, np.uint16)) == 0).all()
 
 
 def test_no_return_where_one_was_due_is_a_dropout() -> None:
-    """Looked at by two good stripes, nothing in the way, nothing came back."""
+    """Two usable stripes, a free line of sight, and no return."""
     found = causes(flat((10, 30)))
     assert found[10, 30] == Hazard.DROPOUT and found.sum() == Hazard.DROPOUT
 
 
 def test_not_looked_at_is_unscanned() -> None:
-    """No pair passes, the pair was not fired, or the camera does not see the cell."""
+    """No pair encloses the cell, the pair was not fired, or the camera does not see the cell."""
     nowhere, blind = Plan(-1, True), Plan(0, False)
     assert causes(flat((3, 3)), nowhere)[3, 3] == Hazard.UNSCANNED
     assert causes(flat((3, 3)), blind)[3, 3] == Hazard.UNSCANNED
@@ -77,14 +77,14 @@ def test_not_looked_at_is_unscanned() -> None:
 
 @pytest.mark.parametrize("flag", [Hazard.AMBIGUOUS, Hazard.OUT_OF_RANGE])
 def test_returns_that_may_not_be_used_name_the_cause(flag: Hazard) -> None:
-    """A return was seen in the cell: that says more than that it is unknown."""
+    """An unusable return is a more specific cause than UNSCANNED."""
     marks = np.zeros(GRID.shape, np.uint16)
     marks[4, 5] = flag
     assert causes(flat((4, 5)), marks=marks)[4, 5] == flag
 
 
 def test_shadow_of_a_measured_block_is_occluded_and_ends_where_geometry_says() -> None:
-    """Behind a block of 80 mm the camera's shadow reaches h x / (H - h) beyond its far edge."""
+    """The camera's shadow behind a block of 80 mm extends h x / (H - h) beyond its far edge."""
     elevation = np.zeros(GRID.shape)
     elevation[:, 30:34] = 0.08
     far_edge = 0.5 + 34 * 0.005
@@ -97,7 +97,7 @@ def test_shadow_of_a_measured_block_is_occluded_and_ends_where_geometry_says() -
 
 
 def test_laser_shadow_counts_too() -> None:
-    """A cell that the camera sees but the laser cannot reach is occluded."""
+    """A cell that the camera sees but the laser cannot reach is OCCLUDED."""
     elevation = np.zeros(GRID.shape)
     elevation[:, 14:18] = 0.08
     elevation[:, 8:14] = np.nan
@@ -107,7 +107,7 @@ def test_laser_shadow_counts_too() -> None:
 
 
 def test_own_leg_in_the_way_is_self() -> None:
-    """What the robot hides from itself is no property of the ground."""
+    """What the robot itself hides is not a property of the ground."""
     found = causes(flat((5, 5), (15, 50)), own=lambda _cells, points: points[:, 0] < 0.6)
     assert (found[5, 5], found[15, 50]) == (Hazard.SELF, Hazard.DROPOUT)
 
@@ -120,7 +120,7 @@ def test_every_unknown_cell_gets_a_cause_and_no_known_one() -> None:
 
 
 def test_plan_finds_the_pair_that_passes_over_each_cell() -> None:
-    """Laser planes falling straight down every 10 mm: the pair changes every two cells, none beyond the last."""
+    """Vertical laser planes every 10 mm: the pair changes every two cells, none beyond the last plane."""
     x = 0.52 + 0.01 * np.arange(10)
     planes = np.column_stack((np.ones(10), np.zeros((10, 2)), -x))
     plan = LookPlan(GRID, planes, lambda points: points[:, :2], (640, 512))
@@ -130,7 +130,7 @@ def test_plan_finds_the_pair_that_passes_over_each_cell() -> None:
 
 
 def test_plan_tells_the_cells_that_the_camera_sees() -> None:
-    """Within the outermost pixels; neither beyond them nor behind the camera."""
+    """Cells up to the outermost pixels; none beyond them or behind the camera."""
     columns = np.array([-0.1, 0.0, 639.0, 639.1, 5.0, 5.0, np.nan])
     rows = np.array([5.0, 0.0, 511.0, 5.0, -0.1, 511.1, np.nan])
     asked = []
@@ -149,7 +149,7 @@ def test_plan_tells_the_cells_that_the_camera_sees() -> None:
 @given(st.integers(0, 100_000), st.integers(1, 200))
 @settings(max_examples=examples(30), deadline=None, derandomize=True)
 def test_a_line_of_sight_does_not_depend_on_the_others(seed: int, number: int) -> None:
-    """Cells asked for alone have the causes that they have among others."""
+    """Cells queried alone have the causes that they have among others."""
     random = np.random.default_rng(seed)
     elevation = np.where(random.random(GRID.shape) < 0.1, random.uniform(0, 0.2), 0.0)
     targets = np.column_stack((random.uniform(0.5, 0.8, number), random.uniform(-0.05, 0.05, number), np.zeros(number)))
@@ -175,7 +175,7 @@ def plain_behind_surface(elevation: np.ndarray, target: np.ndarray, sensor: np.n
 
 @pytest.mark.parametrize("seed", range(3))
 def test_lines_of_sight_are_those_of_a_plain_walk_along_them(seed: int) -> None:
-    """Of cells among boxes and unknown cells, and beyond the grid; but for lines that graze a cell."""
+    """Cells among boxes and unknown cells, and off the grid; except lines that graze a cell."""
     random = np.random.default_rng(seed)
     elevation = np.where(random.random(GRID.shape) < 0.1, random.uniform(0, 0.2), 0.0)
     elevation[random.random(GRID.shape) < 0.1] = np.nan
@@ -189,7 +189,7 @@ def test_lines_of_sight_are_those_of_a_plain_walk_along_them(seed: int) -> None:
 
 @pytest.mark.parametrize("known", [0.0, 0.01, 0.6])
 def test_lowest_ground_is_that_of_a_plain_search_of_the_cells_nearby(known: float) -> None:
-    """Among few and many known cells, at the border too; height 0 where none is known."""
+    """With few and many known cells, at the border too; height 0 if none is known nearby."""
     random = np.random.default_rng(3)
     elevation = np.where(random.random(GRID.shape) < known, random.normal(0, 0.05, GRID.shape), np.nan)
     cells = np.flatnonzero(np.isnan(elevation))
@@ -205,9 +205,9 @@ STRIPES_AT = np.linspace(0.4955, 0.7955, 31)
 
 
 def swept(height: np.ndarray, dark: np.ndarray) -> tuple[np.ndarray, np.ndarray, LookPlan]:
-    """Known heights of a sweep of `STRIPES_AT` over cells (ny, nx), mask of the cells that light fell on, and its plan.
+    """Known heights of a sweep of `STRIPES_AT` over cells (ny, nx), mask of the lit cells, and its plan.
 
-    Light is followed from the laser to the ground in steps of 1 mm and less; cells are known where two neighbouring
+    Light is traced from the laser to the ground in steps of 1 mm or less. Cells are known where two neighbouring
     stripes returned at nearly the same height, and between them.
     """
     normal = np.column_stack((np.full(31, LASER_ORIGIN[2]), np.zeros(31), STRIPES_AT - LASER_ORIGIN[0]))
@@ -236,7 +236,7 @@ def swept(height: np.ndarray, dark: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
 
 def plain_unmet(elevation: np.ndarray, planes: np.ndarray, grid: GridGeometry, laser: np.ndarray) -> np.ndarray:
-    """Cells that the first and the last of the stripes leave beyond the ends of what is known, row by row."""
+    """Slow reference of the cells beyond the first and last stripe in each row."""
     (x, y), (ny, nx) = grid.centres(), grid.shape
     unmet = np.zeros(grid.shape, bool)
     for side in (1, -1):
@@ -260,7 +260,7 @@ def plain_unmet(elevation: np.ndarray, planes: np.ndarray, grid: GridGeometry, l
 
 @pytest.mark.slow
 def test_unmet_cells_are_those_of_a_plain_look_at_each_row() -> None:
-    """Random ground with gaps, under stripes that begin and end near the ends of what is known."""
+    """Random ground with gaps, under stripes that begin and end near the ends of the known cells."""
     rng, count = np.random.default_rng(0), 0
     for _ in range(examples(400)):
         grid = GridGeometry((0.5, -0.1), 0.005, (int(rng.integers(1, 40)), int(rng.integers(7, 40))))
@@ -282,7 +282,7 @@ def test_unmet_cells_are_those_of_a_plain_look_at_each_row() -> None:
 
 
 def test_ground_before_the_first_stripe_on_a_step_is_unscanned() -> None:
-    """All stripes fall short of the near edge on ground 100 mm higher: nothing looked at the cells before the first."""
+    """On ground 100 mm higher, all stripes miss the near edge: no light reached those cells."""
     height = np.full(GRID.shape, 0.1)
     elevation, lit, plan = swept(height, np.zeros(GRID.shape, bool))
     found = unknown_causes(plan, SENSOR_ORIGINS, elevation, np.ones(30, bool), np.zeros(GRID.shape, np.uint16))
@@ -294,7 +294,7 @@ def test_ground_before_the_first_stripe_on_a_step_is_unscanned() -> None:
 @pytest.mark.parametrize("deep", [0.0, -0.06], ids=["mat", "dark pit"])
 @pytest.mark.parametrize("base", [0.0, 0.06], ids=["floor", "step"])
 def test_dark_ground_at_the_near_edge_is_a_dropout(deep: float, base: float) -> None:
-    """Light fell on it and did not return, on the floor and on a step whose first stripe is swallowed too."""
+    """Light reached it without a return, on the floor and on a step whose first stripe is absorbed too."""
     gx, gy = np.meshgrid(*GRID.centres())
     dark = (gx < 0.56) & (np.abs(gy) < 0.02)
     elevation, lit, plan = swept(np.where(dark, base + deep, base), dark)
@@ -305,7 +305,7 @@ def test_dark_ground_at_the_near_edge_is_a_dropout(deep: float, base: float) -> 
 
 
 def test_light_from_the_side_reaches_dark_ground_before_a_box() -> None:
-    """The first stripe ends on the box, but passes beside it to the ground before it."""
+    """The first stripe ends on the box, but passes beside it to the ground in front."""
     gx, gy = np.meshgrid(*GRID.centres())
     beside = gy > 0.04
     dark = beside & (gx < 0.515)
@@ -315,7 +315,7 @@ def test_light_from_the_side_reaches_dark_ground_before_a_box() -> None:
 
 
 def random_ground(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Boxes, pits and dark mats, most of them at the near edge: heights (ny, nx), and mask of what is dark."""
+    """Boxes, pits and dark mats, mostly at the near edge: heights (ny, nx), and mask of the dark cells."""
     random = np.random.default_rng(seed)
     gx, gy = np.meshgrid(*GRID.centres())
     height, dark = np.full(GRID.shape, random.choice([0.0, 0.05, 0.1])), np.zeros(GRID.shape, bool)
@@ -333,7 +333,7 @@ def random_ground(seed: int) -> tuple[np.ndarray, np.ndarray]:
 @given(st.integers(0, 100_000))
 @settings(max_examples=examples(60), deadline=None, derandomize=True)
 def test_only_ground_without_light_counts_as_not_met(seed: int) -> None:
-    """No cell of any ground that any light fell on is called unmet."""
+    """On any ground, no cell that light reached counts as unmet."""
     height, dark = random_ground(seed)
     elevation, lit, plan = swept(height, dark)
     usable = np.ones(30, bool)
@@ -352,7 +352,7 @@ def narrow(points: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(("known", "cause"), [(0.04, Hazard.UNSCANNED), (0.02, Hazard.DROPOUT)], ids=["ground", "box"])
 def test_raised_ground_is_seen_over_a_smaller_area(known: float, cause: Hazard) -> None:
-    """On a wide step, the camera misses the border of the floor it saw; beside a narrow box it sees the floor."""
+    """On a wide step, the border of the floor is out of view; beside a narrow box the floor is in view."""
     planes = np.column_stack((np.ones(31), np.zeros((31, 2)), -STRIPES_AT))
     plan, (x, y) = LookPlan(GRID, planes, narrow, (641, 641)), GRID.centres()
     elevation = np.where(np.abs(y)[:, None] < known, 0.1, np.full(GRID.shape, np.nan))
@@ -364,7 +364,7 @@ def test_raised_ground_is_seen_over_a_smaller_area(known: float, cause: Hazard) 
 @given(st.integers(0, 100_000))
 @settings(max_examples=examples(60), deadline=None, derandomize=True)
 def test_only_ground_out_of_view_is_unscanned(seed: int) -> None:
-    """No cell of any ground that light fell on in view of a narrow camera is called unscanned."""
+    """On any ground, no cell that light reached in the view of a narrow camera is UNSCANNED."""
     height, dark = random_ground(seed)
     elevation, lit, wide = swept(height, dark)
     plan, cells = LookPlan(GRID, wide.planes_in_footprint, narrow, (641, 641)), np.arange(GRID.size)

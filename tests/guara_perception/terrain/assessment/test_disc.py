@@ -1,4 +1,4 @@
-"""The window around the sole: as wide as the tests read, and no filling of the unknown can make a free cell unsafe."""
+"""Window around the sole: as wide as the tests read, so that unknown ground of any shape makes no free cell unsafe."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ GRIDS = examples(150)
 
 
 def assessed(heights: np.ndarray, limits: TraversabilityLimits, drift: np.ndarray | None) -> np.ndarray:
-    """Hazards of heights (NaN unknown) with a little variance."""
+    """Hazards of heights (NaN = unknown) with a small variance."""
     variance = np.where(np.isfinite(heights), 1e-7, np.nan)
     nothing = np.zeros(heights.shape, np.uint16)
     return assess_layers(Raster(heights, variance, heights, heights), nothing, RESOLUTION, limits, drift)["hazard"]
 
 
 def ground(rng: np.random.Generator) -> np.ndarray:
-    """Tilted, a little rough ground with a box or a trench, 60 x 64 cells."""
+    """Tilted, slightly rough ground with a box or a trench, 60 x 64 cells."""
     y, x = np.mgrid[:60, :64] * RESOLUTION
     heights = rng.uniform(-0.1, 0.1) * x + rng.uniform(-0.1, 0.1) * y + rng.normal(0, 2e-4, x.shape)
     iy, ix = rng.integers(0, 55, 2)
@@ -46,7 +46,7 @@ def ground(rng: np.random.Generator) -> np.ndarray:
 
 
 def holes(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
-    """Patches of a cell to a quarter of the grid, some at the rim."""
+    """Patches of a cell to a quarter of the grid, some at the border."""
     mask = np.zeros(shape, dtype=bool)
     for _ in range(rng.integers(1, 5)):
         iy, ix = rng.integers(0, shape[0]), rng.integers(0, shape[1])
@@ -56,7 +56,7 @@ def holes(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
 
 
 def fillings(rng: np.random.Generator, heights: np.ndarray, lost: np.ndarray) -> list[np.ndarray]:
-    """What might be there: the truth, a pit, a wall, needles, chequers, slopes, noise, ground carried on and bent."""
+    """Possible unknown ground: the truth, a pit, a wall, needles, chequers, slopes, noise, extrapolations."""
     y, x = np.mgrid[: heights.shape[0], : heights.shape[1]]
     candidates = [
         heights,
@@ -74,7 +74,7 @@ def fillings(rng: np.random.Generator, heights: np.ndarray, lost: np.ndarray) ->
 @pytest.mark.slow
 @pytest.mark.parametrize("is_map", [False, True], ids=["scan", "map"])
 def test_no_filling_of_the_unknown_makes_a_free_cell_unsafe(limits: TraversabilityLimits, is_map: bool) -> None:
-    """Random grids, 8 fillings each: where the grid says free, no filling puts a hazard under the sole."""
+    """Random grids with 8 fillings each: no filling puts a hazard under the sole on a free cell."""
     rng = np.random.default_rng(11)
     sole = np.ones([2 * half_cells(n, RESOLUTION) + 1 for n in (limits.sole_width, limits.sole_length)], np.uint8)
     free_cells = 0
@@ -88,7 +88,7 @@ def test_no_filling_of_the_unknown_makes_a_free_cell_unsafe(limits: Traversabili
             hazard = assessed(filled, limits, drift)
             bad = ((hazard & ALL_BUT_EDGE) != 0).astype(np.uint8)
             assert not (free & (cv2.dilate(bad, sole) > 0)).any()
-            # Nor has it any flag then: losing cells (the filling taken away) frees none.
+            # Nor does it get a flag: removing the filling (losing cells) frees no cell.
             assert not (free & (hazard != 0)).any()
     assert free_cells > 60 * GRIDS
 
@@ -97,7 +97,7 @@ def test_no_filling_of_the_unknown_makes_a_free_cell_unsafe(limits: Traversabili
 @settings(max_examples=examples(40), deadline=None, derandomize=True)
 @given(st.integers(0, 10_000))
 def test_losing_cells_never_frees_another_whatever_the_drift(seed: int) -> None:
-    """As on a single scan, exactly, with any drift of each cell: the margin depends on the tested cell alone."""
+    """Exact as on a single scan, for any drift of each cell: the margin depends only on the tested cell."""
     rng = np.random.default_rng(seed)
     heights = ground(rng)
     heights[holes(rng, heights.shape) & (rng.random(heights.shape) < 0.5)] = np.nan
@@ -109,7 +109,7 @@ def test_losing_cells_never_frees_another_whatever_the_drift(seed: int) -> None:
 
 
 def test_a_narrower_window_would_be_broken(limits: TraversabilityLimits) -> None:
-    """The fillings are hard enough: with the discs of the rim left out of the window they make free cells unsafe."""
+    """The fillings are hard enough: without the rim of the discs in the window, free cells become unsafe."""
     rng = np.random.default_rng(11)
     broken = 0
     sole = np.ones([2 * half_cells(n, RESOLUTION) + 1 for n in (limits.sole_width, limits.sole_length)], np.uint8)
@@ -126,9 +126,9 @@ def test_a_narrower_window_would_be_broken(limits: TraversabilityLimits) -> None
 
 @pytest.mark.parametrize("drift", [None, (0, 0), (0, 1), (3, 1), (4, 3), (6, 5)])
 def test_the_window_of_one_unknown_cell(limits: TraversabilityLimits, drift: tuple[int, int] | None) -> None:
-    """Exactly the sole, the disc, one cell more, and in a map as many as drift goes beyond the disc's radius.
+    """Exactly the sole, the disc and one more ring; in a map, as many rings as the drift exceeds the disc's radius.
 
-    The disc is all cells that a circle of its radius touches.
+    The disc contains all cells that a circle of its radius touches.
     """
     flags = np.zeros((81, 81), np.uint16)
     flags[40, 40] = Hazard.UNSCANNED
@@ -139,7 +139,7 @@ def test_the_window_of_one_unknown_cell(limits: TraversabilityLimits, drift: tup
     sizes = zip((limits.sole_width, limits.sole_length), more, strict=True)
     half = [half_cells(length, RESOLUTION) + beside for length, beside in sizes]
     expected = np.zeros(edge.shape, dtype=bool)
-    # Points all over each cell, with the cell at the centre of the circle as the unit of length.
+    # Points all over each cell, in units of the cell edge, relative to the centre of the circle.
     fine = np.abs(np.linspace(-3.5, 3.5, 7 * 40 + 1))[:, None]
     within = np.hypot(fine, fine.T) <= 3
     cells_of_disc = np.array(
@@ -156,7 +156,7 @@ def test_the_window_of_one_unknown_cell(limits: TraversabilityLimits, drift: tup
 
 @pytest.mark.parametrize("radius", [1.0, 1.4, 1.5, 1.875, 2.5, 3.0, 3.75])
 def test_a_disc_has_each_cell_that_its_circle_touches(radius: float) -> None:
-    """With cells of any size, and no other cell; nor one that the circle meets in one point."""
+    """For cells of any size; no other cell, nor one that the circle meets in a single point."""
     kernel = disc_kernel(radius, TOUCHED)
     cells = np.arange(-6, 7)
     nearest = np.maximum(np.abs(cells) - 0.5, 0.0)
@@ -165,7 +165,7 @@ def test_a_disc_has_each_cell_that_its_circle_touches(radius: float) -> None:
 
 
 def test_a_cell_that_drifted_far_keeps_further_from_a_hazard(limits: TraversabilityLimits) -> None:
-    """Beyond what the disc already keeps, hazards and unknown cells are kept away alike."""
+    """Drift beyond the disc's radius widens the margin to hazards and to unknown cells alike."""
     for flag in (Hazard.STEP, Hazard.UNSCANNED):
         flags = np.zeros((81, 81), np.uint16)
         flags[40, 40] = flag
@@ -181,9 +181,9 @@ def test_a_cell_that_drifted_far_keeps_further_from_a_hazard(limits: Traversabil
 @pytest.mark.slow
 @pytest.mark.parametrize("most", [1, 3, LARGEST_DRIFT_CELLS])
 def test_ground_that_moved_sideways_under_the_map(limits: TraversabilityLimits, most: int) -> None:
-    """150 grounds, moved under the map as far as its drift allows: by one cell, no cell that the truth refuses is free.
+    """150 grounds, moved under the map within its drift: by one cell, no free cell is truly unsafe.
 
-    By more, up to the largest drift, nothing that rises or falls too much and nothing unknown comes under the sole.
+    For larger drifts up to the limit, no rise or fall that is too large and nothing unknown comes under the sole.
     """
     rng = np.random.default_rng(most)
     sole = np.ones([2 * half_cells(n, RESOLUTION) + 1 for n in (limits.sole_width, limits.sole_length)], np.uint8)
@@ -193,7 +193,7 @@ def test_ground_that_moved_sideways_under_the_map(limits: TraversabilityLimits, 
         heights[holes(rng, heights.shape)] = np.nan
         sigmas = rng.integers(0, most + 1, 2) if most > 1 else np.ones(2, int)
         angle = rng.uniform(0, 2 * np.pi)
-        # Anywhere within the ellipse of the sigmas; for one cell into the corners too.
+        # Anywhere within the ellipse of the sigmas; for one cell, also in the corners.
         shift = np.trunc(sigmas * [np.sin(angle), np.cos(angle)]).astype(int) if most > 1 else rng.integers(-1, 2, 2)
         drift = np.full((*heights.shape, 2), sigmas)
         free = assessed(heights, limits, drift) == 0
@@ -202,7 +202,7 @@ def test_ground_that_moved_sideways_under_the_map(limits: TraversabilityLimits, 
         free_cells += int(free.sum())
         moved_cells += int(free.sum()) if shift.any() else 0
         lowest, highest = np.where(known, true, 1e3), np.where(known, true, -1e3)
-        # Against a plane: the ground of the grids is tilted by up to 0.1.
+        # Relative to a plane, because the ground is tilted by up to 0.1.
         relief = cv2.dilate(highest, sole) - cv2.erode(lowest, sole) - 0.15 * np.hypot(*sole.shape) * RESOLUTION
         unknown = cv2.dilate((~known).astype(np.uint8), sole) > 0
         assert not (free & (unknown | (relief > limits.drop))).any()

@@ -1,4 +1,4 @@
-"""Which cells a lost frame had looked at."""
+"""Cells that a lost frame may have shown."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import numpy as np
 from guara_perception.scanning.scan_surface import lost_cells
 from guara_perception.terrain.layers.hazard import Hazard
 
-# Laser planes that meet the floor at x = 0.5, 0.6, ... and lean forward: 0.1 m up they are 0.05 m further back.
+# Laser planes that meet the floor at x = 0.5, 0.6, ... and lean: at a height of 0.1 m they are 0.05 m farther back.
 PLANES = np.array([[1.0, 0.0, 0.5, -x] for x in (0.5, 0.6, 0.7, 0.8, 0.9)])
 
 
 def columns(runs: list[list[int]], scan_grid: Any) -> np.ndarray:
-    """X of the marked columns."""
+    """Coordinates x of the marked columns."""
     return scan_grid.centres()[0][sorted({ix for ix, _, _ in runs})]
 
 
 def test_on_flat_ground_the_two_neighbouring_strips_are_lost(scan_grid: Any) -> None:
-    """The stripe at 0.7 is lost: everything unscanned from 0.6 to 0.8, over the whole width, and nothing else."""
+    """If the stripe at 0.7 is lost, exactly the unscanned cells from 0.6 to 0.8 over the whole width are lost."""
     flat = np.zeros(scan_grid.shape)
     hazard = np.full(scan_grid.shape, np.uint16(Hazard.UNSCANNED))
     view = np.ones(scan_grid.shape, dtype=bool)
@@ -33,7 +33,7 @@ def test_on_flat_ground_the_two_neighbouring_strips_are_lost(scan_grid: Any) -> 
 
 
 def test_only_unknown_cells_in_view_are_reported(scan_grid: Any) -> None:
-    """Known cells, dropouts and cells that the camera does not see are not lost."""
+    """Known cells, dropouts and cells out of view are not lost."""
     flat, view = np.zeros(scan_grid.shape), np.ones(scan_grid.shape, dtype=bool)
     hazard = np.zeros(scan_grid.shape, np.uint16)
     lost = np.array([False, False, True, False, False])
@@ -47,7 +47,7 @@ def test_only_unknown_cells_in_view_are_reported(scan_grid: Any) -> None:
 
 
 def test_on_high_ground_the_strip_lies_further_back(scan_grid: Any) -> None:
-    """With a box of 100 mm in the scan the lost stripe may have looked at cells 50 mm nearer."""
+    """With a box of 100 mm in the scan, the lost stripe may have shown cells 50 mm nearer."""
     boxed = np.zeros(scan_grid.shape)
     boxed[50, 10] = 0.1
     hazard = np.full(scan_grid.shape, np.uint16(Hazard.OCCLUDED))

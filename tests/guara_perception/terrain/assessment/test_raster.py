@@ -1,4 +1,4 @@
-"""Samples into cells: brute force agrees, the top layer wins, swaths may come together, pooling is conservative."""
+"""Samples summed per cell: comparison with brute force, top layer, joint swaths, conservative pooling."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ def cloud(seed: int, n: int = 200) -> np.ndarray:
 @given(seed=st.integers(0, 10_000), swaths=st.integers(1, 5))
 @settings(max_examples=examples(40), deadline=None, derandomize=True)
 def test_mean_of_the_top_layer(seed: int, swaths: int) -> None:
-    """Cell by cell: lowest and highest of all samples, mean of those in the top layer."""
+    """For each cell: lowest and highest of all samples, mean of those in the top layer."""
     points = cloud(seed)
-    points[:, 2] = np.round(points[:, 2] / 0.02) * 0.02  # layers well apart: swaths cannot split a layer
+    points[:, 2] = np.round(points[:, 2] / 0.02) * 0.02  # Layers far apart, so that swaths cannot split a layer.
     variance = np.full(len(points), 1e-6)
     pieces = np.array_split(np.arange(len(points)), swaths)
     raster = merge([rasterise(points[i], variance[i], GRID) for i in pieces], GRID)
@@ -60,7 +60,7 @@ def test_mean_of_the_top_layer(seed: int, swaths: int) -> None:
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=examples(20), deadline=None, derandomize=True)
 def test_swaths_together_are_the_swaths_alone(seed: int) -> None:
-    """Several sets of samples at once, in runs that are mixed; one empty, one outside the grid: each as if alone."""
+    """Several sets of samples at once, in mixed runs, one empty, one off the grid: each as if alone."""
     random = np.random.default_rng(seed)
     points = [cloud(seed), np.empty((0, 3)), cloud(seed + 1, 50), cloud(seed + 2) + (9.0, 0.0, 0.0), cloud(seed + 3)]
     points[4][:, 0] += 0.02
@@ -84,7 +84,7 @@ def test_no_swath_at_all() -> None:
 
 
 def test_a_point_unknown_in_one_coordinate_is_left_out() -> None:
-    """Whichever coordinate is NaN, the cell is made of its other points."""
+    """Whichever coordinate is NaN, the cell consists of its other points."""
     points = np.tile([0.512, -0.262, 0.01], (4, 1))
     points[0, 0] = points[1, 1] = points[2, 2] = np.nan
     raster = merge([rasterise(points, np.full(4, 1e-6), GRID)], GRID)
@@ -94,7 +94,7 @@ def test_a_point_unknown_in_one_coordinate_is_left_out() -> None:
 
 
 def test_cells_are_those_of_the_geometry() -> None:
-    """Known points on the grid, also on the borders of cells: the cells that the geometry names."""
+    """For known points on the grid, also on borders of cells: the cells of `GridGeometry.indices`."""
     border = np.array([[0.5 + 0.005 * i, -0.27 + 0.005 * j, 0.0] for i in range(-1, 10) for j in range(-1, 8)])
     points = np.concatenate((cloud(3), border))
     cell, inside = cells_of(points, GRID)
@@ -104,14 +104,14 @@ def test_cells_are_those_of_the_geometry() -> None:
 
 
 def test_nothing_gives_nothing() -> None:
-    """No swath, and swaths without a sample inside the grid."""
+    """No swath, and swaths without a sample on the grid, give unknown cells."""
     outside = rasterise(np.array([[9.0, 9.0, 0.0], [np.nan, 0, 0]]), np.zeros(2), GRID)
     for raster in (merge([], GRID), merge([outside], GRID)):
         assert np.isnan(raster.elevation).all()
 
 
 def test_half_open_cells() -> None:
-    """A point on the border of two cells belongs to the upper one, one on the grid's end to none."""
+    """A point on the border of two cells belongs to the upper one; one on the grid's end to none."""
     points = np.array([[0.505, -0.265, 0.01], [0.54, -0.25, 0.02]])
     raster = merge([rasterise(points, np.zeros(2), GRID)], GRID)
     assert raster.elevation[1, 1] == 0.01
@@ -119,7 +119,7 @@ def test_half_open_cells() -> None:
 
 
 def test_pooling_leaves_no_gap_unseen() -> None:
-    """One unknown fine cell makes the coarse cell unknown; flags of any fine cell stay."""
+    """One unknown fine cell makes the coarse cell unknown; flags of all fine cells are kept."""
     points = np.array([[x, y, 0.01] for x in np.arange(0.5025, 0.54, 0.005) for y in np.arange(-0.2675, -0.24, 0.005)])
     whole = merge([rasterise(points, np.full(len(points), 1e-6), GRID)], GRID)
     assert np.isfinite(pool(whole, 2).elevation).all() and pool(whole, 2).elevation.shape == (3, 4)

@@ -1,4 +1,4 @@
-"""What a grid shows of itself: text, HTML, plots; unknown cells are never drawn as heights."""
+"""Text, HTML and plots of grids; unknown cells are never drawn as heights."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.thorough import further
 
 @pytest.fixture
 def terrain(make_scan) -> gp.TerrainGrid:
-    """A floor with a box of 60 mm and a strip that nobody saw."""
+    """Floor with a box of 60 mm and an unobserved strip."""
     heights = np.zeros((108, 90))
     heights[40:60, 30:50] = 0.06
     flags = np.zeros((108, 90), np.uint16)
@@ -28,7 +28,7 @@ def terrain(make_scan) -> gp.TerrainGrid:
 
 
 def test_repr_says_what_the_grid_holds_in_three_lines(terrain):
-    """Extent, cells, area, shares, heights and the commonest hazards; no arrays."""
+    """Extent, cells, area, fractions, heights and the most frequent hazards; no arrays."""
     lines = repr(terrain).splitlines()
     assert len(lines) == 3
     assert lines[0] == (
@@ -40,14 +40,14 @@ def test_repr_says_what_the_grid_holds_in_three_lines(terrain):
 
 
 def test_repr_of_a_grid_that_knows_nothing(make_scan):
-    """No heights are shown where there are none."""
+    """Without known cells, no heights are shown."""
     text = repr(make_scan(0.0, flags=int(gp.Hazard.UNSCANNED)))
     assert "known 0.0%, traversable 0.0%" in text and "heights" not in text and "UNSCANNED 9720" in text
 
 
 @pytest.mark.slow
 def test_html_holds_the_text_and_a_picture(terrain):
-    """A notebook shows the three lines and one PNG that can be decoded and is not blank."""
+    """A notebook shows the three lines and one valid PNG that is not blank."""
     page = terrain._repr_html_()
     assert "TerrainGrid: footprint of step 7" in page
     data = base64.b64decode(re.search(r"base64,([^\"]+)\"", page)[1])
@@ -60,7 +60,7 @@ def test_html_holds_the_text_and_a_picture(terrain):
     "layer", ["elevation", "hazard", *further(*(n for n in LAYER_NAMES if n not in ("elevation", "hazard")))]
 )
 def test_every_layer_can_be_plotted(terrain, layer):
-    """Each layer is drawn with x up and y to the left, and says which it is."""
+    """Each layer is drawn with x up and y to the left, with its name."""
     figure, axes = new_figure()
     drawn = terrain.plot(layer, axes=axes[0, 0])
     assert drawn is axes[0, 0]
@@ -72,7 +72,7 @@ def test_every_layer_can_be_plotted(terrain, layer):
 
 
 def test_unknown_cells_are_drawn_in_the_colour_of_the_unknown(terrain):
-    """The far strip, which nobody saw, has the pale grey of the axes' background and no height's colour."""
+    """The unobserved far strip has the pale grey of the axes' background, not a colour of a height."""
     figure, axes = new_figure(size=(4, 4))
     drawn = terrain.plot(axes=axes[0, 0], hazards=False)
     figure.canvas.draw()
@@ -84,7 +84,7 @@ def test_unknown_cells_are_drawn_in_the_colour_of_the_unknown(terrain):
 
 
 def test_footholds_are_marked_where_they_are(terrain):
-    """Objects with x and y and pairs are both marked, y across and x up."""
+    """Objects with x and y, and pairs, are marked with y across and x up."""
     figure, axes = new_figure()
     drawn = terrain.plot(
         axes=axes[0, 0], footholds=[(0.6, 0.1), gp.Foothold(0.7, -0.1, 0.0, np.array([0.0, 0.0, 1.0]), 0.9, 0.9, None)]
@@ -93,7 +93,7 @@ def test_footholds_are_marked_where_they_are(terrain):
 
 
 def test_without_axes_a_figure_of_pyplot_is_made(terrain):
-    """`plt.show()` finds it."""
+    """`plt.show()` finds the figure."""
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
@@ -103,7 +103,7 @@ def test_without_axes_a_figure_of_pyplot_is_made(terrain):
 
 
 def test_wrong_layer_and_foothold_are_refused(terrain):
-    """The message lists the layers, or says what a foothold is."""
+    """The message lists the layers, or describes a foothold."""
     with pytest.raises(gp.InvalidInput, match="layer is 'height', allowed: elevation, variance"):
         terrain.plot("height")
     with pytest.raises(gp.InvalidInput, match=r"a foothold is 3; it must have x and y, or be a pair \(x, y\) \[m\]"):
@@ -111,12 +111,12 @@ def test_wrong_layer_and_foothold_are_refused(terrain):
 
 
 def test_completion_offers_the_layers(terrain):
-    """`dir` names layers and questions."""
+    """`dir` lists layers and queries."""
     assert {"elevation", "hazard", "plot", "best_foothold"} <= set(dir(terrain))
 
 
 def test_what_cannot_be_drawn_is_refused(terrain):
-    """An array in place of a layer's name, and the None of `best_foothold`."""
+    """An array instead of the name of a layer, and a None of `best_foothold`."""
     with pytest.raises(gp.InvalidInput, match=r"layer is a ndarray, allowed: elevation.*on the axes that plot returns"):
         terrain.plot(terrain.hazard == 0)
     with pytest.raises(gp.InvalidInput, match="a foothold is None.*best_foothold found none: skip None"):
@@ -124,7 +124,7 @@ def test_what_cannot_be_drawn_is_refused(terrain):
 
 
 def test_regions_are_outlined_where_they_are(terrain):
-    """Each corner of each region lies on a closed line, x up and y to the left; what is no region is refused."""
+    """All corners are on a closed line, x up and y to the left; other objects are rejected."""
     regions = terrain.steppable_regions()
     assert regions
     axes = terrain.plot(regions=regions, axes=new_figure(1, 1, (4, 3))[1][0, 0])

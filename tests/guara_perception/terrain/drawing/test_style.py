@@ -1,4 +1,4 @@
-"""Tests of the style of pictures."""
+"""Style of figures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BLINDNESS = {
 
 
 def lab(colour: str, blindness: str) -> np.ndarray:
-    """CIE Lab of a colour as an eye with a colour blindness sees it."""
+    """CIE Lab of a colour as seen with a given colour blindness."""
     srgb = np.array(style.rgb(colour))
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
     seen = np.clip(np.array(BLINDNESS[blindness]) @ linear, 0, 1)
@@ -32,14 +32,14 @@ def lab(colour: str, blindness: str) -> np.ndarray:
 
 @pytest.mark.parametrize("blindness", BLINDNESS)
 def test_hazard_colours_differ(blindness: str) -> None:
-    """Any two colours of the hazard map are distinguished by eyes with and without red-green blindness."""
+    """Any two hazard colours are distinguishable with and without red-green blindness."""
     colours = {"free": style.FREE_COLOUR, **{str(f.name): c for f, c in style.HAZARD_COLOURS.items()}}
     distances = {
         (a, b): float(np.linalg.norm(lab(colours[a], blindness) - lab(colours[b], blindness)))
         for a, b in itertools.combinations(colours, 2)
     }
     closest = min(distances, key=distances.__getitem__)
-    # 2.3 is the just noticeable difference; fields with a legend need several times that.
+    # 2.3 is the just noticeable difference; areas with a legend need several times that.
     assert distances[closest] > 9.0, (closest, distances[closest])
 
 
@@ -53,7 +53,7 @@ def test_every_flag_has_a_colour() -> None:
 
 
 def test_the_cause_comes_before_the_edge() -> None:
-    """A cell that is unknown and an edge shows why it is unknown; free cells head the legend."""
+    """An unknown EDGE cell shows its cause; free cells come first in the legend."""
     hazard = np.array([[0, Hazard.EDGE | Hazard.DROPOUT]], dtype=np.uint16)
     picture, shown = style.hazard_picture(hazard)
     assert [name for name, _ in shown] == ["free", "dropout"]
@@ -61,7 +61,7 @@ def test_the_cause_comes_before_the_edge() -> None:
 
 
 def test_layers_are_drawn_x_up_and_y_left() -> None:
-    """The cell at largest x and largest y lies at the top left of the picture."""
+    """The cell at largest x and y is at the top left of the picture."""
     geometry = GridGeometry((0.0, 0.0), 1.0, (2, 3))
     values = np.zeros((2, 3))
     values[1, 2] = 1.0
@@ -70,7 +70,7 @@ def test_layers_are_drawn_x_up_and_y_left() -> None:
     axes[0, 0].set_axis_off()
     figure.canvas.draw()
     pixels = np.asarray(figure.canvas.buffer_rgba())[:, :, 0]
-    # The axes are white paper around, the picture black but for one cell: find the picture by its black pixels.
+    # The axes are surrounded by white, and the picture is black except for one cell: find it by its black pixels.
     rows, columns = np.nonzero(pixels < 100)
     crop = pixels[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
     height, width = crop.shape
@@ -80,7 +80,7 @@ def test_layers_are_drawn_x_up_and_y_left() -> None:
 
 
 def test_figures_are_saved_whole(tmp_path) -> None:
-    """A figure becomes a readable picture that is not blank; a missing folder is refused."""
+    """A figure is saved as a readable picture that is not blank; a missing folder is rejected."""
     figure, axes = style.new_figure(size=(3.0, 2.0))
     style.draw_hazards(axes[0, 0], GridGeometry((0.0, 0.0), 0.1, (4, 4)), np.full((4, 4), 512, dtype=np.uint16))
     style.save_figure(figure, tmp_path / "map.png")
@@ -93,7 +93,7 @@ def test_figures_are_saved_whole(tmp_path) -> None:
 
 
 def test_the_style_holds_while_drawing_and_no_longer() -> None:
-    """Titles drawn in the style have its size; afterwards matplotlib is as it was."""
+    """Titles drawn in the style have its size; afterwards matplotlib is unchanged."""
     import matplotlib
 
     before = matplotlib.rcParams["axes.titlesize"], matplotlib.rcParams["font.size"]

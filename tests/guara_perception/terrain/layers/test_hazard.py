@@ -1,4 +1,4 @@
-"""The safety invariant: what is lost never makes anything safe, and no unsafe grid is made."""
+"""Safety invariant: lost observations never make ground safe, and no unsafe grid can be created."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, check_i
 from guara_perception.terrain.questions.reason import Reason
 from tests.thorough import examples
 
-# Three cells of disc, two by one cells of sole: windows small enough for small grids.
+# A disc of three cells and a sole of two by one cells, so that windows fit small grids.
 LIMITS = TraversabilityLimits(
     slope=0.35,
     step=0.030,
@@ -33,7 +33,7 @@ PROPERTY = settings(max_examples=examples(60), deadline=None, derandomize=True)
 
 
 def heights(seed: int, shape: tuple[int, int], roughness: float, step: float) -> np.ndarray:
-    """Random ground: a tilted plane with noise and a box, or a trench where `step` is negative."""
+    """Random ground: a tilted plane with noise and a box, or a trench if `step` is negative."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[: shape[0], : shape[1]] * RESOLUTION
     ground = rng.uniform(-0.3, 0.3) * x + rng.uniform(-0.3, 0.3) * y + rng.normal(0, roughness, shape)
@@ -44,7 +44,7 @@ def heights(seed: int, shape: tuple[int, int], roughness: float, step: float) ->
 
 @st.composite
 def grids(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
-    """Elevation and variance of ground that is partly safe, partly not."""
+    """Elevation and variance of ground that is partly safe and partly unsafe."""
     shape = (draw(st.integers(15, 34)), draw(st.integers(15, 34)))
     elevation = heights(
         draw(st.integers(0, 10_000)),
@@ -97,7 +97,7 @@ def test_the_rules_of_one_grid_hold_together(grid: tuple[np.ndarray, np.ndarray]
 @PROPERTY
 @given(st.data(), grids())
 def test_losing_cells_never_makes_another_cell_safe(data: st.DataObject, grid: tuple[np.ndarray, np.ndarray]) -> None:
-    """Any set of cells set to unknown: no cell is safe afterwards that was not safe before."""
+    """After any set of cells is lost, no cell is safe that was not safe before."""
     elevation, variance = grid
     before = gp.assess_terrain(elevation, RESOLUTION, variance=variance, limits=LIMITS)
     lost = data.draw(holes(elevation.shape))
@@ -107,7 +107,7 @@ def test_losing_cells_never_makes_another_cell_safe(data: st.DataObject, grid: t
 
 
 def test_the_property_is_not_empty() -> None:
-    """The random grids hold both safe and unsafe cells, and some holes leave safe cells: the property tests them."""
+    """Random grids contain safe and unsafe cells, and some holes leave safe cells, so the property is tested."""
     safe = unsafe = kept = 0
     for seed in range(20):
         elevation = heights(seed, (30, 30), 1e-4, 0.05)
@@ -124,7 +124,7 @@ def test_the_property_is_not_empty() -> None:
 
 @pytest.mark.parametrize("radius", [0.005, 0.015, 0.030])
 def test_losing_cells_far_away_changes_no_bit(radius: float) -> None:
-    """Slope, roughness and score of a cell are the same to the last bit whatever happens outside its window."""
+    """Slope, roughness and score of a cell are bit-identical for any change outside its window."""
     rng = np.random.default_rng(3)
     limits = dataclasses.replace(LIMITS, disc_radius=radius)
     elevation = 0.2 + rng.normal(0, 1e-3, (60, 60))
@@ -137,7 +137,7 @@ def test_losing_cells_far_away_changes_no_bit(radius: float) -> None:
 
 
 def test_unknown_ground_is_not_safe_however_large_the_cells_are() -> None:
-    """With cells larger than sole and disc a slope is still tested, and the neighbour of an unknown cell is EDGE."""
+    """With cells larger than sole and disc, slopes are tested, and neighbours of unknown cells are EDGE."""
     elevation = np.tile(np.arange(9) * 0.05, (9, 1))
     steep = gp.assess_terrain(elevation, 0.05, limits=dataclasses.replace(LIMITS, step=1.0, drop=1.0, roughness=1.0))
     assert (steep.hazard[2:-2, 2:-2] & Hazard.STEEP).all()
@@ -162,7 +162,7 @@ def test_unknown_ground_is_not_safe_however_large_the_cells_are() -> None:
     ],
 )
 def test_a_broken_rule_is_refused_with_its_cell(layer: str, value: float, message: str) -> None:
-    """One wrong value in one cell is refused; the message names the rule, the number of cells and the first of them."""
+    """One wrong value is rejected; the message names the rule, the number of cells and the first of them."""
     layers = {name: np.array(array) for name, array in flat().layers.items()}
     layers[layer][20, 25] = value
     with pytest.raises(gp.UnsafeGrid, match=message) as caught:
@@ -171,7 +171,7 @@ def test_a_broken_rule_is_refused_with_its_cell(layer: str, value: float, messag
 
 
 def test_a_safe_cell_beside_an_unknown_one_is_refused() -> None:
-    """A grid whose EDGE flags were taken away around a hole does not pass."""
+    """A grid without its EDGE flags around a hole is rejected."""
     elevation = np.zeros((40, 40))
     elevation[20, 20] = np.nan
     layers = {n: np.array(a) for n, a in gp.assess_terrain(elevation, RESOLUTION, limits=LIMITS).layers.items()}
@@ -192,7 +192,7 @@ def test_a_safe_cell_beside_an_unknown_one_is_refused() -> None:
     ],
 )
 def test_missing_or_wrong_layers_are_refused(name: str, array: np.ndarray | None, message: str) -> None:
-    """Every layer must be there, in its type and shape."""
+    """Every layer must be present, with its type and shape."""
     layers = dict(flat().layers)
     if array is None:
         del layers[name]
@@ -203,12 +203,12 @@ def test_missing_or_wrong_layers_are_refused(name: str, array: np.ndarray | None
 
 
 def flat() -> gp.TerrainGrid:
-    """A flat grid with safe cells at its centre."""
+    """Flat grid with safe cells at its centre."""
     return gp.assess_terrain(np.zeros((40, 40)), RESOLUTION, limits=LIMITS)
 
 
 def cell_centres(terrain: gp.TerrainGrid, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """X and y of the centres of the marked cells."""
+    """Coordinates x and y of the centres of the marked cells."""
     x, y = terrain.geometry.centres()
     iy, ix = np.nonzero(mask)
     return x[ix], y[iy]
@@ -225,5 +225,5 @@ def cell_centres(terrain: gp.TerrainGrid, mask: np.ndarray) -> tuple[np.ndarray,
     ],
 )
 def test_text(reason: Reason, expected_text: str):
-    """A value that does not exist is not printed as nan."""
+    """A missing value is not printed as nan."""
     assert str(reason) == expected_text

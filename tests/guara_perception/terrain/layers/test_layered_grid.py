@@ -1,4 +1,4 @@
-"""LayeredGrid works without TerrainGrid, which adds questions to it and nothing else."""
+"""LayeredGrid works without TerrainGrid, which only adds queries."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from guara_perception.terrain.questions.save import save_terrain
 
 @pytest.fixture(scope="module")
 def terrain() -> gp.TerrainGrid:
-    """Ground of 60 x 80 cells with a box, a hole and a place that nobody saw."""
+    """Ground of 60 x 80 cells with a box, a hole and an unobserved area."""
     heights = np.zeros((60, 80))
     heights[20:30, 30:40] = 0.02
     heights[45:50, 10:14] = -0.03
@@ -35,13 +35,13 @@ def terrain() -> gp.TerrainGrid:
 
 @pytest.fixture(scope="module")
 def bare(terrain: gp.TerrainGrid) -> LayeredGrid:
-    """The same without the questions."""
+    """The same ground without queries."""
     return LayeredGrid(**{entry.name: getattr(terrain, entry.name) for entry in dataclasses.fields(terrain)})
 
 
 @pytest.mark.slow
 def test_queries_ask_only_the_layers(terrain: gp.TerrainGrid, bare: LayeredGrid) -> None:
-    """Every question, put to the bare layers by its own module, is answered as by TerrainGrid's method."""
+    """Every query of the bare layers by its module gives the result of TerrainGrid's method."""
     assert not isinstance(bare, gp.TerrainGrid)
     x, y = (v.ravel() for v in np.meshgrid(np.linspace(0.48, 0.92, 23), np.linspace(-0.17, 0.17, 19)))
     np.testing.assert_array_equal(normal_at(bare, x, y), terrain.normal_at(x, y))
@@ -63,7 +63,7 @@ def test_queries_ask_only_the_layers(terrain: gp.TerrainGrid, bare: LayeredGrid)
 def test_the_file_of_the_bare_layers_is_that_of_the_terrain(
     terrain: gp.TerrainGrid, bare: LayeredGrid, tmp_path: Path
 ) -> None:
-    """Saved without the questions, it is loaded with them."""
+    """Saved without queries, it is loaded with them."""
     save_terrain(bare, tmp_path / "bare.npz")
     terrain.save(tmp_path / "terrain.npz")
     loaded = gp.load_terrain(tmp_path / "bare.npz")
@@ -74,7 +74,7 @@ def test_the_file_of_the_bare_layers_is_that_of_the_terrain(
 
 @pytest.mark.parametrize("which", ["terrain", "bare"])
 def test_what_is_made_of_a_grid_is_of_its_kind(which: str, request: pytest.FixtureRequest) -> None:
-    """Coarser, changed, pickled, copied: a TerrainGrid stays one, with its questions, and bare layers stay bare."""
+    """Coarser, changed, pickled and copied grids keep their class."""
     grid: LayeredGrid = request.getfixturevalue(which)
     restored = pickle.loads(pickle.dumps(grid))
     for other in (coarser(grid, 2), dataclasses.replace(grid, step=3), restored, copy.deepcopy(grid), copy.copy(grid)):
@@ -86,7 +86,7 @@ def test_what_is_made_of_a_grid_is_of_its_kind(which: str, request: pytest.Fixtu
 
 
 def test_nothing_can_be_set_or_added(terrain: gp.TerrainGrid, bare: LayeredGrid) -> None:
-    """Neither a field nor a layer nor a new name can be set or deleted, and there is no dictionary to hide one in."""
+    """No field, layer or new name can be set or deleted, and there is no `__dict__`."""
     for grid, name in ((bare, "step"), *((terrain, name) for name in ("step", "layers", "elevation", "remark"))):
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(grid, name, 1)
@@ -96,7 +96,7 @@ def test_nothing_can_be_set_or_added(terrain: gp.TerrainGrid, bare: LayeredGrid)
 
 
 def test_a_missing_name_is_reported_with_the_class(terrain: gp.TerrainGrid, bare: LayeredGrid) -> None:
-    """The message says what was asked, and bare layers have no questions."""
+    """The message contains the name, and bare layers have no queries."""
     with pytest.raises(AttributeError, match="^TerrainGrid has no attribute 'slop'; layers: elevation, variance"):
         terrain.slop  # noqa: B018
     with pytest.raises(AttributeError, match="^LayeredGrid has no attribute 'best_foothold'; layers: elevation"):
@@ -105,7 +105,7 @@ def test_a_missing_name_is_reported_with_the_class(terrain: gp.TerrainGrid, bare
 
 @pytest.mark.slow
 def test_questions_are_loaded_without_the_terrain_grid() -> None:
-    """In a fresh process, the modules of all questions load without the class above them."""
+    """In a fresh process, the modules of all queries load without TerrainGrid."""
     names = ["best_foothold", "foothold", "normal", "obstacles", "path", "points", "save"]
     code = "; ".join(f"import guara_perception.terrain.questions.{name}" for name in names)
     code += "; import sys; print('guara_perception.terrain.grid' in sys.modules)"

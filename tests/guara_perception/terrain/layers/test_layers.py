@@ -1,4 +1,4 @@
-"""The layers of a grid are one table: in Python, on the wire and in the documents."""
+"""One table of layers in Python, in messages and in the documents."""
 
 from pathlib import Path
 
@@ -14,13 +14,13 @@ DOCS = Path(__file__).parents[4] / "docs"
 
 
 def test_the_wire_carries_the_same_layers() -> None:
-    """Names in the same order, types and units; and the same extents and modes."""
+    """Messages have the same names, order, types, units, extents and modes."""
     layers = [(layer.name, np.dtype(layer.dtype), layer.unit) for layer in LAYERS]
     assert layers == [(name, kind.dtype, kind.unit) for name, kind in transport.LAYERS.items()]
     assert (EXTENTS, MODES) == (terrain_message.EXTENTS, terrain_message.MODES)
 
 
 def test_the_documents_list_the_same_layers() -> None:
-    """One table has a row for every layer, in the same order, with its type, unit and meaning."""
+    """The table in the documents has every layer, in the same order, with its type, unit and meaning."""
     rows = [f"| `{layer.name}` | {np.dtype(layer.dtype)} | {layer.unit} | {layer.meaning} |" for layer in LAYERS]
     assert "\n".join(rows) in (DOCS / "files.md").read_text()

@@ -1,4 +1,4 @@
-"""Records of grids: the JSON keys and their order stay, and what cannot be read is refused where it is asked for."""
+"""Records of grids: JSON keys and their order are kept; unreadable values are rejected when they are needed."""
 
 import copy
 import dataclasses
@@ -17,7 +17,7 @@ each_kind = pytest.mark.parametrize("kind", (gp.ScanRecord, gp.MapRecord))
 
 @pytest.mark.parametrize("name", frozen.GRIDS)
 def test_a_changed_record_keeps_keys_their_order_and_every_other_value(name: str) -> None:
-    """Values are the same when they are written from the fields, in place of what came in."""
+    """Values written from the fields equal those that were read."""
     record = frozen.frozen(name).record
     again = dataclasses.replace(record, epoch="walk")
     assert list(again.to_json()) == [*record.to_json(), "epoch"]
@@ -28,7 +28,7 @@ def test_a_changed_record_keeps_keys_their_order_and_every_other_value(name: str
 
 @each_kind
 def test_a_new_record_has_the_order_of_its_kind(kind: type[GridRecord]) -> None:
-    """Whatever order its fields are given in; null where it is said."""
+    """For any order of its fields; null where it is given."""
     record = kind(
         epoch="a", robot="guara", health=Health("failed", ("x",)), extra={"calibration_verdict": None, "mine": 1}
     )
@@ -41,7 +41,7 @@ def test_a_new_record_has_the_order_of_its_kind(kind: type[GridRecord]) -> None:
 
 @each_kind
 def test_every_field_has_a_place_and_a_form(kind: type[GridRecord]) -> None:
-    """None is left out of the JSON text, and each can be read."""
+    """Every field has a place in the JSON object and a reader."""
     named = {entry.name for entry in dataclasses.fields(kind)} - {"extra", "keys", "newer_limits"}
     assert named == set(kind.ORDER) and len(kind.ORDER) == len(named)
     assert all(kind.form_of(name) in FORMS for name in named)
@@ -49,7 +49,7 @@ def test_every_field_has_a_place_and_a_form(kind: type[GridRecord]) -> None:
 
 @each_kind
 def test_a_value_that_cannot_be_read_is_kept_and_refused(kind: type[GridRecord]) -> None:
-    """Of every field: it is no None that stands for "not said", and goes on as it came."""
+    """For every field: the value is kept unchanged in `extra`, and `check` rejects it."""
     for name in kind.ORDER:
         record = kind.from_json({name: {"a": [{}, "b"]} if "Mapping" not in kind.form_of(name) else 3})
         if kind.form_of(name) == "Health | None":
@@ -77,14 +77,14 @@ def test_a_value_that_cannot_be_read_is_kept_and_refused(kind: type[GridRecord])
     ],
 )
 def test_values_of_the_wrong_form_are_not_read(name: str, value: object) -> None:
-    """Numbers are no truth values, matrices have their shape and finite numbers."""
+    """Numbers are no truth values; matrices have their shape and are finite."""
     record = gp.ScanRecord.from_json({name: value})
     with pytest.raises(gp.InvalidInput, match=name):
         record.check(name)
 
 
 def test_a_record_cannot_be_changed() -> None:
-    """Neither by attribute, nor in its arrays and mappings, nor by the view."""
+    """Neither by attribute, nor in its arrays and mappings, nor through the view."""
     record = frozen.frozen("walk").record
     with pytest.raises(dataclasses.FrozenInstanceError):
         record.robot = "other"  # type: ignore[misc]

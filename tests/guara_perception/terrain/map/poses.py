@@ -12,7 +12,7 @@ from kinematics import RobotModel
 
 MakeScan = Any
 ZERO = np.zeros((6, 6))
-# A point at the centre of a scan taken at the origin, in odom.
+# Point in odom at the centre of a scan that is taken at the origin.
 POINT = (0.7025, 0.0025)
 
 
@@ -38,7 +38,7 @@ AROUND = (0.68, 0.72, -0.02, 0.02)
 
 
 def stance_metadata(robot: RobotModel, joints: Mapping[str, float] | None = None) -> dict[str, Any]:
-    """Metadata of a stance on level ground, by default the scan posture."""
+    """Metadata of a stance on level ground, by default in the scan posture."""
     from kinematics import Stance
 
     stance = Stance(robot.posture("scan") if joints is None else joints, robot.legs, (0, 0, -1))

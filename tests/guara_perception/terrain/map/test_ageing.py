@@ -1,4 +1,4 @@
-"""Heights of the rolling map age by pauses and by seconds, and are stale in the end."""
+"""Heights of the rolling map age by pauses and by seconds, and become stale."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.guara_perception.terrain.map.poses import AROUND, POINT, ZERO, MakeSc
 
 
 def test_time_that_runs_backwards_makes_what_was_seen_before_stale(robot: RobotModel, make_scan: MakeScan) -> None:
-    """A clock set back by an hour: the age of the cells is not known, so they count as old, and the health says why."""
+    """If a clock is set back by an hour, the age of the cells is unknown: they are STALE, with a health reason."""
     terrain_map = gp.TerrainMap(robot)
     terrain_map.update(make_scan(0.0, stamp=10_000 * 10**9), PoseInOdom(at(), ZERO))
     away = at(0.3)
@@ -27,7 +27,7 @@ def test_time_that_runs_backwards_makes_what_was_seen_before_stale(robot: RobotM
 
 
 def test_cells_age_by_the_clock_that_is_given(robot: RobotModel, make_scan: MakeScan) -> None:
-    """The wall clock was set back, a clock that never jumps was not: 1,000 s are more than the validity of 420 s."""
+    """The wall clock was set back, but on a monotonic clock 1,000 s exceed the validity of 420 s."""
     terrain_map = gp.TerrainMap(robot)
     terrain_map.update(make_scan(0.0, stamp=10_000 * 10**9), PoseInOdom(at(), ZERO), time=50.0)
     later = terrain_map.update(make_scan(0.0, step=1, stamp=7_400 * 10**9), PoseInOdom(at(0.3), ZERO), time=1_050.0)
@@ -37,7 +37,7 @@ def test_cells_age_by_the_clock_that_is_given(robot: RobotModel, make_scan: Make
 
 
 def test_ground_turns_stale_by_pauses_and_by_seconds(robot: RobotModel, make_scan: MakeScan, scan_grid: Any) -> None:
-    """Beyond the validity of robot.toml in either measure a height is STALE; a new look makes it fresh."""
+    """A height beyond either validity of robot.toml is STALE; a new observation makes it fresh."""
     validity = Settings.of(robot)
     hidden = only(Hazard.UNSCANNED, scan_grid, AROUND)
     by_pauses = gp.TerrainMap(robot)
@@ -60,7 +60,7 @@ def test_ground_turns_stale_by_pauses_and_by_seconds(robot: RobotModel, make_sca
 
 
 def test_validity_outlasts_what_a_hind_foot_needs(robot: RobotModel) -> None:
-    """Nine cycles of four pauses at 18.7 s each."""
+    """Nine cycles of four pauses of 18.7 s each."""
     validity = Settings.of(robot)
     assert validity.validity_pauses >= 36
     assert validity.validity_seconds >= 9 * 18.7
@@ -68,7 +68,7 @@ def test_validity_outlasts_what_a_hind_foot_needs(robot: RobotModel) -> None:
 
 @pytest.mark.slow
 def test_cells_seen_by_another_clock_are_stale(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
-    """A map filled by the wall clock, loaded and updated by a clock that began at boot: cells of unknown age."""
+    """A map filled by the wall clock, then updated by a clock that started at boot: the age of cells is unknown."""
     terrain_map = gp.TerrainMap(robot)
     terrain_map.update(make_scan(0.0, stamp=10_000 * 10**9), PoseInOdom(at(), ZERO))
     terrain_map.save(tmp_path / "map.npz")

@@ -1,4 +1,4 @@
-"""Bounds of unknown ground on walks that drift: the truth is below them."""
+"""On walks that drift, the true ground is below the bounds of unknown ground."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from testbed.analytic_walk import CAMERA_IN_BASE, Ground, scan, seen_height, wal
 @pytest.mark.heavy
 @pytest.mark.parametrize("seed", [1, 2])
 def test_on_a_walk_that_drifts_the_truth_is_below_the_bounds(robot: RobotModel, seed: int) -> None:
-    """Boxes, dark and hidden ground: no bound of an unknown cell is broken by over 5 mm, at five points of each."""
+    """Boxes, dark and hidden ground: no bound is exceeded by over 5 mm at five points of each unknown cell."""
     ground, bounded = Ground.random(seed), 0
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
     camera = np.eye(4)

@@ -1,4 +1,4 @@
-"""Ground that no scan saw: under the soles of the feet, and declared by the gait."""
+"""Ground that no scan observed: under the soles, and declared by the gait."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.guara_perception.terrain.map.poses import AROUND, POINT, ZERO, MakeSc
 
 
 def test_soles_make_ground_known_that_no_scan_saw(robot: RobotModel, make_scan: MakeScan) -> None:
-    """Under each sole z = 0 is known, with looks 0; 50 mm aside nothing is; no such cell is traversable by itself."""
+    """Under each sole z = 0 is known, with looks 0; 50 mm beside it nothing is; no such cell is traversable."""
     fused = gp.TerrainMap(robot).update(make_scan(0.0, metadata=stance_metadata(robot)), PoseInOdom(at(), ZERO))
     for x in (-0.3, 0.3):
         for y in (-0.18, 0.18):
@@ -31,9 +31,9 @@ def test_soles_make_ground_known_that_no_scan_saw(robot: RobotModel, make_scan: 
 
 
 def test_the_residual_of_each_sole_is_published_and_holds_the_height(robot: RobotModel, make_scan: MakeScan) -> None:
-    """The map lies 3 mm below the soles, odometry unsure: residuals of 3 mm, and the walk's height is corrected."""
+    """A map 3 mm below the soles, with uncertain odometry: residuals of 3 mm, and the walk's height is corrected."""
     terrain_map = gp.TerrainMap(robot)
-    # Two scans from behind bring the ground under all four feet into the map.
+    # Two scans from farther back bring the ground under all four feet into the map.
     for step, x in enumerate((-1.1, -0.75, -0.5)):
         terrain_map.update(make_scan(0.0, step=step), PoseInOdom(at(x), ZERO))
     pause = make_scan(0.0, step=3, metadata=stance_metadata(robot))
@@ -47,7 +47,7 @@ def test_the_residual_of_each_sole_is_published_and_holds_the_height(robot: Robo
 
 
 def test_a_sole_that_stands_far_off_is_not_used_but_named(robot: RobotModel, make_scan: MakeScan) -> None:
-    """20 mm are no drift of 1 mm: nothing is shifted, and the map's health says which soles."""
+    """20 mm are no drift of 1 mm: nothing is corrected, and the map's health names the soles."""
     terrain_map = gp.TerrainMap(robot)
     for step, x in enumerate((-1.1, -0.75, -0.5)):
         terrain_map.update(make_scan(0.0, step=step), PoseInOdom(at(x), ZERO))
@@ -59,7 +59,7 @@ def test_a_sole_that_stands_far_off_is_not_used_but_named(robot: RobotModel, mak
 
 
 def test_declared_ground_is_known_and_marked(robot: RobotModel, make_scan: MakeScan, scan_grid: Any) -> None:
-    """Inside the polygon only, at its height and sigma, looks 0, listed in the metadata; a scan counts more."""
+    """Known only inside the polygon, with its height and sigma, looks 0, listed in the metadata; scans weigh more."""
     ground = gp.KnownGround(np.array([[-0.5, -0.3], [0.45, -0.3], [0.45, 0.3], [-0.5, 0.3]]), 0.0, 0.002)
     dark = only(Hazard.DROPOUT, scan_grid, AROUND)
     fused = gp.TerrainMap(robot).update(make_scan(0.0, flags=dark), PoseInOdom(at(), ZERO), known_ground=[ground])
@@ -80,7 +80,7 @@ def test_declared_ground_is_known_and_marked(robot: RobotModel, make_scan: MakeS
 
 
 def test_a_notch_narrower_than_a_cell_stays_unknown(robot: RobotModel, make_scan: MakeScan) -> None:
-    """Between centre and corner of the cells it is seen too: nobody vouched for it."""
+    """A notch between centre and corner of a cell is detected, because nobody declared it."""
     notch = [[0.001, -0.3], [0.001, 0.1], [0.002, 0.1], [0.002, -0.3]]
     ground = gp.KnownGround(np.array([[-0.5, -0.3], *notch, [0.45, -0.3], [0.45, 0.3], [-0.5, 0.3]]), 0.0, 0.002)
     fused = gp.TerrainMap(robot).update(make_scan(flags=4), PoseInOdom(at(), ZERO), known_ground=[ground])
@@ -91,7 +91,7 @@ def test_a_notch_narrower_than_a_cell_stays_unknown(robot: RobotModel, make_scan
 
 
 def test_declared_ground_that_a_scan_contradicts_is_a_conflict(robot: RobotModel, make_scan: MakeScan) -> None:
-    """The gait said 0, the scan sees 30 mm: CONFLICT until a second look agrees with the first."""
+    """The gait declared 0, the scan measures 30 mm: CONFLICT until a second observation agrees with the first."""
     terrain_map = gp.TerrainMap(robot)
     nothing = np.full((108, 90), np.uint16(Hazard.UNSCANNED))
     ground = gp.KnownGround(np.array([[0.5, -0.2], [0.9, -0.2], [0.9, 0.2], [0.5, 0.2]]), 0.0, 0.001)
@@ -113,7 +113,7 @@ def test_declared_ground_that_a_scan_contradicts_is_a_conflict(robot: RobotModel
     ],
 )
 def test_invalid_known_ground_is_refused(outline: Any, height: float, sigma: float) -> None:
-    """Two corners, NaN, three columns, infinite height, endless outlines: refused."""
+    """Two corners, NaN, three columns, infinite height and very long outlines are rejected."""
     with pytest.raises(gp.InvalidInput, match="known ground"):
         gp.KnownGround(outline, height, sigma)
     with pytest.raises(gp.InvalidInput, match="sigma 0 or more"):
@@ -123,7 +123,7 @@ def test_invalid_known_ground_is_refused(outline: Any, height: float, sigma: flo
 def test_patches_one_over_the_other_test_each_cell_once(
     robot: RobotModel, make_scan: MakeScan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Sixteen patches over the whole map, half of it covered by the first: later ones test the other half alone."""
+    """Of sixteen patches over the whole map, half of it covered by the first, later ones test the other half only."""
     tested: list[int] = []
 
     def counted(corners: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -141,7 +141,7 @@ def test_patches_one_over_the_other_test_each_cell_once(
 
 
 def test_ground_declared_over_a_wide_area_costs_no_more_than_the_map(robot: RobotModel, make_scan: MakeScan) -> None:
-    """A square kilometre: the map takes what lies in its window, with the memory of that."""
+    """A square kilometre: only the part in the map's window is processed, in bounded memory."""
     terrain_map = gp.TerrainMap(robot)
     whole = gp.KnownGround([(-500.0, -500.0), (500.0, -500.0), (500.0, 500.0), (-500.0, 500.0)], 0.0, 0.002)
     tracemalloc.start()
@@ -153,7 +153,7 @@ def test_ground_declared_over_a_wide_area_costs_no_more_than_the_map(robot: Robo
 
 @pytest.mark.slow
 def test_declared_ground_in_the_metadata_does_not_grow_without_end(robot: RobotModel, make_scan: MakeScan) -> None:
-    """Declared at each pause: of those that filled nothing only the newest is named, none past its validity."""
+    """Declared at each pause: of patches that filled nothing, only the newest is listed; none after its validity."""
     terrain_map, pauses = gp.TerrainMap(robot), Settings.of(robot).validity_pauses + 10
     patch = gp.KnownGround(np.array([(-0.2, -0.1), (0.2, -0.1), (0.2, 0.1), (-0.2, 0.1)]), 0.0, 0.005)
     counts, steps = [], []

@@ -1,4 +1,4 @@
-"""Bounds of unknown ground: higher when less was seen, ended by what was seen since."""
+"""Bounds of unknown ground: higher if less was observed, and removed by later observations."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from testbed.analytic_walk import CAMERA_IN_BASE
 
 MakeScan = Callable[..., gp.TerrainGrid]
 NO_DRIFT = 1e-12 * np.eye(6)
-# A hole of 40 x 30 mm in what a scan saw, in cells of it.
+# A hole of 40 x 30 mm in the observed ground, in cells of the scan.
 HOLE = np.s_[50:56, 20:28]
 
 
 @pytest.fixture
 def where(robot: RobotModel) -> dict[str, object]:
-    """Camera and body of a level stance, as a scan's metadata have them."""
+    """Camera and body poses of a level stance, as in the metadata of a scan."""
     pose = robot.stance_pose(Stance(robot.posture("scan"), robot.legs, (0, 0, -1)))
     camera = np.eye(4)
     camera[:3, 3] = CAMERA_IN_BASE
@@ -41,7 +41,7 @@ def flags_of(make_scan: MakeScan) -> np.ndarray:
 
 
 def over_the_hole(make_scan: MakeScan, height: float) -> np.ndarray:
-    """Up, straight over the hole along y, and down."""
+    """Path up, straight over the hole along y, and down."""
     x, y = make_scan(0.0).geometry.centres()
     at, first, last = x[24], y[40], y[66]
     return np.array([[at, first, 0.0], [at, first, height], [at, last, height], [at, last, 0.0]])
@@ -50,7 +50,7 @@ def over_the_hole(make_scan: MakeScan, height: float) -> np.ndarray:
 def test_a_swing_passes_over_a_hole_only_high_enough(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
 ) -> None:
-    """Unknown ground counts as high as the light that passed over it; without such light it is refused."""
+    """Unknown ground counts as high as the light that passed over it; without such light it is rejected."""
     terrain = make_scan(0.0, flags=flags_of(make_scan), metadata=where)
     fused = gp.TerrainMap(robot).update(terrain, PoseInOdom(np.eye(4), NO_DRIFT))
     of_nowhere = {name: value for name, value in where.items() if name != "transform_camera_to_base"}
@@ -60,14 +60,14 @@ def test_a_swing_passes_over_a_hole_only_high_enough(
     assert np.isnan(unbounded.ceiling).all()
     hole = (fused.hazard & Hazard.DROPOUT) != 0
     assert hole.sum() == 48 and np.isfinite(fused.ceiling[hole]).all()
-    # Not lower than the ground around, not higher than the camera looks over so small a hole, margins in it.
+    # Not lower than the surrounding ground, and not higher than the camera rays over so small a hole plus margins.
     assert fused.ceiling[hole].min() > 0.0 and fused.ceiling[hole].max() < 0.12
     high, low = (over_the_hole(make_scan, z) for z in (fused.ceiling[hole].max() + 0.03, 0.02))
     for path in (high, low):
         assert unbounded.check_path(path, 0.015).reasons[0].test == "unknown"
     assert fused.check_path(high, 0.015).ok
     assert {reason.test for reason in fused.check_path(low, 0.015).reasons} == {"clearance"}
-    # A track on the ground has no height: a bound lets nothing be trodden.
+    # A track on the ground has no height: a bound never makes ground safe for a foot.
     assert not fused.check_path(low[:, :2], 0.015).ok
     start, end = high[0], high[-1]
     assert not unbounded.swing(start, end, 0.015).ok or len(unbounded.swing(start, end, 0.015).points) > 4
@@ -80,10 +80,10 @@ def test_a_swing_passes_over_a_hole_only_high_enough(
 def test_bounds_hold_wherever_the_laser_light_starts_to_widen(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object], behind: float
 ) -> None:
-    """No bound by light lies under the lowest light that truly passes over its cell.
+    """No bound from laser light is below the lowest light that truly passes over its cell.
 
     The light of a lens this far behind the mirror passes over a cell from another point of the ground than that of a
-    lens on it; cells of which that point was not seen have no bound by light.
+    lens on it; cells of which that point was not observed have no bound from laser light.
     """
     origin = np.array([0.6, 0.0, 0.47])
     aside = np.abs(make_scan(0.0).geometry.centres()[1])
@@ -93,7 +93,7 @@ def test_bounds_hold_wherever_the_laser_light_starts_to_widen(
     x, y = (axis.ravel() for axis in np.meshgrid(*terrain.geometry.centres()))
     seen = np.isfinite(high.ravel())
     points = np.column_stack((x, y, np.zeros(x.size)))[seen]
-    # Light from a point this far behind the axis, through the axis, to what was seen: where it is 20 to 140 mm high.
+    # Light from a point this far behind the axis, through the axis, to observed ground: where it is 20 to 140 mm high.
     to_axis = origin - points
     length = np.hypot(to_axis[:, 0], to_axis[:, 2])
     source = points + to_axis * (1 + behind / length)[:, None]
@@ -116,7 +116,7 @@ def test_bounds_hold_wherever_the_laser_light_starts_to_widen(
 def test_bounds_rise_with_drift_and_end_with_age(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
 ) -> None:
-    """What the map may have drifted since dilates them; old ones are forgotten, as heights of their age are STALE."""
+    """Bounds are dilated by the possible drift of the map, and expire at the age at which heights become STALE."""
     heights = []
     for sigma in (1e-6, 0.004, 0.012):
         terrain_map = gp.TerrainMap(robot)
@@ -134,7 +134,7 @@ def test_bounds_rise_with_drift_and_end_with_age(
 def test_bounds_rise_with_the_height_that_the_walk_may_have_gained(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
 ) -> None:
-    """No sole holds the height here: 10 mm of drift in z raise every older bound by 2 sigma of it."""
+    """Without soles to correct the height, 10 mm of drift in z raise every older bound by 2 sigma of it."""
     heights = []
     for sigma in (1e-6, 0.010):
         terrain_map = gp.TerrainMap(robot)
@@ -153,7 +153,7 @@ def test_bounds_rise_with_the_height_that_the_walk_may_have_gained(
 def test_a_scan_that_is_taken_back_bounds_nothing(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
 ) -> None:
-    """Neither at once, nor after the next pause, nor when its own pause is scanned again."""
+    """Neither at once, nor after the next pause, nor if its own pause is scanned again."""
     for step in (1, 2):
         terrain_map = gp.TerrainMap(robot)
         nothing_seen = make_scan(flags=int(Hazard.UNSCANNED), metadata=where)
@@ -171,7 +171,7 @@ def test_a_scan_that_is_taken_back_bounds_nothing(
 def test_a_height_that_is_uncertain_proves_no_way(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
 ) -> None:
-    """The error of a bound is taken to be that of good heights: others give none."""
+    """The assumed error of a bound is that of accurate heights; other heights give no bound."""
     for sigma, count in ((0.0029, 48), (0.0031, 0)):
         terrain_map = gp.TerrainMap(robot)
         terrain = make_scan(0.0, flags=flags_of(make_scan), sigma=sigma, metadata=where)
@@ -182,7 +182,7 @@ def test_a_height_that_is_uncertain_proves_no_way(
 
 @pytest.mark.slow
 def test_a_scan_that_saw_less_bounds_less(robot: RobotModel, make_scan: MakeScan, where: dict[str, object]) -> None:
-    """Losing cells of a scan never lowers a bound and never makes one."""
+    """Losing cells of a scan never lowers a bound and never creates one."""
     rng = np.random.default_rng(5)
     heights = 0.04 * (rng.random((11, 9)) < 0.15).repeat(10, 0).repeat(10, 1)[:108, :90]
     ceilings, unknown = [], []
@@ -202,7 +202,7 @@ def test_a_scan_that_saw_less_bounds_less(robot: RobotModel, make_scan: MakeScan
 def test_ground_that_was_seen_is_no_higher_when_it_returns_nothing_later(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
 ) -> None:
-    """The map forgets it, for it may be a hole by now; a swing may pass over it as low as over the ground before."""
+    """The map forgets it, because it may be a hole; a swing may pass as low as over the earlier ground."""
     terrain_map = gp.TerrainMap(robot)
     first = make_scan(0.0, metadata=where)
     terrain_map.update(first, PoseInOdom(np.eye(4), NO_DRIFT))
@@ -219,11 +219,11 @@ def test_ground_that_was_seen_is_no_higher_when_it_returns_nothing_later(
 def test_no_bound_is_left_where_something_higher_was_seen_since(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object], between: float
 ) -> None:
-    """A box is put down, seen once, and returns nothing at the next look: no older bound lies below its top."""
+    """A box is seen once and then returns nothing: no older bound is below its top."""
     terrain_map = gp.TerrainMap(robot)
     heights = np.zeros(make_scan(0.0).shape)
     heights[HOLE] = between
-    # Other ground is not seen again, so that no newer light passes over the box.
+    # Other ground is not observed again, so that no newer light passes over the box.
     elsewhere = np.full(heights.shape, Hazard.UNSCANNED, np.uint16)
     elsewhere[HOLE] = 0
     for step, terrain in enumerate(
@@ -247,7 +247,7 @@ def test_no_bound_is_left_where_something_higher_was_seen_since(
 def test_each_cell_is_moved_by_what_it_may_have_drifted_itself(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
 ) -> None:
-    """A wrong heading moves far ground aside more than near ground, where more of a strip seen stays bounded."""
+    """A heading error displaces far ground more than near ground, where more of a strip stays bounded."""
     terrain_map = gp.TerrainMap(robot)
     flags = np.full(make_scan(0.0).shape, Hazard.UNSCANNED, np.uint16)
     flags[40:68] = 0
@@ -261,7 +261,7 @@ def test_each_cell_is_moved_by_what_it_may_have_drifted_itself(
     for at in (0.55, 0.85):
         column = np.abs(x - at).argmin()
         lost.append((28 - is_bounded[:, column].sum()) / 2)
-        # By 2 sigma of the turn, and half a cell of the map.
+        # By 2 sigma of the rotation, and half a cell of the map.
         assert lost[-1] >= np.ceil(2 * 0.01 * x[column] / 0.005 + 0.5)
     assert lost[0] < lost[1] < 14
 
@@ -270,7 +270,7 @@ def test_each_cell_is_moved_by_what_it_may_have_drifted_itself(
 def test_a_ceiling_that_is_none_is_refused(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object], at: tuple[int, int], value: float
 ) -> None:
-    """An infinite one, and one of ground whose height is known."""
+    """An infinite ceiling, and a ceiling of ground with a known height."""
     fused = gp.TerrainMap(robot).update(make_scan(0.0, metadata=where), PoseInOdom(np.eye(4), NO_DRIFT))
     ceiling = fused.ceiling.copy()
     ceiling[at] = value

@@ -1,4 +1,4 @@
-"""What neighbouring cells of the map do not share: their own noise, and looks that one of them lacks."""
+"""Variance that neighbouring cells of the map do not share: their own noise, and looks that one of them lacks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from guara_perception.terrain.layers.hazard import Hazard
 from kinematics import PoseInOdom, RobotModel
 from tests.guara_perception.terrain.map.poses import ZERO, MakeScan, at
 
-# A pitch known to 0.2 degrees: 2.4 mm at x = 0.7, that all cells of a look share.
+# A pitch known to 0.2 degrees: 2.4 mm at x = 0.7, shared by all cells of a look.
 TILTED = np.zeros((6, 6))
 TILTED[4, 4] = np.radians(0.2) ** 2
 RECORD = {"pose_covariance": TILTED.tolist(), "attitude_source": "imu", "attitude_sigma": float(np.radians(0.2))}
@@ -26,18 +26,18 @@ def looked_at(fused: gp.TerrainGrid, x: float, y: float) -> tuple[float, float]:
 
 
 def test_looks_that_all_cells_have_are_shared(robot: RobotModel, make_scan: MakeScan) -> None:
-    """The noise of a cell falls with its looks; the tilt that they share is in the total alone."""
+    """The noise of a cell decreases with its looks; the tilt that they share is only in the total variance."""
     terrain_map = gp.TerrainMap(robot)
     for step in range(4):
         fused = terrain_map.update(make_scan(0.0, step=step, metadata=RECORD), PoseInOdom(at(), ZERO))
         total, local = looked_at(fused, 0.70, 0.0)
         assert local == pytest.approx(NOISE_M**2 / (step + 1), rel=0.02)
-        # However many looks: the robot may see all of them with the same error.
+        # For any number of looks, because all of them may have the same error.
         assert total >= (np.radians(0.2) * 0.70) ** 2
 
 
 def seam(robot: RobotModel, make_scan: MakeScan, heights: list[float], first: list[bool]) -> gp.TerrainGrid:
-    """Map of level looks, each of a height of its own; those that `first` says saw only what is nearer than 0.725 m."""
+    """Map of level looks, each with its own height; looks marked by `first` observed only cells nearer than 0.725 m."""
     terrain_map = gp.TerrainMap(robot)
     for step, (height, near) in enumerate(zip(heights, first, strict=True)):
         flags = np.zeros((108, 90), np.uint16)
@@ -48,7 +48,7 @@ def seam(robot: RobotModel, make_scan: MakeScan, heights: list[float], first: li
 
 
 def unshared_at(fused: gp.TerrainGrid) -> tuple[float, float]:
-    """Difference across the seam of `seam` [m], and its sigma by the cells' local variances [m]."""
+    """Difference across the seam of `seam` [m], and its sigma from the cells' local variances [m]."""
     iy, ix = (int(i) for i in fused.geometry.indices(0.7225, 0.0))
     local = fused.variance_local[iy, ix : ix + 2].astype(np.float64)
     return float(fused.elevation[iy, ix + 1] - fused.elevation[iy, ix]), float(np.sqrt(local.sum()))
@@ -57,7 +57,7 @@ def unshared_at(fused: gp.TerrainGrid) -> tuple[float, float]:
 @pytest.mark.parametrize(
     ("heights", "first"),
     [
-        # The second look is the near cells' own; the last of two, and of four, is the only one of the far cells.
+        # The near cells alone have the second look; the last of two, and of four, is the only look of the far cells.
         ([0.0, 0.003], [False, True]),
         ([0.0, 0.003], [True, False]),
         ([0.0, 0.0, 0.0, 0.003], [True, True, True, False]),
@@ -67,23 +67,23 @@ def unshared_at(fused: gp.TerrainGrid) -> tuple[float, float]:
 def test_looks_that_a_neighbour_lacks_are_not_shared(
     robot: RobotModel, make_scan: MakeScan, heights: list[float], first: list[bool]
 ) -> None:
-    """Where they differ from the others, the two cells differ, and their variances say by how much."""
+    """If such looks deviate, the two cells differ, by as much as their variances predict."""
     fused = seam(robot, make_scan, heights, first)
     difference, sigma = unshared_at(fused)
     assert abs(difference) > 0.0003
     assert abs(difference) < 2.0 * sigma < 12.0 * abs(difference)
-    # Within one set of looks nothing but the noise of the cells differs.
+    # Within one set of looks, cells differ by their noise only.
     assert looked_at(fused, 0.60, 0.0)[1] == pytest.approx(NOISE_M**2 / len(heights), rel=0.02)
 
 
 def test_looks_that_agree_are_no_reason_to_doubt(robot: RobotModel, make_scan: MakeScan) -> None:
-    """An IMU that errs alike at every pause tilts all looks alike: both saw the ground at one height."""
+    """An IMU with a constant error tilts all looks alike, so they measured the ground at one height."""
     _, sigma = unshared_at(seam(robot, make_scan, [0.0, 0.0], [False, True]))
     assert sigma == pytest.approx(np.sqrt(1.5) * NOISE_M, rel=0.02)
 
 
 def test_a_seam_between_looks_is_in_the_sigma_of_slopes(robot: RobotModel, make_scan: MakeScan) -> None:
-    """A step of 2 mm that only the looks make may hide six degrees of the slope of a disc."""
+    """A step of 2 mm between looks may hide six degrees of the slope of a disc."""
     slope = np.tan(np.radians(16.0))
     x = np.broadcast_to(np.arange(90) * 0.005 * slope, (108, 90))
     steep = {}
@@ -102,7 +102,7 @@ def test_a_seam_between_looks_is_in_the_sigma_of_slopes(robot: RobotModel, make_
 def test_cells_of_a_turned_grid_lie_elsewhere_by_ways_of_their_own(
     robot: RobotModel, make_scan: MakeScan, yaw: float
 ) -> None:
-    """On a slope of 15 degrees nearest cells err by up to 1.3 mm: all alike in grids that did not turn."""
+    """On a slope of 15 degrees, nearest cells err by up to 1.3 mm, all alike in grids that are not rotated."""
     slope = np.tan(np.radians(15.0))
     along = np.broadcast_to(np.arange(90) * 0.005 * slope, (108, 90))
     terrain_map, seen, now = gp.TerrainMap(robot), at(0.0011, 0.0023, yaw), at(0.0, 0.0, -yaw)
@@ -121,7 +121,7 @@ def test_cells_of_a_turned_grid_lie_elsewhere_by_ways_of_their_own(
 def test_cells_last_seen_at_different_pauses_each_have_a_look_of_their_own(
     robot: RobotModel, make_scan: MakeScan
 ) -> None:
-    """Four looks beside one that none of them was: the difference has one and a quarter of a look's variance."""
+    """Four looks beside one other look: the difference has 1.25 times the variance of one look."""
     terrain_map = gp.TerrainMap(robot)
     flags = np.zeros((108, 90), np.uint16)
     flags[:, 45:] = np.uint16(Hazard.UNSCANNED)
@@ -134,7 +134,7 @@ def test_cells_last_seen_at_different_pauses_each_have_a_look_of_their_own(
 
 
 def test_ground_that_no_scan_saw_shares_nothing(robot: RobotModel, make_scan: MakeScan) -> None:
-    """Beside declared ground a scanned height may err by all that the scan errs by."""
+    """Beside declared ground, a scanned height may have the whole error of its scan."""
     flags = np.zeros((108, 90), np.uint16)
     flags[:, :20] = np.uint16(Hazard.UNSCANNED)
     declared = gp.KnownGround(((0.4, -0.3), (0.6, -0.3), (0.6, 0.3), (0.4, 0.3)), height=0.0, sigma=0.001)
@@ -147,14 +147,14 @@ def test_ground_that_no_scan_saw_shares_nothing(robot: RobotModel, make_scan: Ma
 
 @pytest.mark.parametrize("sigma", [float("nan"), float("inf"), -0.1, "2 degrees"])
 def test_an_attitude_of_no_sigma_is_refused(robot: RobotModel, make_scan: MakeScan, sigma: object) -> None:
-    """A comparison with NaN is False: no slope would be too steep."""
+    """Comparisons with NaN are False, so no slope would be too steep."""
     scan = make_scan(0.0, metadata={**RECORD, "attitude_sigma": sigma})
     with pytest.raises(gp.InvalidInput, match="attitude_sigma = "):
         gp.TerrainMap(robot).update(scan, PoseInOdom(at(), ZERO))
 
 
 def test_looks_of_a_map_of_before_differ_as_claimed(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
-    """By how much they did is not in its file."""
+    """Files of earlier versions lack the measured differences, so the stated variances are used."""
     terrain_map = gp.TerrainMap(robot)
     flags = np.zeros((108, 90), np.uint16)
     flags[:, 45:] = np.uint16(Hazard.UNSCANNED)
@@ -170,7 +170,7 @@ def test_looks_of_a_map_of_before_differ_as_claimed(robot: RobotModel, make_scan
 
 
 def test_a_map_of_before_has_the_total_alone(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
-    """Its file is read: all of the variance counts as the cell's own."""
+    """In files of earlier versions, the whole variance counts as local."""
     terrain_map = gp.TerrainMap(robot)
     terrain_map.update(make_scan(0.0, metadata=RECORD), PoseInOdom(at(), ZERO))
     terrain_map.save(tmp_path / "now.npz")

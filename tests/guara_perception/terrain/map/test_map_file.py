@@ -1,4 +1,4 @@
-"""A map saved during a walk goes on as if there had been no break; damaged files are refused."""
+"""A map that is saved during a walk continues without a difference; damaged files are rejected."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOTION = np.diag([0.002**2, 0.002**2, 0.001**2, 1e-8, 1e-8, 0.002**2])
 def add_pause(
     terrain_map: gp.TerrainMap, make_scan: MakeScan, step: int, *, registered: bool = False
 ) -> gp.TerrainGrid:
-    """One pause of a walk over rough ground with an unknown patch, half a cycle further each time."""
+    """Add a pause of a walk over rough ground with an unknown patch, half a cycle farther each time."""
     rng = np.random.default_rng(step)
     transform = np.eye(4)
     transform[:2, 3] = 0.07 * step, 0.003 * step
@@ -40,7 +40,7 @@ def add_pause(
 def test_a_loaded_map_goes_on_bit_for_bit(
     robot: RobotModel, make_scan: MakeScan, tmp_path: Path, registered: bool
 ) -> None:
-    """Four pauses, saved, loaded, four more: the same bytes and metadata as eight pauses without a break."""
+    """Four pauses, saved, loaded, four more: bytes and metadata equal those of eight pauses without a break."""
     whole, first = gp.TerrainMap(robot), gp.TerrainMap(robot)
     for step in range(4):
         add_pause(whole, make_scan, step, registered=registered)
@@ -56,14 +56,14 @@ def test_a_loaded_map_goes_on_bit_for_bit(
 
 @pytest.mark.slow
 def test_a_map_of_no_scan_can_be_saved(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
-    """Before the first pause there is nothing, and it comes back."""
+    """A map without a scan can be saved and loaded."""
     gp.TerrainMap(robot).save(tmp_path / "map.npz")
     fused = add_pause(gp.TerrainMap.load(tmp_path / "map.npz", robot), make_scan, 0)
     assert (fused.traversability > 0).any()
 
 
 def test_what_is_no_map_is_refused(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
-    """A missing file, a text, a grid, a cut file, a map whose memory was tampered with."""
+    """A missing file, a text, a grid, a truncated file, and a map whose memory was changed."""
     terrain_map = gp.TerrainMap(robot)
     add_pause(terrain_map, make_scan, 0)
     good = tmp_path / "map.npz"
@@ -98,7 +98,7 @@ def test_what_is_no_map_is_refused(robot: RobotModel, make_scan: MakeScan, tmp_p
 def test_a_damaged_map_is_refused(
     robot: RobotModel, tmp_path: Path, name: str, change: Callable[[np.ndarray], np.ndarray], message: str
 ) -> None:
-    """What could make unknown ground known does not get in."""
+    """Damage that could make unknown ground known is rejected."""
     path = tmp_path / "map.npz"
     gp.TerrainMap(robot).save(path)
     with np.load(path) as content:
@@ -121,7 +121,7 @@ def test_a_damaged_map_is_refused(
 def test_a_damaged_scan_in_a_map_is_refused(
     robot: RobotModel, tmp_path: Path, seen: np.ndarray, origin: np.ndarray, message: str
 ) -> None:
-    """The ground of the last scan has its shape, or the file is refused."""
+    """If the ground of the last scan has the wrong shape, the file is rejected."""
     path = tmp_path / "map.npz"
     gp.TerrainMap(robot).save(path)
     with np.load(path) as content:
@@ -132,7 +132,7 @@ def test_a_damaged_scan_in_a_map_is_refused(
 
 
 def test_a_map_whose_cells_do_not_fit_the_robot_is_refused(robot: RobotModel, tmp_path: Path) -> None:
-    """Its resolution does not divide the area of another robot.toml: the file is named, as for every wrong file."""
+    """If its resolution does not divide the area of another robot.toml, the error names the file."""
     path = tmp_path / "map.npz"
     gp.TerrainMap(robot).save(path)
     with np.load(path) as content:

@@ -1,4 +1,4 @@
-"""Old heights at the near edge of a scan: forgotten where light fell and did not return, kept where none fell."""
+"""Old heights at the near edge of a scan: forgotten if light returned nothing, kept if no light reached them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from kinematics.stance import Stance
 
 
 def scanned(robot: RobotModel, world: World, step: int) -> tuple[gp.TerrainGrid, Stance]:
-    """Coarse scan of a world from where the walk begins, and the stance."""
+    """Coarse scan of a world from the start of the walk, and the stance."""
     stance = Stance(robot.posture(robot.config.scan_posture), robot.legs, (0.0, 0.0, -1.0))
     calibration = specimen(robot)
     rangefinder = SimulatedRangefinder(world, calibration, robot, seed=step)
@@ -25,7 +25,7 @@ def scanned(robot: RobotModel, world: World, step: int) -> tuple[gp.TerrainGrid,
 
 
 def after(robot: RobotModel, world: World) -> tuple[gp.TerrainGrid, gp.TerrainGrid]:
-    """Scan of a world, and the map of it after an earlier scan of an empty floor."""
+    """Scan of a world, and its map after an earlier scan of an empty floor."""
     odometry, terrain_map = LegOdometry(robot), gp.TerrainMap(robot)
     for step, each in enumerate((World(), world)):
         scan, stance = scanned(robot, each, step)
@@ -44,7 +44,7 @@ def after(robot: RobotModel, world: World) -> tuple[gp.TerrainGrid, gp.TerrainGr
     ids=["dark mat", "pit", "hole"],
 )
 def test_what_appears_at_the_near_edge_erases_the_floor(robot: RobotModel, feature: Patch | Pit) -> None:
-    """A mat that swallows the light, a pit and a hole: no cell of them keeps the height of the floor undisputed."""
+    """An absorbing mat, a pit and a hole: none of their cells keeps the height of the floor undisputed."""
     scan, fused = after(robot, World(features=(feature,)))
     x, y = np.meshgrid(np.arange(0.5025, 0.57, 0.005), np.arange(-0.0675, 0.07, 0.005))
     is_disputed = (np.asarray(fused.hazard_at(x, y)) & np.uint16(gp.Hazard.CONFLICT)) != 0
@@ -55,7 +55,7 @@ def test_what_appears_at_the_near_edge_erases_the_floor(robot: RobotModel, featu
 
 @pytest.mark.slow
 def test_ground_that_no_stripe_could_meet_keeps_its_height(robot: RobotModel) -> None:
-    """On a step of 80 mm all stripes fall short of the near edge: what the map knew there stays."""
+    """On a step of 80 mm, all stripes miss the near edge, so the map keeps its heights there."""
     scan, fused = after(robot, World(features=(Step(x=0.45, height=0.08),)))
     before = np.cumsum(np.isfinite(scan.elevation), axis=1) == 0
     inner = before & (np.abs(scan.geometry.centres()[1]) < 0.2)[:, None]

@@ -1,4 +1,4 @@
-"""Corrections of a walk held against odometry's own sum: noise passes, a drift of the ground does not, for any walk."""
+"""Corrections of a walk compared with accumulated odometry: noise passes, moving ground does not."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def walked(
 ) -> tuple[OdometrySum, np.ndarray, np.ndarray]:
     """Sums of a walk with a correction (x, y, yaw) at each pause; last correction and pose of odometry.
 
-    `seen` (n, 3) is what scans show more than odometry, to a fifth of its sigma; None: they show nothing.
+    `seen` (n, 3) is the motion of scans minus odometry, with a fifth of its sigma; None: no such motion.
     """
     transform, odometry, sums = np.eye(4), np.eye(4), OdometrySum()
     odometry[:2, 3] = rng.uniform(-5, 5, 2)
@@ -55,27 +55,27 @@ def walked(
 @settings(max_examples=examples(50), deadline=None)
 @given(st.integers(0, 10_000))
 def test_errors_add_up_as_covariances_do(seed: int) -> None:
-    """A correction of each of two pauses moves the robot by both, and a turn also by its way since."""
+    """Corrections of two pauses add up, and a rotation also displaces the robot by its path since."""
     rng = np.random.default_rng(seed)
     first, second = rng.normal(0, 1, (2, 3)) * SIGMAS
     before, here = np.eye(4), np.eye(4)
     before[:2, 3], here[:2, 3] = rng.uniform(-3, 3, (2, 2))
     both = moved(transition_between(before, here) @ first + second, here)
     one_by_one = moved(second, here) @ moved(first, before)
-    # Turns of milliradians: of second order over the way.
+    # Rotations by milliradians: second-order effects over the path.
     np.testing.assert_allclose(both @ here, one_by_one @ here, atol=2e-4)
 
 
 @settings(max_examples=examples(100), deadline=None)
 @given(st.integers(0, 10_000), st.integers(0, 2), st.integers(14, 40))
 def test_what_always_goes_one_way_is_found_before_it_adds_up(seed: int, axis: int, pauses: int) -> None:
-    """One sigma of odometry a pause passes at each; the sum does not pass, and less than all of it was let through."""
+    """One sigma per pause passes at each pause, but the sum does not, before all of it was accepted."""
     rng = np.random.default_rng(seed)
     corrections = np.zeros((pauses, 3))
     corrections[:, axis] = SIGMAS[axis] * rng.choice([-1, 1])
     sums, transform, odometry = walked(rng, corrections)
     contradiction = sums.contradiction(transform, odometry, NOISE, 0.0)
-    if axis == 2:  # A turn also explains a shift, so less of it adds up.
+    if axis == 2:  # A rotation also explains a shift, so less of it adds up.
         assert contradiction is not None or pauses < 24
         return
     assert contradiction is not None
@@ -86,7 +86,7 @@ def test_what_always_goes_one_way_is_found_before_it_adds_up(seed: int, axis: in
 @settings(max_examples=examples(100), deadline=None)
 @given(st.integers(0, 10_000), st.integers(1, 40))
 def test_what_odometry_can_err_by_passes(seed: int, pauses: int) -> None:
-    """Corrections far within odometry's sum since every pause are kept."""
+    """Corrections well within the accumulated drift of odometry are kept."""
     rng = np.random.default_rng(seed)
     sums, transform, odometry = walked(rng, rng.uniform(-0.2, 0.2, (pauses, 3)) * SIGMAS)
     assert sums.contradiction(transform, odometry, NOISE, 0.0) is None
@@ -95,7 +95,7 @@ def test_what_odometry_can_err_by_passes(seed: int, pauses: int) -> None:
 @settings(max_examples=examples(50), deadline=None)
 @given(st.integers(0, 10_000), st.integers(0, 1))
 def test_slow_ground_is_found_though_corrections_hardly_follow_it(seed: int, axis: int) -> None:
-    """Scans show 1.5 sigma a pause, of which a tenth is corrected: all that is in memory is taken back."""
+    """Scans show 1.5 sigma per pause, of which a tenth is corrected: all corrections in memory are undone."""
     rng = np.random.default_rng(seed)
     seen = np.zeros((12, 3))
     seen[:, axis] = 1.5 * SIGMAS[axis] * rng.choice([-1, 1])
@@ -111,7 +111,7 @@ def test_slow_ground_is_found_though_corrections_hardly_follow_it(seed: int, axi
 @settings(max_examples=examples(50), deadline=None)
 @given(st.integers(0, 10_000))
 def test_only_what_contradicts_is_taken_back(seed: int) -> None:
-    """The ground moves in the last pause by 8 sigma: corrections of more than seven pauses before it stay."""
+    """Ground that moves by 8 sigma in the last pause: corrections more than seven pauses earlier are kept."""
     rng = np.random.default_rng(seed)
     seen = rng.uniform(-0.05, 0.05, (20, 3)) * SIGMAS
     seen[-1, 1] = 8 * SIGMAS[1]
@@ -120,7 +120,7 @@ def test_only_what_contradicts_is_taken_back(seed: int) -> None:
     assert contradiction is not None
     (kept,) = np.flatnonzero((sums.transforms == contradiction.transform).all(axis=(1, 2)))
     assert 12 <= kept < 20
-    # The newest entry is the pause itself.
+    # The newest entry is the present pause.
     moved_by = np.linalg.inv(contradiction.transform) @ transform
     assert contradiction.moved_by[0, 2] == pytest.approx(np.arctan2(moved_by[1, 0], moved_by[0, 0]))
 
@@ -128,7 +128,7 @@ def test_only_what_contradicts_is_taken_back(seed: int) -> None:
 @settings(max_examples=examples(50), deadline=None)
 @given(st.integers(0, 10_000), st.integers(0, 1))
 def test_texture_decides_whether_ground_moved_or_its_relief_alone(seed: int, axis: int) -> None:
-    """Heights move. Texture that did not keeps all corrections; corrections that went along are taken back."""
+    """Heights move: if texture did not, all corrections are kept; corrections that followed are undone."""
     rng = np.random.default_rng(seed)
     seen = np.zeros((12, 3))
     seen[:, axis] = 1.5 * SIGMAS[axis] * rng.choice([-1, 1])
@@ -142,7 +142,7 @@ def test_texture_decides_whether_ground_moved_or_its_relief_alone(seed: int, axi
 @settings(max_examples=examples(50), deadline=None)
 @given(st.floats(-3.1, 3.1), st.floats(0.03, 1.0))
 def test_slip_is_believed_along_the_way_more_than_aside(direction: float, length: float) -> None:
-    """Eight in a hundred along the way lie within two sigmas, fourteen aside, as ground moves, beyond three."""
+    """Slip of 8 % along the path is within two sigma; 14 % across it, as of moving ground, is beyond three."""
     way = length * np.array([np.cos(direction), np.sin(direction)])
     slip, aside = shown_slip(way)[:2, :2], np.array([-way[1], way[0]])
     assert 0.08**2 * way @ np.linalg.solve(slip, way) < 2.0**2
@@ -152,7 +152,7 @@ def test_slip_is_believed_along_the_way_more_than_aside(direction: float, length
 @settings(max_examples=examples(50), deadline=None)
 @given(st.integers(0, 10_000))
 def test_a_slip_along_the_way_passes_as_far_as_robot_toml_grants_it(seed: int) -> None:
-    """Feet that slide back alike: along the way the share is granted, across it nothing is."""
+    """All feet slide back: robot.toml allows a fraction along the path, and nothing across it."""
     rng = np.random.default_rng(seed)
     along = np.tile([0.003, 0.0, 0.0], (20, 1))
     sums, transform, odometry = walked(rng, along)
@@ -163,7 +163,7 @@ def test_a_slip_along_the_way_passes_as_far_as_robot_toml_grants_it(seed: int) -
 
 
 def test_memory_is_bounded_and_a_file_gives_it_back() -> None:
-    """A walk without end keeps EARLIER_PAUSES of them."""
+    """An endless walk keeps EARLIER_PAUSES pauses."""
     sums, _, _ = walked(np.random.default_rng(0), np.zeros((EARLIER_PAUSES + 30, 3)))
     assert len(sums.transforms) == len(sums.positions) == len(sums.covariances) == EARLIER_PAUSES
     names = ("transforms", "positions", "covariances", "seen", "seen_covariances", "shown")
@@ -171,7 +171,7 @@ def test_memory_is_bounded_and_a_file_gives_it_back() -> None:
     for name in names:
         np.testing.assert_array_equal(getattr(again, name), getattr(sums, name))
     assert not len(OdometrySum.of_fields(Fields({name: [] for name in names}, "map.npz")).transforms)
-    # A file of an earlier version holds no motions of scans: the sums begin anew.
+    # A file of an earlier version has no motions of scans, so the sums start anew.
     earlier = {name: getattr(sums, name).tolist() for name in names[:3]}
     assert not len(OdometrySum.of_fields(Fields(earlier, "map.npz")).transforms)
     assert OdometrySum().contradiction(np.eye(4), np.eye(4), NOISE, 0.04) is None
@@ -182,7 +182,7 @@ def bumps(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def drifting(make_scan: MakeScan, step: int, aside: float) -> gp.TerrainGrid:
-    """A scan of bumps that have moved `aside` to the right, with noise."""
+    """Scan of bumps that have moved to the right by `aside`, with noise."""
     x, y = np.meshgrid(*make_scan(0.0).geometry.centres())
     noise = np.random.default_rng(step).normal(0, 2e-4, x.shape)
     return make_scan(bumps(x, y + aside) + noise, step=step)
@@ -190,7 +190,7 @@ def drifting(make_scan: MakeScan, step: int, aside: float) -> gp.TerrainGrid:
 
 @pytest.mark.slow
 def test_ground_that_moves_does_not_take_the_map_along(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
-    """All that is seen moves 3 mm a pause: corrections are taken back, which is told, and the drift grows by them."""
+    """All ground in view moves 3 mm per pause: corrections are undone and reported, and added to the drift."""
     terrain_map = gp.TerrainMap(robot)
     told, moved_by = None, 0.0
     for step in range(24):
@@ -208,7 +208,7 @@ def test_ground_that_moves_does_not_take_the_map_along(robot: RobotModel, make_s
     assert record.sideways_correction[1] == pytest.approx(0.0, abs=1e-9)
     seen_at_first = terrain_map.sideways_drift.variances(np.array([1]), np.array([0.7]), np.array([0.0]), np.eye(4))
     assert np.sqrt(seen_at_first[1, 0]) > 0.7 * moved_by
-    # The pauses that follow do not trust the ground either, also after a restart.
+    # The following pauses do not use the ground either, also after a restart.
     terrain_map.save(tmp_path / "map.npz")
     again = gp.TerrainMap.load(tmp_path / "map.npz", robot)
     for each in (terrain_map, again):

@@ -1,4 +1,4 @@
-"""Scan-to-map registration: takes a known shift off where the ground shows it; elsewhere odometry decides."""
+"""Scan-to-map registration corrects a known shift if the ground shows it; otherwise odometry decides."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ SINCE_LAST = np.diag([0.002**2, 0.002**2, 0.001**2, 1e-8, 1e-8, 0.002**2])
 
 
 def bumps(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Smooth ground that shows the position, in x and in y."""
+    """Smooth ground that determines the position in x and y."""
     return np.asarray(0.012 * np.sin(40 * x) * np.cos(35 * y) + 0.008 * np.sin(23 * x + 31 * y))
 
 
 def seen_from(
     make_scan: MakeScan, shift: tuple[float, float], step: int, *, flat: bool = False, stripes: bool = False
 ) -> gp.TerrainGrid:
-    """A scan of the bumps by a robot that stands `shift` away from where odometry says."""
+    """Scan of the bumps by a robot that is displaced by `shift` from its odometry pose."""
     metadata = {"stripes_planned": 70} if stripes else {}
     grid = make_scan(0.0).geometry
     x, y = np.meshgrid(*grid.centres())
@@ -41,7 +41,7 @@ def correction(terrain: gp.TerrainGrid) -> np.ndarray:
 def test_a_shift_that_the_ground_shows_is_taken_off(
     robot: RobotModel, make_scan: MakeScan, shift: tuple[float, float]
 ) -> None:
-    """Odometry says that the robot stood still, but it moved: most of that is taken off, the prior holds the rest."""
+    """Odometry reports no motion, but the robot moved: most of it is corrected, limited by the prior."""
     terrain_map = gp.TerrainMap(robot)
     terrain_map.update(
         seen_from(make_scan, (0, 0), 0), PoseInOdom(np.eye(4), np.zeros((6, 6)), covariance_since_last=SINCE_LAST)
@@ -55,7 +55,7 @@ def test_a_shift_that_the_ground_shows_is_taken_off(
 
 
 def test_on_level_ground_odometry_decides(robot: RobotModel, make_scan: MakeScan) -> None:
-    """Where nothing shows the position, nothing is corrected, and the sigma grows with that of the motion."""
+    """Ground that does not determine the position gives no correction, and the sigma grows with the motion."""
     terrain_map = gp.TerrainMap(robot)
     for step in range(3):
         fused = terrain_map.update(
@@ -68,9 +68,9 @@ def test_on_level_ground_odometry_decides(robot: RobotModel, make_scan: MakeScan
 
 @pytest.mark.slow
 def test_seams_of_the_map_are_no_ground(robot: RobotModel) -> None:
-    """Scans that are a little off in height leave steps where they end; on level ground these must move nothing.
+    """Scans with small height errors leave seams at their ends, which must not move level ground.
 
-    A walk with noise in joints, contacts and gravity, on which such steps once moved the map by centimetres.
+    A walk with noise in joints, contacts and gravity, in which such seams once moved the map by centimetres.
     """
     ground = LevelGround(np.empty((0, 5)), np.empty((0, 3)), np.zeros((3, 2)))
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
@@ -87,7 +87,7 @@ def test_seams_of_the_map_are_no_ground(robot: RobotModel) -> None:
 
 
 def test_across_the_stripes_of_a_scan_odometry_decides(robot: RobotModel, make_scan: MakeScan) -> None:
-    """Stripes show the position only along them: across, an edge may be off by their spacing, in each scan alike."""
+    """Stripes determine the position along them only: across, edges err by up to their spacing, alike in each scan."""
     terrain_map = gp.TerrainMap(robot)
     for step, shift in enumerate(((0.0, 0.0), (0.003, 0.003))):
         fused = terrain_map.update(
@@ -102,7 +102,7 @@ def test_across_the_stripes_of_a_scan_odometry_decides(robot: RobotModel, make_s
 
 
 def test_a_turn_is_taken_off_too(robot: RobotModel, make_scan: MakeScan) -> None:
-    """The robot has turned by 5 mrad more than odometry says."""
+    """The robot has rotated by 5 mrad more than odometry reports."""
     grid = make_scan(0.0).geometry
     x, y = np.meshgrid(*grid.centres())
     turn = 0.005
@@ -115,7 +115,7 @@ def test_a_turn_is_taken_off_too(robot: RobotModel, make_scan: MakeScan) -> None
 
 
 def test_an_overlap_that_contradicts_is_refused(robot: RobotModel, make_scan: MakeScan) -> None:
-    """Other ground than the map's, or far more than odometry can be off, moves nothing and is named in the report."""
+    """Other ground, or a motion far beyond odometry's error, moves nothing and is reported."""
     sure = SINCE_LAST / 100
     for other in (seen_from(make_scan, (0.3, 0.2), 1), seen_from(make_scan, (0.006, 0.0), 1)):
         terrain_map = gp.TerrainMap(robot)
@@ -131,7 +131,7 @@ def test_an_overlap_that_contradicts_is_refused(robot: RobotModel, make_scan: Ma
 def part_moved(
     robot: RobotModel, make_scan: MakeScan, shares: tuple[float, ...], moved_by: tuple[float, ...]
 ) -> tuple[gp.TerrainGrid, np.ndarray]:
-    """The robot stands 3 mm beside where odometry says; strips of the ground moved along y since the scan before."""
+    """The robot is 3 mm beside its odometry pose; strips of the ground moved along y since the last scan."""
     terrain_map = gp.TerrainMap(robot)
     still = PoseInOdom(np.eye(4), np.zeros((6, 6)), covariance_since_last=SINCE_LAST)
     terrain_map.update(seen_from(make_scan, (0, 0), 0), still)
@@ -147,7 +147,7 @@ def part_moved(
 def test_the_majority_of_the_ground_holds_the_map_and_the_rest_is_a_conflict(
     robot: RobotModel, make_scan: MakeScan
 ) -> None:
-    """A third of the view moved by 15 mm: the correction is that of the rest, and cells of the third are CONFLICT."""
+    """A third of the view moved by 15 mm: the rest determines the correction, and the third is CONFLICT."""
     whole, of_none = part_moved(robot, make_scan, (0.7,), (0.0,))
     fused, of_strips = part_moved(robot, make_scan, (0.7,), (0.015,))
     assert fused.metadata["registration_refused"] is None
@@ -157,7 +157,7 @@ def test_the_majority_of_the_ground_holds_the_map_and_the_rest_is_a_conflict(
 
 
 def test_without_a_majority_nothing_is_corrected(robot: RobotModel, make_scan: MakeScan) -> None:
-    """Three thirds moved in three ways."""
+    """Each third of the view moved in another way."""
     fused, of_strips = part_moved(robot, make_scan, (0.34, 0.33), (0.015, -0.015))
     assert re.search("parts of the ground moved, and only .* % of the evidence", fused.metadata["registration_refused"])
     assert np.all(correction(fused) == 0)
@@ -166,7 +166,7 @@ def test_without_a_majority_nothing_is_corrected(robot: RobotModel, make_scan: M
 
 
 def test_a_saved_map_goes_on_with_its_correction(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
-    """The state of the filter is part of the file."""
+    """The file contains the state of the filter."""
     terrain_map = gp.TerrainMap(robot)
     for step, shift in enumerate(((0.0, 0.0), (0.003, 0.0))):
         terrain_map.update(

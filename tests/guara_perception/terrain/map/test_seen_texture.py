@@ -1,4 +1,4 @@
-"""Pictures hold a walk: what odometry does not see is taken off; moving things and bare floors do not drag it."""
+"""Texture corrects errors of odometry; moving objects and bare floors do not move the map."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from guara_perception.terrain.map.seen_texture import seen_after, view_of, visua
 from kinematics import PoseInOdom, RobotModel
 
 MakeScan = Callable[..., gp.TerrainGrid]
-# Motion by odometry between two pauses: sigmas of 2 mm and 2 mrad.
+# Motion of odometry between two pauses, with sigmas of 2 mm and 2 mrad.
 SINCE_LAST = np.diag([0.002**2, 0.002**2, 0.001**2, 1e-8, 1e-8, 0.002**2])
 PIXELS_A_METRE, FLOOR_FROM = 1000, (0.5, 1.0)
 CAMERA_AT = (0.40, 0.0, 0.50)
 
 
 def planar(x: float, y: float, yaw: float = 0.0) -> np.ndarray:
-    """A motion along the floor."""
+    """Motion along the floor."""
     transform = np.eye(4)
     transform[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
     transform[:2, 3] = x, y
@@ -34,7 +34,7 @@ def planar(x: float, y: float, yaw: float = 0.0) -> np.ndarray:
 
 
 def mottled(seed: int = 0) -> np.ndarray:
-    """Grey levels of a floor of 3 m by 2 m, 1 mm a pixel; it begins 0.5 m behind the origin and 1 m beside it."""
+    """Grey levels of a floor of 3 m by 2 m, 1 mm per pixel, from 0.5 m behind the origin and 1 m beside it."""
     noise = np.random.default_rng(seed).standard_normal((2000, 3000)).astype(np.float32)
     soft = cv2.GaussianBlur(noise, (0, 0), 3.0)
     return np.asarray(90 + 9 * soft / soft.std(), np.float32)
@@ -42,7 +42,7 @@ def mottled(seed: int = 0) -> np.ndarray:
 
 @dataclass
 class Walk:
-    """A robot that walks over a level floor, its pictures and its map."""
+    """Robot that walks over a level floor, with its images and its map."""
 
     robot: RobotModel
     make_scan: MakeScan
@@ -61,7 +61,7 @@ class Walk:
         self._ground = pose[:2, 3] - rays[:, :2] / rays[:, 2:] * pose[2, 3]
 
     def picture(self) -> GroundPicture:
-        """What the camera sees now, with the noise of its sensor."""
+        """Present camera image, with sensor noise."""
         there = self._ground @ self.truth[:2, :2].T + self.truth[:2, 3]
         u, v = ((there + FLOOR_FROM) * PIXELS_A_METRE - 0.5).T.astype(np.float32).reshape(2, 512, 640)
         seen = cv2.remap(self.floor, u, v, cv2.INTER_LINEAR)
@@ -75,7 +75,7 @@ class Walk:
         picture: GroundPicture | str | None = None,
         since_last: np.ndarray = SINCE_LAST,
     ) -> gp.TerrainGrid:
-        """Move by `motion`, which odometry reports without the `error` that followed it, and scan."""
+        """Move by `motion`, which odometry reports, and then by `error`, which it does not; scan."""
         self.step += 1
         self.truth = self.truth @ motion @ (np.eye(4) if error is None else error)
         self.odometry = self.odometry @ motion
@@ -94,7 +94,7 @@ class Walk:
 
 @pytest.fixture
 def walk(robot: RobotModel, make_scan: MakeScan) -> Iterator[Walk]:
-    """A walk that stood at its first pause."""
+    """Walk after its first pause."""
     started = Walk(robot, make_scan)
     started.pause(np.eye(4))
     yield started
@@ -103,7 +103,7 @@ def walk(robot: RobotModel, make_scan: MakeScan) -> Iterator[Walk]:
 @pytest.mark.slow
 @pytest.mark.parametrize("error", [(0.003, 0.0, 0.0), (0.0, -0.003, 0.0), (-0.002, 0.002, 0.004)])
 def test_a_motion_that_odometry_does_not_see_is_taken_off(walk: Walk, error: tuple[float, float, float]) -> None:
-    """On a level floor heights show nothing, texture shows x, y and yaw to a fraction of a pixel."""
+    """A level floor has no relief, but texture shows x, y and yaw to a fraction of a pixel."""
     fused = walk.pause(planar(0.035, 0.0), planar(*error))
     assert fused.metadata["visual_corners"] > 60
     assert "visual_refused" not in fused.metadata
@@ -116,7 +116,7 @@ def test_a_motion_that_odometry_does_not_see_is_taken_off(walk: Walk, error: tup
 @pytest.mark.slow
 @pytest.mark.parametrize("yaw", [0.025, -0.06])
 def test_a_robot_that_stumbled_is_found_again(walk: Walk, yaw: float) -> None:
-    """Odometry knows that it knows little: texture shows a shift of 15 mm with a turn of 1.5 to 3.5 degrees."""
+    """With an uncertain odometry, texture finds a shift of 15 mm with a rotation of 1.5 to 3.5 degrees."""
     fused = walk.pause(planar(0.035, 0.0), planar(-0.012, 0.009, yaw), since_last=400 * SINCE_LAST)
     assert "visual_refused" not in fused.metadata
     np.testing.assert_allclose(walk.off_by(fused), 0.0, atol=5e-4)
@@ -124,12 +124,12 @@ def test_a_robot_that_stumbled_is_found_again(walk: Walk, yaw: float) -> None:
 
 @pytest.mark.slow
 def test_errors_do_not_add_up_at_each_pause(walk: Walk) -> None:
-    """Feet slide back by 8 % of the way, at each of 16 pauses: the map stays within half a millimetre of the truth."""
+    """Feet slip by 8 % of the path at each of 16 pauses: the map stays within half a millimetre of the truth."""
     for _ in range(16):
         fused = walk.pause(planar(0.035, 0.0), planar(-0.0028, 0.0))
         assert np.abs(walk.off_by(fused)[:2]).max() < 5e-4
     assert walk.odometry[0, 3] - walk.truth[0, 3] == pytest.approx(16 * 0.0028)
-    # Ground that was seen at the far edge has drifted by as little since: sigmas of pauses do not add up either.
+    # Ground first seen at the far edge has drifted as little since: sigmas of pauses do not add up either.
     drift = walk.map.sideways_drift
     sigma = np.sqrt(drift.variances(drift.pauses[:1], np.array([0.9]), np.zeros(1), walk.odometry))
     assert 1e-4 < sigma.max() < 6e-4
@@ -138,7 +138,7 @@ def test_errors_do_not_add_up_at_each_pause(walk: Walk) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("aside", [0.005, 0.007, 0.010])
 def test_a_floor_that_is_drawn_aside_does_not_take_the_map_along(walk: Walk, aside: float) -> None:
-    """All that is seen moves aside, by 14 to 28 % of the way: the map follows it for one pause at most."""
+    """All ground in view moves sideways by 14 to 28 % of the path: the map follows for at most one pause."""
     for _ in range(10):
         fused = walk.pause(planar(0.035, 0.0), planar(0.0, aside))
         by_odometry = np.linalg.inv(walk.odometry) @ np.array(fused.metadata["transform_footprint_to_odom"])
@@ -149,7 +149,7 @@ def test_a_floor_that_is_drawn_aside_does_not_take_the_map_along(walk: Walk, asi
 @pytest.mark.slow
 @pytest.mark.parametrize(("share", "is_held"), [(0.3, True), (0.7, False)])
 def test_what_moves_does_not_drag_the_map(walk: Walk, share: float, is_held: bool) -> None:
-    """A mat with a third of the view is dragged aside: the rest decides. With more of it than floor, nobody knows."""
+    """A mat over a third of the view is pulled sideways: the rest decides; if it covers more, odometry does."""
     first = int(1000 * (1 + 0.28 - 0.56 * share))
     walk.floor = walk.floor.copy()
     walk.floor[first:1300] = np.roll(walk.floor[first:1300], 5, axis=1)
@@ -158,14 +158,14 @@ def test_what_moves_does_not_drag_the_map(walk: Walk, share: float, is_held: boo
         assert "visual_refused" not in fused.metadata
         np.testing.assert_allclose(walk.off_by(fused), 0.0, atol=6e-4)
     else:
-        # The mat alone, 5 mm aside, is within four sigma of odometry: it moves the map by no more than odometry allows.
+        # The mat alone, moved by 5 mm, is within four sigma of odometry and moves the map no more than odometry allows.
         assert np.abs(walk.off_by(fused)[:2]).max() < 0.0055
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("is_mat", "is_whole"), [(True, False), (False, True)])
 def test_a_thing_on_a_bare_floor_is_not_the_whole_view(walk: Walk, is_mat: bool, is_whole: bool) -> None:
-    """All corners of a small mat agree, but it may be what moves: its motion is not believed to be slip."""
+    """All corners of a small mat agree, but the mat may move, so its motion does not count as slip."""
     if is_mat:
         bare = np.full_like(walk.floor, 90)
         bare[900:1100, 1150:1350] = walk.floor[900:1100, 1150:1350]
@@ -182,7 +182,7 @@ def test_a_thing_on_a_bare_floor_is_not_the_whole_view(walk: Walk, is_mat: bool,
 
 @pytest.mark.slow
 def test_a_shadow_of_the_robot_does_not_drag_the_map(walk: Walk) -> None:
-    """A pattern that stays in the picture while the robot walks is no ground."""
+    """A pattern that stays in the image while the robot walks is not ground."""
     pattern = 0.75 + 0.25 * (mottled(7)[:512, :640] > 90)
     for _ in range(6):
         moved = planar(0.035, 0.0)
@@ -198,7 +198,7 @@ def test_a_shadow_of_the_robot_does_not_drag_the_map(walk: Walk) -> None:
 
 @pytest.mark.slow
 def test_texture_far_from_odometry_is_refused(walk: Walk) -> None:
-    """20 mm are ten sigma: odometry stays, and the reason is told."""
+    """20 mm are ten sigma: odometry is used, and the reason is reported."""
     fused = walk.pause(planar(0.035, 0.0), planar(0.02, 0.0))
     assert "contradict each other" in fused.metadata["visual_refused"]
     assert fused.metadata["sideways_correction"] == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
@@ -215,7 +215,7 @@ def test_texture_far_from_odometry_is_refused(walk: Walk) -> None:
 def test_without_texture_or_light_odometry_holds_the_map(
     robot: RobotModel, make_scan: MakeScan, make_floor: Callable[[], np.ndarray], told: str
 ) -> None:
-    """A bare floor and a dark one move nothing; the sigma grows by 4 % of the way, as slip may all be of one sign."""
+    """A bare or dark floor moves nothing; sigma grows by 4 % of the path, because slip may keep its sign."""
     walk = Walk(robot, make_scan, make_floor())
     walk.pause(np.eye(4))
     for _ in range(8):
@@ -234,9 +234,9 @@ def test_without_texture_or_light_odometry_holds_the_map(
 def test_what_may_have_slipped_beyond_all_margins_is_stale(
     robot: RobotModel, make_scan: MakeScan, *, is_bare: bool
 ) -> None:
-    """Margins cover 40 mm: with slip of 4 % of the way, ground seen 0.5 m before or earlier (2 sigma) is STALE.
+    """With slip of 4 %, ground last seen 0.5 m or more ago (2 sigma) exceeds margins of 40 mm: STALE.
 
-    That holds however long the walk. Ground in view is fresh, and texture shows that nothing slipped.
+    This holds for a walk of any length. Ground in view is fresh, and texture shows that nothing slipped.
     """
     walk = Walk(robot, make_scan, np.full((2000, 3000), 90, np.float32) if is_bare else mottled())
     for step in range(28):
@@ -248,7 +248,7 @@ def test_what_may_have_slipped_beyond_all_margins_is_stale(
 
 @pytest.mark.slow
 def test_texture_that_comes_back_takes_slip_back(walk: Walk) -> None:
-    """Feet slip through four pauses without a picture: after them only the sigmas of four motions are left."""
+    """After slip over four pauses without an image, only the sigmas of four motions remain."""
     for _ in range(4):
         walk.pause(planar(0.035, 0.0), planar(-0.0014, 0.0), picture="lost")
     drift = walk.map.sideways_drift
@@ -257,14 +257,14 @@ def test_texture_that_comes_back_takes_slip_back(walk: Walk) -> None:
     walk.pause(planar(0.035, 0.0), planar(-0.0014, 0.0))
     drift = walk.map.sideways_drift
     assert np.sqrt(drift.variances(drift.pauses[:1], *cell, walk.odometry)[0, 0]) == pytest.approx(0.004, rel=0.05)
-    # What was seen in between lies aside by what slipped until then.
+    # Ground observed in between is displaced by the slip until then.
     assert np.sqrt(drift.variances(drift.pauses[4:5], *cell, walk.odometry)[0, 0]) > 0.04 * 0.14
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("share", "learned"), [(0.0, 0.012), (0.08, 0.078), (-0.06, 0.059)])
 def test_slip_is_learned_while_texture_shows_it(walk: Walk, share: float, learned: float) -> None:
-    """After 0.98 m with texture the sigma without it is that of feet that grip, or of what they slid."""
+    """After 0.98 m with texture, the sigma without it is that of feet that grip, or of the measured slip."""
     for _ in range(28):
         walk.pause(planar(0.035, 0.0), planar(-0.035 * share, 0.0))
     for _ in range(8):
@@ -276,7 +276,7 @@ def test_slip_is_learned_while_texture_shows_it(walk: Walk, share: float, learne
 
 @pytest.mark.slow
 def test_a_gap_is_told_and_texture_begins_anew(walk: Walk) -> None:
-    """Two pauses without a picture, and half a metre on: nothing in view was seen before; from there pictures hold."""
+    """After two pauses without an image and half a metre, a new reference texture is taken."""
     for _ in range(2):
         fused = walk.pause(planar(0.25, 0.0), picture="the scan has no laser-off picture")
         assert fused.metadata["visual_refused"] == "the scan has no laser-off picture"
@@ -288,7 +288,7 @@ def test_a_gap_is_told_and_texture_begins_anew(walk: Walk) -> None:
 
 @pytest.mark.slow
 def test_one_refused_pause_costs_nothing_later(walk: Walk) -> None:
-    """What was seen before a picture that shows nothing holds the pauses after it."""
+    """Texture from before an empty image corrects the pauses after it."""
     walk.pause(planar(0.035, 0.0))
     walk.pause(planar(0.035, 0.0), planar(-0.003, 0.0), picture="lost")
     fused = walk.pause(planar(0.035, 0.0), planar(-0.003, 0.0))
@@ -314,7 +314,7 @@ def test_a_map_with_pictures_goes_on_from_a_file(walk: Walk, tmp_path: Path) -> 
 
 
 def test_pictures_of_every_kind_become_grey() -> None:
-    """Colour, one channel, and sixteen bits; nothing shares memory with the camera's own picture."""
+    """Colour, one channel, and sixteen bits; no memory is shared with the camera's image."""
     grey = np.arange(12, dtype=np.uint8).reshape(3, 4)
     kinds = [grey, grey[..., None], np.dstack([grey] * 3), grey.astype(np.uint16) * 256]
     for picture in kinds:

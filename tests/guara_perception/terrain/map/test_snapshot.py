@@ -1,4 +1,4 @@
-"""A cell of a view of the rolling map holds what all the map's cells that it touches hold, at any rotation."""
+"""A cell of a snapshot combines all map cells that it touches, at any rotation."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def memory_of_a_walk(seed: int, reach: float) -> OdomCells:
 def test_each_cell_holds_what_the_cells_that_it_touches_hold(
     robot: RobotModel, make_scan: Any, yaw: float, reach: float
 ) -> None:
-    """Their flags joined, their lowest and highest sample, and the height of the one under its centre."""
+    """Union of their flags, their lowest and highest sample, and the height of the one under its centre."""
     cells, settings = memory_of_a_walk(int(10 * yaw) + 100, reach), Settings.of(robot)
     transform = np.eye(4)
     transform[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
@@ -61,7 +61,7 @@ def test_each_cell_holds_what_the_cells_that_it_touches_hold(
     memory = cells.memory
     flags = np.zeros(x.size, np.uint16)
     low, high = np.full(x.size, np.inf), np.full(x.size, -np.inf)
-    # A square of less than two cells touches no cell but those under its corners, the centres of its edges and its own.
+    # A square of less than two cells touches only the cells under its corners, edge centres and centre.
     for dx, dy in itertools.product((-reached, 0.0, reached), repeat=2):
         slot = cells.slots(*cells.indices(in_odom[:, 0] + dx, in_odom[:, 1] + dy))
         height = memory["height"][slot]

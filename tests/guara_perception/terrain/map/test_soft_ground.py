@@ -1,4 +1,4 @@
-"""Ground that gives way under a foot, or on which one slides: what the map learns of it."""
+"""Ground that gives way under a foot or is slippery, and its marks in the map."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ def soles(*residuals: float, sigma: float = 0.001) -> dict[str, SoleError]:
 
 @pytest.mark.parametrize("common", [0.0, 0.020, -0.020])
 def test_a_foot_is_deeper_than_the_others(common: float) -> None:
-    """Whatever error the odometry gave all of them."""
+    """For any error of odometry that all soles share."""
     found = sunk_feet(soles(common, common - 0.015, common, common + 0.001), 0.05**2, LEVEL)
     assert found == {"rf": pytest.approx(0.0153, abs=0.0002)}
     assert sunk_feet(soles(common, common + 0.015, common, common), 0.05**2, LEVEL) == {}
 
 
 def test_feet_that_sank_one_after_the_other_are_all_found() -> None:
-    """The height of the walk so far tells of all four; without it nothing would stand out."""
+    """The height of the walk so far reveals all four; without it, none would stand out."""
     assert set(sunk_feet(soles(-0.015, -0.016, -0.020, -0.012), 0.0002**2, LEVEL)) == set(LEGS)
     assert sunk_feet(soles(-0.015, -0.016, -0.020, -0.016), 0.05**2, LEVEL) == {}
     assert sunk_feet({}, 0.0, LEVEL) == {}
 
 
 def test_a_sole_beside_an_edge_did_not_sink() -> None:
-    """The map may have the edge elsewhere: a sole as low as the lower ground stands on it."""
+    """The edge may be misplaced in the map: a sole at the height of the lower ground stands on it."""
     standing = soles(0.0, -0.020, 0.0, 0.0)
     assert sunk_feet(standing, 1e-6, LEVEL).keys() == {"rf"}
     assert sunk_feet({**standing, "rf": replace(standing["rf"], relief=0.018)}, 1e-6, LEVEL) == {}
@@ -48,16 +48,17 @@ def test_a_sole_beside_an_edge_did_not_sink() -> None:
 
 @pytest.mark.parametrize("standing", [(0.0013, 0.0438), (0.0, 0.044, 0.0005), (0.0, 0.044, -0.020, 0.0)])
 def test_beside_a_foot_that_stands_on_what_the_map_lacks_no_other_sank(standing: tuple[float, ...]) -> None:
-    """On stairs the map may have the lower tread where a sole stands on the upper one; a foot that sank stays found."""
+    """On stairs, the map may have the lower tread under a sole on the upper one; a foot that sank is still found."""
     tilt = 0.0018**2 * np.eye(2)
     found = sunk_feet(soles(*standing, sigma=0.0013), 0.0008**2, tilt)
     assert set(found) == {leg for leg, height in zip(LEGS, standing, strict=False) if height < -0.01}
 
 
 def test_a_foot_that_sank_stands_out_from_any_tilt() -> None:
-    """Without an IMU three degrees are open: they lift feet as a plane, and out of that plane a foot sank.
+    """Without an IMU, a tilt of three degrees lifts feet as a plane; a foot that sank is off this plane.
 
-    The foot across may have sunk as well; of three feet at no known height one that sank looks like a tilt.
+    The diagonally opposite foot may have sunk as well; with three feet at unknown height, a foot that sank looks like a
+    tilt.
     """
     open_tilt = np.radians(3.0) ** 2 * np.eye(2)
     tilted = (0.016, 0.010, -0.006, -0.012)
@@ -71,7 +72,7 @@ def test_a_foot_that_sank_stands_out_from_any_tilt() -> None:
 
 
 def test_a_foot_slid_further_than_the_others() -> None:
-    """What all feet slide alike is drift; creep, and four sigma of two readings more, are slippery ground."""
+    """A slide common to all feet is drift; beyond creep plus four sigma of two readings, ground is slippery."""
     aside = dict.fromkeys(LEGS, 0.002**2)
     assert slid_feet({"lf": 0.002, "rf": 0.048, "lh": 0.003}, ("rf",), aside) == {"rf": pytest.approx(0.0455)}
     assert slid_feet({"lf": 0.022, "rf": 0.048, "lh": 0.022}, ("rf",), aside) == {}
@@ -90,7 +91,7 @@ def test_the_surface_goes_on_alike_until_it_steps_or_ends() -> None:
     near = np.hypot(x, y[:, None]) <= REACH_M
     expected = near & (np.arange(160) < 100) & (np.arange(160) < 120)[:, None]
     np.testing.assert_array_equal(found, expected)
-    # Under the sole it is soft whatever steps there are.
+    # Ground under the sole is soft whatever its steps.
     heights[75:85, 75:85] = np.arange(10) * 0.02
     assert soft_cells(heights, (-80, -80), 0.005, (SoftFoothold(0.0, 0.0),), 0.05)[76:84, 76:84].all()
 
@@ -103,7 +104,7 @@ def test_a_foothold_is_remembered_once() -> None:
 
 
 def foam(depth: float, seed: int = 0) -> CompliantGround:
-    """Ground with a patch across the way that gives way, and nothing else before a ramp."""
+    """Ground with a patch across the path that gives way, and nothing else before a ramp."""
     base = Ground.random(seed)
     return CompliantGround(base.boxes[:0], base.dark[:0], base.phases, soft=(0.5, 0.78), depth=depth)
 
@@ -117,7 +118,7 @@ def walked(robot: RobotModel, ground: Ground, cycles: int) -> tuple[gp.TerrainMa
 
 @pytest.mark.slow
 def test_hard_ground_raises_no_alarm(robot: RobotModel) -> None:
-    """Boxes, ramps and noise of the joints: no foot sank, no cell is soft."""
+    """Boxes, ramps and joint noise: no foot sank, and no cell is soft."""
     _, fused, _ = walked(robot, Ground.random(0), 5)
     assert all(grid.record.sunk_feet is None for grid in fused)
     assert not any((grid.hazard & np.uint16(gp.Hazard.SOFT)).any() for grid in fused)
@@ -125,7 +126,7 @@ def test_hard_ground_raises_no_alarm(robot: RobotModel) -> None:
 
 @pytest.mark.slow
 def test_ground_that_gave_way_is_soft_and_no_foothold(robot: RobotModel, tmp_path: Path) -> None:
-    """Once a foot sank by 2 cm, no cell of the patch is free within reach of it; the map says where and why."""
+    """After a foot sank by 2 cm, no cell of the patch within reach is free; the map reports where and why."""
     ground = foam(0.020)
     terrain_map, fused, pauses = walked(robot, ground, 5)
     first = next(number for number, grid in enumerate(fused) if grid.record.sunk_feet)
@@ -142,7 +143,7 @@ def test_ground_that_gave_way_is_soft_and_no_foothold(robot: RobotModel, tmp_pat
     x, y = (float(axis[i]) for axis, i in zip(fused[-1].geometry.centres(), (ix, iy), strict=True))
     verdict = fused[-1].check_foothold(x, y)
     assert not verdict.ok and "soft" in {reason.test for reason in verdict.reasons}
-    # What the feet taught is in the file.
+    # Soft footholds are in the file.
     terrain_map.save(tmp_path / "map.npz")
     again = gp.TerrainMap.load(tmp_path / "map.npz", robot)
     odometry, upcoming = LegOdometry(robot), list(walk(robot, ground, 5, 0))
@@ -155,7 +156,7 @@ def test_ground_that_gave_way_is_soft_and_no_foothold(robot: RobotModel, tmp_pat
 
 @pytest.mark.slow
 def test_a_sole_that_sank_does_not_become_known_ground(robot: RobotModel) -> None:
-    """Cells under it that no scan saw stay unknown; under one that stands they are known."""
+    """Unobserved cells under it stay unknown; those under a standing sole become known."""
     ground = foam(0.020)
     _, fused, pauses = walked(robot, ground, 3)
     number = next(number for number, grid in enumerate(fused) if grid.record.sunk_feet)
@@ -170,7 +171,7 @@ def test_a_sole_that_sank_does_not_become_known_ground(robot: RobotModel) -> Non
     feet = support_feet(
         before._cells, robot, terrain, np.array(record.transform_footprint_to_odom), record.required_limits
     )
-    # A third of what the map knows under each sole is forgotten, as if no scan had seen it.
+    # A third of the known cells under each sole is forgotten, as if no scan had observed it.
     memory = before._cells.memory
     gone = {foot.leg: foot.slot[::3] for foot in feet}
     for slot in gone.values():

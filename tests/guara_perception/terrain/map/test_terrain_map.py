@@ -1,4 +1,4 @@
-"""The rolling map: fusion, disagreement, lost looks, and what is taken back."""
+"""Rolling map: fusion, disagreement, lost observations, and undoing of updates."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.thorough import examples, further
 
 
 def test_one_scan_comes_back_as_it_was(robot: RobotModel, make_scan: MakeScan) -> None:
-    """At the origin, cell for cell: heights, flags and looks of the map are those of its only scan."""
+    """At the origin, heights, flags and looks of the map equal those of its only scan."""
     rng = np.random.default_rng(0)
     scan = make_scan(rng.normal(0, 0.001, (108, 90)))
     fused = gp.TerrainMap(robot).update(scan, PoseInOdom(at(), ZERO))
@@ -32,7 +32,7 @@ def test_one_scan_comes_back_as_it_was(robot: RobotModel, make_scan: MakeScan) -
 
 @pytest.mark.slow
 def test_same_input_same_bytes(robot: RobotModel, make_scan: MakeScan) -> None:
-    """Two maps fed alike are alike to the last bit, metadata too."""
+    """Two maps with equal input are equal to the last bit, including metadata."""
     rng = np.random.default_rng(1)
     heights = rng.normal(0, 0.002, (5, 108, 90))
     ends = []
@@ -51,7 +51,7 @@ def test_same_input_same_bytes(robot: RobotModel, make_scan: MakeScan) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, *further(1, 2, 3)])
 def test_what_is_taken_back_leaves_no_trace(robot: RobotModel, make_scan: MakeScan, seed: int) -> None:
-    """Scans fused after `keep` and taken back: the map goes on bit for bit as if they had never been."""
+    """After updates since `keep` are undone, the map continues bit for bit as without them."""
     rng = np.random.default_rng(seed)
     with_trace, without = gp.TerrainMap(robot), gp.TerrainMap(robot)
     poses = [at(0.05 * step, 0.01 * step, 0.03 * step) for step in range(9)]
@@ -74,13 +74,13 @@ def test_what_is_taken_back_leaves_no_trace(robot: RobotModel, make_scan: MakeSc
 
 
 def test_nothing_is_taken_back_that_was_not_kept(robot: RobotModel) -> None:
-    """There is nothing to come back to; the message says what to call."""
+    """There is no state to restore; the message says what to call."""
     with pytest.raises(gp.InvalidInput, match=r"call keep\(\) first"):
         gp.TerrainMap(robot).take_back()
 
 
 def test_equal_looks_are_averaged_and_the_variance_falls(robot: RobotModel, make_scan: MakeScan) -> None:
-    """Many noisy looks end nearer to the truth than one, with a variance that says so."""
+    """Many noisy observations are closer to the truth than one, as their variance predicts."""
     rng = np.random.default_rng(2)
     terrain_map = gp.TerrainMap(robot)
     for step in range(12):
@@ -93,13 +93,13 @@ def test_equal_looks_are_averaged_and_the_variance_falls(robot: RobotModel, make
     assert np.std(fused.elevation[inner]) < 0.4 * np.std(first.elevation[inner])
     assert np.median(fused.variance[inner]) < first.variance[inner].min() / 10
     assert (fused.looks[inner] == 12).mean() > 0.9
-    # The truth lies within what the variance promises, in the root mean square over cells.
+    # The rms error over cells is within what the variance predicts.
     pull = fused.elevation[inner] / np.sqrt(fused.variance[inner])
     assert np.sqrt(np.mean(pull**2)) < 1.2
 
 
 def test_a_contradicting_look_is_a_conflict_until_two_agree(robot: RobotModel, make_scan: MakeScan) -> None:
-    """20 mm instead of 0: CONFLICT, both heights kept as lowest and highest; a second 20 mm settles it."""
+    """20 mm instead of 0: CONFLICT, with both heights as lowest and highest; a second 20 mm resolves it."""
     terrain_map = gp.TerrainMap(robot)
     terrain_map.update(make_scan(0.0), PoseInOdom(at(), ZERO))
     disputed = terrain_map.update(make_scan(0.020, step=1), PoseInOdom(at(), ZERO))
@@ -116,7 +116,7 @@ def test_a_contradicting_look_is_a_conflict_until_two_agree(robot: RobotModel, m
 
 
 def test_alternating_looks_stay_a_conflict(robot: RobotModel, make_scan: MakeScan) -> None:
-    """0, 20, 0, 20 mm: no two in a row agree, so it stays a conflict; the third look's zero does not clear it."""
+    """0, 20, 0, 20 mm: no two in a row agree, so the conflict remains."""
     terrain_map = gp.TerrainMap(robot)
     for step, height in enumerate((0.0, 0.020, 0.0, 0.020)):
         fused = terrain_map.update(make_scan(height, step=step), PoseInOdom(at(), ZERO))
@@ -127,7 +127,7 @@ def test_alternating_looks_stay_a_conflict(robot: RobotModel, make_scan: MakeSca
 def test_a_look_without_return_wins_over_what_was_known(
     robot: RobotModel, make_scan: MakeScan, scan_grid: Any, flag: Hazard
 ) -> None:
-    """Visible again and no return: unknown with that cause, whatever was known; a later return is taken as new."""
+    """An observed cell without a return becomes unknown with its cause; a later return counts as new."""
     terrain_map = gp.TerrainMap(robot)
     for step in range(3):
         terrain_map.update(make_scan(0.0, step=step), PoseInOdom(at(), ZERO))
@@ -144,7 +144,7 @@ def test_a_look_without_return_wins_over_what_was_known(
 def test_not_looked_at_keeps_the_height_and_ages_it(
     robot: RobotModel, make_scan: MakeScan, scan_grid: Any, flag: Hazard
 ) -> None:
-    """Hidden, not fired or behind a leg: the old height stands, one pause older each time."""
+    """If a cell is hidden, not fired or behind a leg, its height is kept and ages by one pause each time."""
     terrain_map = gp.TerrainMap(robot)
     terrain_map.update(make_scan(0.003), PoseInOdom(at(), ZERO))
     hidden = only(flag, scan_grid, AROUND)
@@ -157,7 +157,7 @@ def test_not_looked_at_keeps_the_height_and_ages_it(
 
 
 def test_a_lost_frame_counts_as_looked_at(robot: RobotModel, make_scan: MakeScan, scan_grid: Any) -> None:
-    """UNSCANNED cells of a stripe that was fired and lost become DROPOUT in the map; of one never fired they stay."""
+    """UNSCANNED cells of a lost stripe become DROPOUT in the map; those of a stripe that was not fired do not."""
     unscanned = only(Hazard.UNSCANNED, scan_grid, AROUND)
     columns = np.flatnonzero(unscanned.any(axis=0)).tolist()
     rows = np.flatnonzero(unscanned.any(axis=1))
@@ -173,7 +173,7 @@ def test_a_lost_frame_counts_as_looked_at(robot: RobotModel, make_scan: MakeScan
 def test_a_blank_frame_of_a_recorded_scan_is_a_dropout_in_the_map(
     robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan, paper_terrain: gp.TerrainGrid
 ) -> None:
-    """Frames 20 to 24 of the second scan are black: what they would have seen is known no longer."""
+    """Frames 20 to 24 of the second scan are black: the cells in their view become unknown."""
     lost = gp.ScanProcessor(calibration, robot, paper_scan.stance, paper_scan.mode, step=1)
     for stripe, on, off in paper_scan.frames():
         lost.add(stripe.index, np.zeros_like(on) if stripe.index in (20, 22, 24) else on, off)
@@ -184,7 +184,7 @@ def test_a_blank_frame_of_a_recorded_scan_is_a_dropout_in_the_map(
     terrain_map.update(paper_terrain, PoseInOdom(at(), ZERO))
     fused = terrain_map.update(scan, PoseInOdom(at(), ZERO))
     assert np.isnan(fused.elevation[16:124, 220:310][gone]).all()
-    # The same scan with these stripes never fired: what was known stays.
+    # The same scan without firing these stripes: known cells are kept.
     unfired = gp.ScanProcessor(calibration, robot, paper_scan.stance, paper_scan.mode, step=1)
     for stripe, on, off in paper_scan.frames():
         if stripe.index not in (20, 22, 24):
@@ -196,7 +196,7 @@ def test_a_blank_frame_of_a_recorded_scan_is_a_dropout_in_the_map(
 
 
 def test_occluded_ground_fills_in(robot: RobotModel, make_scan: MakeScan, scan_grid: Any) -> None:
-    """What a box hid is OCCLUDED in the map until a scan from further on sees it."""
+    """Ground behind a box is OCCLUDED in the map until a scan from farther ahead observes it."""
     terrain_map = gp.TerrainMap(robot)
     hidden = only(Hazard.OCCLUDED, scan_grid, AROUND)
     first = terrain_map.update(make_scan(0.0, flags=hidden), PoseInOdom(at(), ZERO))
@@ -209,7 +209,7 @@ def test_occluded_ground_fills_in(robot: RobotModel, make_scan: MakeScan, scan_g
 @settings(max_examples=examples(15), deadline=None, derandomize=True)
 @given(seed=st.integers(0, 1000))
 def test_losing_returns_never_makes_the_fused_map_safer(robot: RobotModel, make_scan: MakeScan, seed: int) -> None:
-    """A look that loses returns (looked at, nothing seen) leaves no cell safe that was not safe with them."""
+    """An observation that loses returns leaves no cell safe that was not safe with them."""
     rng = np.random.default_rng(seed)
     heights = [np.where(rng.random((27, 30)) < 0.03, 0.03, 0.0).repeat(4, 0).repeat(3, 1) for _ in range(2)]
     lost = (rng.random((108, 90)) < 0.002).astype(np.uint16) * np.uint16(Hazard.DROPOUT)
@@ -240,7 +240,7 @@ def test_losing_returns_never_makes_the_fused_map_safer(robot: RobotModel, make_
 def test_bad_arguments_are_refused(
     robot: RobotModel, make_scan: MakeScan, change: dict[str, Any], message: str
 ) -> None:
-    """No rigid transform, no covariance, an earlier pause: refused before anything changes."""
+    """A matrix that is not rigid, an invalid covariance and an earlier pause are rejected before any change."""
     terrain_map = gp.TerrainMap(robot)
     terrain_map.update(make_scan(0.0, step=1), PoseInOdom(at(), ZERO))
     with pytest.raises(gp.InvalidInput, match=message):
@@ -252,7 +252,7 @@ def test_bad_arguments_are_refused(
 
 
 def test_grids_of_another_kind_are_refused(robot: RobotModel, make_scan: MakeScan) -> None:
-    """A map cannot be fused into a map, nor cells of another size, nor damaged runs of lost cells."""
+    """A map, cells of another size, and damaged runs of lost cells cannot be fused."""
     terrain_map = gp.TerrainMap(robot)
     fused = terrain_map.update(make_scan(0.0), PoseInOdom(at(), ZERO))
     with pytest.raises(gp.InvalidInput, match="extent 'map' cannot be fused"):
@@ -264,7 +264,7 @@ def test_grids_of_another_kind_are_refused(robot: RobotModel, make_scan: MakeSca
 
 
 def test_a_pose_of_leg_odometry_is_taken_to_the_footprint_of_the_scan(robot: RobotModel, make_scan: MakeScan) -> None:
-    """A scan that was levelled by its support plane, 0.05 rad off: as if its own footprint in `odom` had been given."""
+    """For a scan levelled by its support plane, 0.05 rad off, the pose is that of its own footprint."""
     joints = robot.posture(robot.config.scan_posture)
     pose = LegOdometry(robot).update(Stance(joints, tuple(robot.legs), (0.0, 0.0, -1.0)))
     tilted = np.array(pose.pose.transform_base_to_footprint)

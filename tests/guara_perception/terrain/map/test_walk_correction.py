@@ -1,4 +1,4 @@
-"""How far ground may lie aside: sums of motions are those of each cell's own displacement, along each axis."""
+"""Possible drift of cells: sums of motions equal each cell's own displacement along each axis."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from tests.thorough import examples
 
 
 def plain(drift: SidewaysDrift) -> dict[str, Any]:
-    """The sums as JSON values."""
+    """Sums as JSON values."""
     fields = {"pauses": drift.pauses, "total": drift.total, "own": drift.own, "slip": drift.slip}
     return {name: array.tolist() for name, array in fields.items()}
 
 
 def covariance(rng: np.random.Generator) -> np.ndarray:
-    """A covariance of x, y and heading with any correlations."""
+    """Covariance of x, y and heading with random correlations."""
     root = rng.normal(0, 1, (3, 3)) * [0.002, 0.002, 0.004]
     return root.T @ root
 
@@ -32,7 +32,7 @@ def covariance(rng: np.random.Generator) -> np.ndarray:
 @settings(max_examples=examples(50), deadline=None)
 @given(st.integers(0, 10_000))
 def test_variance_is_that_of_all_motions_since_the_cell_was_seen(seed: int) -> None:
-    """Each motion moves a cell by its shift, and turns it about where the robot stood; so do errors of both ends."""
+    """Each motion, and the errors of both pauses, shift a cell and rotate it about the robot at that time."""
     rng = np.random.default_rng(seed)
     positions, growths = np.cumsum(rng.normal(0, 0.1, (12, 2)), axis=0) + 30.0, [covariance(rng) for _ in range(12)]
     own, slips = [covariance(rng) for _ in range(12)], np.cumsum(rng.normal(0, 0.002, (12, 2)), axis=0)
@@ -51,14 +51,14 @@ def test_variance_is_that_of_all_motions_since_the_cell_was_seen(seed: int) -> N
         expected += jacobian @ growth @ jacobian.T
     transform = np.eye(4)
     transform[:2, :2] = rotation
-    # Between two pauses that it knows the earlier one counts.
+    # Between two known pauses, the earlier one counts.
     for pause in (3 * seen, 3 * seen + 2):
         found = drift.variances(np.array([pause]), cell[:1], cell[1:], transform)
         np.testing.assert_allclose(found[:, 0], np.diag(expected), rtol=1e-6, atol=1e-12)
 
 
 def test_memory_is_bounded_and_what_is_older_has_drifted_as_much_as_the_oldest() -> None:
-    """A walk without end keeps MOST_PAUSES of them."""
+    """An endless walk keeps MOST_PAUSES pauses."""
     drift = SidewaysDrift()
     for pause in range(MOST_PAUSES + 50):
         drift = drift.after(pause, np.diag([1e-6, 1e-6, 0.0]), np.zeros(2), np.zeros((3, 3)), np.zeros(2))
@@ -74,7 +74,7 @@ def test_memory_is_bounded_and_what_is_older_has_drifted_as_much_as_the_oldest()
 @settings(max_examples=examples(50), deadline=None)
 @given(st.integers(0, 10_000))
 def test_an_overlap_takes_off_only_what_it_shows(seed: int) -> None:
-    """Without an overlap all growth is kept, along what it shows exactly none; never more, never below zero."""
+    """Without overlap all growth is kept, along observed directions none; never more, never below zero."""
     rng = np.random.default_rng(seed)
     prior = covariance(rng) + np.diag([1e-8, 1e-8, 1e-9])
     added = covariance(rng)
@@ -94,7 +94,7 @@ def test_an_overlap_takes_off_only_what_it_shows(seed: int) -> None:
 def test_a_walk_is_laid_onto_the_map_at_every_pause_or_at_none(
     robot: RobotModel, make_scan: Callable[..., Any], *, is_first_given: bool
 ) -> None:
-    """Whichever comes first: the other is refused and changes nothing; the walk then goes on as it began."""
+    """A pause of the other kind is rejected without any change, and the walk continues as it began."""
     since = 1e-6 * np.eye(6)
     kinds = [{"covariance_since_last": since}, {}] if is_first_given else [{}, {"covariance_since_last": since}]
     terrain_map = gp.TerrainMap(robot)
@@ -111,7 +111,7 @@ def test_a_walk_is_laid_onto_the_map_at_every_pause_or_at_none(
 
 @pytest.mark.parametrize("change", [{"pauses": [2, 1]}, {"total": [np.eye(3).tolist(), np.zeros((3, 3)).tolist()]}])
 def test_drift_that_shrinks_is_refused(change: dict[str, Any]) -> None:
-    """A file that says so would take the margins of the map away."""
+    """Such a file would remove safety margins of the map."""
     drift = SidewaysDrift(
         np.array([1, 2]), np.array([np.zeros((3, 3)), np.eye(3)]), np.zeros((2, 3, 3)), np.zeros((2, 2))
     )

@@ -1,4 +1,4 @@
-"""Over a walk: cells stand still in odom, snapshots hold all that they touch, variance grows, memory does not."""
+"""Map of a walk: fixed cells in odom, conservative snapshots, growing variance, bounded memory."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.thorough import examples
 def test_a_look_from_anywhere_comes_back_at_its_position(
     robot: RobotModel, make_scan: MakeScan, scan_grid: Any, yaw: float, x: float, y: float, z: float
 ) -> None:
-    """Turned and shifted by anything, a map of one scan shows each height within a cell and a half of where it lies."""
+    """For any pose, a map of one scan has each height within 1.5 cells of its place."""
     gx, gy = np.meshgrid(*scan_grid.centres())
     fused = gp.TerrainMap(robot).update(make_scan(0.1 * gx - 0.2 * gy), PoseInOdom(at(x, y, yaw, z), ZERO))
     inner = fused.elevation[30:110, 235:295].astype(np.float64)
@@ -35,7 +35,7 @@ def test_a_look_from_anywhere_comes_back_at_its_position(
 def test_a_scan_from_a_tilted_footprint_is_turned_upright(
     robot: RobotModel, make_scan: MakeScan, scan_grid: Any
 ) -> None:
-    """Ground seen from a footprint that tilts by 5 degrees: level in odom, and tilted again in the snapshot."""
+    """Ground seen from a footprint tilted by 5 degrees is level in odom, and tilted again in the snapshot."""
     gx, gy = np.meshgrid(*scan_grid.centres())
     tilt = np.radians(5)
     tilted = np.eye(4)
@@ -53,7 +53,7 @@ def test_a_scan_from_a_tilted_footprint_is_turned_upright(
 
 @pytest.mark.slow
 def test_cells_stand_still_in_odom(robot: RobotModel, make_scan: MakeScan, scan_grid: Any) -> None:
-    """A height seen once keeps its exact value over a walk: nothing is resampled."""
+    """A height seen once keeps its exact value over a walk, because nothing is resampled."""
     rng = np.random.default_rng(3)
     heights = rng.normal(0, 0.003, (108, 90))
     terrain_map = gp.TerrainMap(robot)
@@ -67,7 +67,7 @@ def test_cells_stand_still_in_odom(robot: RobotModel, make_scan: MakeScan, scan_
 
 @pytest.mark.slow
 def test_what_lies_far_behind_is_forgotten_and_memory_does_not_grow(robot: RobotModel, make_scan: MakeScan) -> None:
-    """After 5 m the first scan is gone for good, even when the robot comes back; the arrays are as large as before."""
+    """After 5 m the first scan is forgotten, even if the robot returns; the arrays keep their size."""
     terrain_map = gp.TerrainMap(robot)
     terrain_map.update(make_scan(0.004), PoseInOdom(at(), ZERO))
     size = sum(array.nbytes for array in terrain_map._cells.memory.values())
@@ -81,7 +81,7 @@ def test_what_lies_far_behind_is_forgotten_and_memory_does_not_grow(robot: Robot
 
 
 def test_a_snapshot_joins_the_flags_of_cells_touched(robot: RobotModel, make_scan: MakeScan, scan_grid: Any) -> None:
-    """Half a cell further on, a cell that touches one without return is unknown itself: two columns instead of one."""
+    """Half a cell farther, a cell that touches one without a return is unknown: two columns instead of one."""
     hole = only(Hazard.DROPOUT, scan_grid, (0.70, 0.705, 0.0, 0.005))
     terrain_map = gp.TerrainMap(robot)
     whole = terrain_map.update(make_scan(0.0, flags=hole), PoseInOdom(at(), ZERO))
@@ -98,7 +98,7 @@ def test_a_snapshot_joins_the_flags_of_cells_touched(robot: RobotModel, make_sca
 def test_no_point_without_return_is_known_later(
     robot: RobotModel, make_scan: MakeScan, scan_grid: Any, x: float, y: float, yaw: float, turn: float
 ) -> None:
-    """Wherever the cells of scan, map and view lie, a point where a return was missing lies in an unknown cell."""
+    """For any alignment of scan, map and view, a point with a missing return is in an unknown cell."""
     gap = only(Hazard.DROPOUT, scan_grid, (0.70, 0.72, -0.30, 0.30)) | only(Hazard.DROPOUT, scan_grid, AROUND)
     terrain_map = gp.TerrainMap(robot)
     terrain_map.update(make_scan(0.0, flags=gap), PoseInOdom(at(x, y, yaw), ZERO))
@@ -114,7 +114,7 @@ def test_no_point_without_return_is_known_later(
 
 @pytest.mark.slow
 def test_no_narrow_bump_slips_between_nearest_cells(robot: RobotModel, make_scan: MakeScan, scan_grid: Any) -> None:
-    """A bump of one cell stays in elevation_max whatever the heading of the snapshot."""
+    """A bump of one cell remains in elevation_max for any heading of the snapshot."""
     gx, gy = np.meshgrid(*scan_grid.centres())
     bump = np.where((np.abs(gx - 0.7025) < 1e-3) & (np.abs(gy - 0.0025) < 1e-3), 0.04, 0.0)
     nothing = np.full(scan_grid.shape, np.uint16(Hazard.UNSCANNED))
@@ -126,7 +126,7 @@ def test_no_narrow_bump_slips_between_nearest_cells(robot: RobotModel, make_scan
 
 
 def test_variance_grows_with_travel(robot: RobotModel, make_scan: MakeScan, scan_grid: Any) -> None:
-    """What is not seen gains the variance that odometry gains in z; on a slope its sideways drift too."""
+    """Unobserved cells gain odometry's variance in z; on a slope also that of its horizontal drift."""
     gx, _ = np.meshgrid(*scan_grid.centres())
     nothing = np.full(scan_grid.shape, np.uint16(Hazard.UNSCANNED))
     grown = {}
@@ -141,7 +141,7 @@ def test_variance_grows_with_travel(robot: RobotModel, make_scan: MakeScan, scan
 
 
 def test_tilt_of_the_stance_makes_far_cells_less_sure(robot: RobotModel, make_scan: MakeScan) -> None:
-    """A pitch that is known to 0.2 degrees lifts a point at x by x times that."""
+    """A pitch known to 0.2 degrees moves a point at x vertically by x times that."""
     covariance = np.zeros((6, 6))
     covariance[4, 4] = np.radians(0.2) ** 2
     scan = make_scan(0.0, metadata={"pose_covariance": covariance.tolist()})

@@ -1,4 +1,4 @@
-"""Ground before the robot to ask questions of."""
+"""Ground in front of the robot for queries."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ORIGIN = (0.4, -0.3)
 
 
 def grid(heights: np.ndarray, **keywords: Any) -> gp.TerrainGrid:
-    """Any heights before the robot."""
+    """Grid of any heights in front of the robot."""
     return gp.assess_terrain(heights, 0.005, origin=ORIGIN, **keywords)
 
 

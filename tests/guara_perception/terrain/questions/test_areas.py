@@ -1,4 +1,4 @@
-"""Connected cells and depths in an area, which need no OpenCV, against OpenCV and against their definition."""
+"""Connected cells and depths without OpenCV, compared with OpenCV and with their definition."""
 
 import cv2
 import numpy as np
@@ -11,7 +11,7 @@ from tests.thorough import examples
 
 
 def some_cells(seed: int) -> np.ndarray:
-    """A mask of any size with blobs, and at times with all or almost no cells."""
+    """Mask of any size with blobs, sometimes with all or almost no cells."""
     rng = np.random.default_rng(seed)
     ny, nx = rng.integers(1, 40, 2)
     return rng.random((ny, nx)) < rng.choice([0.02, 0.5, 0.65, 0.9, 1.0])
@@ -19,7 +19,7 @@ def some_cells(seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", range(examples(100)))
 def test_connected_cells_are_those_that_opencv_fills(seed: int):
-    """By their sides, not by their corners."""
+    """Cells are connected by their sides, not by their corners."""
     cells = some_cells(seed)
     for iy, ix in np.argwhere(cells)[:: max(cells.sum() // 5, 1)].tolist():
         filled = cells.astype(np.uint8)
@@ -29,7 +29,7 @@ def test_connected_cells_are_those_that_opencv_fills(seed: int):
 
 @pytest.mark.parametrize("seed", range(examples(100)))
 def test_neighbours_are_those_of_a_dilation(seed: int):
-    """All eight, and nothing comes in over the border."""
+    """All eight neighbours, and nothing across the border."""
     cells = some_cells(seed)
     assert np.array_equal(with_neighbours(cells), cv2.dilate(cells.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
 
@@ -45,7 +45,7 @@ def squares_of(area: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", range(examples(60)))
 def test_depth_is_the_distance_from_what_is_outside_however_much_leaves(seed: int):
-    """Exact at first, and after each of several parts has left."""
+    """Exact at first, and after each removal."""
     rng = np.random.default_rng(seed)
     area = some_cells(seed)
     depth = Depth(area)
@@ -62,7 +62,7 @@ def test_depth_is_the_distance_from_what_is_outside_however_much_leaves(seed: in
 
 @pytest.mark.parametrize("seed", range(examples(100)))
 def test_hull_is_that_of_opencv(seed: int):
-    """Corners counter-clockwise around the origin, each once; points that are there twice or inside are left out."""
+    """Corners counter-clockwise around the origin, each once; duplicate and inner points are omitted."""
     rng = np.random.default_rng(seed)
     angle = np.concatenate((rng.uniform(0, 6.28, int(rng.integers(0, 30))), [0.1, 2.0, 4.5]))
     points = (rng.choice([1.0, rng.uniform(0.5, 3)], angle.size) * np.array([np.cos(angle), np.sin(angle)])).T

@@ -1,4 +1,4 @@
-"""The best foothold near a wish: allowed, near, and the same every time."""
+"""Best foothold near a nominal position: safe, near, and deterministic."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.guara_perception.terrain.questions.ground import PROPERTY, world
 
 
 def test_on_perfect_ground_the_wish_itself_is_best() -> None:
-    """Nothing is better than the wish where all is alike, whether or not it is a cell centre."""
+    """On uniform ground the nominal position is the best, at a cell centre or not."""
     terrain = gp.assess_terrain(np.zeros((300, 300)), 0.005)
     best = terrain.best_foothold(0.7512, 0.7498, 0.05)
     assert best is not None
@@ -28,7 +28,7 @@ def test_on_perfect_ground_the_wish_itself_is_best() -> None:
 def test_the_best_foothold_is_allowed_near_and_the_same_every_time(
     seed: int, x: float, y: float, radius: float
 ) -> None:
-    """It passes check_foothold, lies within the radius, and asking again gives the same; None where nothing passes."""
+    """It passes check_foothold, is within the radius, and is the same again; None if no position passes."""
     terrain = world(seed)
     best = terrain.best_foothold(x, y, radius)
     cx, cy = (a.ravel() for a in np.meshgrid(*terrain.geometry.centres()))
@@ -45,13 +45,13 @@ def test_the_best_foothold_is_allowed_near_and_the_same_every_time(
 
 
 def test_where_there_is_none_the_best_refused_place_says_why(paper_terrain: gp.TerrainGrid) -> None:
-    """Hazards and reach are told apart; where every place is a foothold nothing is refused."""
+    """Hazards and reach are distinguished; None if every position is a foothold."""
     assert paper_terrain.best_foothold(0.6, 0.2, 0.02) is None
     refused = paper_terrain.best_refused(0.6, 0.2, 0.02)
     assert refused is not None and np.hypot(refused.x - 0.6, refused.y - 0.2) <= 0.02
     assert {reason.test for reason in refused.verdict.reasons} and "refused: " in repr(refused)
     assert repr(refused.verdict) == repr(paper_terrain.check_foothold(refused.x, refused.y))
-    # A hind leg reaches none of the ground ahead.
+    # A hind leg does not reach the ground ahead.
     place = paper_terrain.best_foothold(0.79, 0.0, 0.1)
     assert place is not None and paper_terrain.best_foothold(place.x, place.y, 0.01, leg="lh") is None
     beyond = paper_terrain.best_refused(place.x, place.y, 0.01, leg="lh")
@@ -62,7 +62,7 @@ def test_where_there_is_none_the_best_refused_place_says_why(paper_terrain: gp.T
 
 
 def test_ties_go_to_the_smaller_x_then_y() -> None:
-    """Four equal places about the wish: the first by x, then by y."""
+    """Of four equal positions, the first by x, then by y."""
     heights = np.full((121, 121), np.nan)
     for iy, ix in ((60, 30), (60, 90), (30, 60), (90, 60)):
         heights[iy - 12 : iy + 13, ix - 14 : ix + 15] = 0.0
@@ -75,7 +75,7 @@ def test_ties_go_to_the_smaller_x_then_y() -> None:
 
 
 def test_the_previous_choice_is_kept_until_another_is_worth_a_third_more() -> None:
-    """Two ledges beside a gap: the choice stays on its side as the wish moves over the gap, then changes once."""
+    """Two ledges beside a gap: as the nominal position crosses the gap, the choice changes once."""
     heights = np.zeros((120, 160))
     heights[:, 78:82] = np.nan
     terrain = gp.assess_terrain(heights, 0.005)
@@ -90,7 +90,7 @@ def test_the_previous_choice_is_kept_until_another_is_worth_a_third_more() -> No
     assert sides != chosen
     assert chosen == sorted(chosen)
     assert chosen[-1]
-    # A place that is no longer allowed, or out of the radius, is not kept.
+    # A position that is no longer safe, or outside the radius, is not kept.
     gap = terrain.best_foothold(0.33, 0.3, 0.1, previous=(0.4, 0.3))
     assert gap is not None
     assert gap.x < 0.38
@@ -106,7 +106,7 @@ def test_the_previous_choice_is_kept_until_another_is_worth_a_third_more() -> No
     ],
 )
 def test_bad_questions_are_refused(arguments: tuple[float, float, float], message: str) -> None:
-    """NaN, negative or absurd radius; a previous choice that is not valid."""
+    """NaN, a negative or too large radius, and an invalid previous choice."""
     with pytest.raises(gp.InvalidInput, match=message):
         world(0).best_foothold(*arguments)
     with pytest.raises(gp.InvalidInput, match="must be a Foothold or a pair"):

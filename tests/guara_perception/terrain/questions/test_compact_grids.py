@@ -1,4 +1,4 @@
-"""Grids that were sent in the compact encoding: they accept nothing that the grid as computed refuses."""
+"""Grids from the compact encoding accept nothing that the original grid rejects."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ OTHERS = [
 
 
 def sent_compactly(terrain: gp.TerrainGrid) -> gp.TerrainGrid:
-    """The grid that arrives when one is sent in the compact encoding."""
+    """Grid received in the compact encoding."""
     message = terrain_to_message(terrain, robot="guara", sequence=1)
     return message_to_terrain(decode_terrain(encode_compact(message)))
 
@@ -60,7 +60,7 @@ def worlds(draw: st.DrawFn) -> gp.TerrainGrid:
 
 @pytest.fixture(scope="module", params=[*RECORDED, *further(*OTHERS)])
 def recorded(request: pytest.FixtureRequest, data: Path, robot: RobotModel) -> gp.TerrainGrid:
-    """Terrain of a recorded scan; those of all specimens where they are at hand."""
+    """Terrain of a recorded scan, or of all recorded scans if they are available."""
     specimen, _, name = request.param.rpartition("/")
     folder = SHARED / specimen if specimen else data
     if not (folder / "scans" / name).is_dir():
@@ -69,7 +69,7 @@ def recorded(request: pytest.FixtureRequest, data: Path, robot: RobotModel) -> g
 
 
 def check_layers(computed: gp.TerrainGrid, received: gp.TerrainGrid) -> None:
-    """Every layer errs to its safe side only and by little; flags, ages, looks and unknown cells are the same."""
+    """Check that every layer errs slightly and to its safe side; flags, ages, looks and unknown cells are equal."""
     for name in ("hazard", "age", "looks"):
         np.testing.assert_array_equal(received.layers[name], computed.layers[name])
     known = np.isfinite(computed.elevation)
@@ -95,7 +95,7 @@ def check_layers(computed: gp.TerrainGrid, received: gp.TerrainGrid) -> None:
 
 
 def accepted_to(limit: Callable[[float], bool], low: float, high: float) -> float | None:
-    """The largest value that is still accepted, to the last bits; None where even the lowest is not."""
+    """Largest value that is still accepted, to the last bits; None if even the lowest is not."""
     if not limit(low):
         return None
     for _ in range(30):
@@ -105,7 +105,7 @@ def accepted_to(limit: Callable[[float], bool], low: float, high: float) -> floa
 
 
 def check_paths(computed: gp.TerrainGrid, received: gp.TerrainGrid, rng: np.random.Generator, count: int) -> int:
-    """The computed grid accepts paths with the most clearance, and the lowest, that the received one accepts."""
+    """Check that the original accepts the lowest paths and largest clearances that the received grid accepts."""
     accepted = 0
     x, y = computed.geometry.centres()
     for _ in range(count):
@@ -138,7 +138,7 @@ def check_paths(computed: gp.TerrainGrid, received: gp.TerrainGrid, rng: np.rand
 def check_positions(
     computed: gp.TerrainGrid, received: gp.TerrainGrid, rng: np.random.Generator, leg: str | None
 ) -> int:
-    """The computed grid accepts each foothold, region and polygon that the received one accepts; heights agree."""
+    """Check that the original accepts all footholds, regions and polygons of the received grid; heights agree."""
     x, y = computed.geometry.centres()
     px, py = (a.ravel() for a in np.meshgrid(x, y))
     px, py = px + rng.uniform(-0.0025, 0.0025, px.size), py + rng.uniform(-0.0025, 0.0025, py.size)
@@ -166,7 +166,7 @@ def check_positions(
 
 
 def with_body_moved(terrain: gp.TerrainGrid, forward: float, up: float) -> gp.TerrainGrid:
-    """The grid with the body moved forward and up [m], so that legs reach into the grid."""
+    """Grid with the body moved forward and up [m], so that legs reach into the grid."""
     pose = np.array(terrain.metadata["transform_base_to_footprint"])
     pose[[0, 2], 3] += forward, up
     return dataclasses.replace(
@@ -178,7 +178,7 @@ def with_body_moved(terrain: gp.TerrainGrid, forward: float, up: float) -> gp.Te
 @PROPERTY
 @given(worlds(), st.integers(0, 10_000))
 def test_no_question_is_answered_better_than_on_the_computed_grid(terrain: gp.TerrainGrid, seed: int) -> None:
-    """Any ground and any variance, with questions at the limit of what is accepted."""
+    """Any ground and any variance, with queries at the limit of what is accepted."""
     received = sent_compactly(terrain)
     check_layers(terrain, received)
     rng = np.random.default_rng(seed)
@@ -190,7 +190,7 @@ def test_no_question_is_answered_better_than_on_the_computed_grid(terrain: gp.Te
 @PROPERTY
 @given(worlds())
 def test_no_distance_is_larger_and_coarser_grids_are_answered_no_better(terrain: gp.TerrainGrid) -> None:
-    """The distance field, and grids of cells twice as long."""
+    """Distance fields, and grids with cells twice as long."""
     received = sent_compactly(terrain)
     for computed, other in ((terrain, received), (terrain.coarser(2), received.coarser(2))):
         assert (other.distance_field(-0.05, 0.1).values <= computed.distance_field(-0.05, 0.1).values).all()
@@ -211,7 +211,7 @@ def test_recorded_scans_are_answered_no_better(recorded: gp.TerrainGrid) -> None
 
 @pytest.mark.slow
 def test_a_leg_at_the_end_of_its_reach_is_not_made_longer(paper_terrain: gp.TerrainGrid) -> None:
-    """The body at 20 random positions that put the border of the reach into the grid: none is gained, few are lost."""
+    """20 random body positions with the limit of reach on the grid: no foothold is gained, few are lost."""
     rng = np.random.default_rng(3)
     x, y = (a.ravel() for a in np.meshgrid(*paper_terrain.geometry.centres()))
     fewer = at_the_border = 0
@@ -227,7 +227,7 @@ def test_a_leg_at_the_end_of_its_reach_is_not_made_longer(paper_terrain: gp.Terr
 
 @pytest.mark.slow
 def test_what_it_costs_is_little(paper_terrain: gp.TerrainGrid) -> None:
-    """On a recorded scan no foothold is lost, and at most a fifth of the steppable regions."""
+    """On a recorded scan, no foothold and at most a fifth of the steppable regions are lost."""
     received = sent_compactly(paper_terrain)
     x, y = (a.ravel() for a in np.meshgrid(*paper_terrain.geometry.centres()))
     of_computed = paper_terrain.check_foothold(x, y).ok
@@ -244,7 +244,7 @@ def test_a_compact_grid_is_not_fused(paper_terrain: gp.TerrainGrid, robot: Robot
 
 @pytest.mark.parametrize("rounding", [{}, {"elevation": 1e-4}, {"elevation": -1, "variance": 0}, 3, {"elevation": "x"}])
 def test_a_grid_with_impossible_rounding_is_refused(paper_terrain: gp.TerrainGrid, rounding: object) -> None:
-    """By every question that needs it: without these numbers nothing is bounded."""
+    """Every query that needs the bounds of the rounding rejects the grid."""
     metadata = {**paper_terrain.metadata, "rounding": rounding}
     broken = dataclasses.replace(paper_terrain, record=ScanRecord.from_json(metadata))
     with pytest.raises(gp.InvalidInput, match=r"has rounding = .*allowed: an object of elevation \[m\] and variance"):

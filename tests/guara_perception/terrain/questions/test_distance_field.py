@@ -1,4 +1,4 @@
-"""The distance field never promises more room than there is."""
+"""The distance field is a lower bound of the distance from the ground."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def ground(seed: int) -> gp.TerrainGrid:
 
 
 def exact(terrain: gp.TerrainGrid, point: np.ndarray) -> float:
-    """Distance of a point from the columns of ground, and from all that is unknown or beside the grid."""
+    """Distance of a point from the columns of ground, and from everything unknown or off the grid."""
     x, y = np.meshgrid(*terrain.geometry.centres())
     half = terrain.resolution / 2
     aside = np.hypot(np.maximum(np.abs(x - point[0]) - half, 0), np.maximum(np.abs(y - point[1]) - half, 0))
@@ -41,7 +41,7 @@ def exact(terrain: gp.TerrainGrid, point: np.ndarray) -> float:
 @PROPERTY
 @given(st.integers(0, 500))
 def test_never_more_than_there_is_and_not_much_less(seed: int) -> None:
-    """At random points, by brute force: at most the distance, at least that less what voxels round off."""
+    """Random points, brute force: at most the distance, and at least that minus the size of a voxel."""
     terrain = ground(seed)
     field = terrain.distance_field(-0.02, 0.12)
     rng = np.random.default_rng(seed)
@@ -53,7 +53,7 @@ def test_never_more_than_there_is_and_not_much_less(seed: int) -> None:
 
 
 def test_beside_above_and_below() -> None:
-    """Beside and below nothing is known to be free, above nothing was computed."""
+    """Beside and below the field nothing is free, above it the distance is not computed."""
     field = ground(0).distance_field(0.0, 0.1)
     assert field.values.shape == (20, 40, 60)
     values = field.at([[0.49, 0.0, 0.05], [0.6, 0.0, -0.01], [0.6, 0.0, 0.2]])
@@ -61,7 +61,7 @@ def test_beside_above_and_below() -> None:
 
 
 def test_unknown_ground_is_solid_at_every_height() -> None:
-    """Nobody knows how high it is."""
+    """Its height is unknown."""
     heights = np.zeros((20, 20))
     heights[10, 10] = np.nan
     field = gp.assess_terrain(heights, 0.005, variance=np.full(heights.shape, 1e-8)).distance_field(0.0, 0.05)

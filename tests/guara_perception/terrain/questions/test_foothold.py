@@ -1,4 +1,4 @@
-"""Verdicts on footholds: every failed test is reported, nothing unknown is accepted."""
+"""Foothold checks: every failed test is reported, and nothing unknown is accepted."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.guara_perception.terrain.questions.ground import ORIGIN, PROPERTY, gr
 
 
 def sole_cells(terrain: gp.TerrainGrid, x: float, y: float) -> tuple[np.ndarray, bool]:
-    """Flags of every cell that the 80 x 60 mm rectangle overlaps, by brute force; whether it is all on the grid."""
+    """Flags of every cell that the 80 x 60 mm sole overlaps, by brute force; True if all of it is on the grid."""
     cx, cy = terrain.geometry.centres()
     half = 0.0025
     columns = np.abs(cx - x) < 0.040 + half - 1e-8
@@ -36,7 +36,7 @@ def sole_cells(terrain: gp.TerrainGrid, x: float, y: float) -> tuple[np.ndarray,
 def test_a_foothold_is_accepted_only_where_the_whole_sole_is_known_and_safe(
     seed: int, places: list[tuple[float, float]]
 ) -> None:
-    """Brute force over the cells of the sole: no accepted foothold touches an unknown, hazardous or missing cell."""
+    """Brute force: no accepted foothold overlaps an unknown, hazardous or missing cell."""
     terrain = world(seed)
     x, y = np.array(places).T
     verdicts = terrain.check_foothold(x, y)
@@ -51,7 +51,7 @@ def test_a_foothold_is_accepted_only_where_the_whole_sole_is_known_and_safe(
 
 
 def test_numbers_and_arrays_agree() -> None:
-    """One place asked alone gets the verdict that it gets among others, reasons too."""
+    """A single position gets the same verdict, with the same reasons, as among others."""
     terrain = world(3)
     x, y = np.meshgrid(np.linspace(0.4, 1.0, 9), np.linspace(-0.3, 0.3, 7))
     verdicts = terrain.check_foothold(x, y)
@@ -69,7 +69,7 @@ def reasons(terrain: gp.TerrainGrid, x: float, y: float) -> dict[str, gp.Reason]
 
 
 def test_every_failed_test_has_its_value_and_limit() -> None:
-    """A box of 50 mm under the sole: step, drop and slope fail with the values of the layers and the robot's limits."""
+    """A box of 50 mm under the sole: step, drop and slope fail, with values of the layers and limits of the robot."""
     heights = np.zeros((120, 120))
     heights[:, 60:] = 0.05
     failed = reasons(grid(heights), 0.7, 0.0)
@@ -82,7 +82,7 @@ def test_every_failed_test_has_its_value_and_limit() -> None:
 
 
 def test_unknown_reasons_name_cause_and_share() -> None:
-    """One unknown column of the 17 that the sole touches: its share, its cause; off the grid is said as well."""
+    """One unknown column of 17 under the sole: its fraction and cause; off the grid is reported as well."""
     heights = np.zeros((120, 120))
     heights[:, 62] = np.nan
     failed = reasons(grid(heights), 0.7025, 0.0025)
@@ -94,7 +94,7 @@ def test_unknown_reasons_name_cause_and_share() -> None:
 
 
 def test_uncertain_conflicting_and_stale_ground_is_reported(robot: RobotModel) -> None:
-    """The flags that fusion sets are reasons of their own."""
+    """Flags set by fusion have their own reasons."""
     from guara_perception.settings import Settings
     from guara_perception.terrain.assessment.assess import assess_layers
 
@@ -116,7 +116,7 @@ def test_uncertain_conflicting_and_stale_ground_is_reported(robot: RobotModel) -
 
 
 def test_ground_beside_something_unknown_says_how_much_clearance_is_enough() -> None:
-    """The sole fits, but the tests around it read an unknown cell: EDGE, with the clearance that always suffices."""
+    """The sole fits, but its tests read an unknown cell: EDGE, with a sufficient clearance."""
     heights = np.zeros((120, 120))
     heights[60, 70] = np.nan
     terrain = grid(heights)
@@ -132,7 +132,7 @@ def test_ground_beside_something_unknown_says_how_much_clearance_is_enough() -> 
 
 @pytest.fixture
 def standing(robot: RobotModel) -> gp.TerrainGrid:
-    """Flat known ground under and before the robot in its scan posture."""
+    """Flat known ground under and in front of the robot in its scan posture."""
     stance = Stance(robot.posture("scan"), robot.legs, (0, 0, -1))
     pose = robot.stance_pose(stance)
     base = gp.assess_terrain(np.zeros((200, 400)), 0.005, origin=(-1.0, -0.5))
@@ -146,7 +146,7 @@ def standing(robot: RobotModel) -> gp.TerrainGrid:
 
 
 def test_reach_is_that_of_the_leg(standing: gp.TerrainGrid, robot: RobotModel) -> None:
-    """Below its hip a leg stands; half a metre further on it does not, and the reason names the leg."""
+    """A leg reaches the ground below its hip; half a metre farther it does not, and the reason names the leg."""
     assert standing.check_foothold(0.3, 0.18, leg="lf")
     assert standing.check_foothold(0.8, 0.18)
     far = standing.check_foothold(0.8, 0.18, leg="lf")
@@ -158,7 +158,7 @@ def test_reach_is_that_of_the_leg(standing: gp.TerrainGrid, robot: RobotModel) -
 
 
 def test_reach_agrees_with_the_kinematics(standing: gp.TerrainGrid, robot: RobotModel) -> None:
-    """Over an area, what is accepted on perfect ground is what inverse kinematics reaches."""
+    """On perfect ground, the accepted area is the one that inverse kinematics reaches."""
     x, y = np.meshgrid(np.linspace(0.1, 0.5, 21), np.linspace(0.05, 0.35, 13))
     verdicts = standing.check_foothold(x, y, leg="lf")
     pose = robot.stance_pose(Stance.from_dict(standing.metadata["stance"]))
@@ -170,7 +170,7 @@ def test_reach_agrees_with_the_kinematics(standing: gp.TerrainGrid, robot: Robot
 
 @pytest.mark.slow
 def test_a_grid_carries_its_robot(standing: gp.TerrainGrid) -> None:
-    """A robot that is in no folder here: its legs are known from the grid; without, the message says what to give."""
+    """The grid contains the description of an unknown robot; without it, the message says what to give."""
     tapir = load_robot(Path(__file__).parents[3] / "robots" / "tapir")
     stance = Stance(tapir.posture("scan"), tapir.legs)
     metadata = {
@@ -195,7 +195,7 @@ def test_a_grid_carries_its_robot(standing: gp.TerrainGrid) -> None:
 
 
 def test_asking_for_a_leg_needs_a_stance(standing: gp.TerrainGrid) -> None:
-    """Without a stance in the grid, or with a leg that the robot does not have, the question is refused."""
+    """A grid without a stance, and a leg that the robot does not have, are rejected."""
     with pytest.raises(gp.InvalidInput, match="lacks robot, stance, transform_base_to_footprint.*leg=None"):
         world(0).check_foothold(0.7, 0.0, leg="lf")
     with pytest.raises(KinematicsError, match="lf"):
@@ -203,7 +203,7 @@ def test_asking_for_a_leg_needs_a_stance(standing: gp.TerrainGrid) -> None:
 
 
 def test_a_limit_of_a_newer_version_is_left_out_and_its_flag_stays_a_hazard() -> None:
-    """A grid judged by one limit more: its limits are read, what the limit flagged is refused, and why is reported."""
+    """A grid with a newer limit is read; cells flagged by this limit are rejected, with the reason."""
     plain = grid(np.zeros((120, 120)))
     hazard, traversability = plain.hazard.copy(), plain.traversability.copy()
     hazard[40:60, 40:60] |= np.uint16(Hazard.STEP)
@@ -223,13 +223,13 @@ def test_a_limit_of_a_newer_version_is_left_out_and_its_flag_stays_a_hazard() ->
     assert not newer.is_traversable(*flagged) and newer.best_foothold(*flagged, radius=0.02) is None
     away = (ORIGIN[0] + 0.45, ORIGIN[1] + 0.45)
     assert newer.check_foothold(*away).ok and newer.check_foothold(*away) == plain.check_foothold(*away)
-    # The same without the flag that the limit sets: the cells are refused all the same.
+    # The same without the name of the flag that the limit sets: the cells are rejected too.
     silent = {**metadata, "limit_flags": {}}
     assert not dataclasses.replace(newer, record=ScanRecord.from_json(silent)).check_foothold(*flagged).ok
 
 
 def test_a_grid_of_an_older_version_lacks_the_limits_that_came_later() -> None:
-    """Limits with one more than the grid holds: the newer one keeps its default, by which nothing is judged."""
+    """A limit that the grid lacks keeps its default, with which nothing is rejected."""
     later = dataclasses.make_dataclass(
         "Later", [(name, float) for name in TraversabilityLimits.__slots__] + [("softness", float, np.inf)], slots=True
     )
@@ -239,7 +239,7 @@ def test_a_grid_of_an_older_version_lacks_the_limits_that_came_later() -> None:
 
 
 def test_a_grid_without_limits_is_refused() -> None:
-    """Layers alone do not say by what they were judged."""
+    """Layers alone do not contain the limits of their assessment."""
     import dataclasses
 
     bare = dataclasses.replace(world(0), record=ScanRecord.from_json({}))

@@ -1,4 +1,4 @@
-"""Room between a leg and the ground: bounds count as the height that they allow, unknown ground without one as none."""
+"""Clearance of a leg above the ground: bounds count as heights, unknown ground without a bound gives NaN."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from transport import decode_terrain
 from transport.messages.terrain_message import encode_compact
 
 SIGMA_M = 3e-4
-# Under the knee of a leg of Guará that stands at the scan posture, beside its sole.
+# Under the knee of a leg of the Guará in its scan posture, beside its sole.
 UNDER_LEG = (0.07, 0.13)
 
 
 def standing(heights: np.ndarray, ceiling: float | None = None) -> gp.TerrainGrid:
-    """Ground around a standing Guará; unknown cells with a ceiling where one is given."""
+    """Ground around a standing Guará; unknown cells may have a ceiling."""
     robot = load_robot("guara")
     stance = Stance(robot.posture("scan"), robot.legs, (0, 0, -1))
     pose = robot.stance_pose(stance)
@@ -49,7 +49,7 @@ def level() -> np.ndarray:
 
 
 def with_patch(height: float, sole: np.ndarray) -> np.ndarray:
-    """Level ground with a patch of another height or none beside a sole, on both sides."""
+    """Level ground with a patch of another or unknown height beside a sole, on both sides."""
     heights = level()
     y, x = (np.mgrid[:160, :260] + 0.5) * 0.005 + np.array([-0.4, -0.6])[:, None, None]
     beside = (np.abs(x - sole[0]) > UNDER_LEG[0]) & (np.abs(x - sole[0]) < UNDER_LEG[1])
@@ -59,13 +59,13 @@ def with_patch(height: float, sole: np.ndarray) -> np.ndarray:
 
 @pytest.fixture
 def sole(robot: RobotModel) -> np.ndarray:
-    """Centre of the sole of the left front leg."""
+    """Centre of the left front sole."""
     pose = robot.stance_pose(Stance(robot.posture("scan"), robot.legs, (0, 0, -1)))
     return np.asarray(pose.soles_in_footprint[list(pose.support_feet_used).index("lf")])
 
 
 def test_over_level_ground_it_is_the_legs_own_less_the_confidence(robot: RobotModel, sole: np.ndarray) -> None:
-    """As `foothold_clearance` over ground two sigma higher."""
+    """Equals `foothold_clearance` above ground that is two sigma higher."""
     pose = robot.stance_pose(Stance(robot.posture("scan"), robot.legs, (0, 0, -1)))
     expected = foothold_clearance(pose, "lf", [*sole[:2], 0.0], lambda x, _: np.full_like(x, 2 * SIGMA_M)).leg
     found = standing(level()).leg_clearance(*sole[:2], "lf")
@@ -73,7 +73,7 @@ def test_over_level_ground_it_is_the_legs_own_less_the_confidence(robot: RobotMo
 
 
 def test_a_bound_below_the_calf_is_a_height_and_without_one_it_is_unknown(sole: np.ndarray) -> None:
-    """Light that passed below the leg answers; light that passed above its parts does not say that they are free."""
+    """Light that passed below the leg gives a clearance; light above its parts does not show that they are free."""
     known = standing(level()).leg_clearance(*sole[:2], "lf")
     unknown = with_patch(np.nan, sole)
     assert np.isnan(standing(unknown).leg_clearance(*sole[:2], "lf"))
@@ -111,7 +111,7 @@ def test_what_bounds_nothing_gives_no_number(sole: np.ndarray) -> None:
     leg=st.sampled_from(("lf", "rh")),
 )
 def test_higher_ground_or_a_higher_bound_never_gives_more_room(low: float, more: float, x: float, leg: str) -> None:
-    """Whatever lies beside the sole, known or bounded."""
+    """For any known or bounded ground beside the sole."""
     at = np.array([0.3 + x if leg == "lf" else -0.3 + x, 0.18 if leg == "lf" else -0.18])
     for lower, higher in (
         (standing(with_patch(low, at)), standing(with_patch(low + more, at))),
@@ -121,7 +121,7 @@ def test_higher_ground_or_a_higher_bound_never_gives_more_room(low: float, more:
 
 
 def test_a_grid_of_the_compact_encoding_gives_no_more_room(sole: np.ndarray) -> None:
-    """What rounding may have hidden is taken off; ground between the steps of the encoding, and a wall beside it."""
+    """The rounding error is subtracted; ground between the steps of the encoding, and a wall beside it."""
     for height in (0.0, 0.0001, 0.05, 0.20013):
         terrain = standing(with_patch(height, sole) + 0.00013)
         received = message_to_terrain(
@@ -132,7 +132,7 @@ def test_a_grid_of_the_compact_encoding_gives_no_more_room(sole: np.ndarray) -> 
 
 
 def test_the_highest_ground_is_what_bounds_it() -> None:
-    """Highest sample or ceiling, and two sigma; NaN where there is none, on stale ground and off the grid."""
+    """Highest sample or ceiling plus two sigma; NaN without both, on stale ground and off the grid."""
     heights = level()
     heights[80, 100], heights[80, 120] = 0.02, np.nan
     x, y = -0.6 + 0.005 * (np.array([50, 100, 120, 4000]) + 0.5), np.full(4, -0.4 + 0.005 * 80.5)

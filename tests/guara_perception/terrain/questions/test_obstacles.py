@@ -21,7 +21,7 @@ from tests.thorough import examples
 )
 @settings(max_examples=examples(60), deadline=None, derandomize=True)
 def test_plane_is_that_of_least_squares(a: float, b: float, c: float, x: float, y: float, seed: int) -> None:
-    """The fit is that of `numpy.linalg.lstsq`, also far from the origin."""
+    """The fit equals that of `numpy.linalg.lstsq`, also far from the origin."""
     random = np.random.default_rng(seed)
     px, py = x + random.uniform(-0.3, 0.3, 50), y + random.uniform(-0.2, 0.2, 50)
     z = a * px + b * py + c + random.normal(0, 0.001, 50)
@@ -33,6 +33,6 @@ def test_plane_is_that_of_least_squares(a: float, b: float, c: float, x: float, 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 40])
 def test_no_plane_through_too_few_points_or_a_line(count: int) -> None:
-    """Two points, and any number of points on a line, determine no plane."""
+    """Two points, and any number of collinear points, determine no plane."""
     along = np.linspace(0, 1, count)
     assert fit_plane(0.5 * along, along, along) is None

@@ -1,4 +1,4 @@
-"""Paths and polygons: nothing unknown is ever crossed, and clearance is measured to the highest ground."""
+"""Paths and polygons: nothing unknown is crossed, and clearance is measured to the highest ground."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MakeScan = Callable[..., gp.TerrainGrid]
 PROPERTY = settings(max_examples=examples(60), deadline=None, derandomize=True)
 GRID = GridGeometry((-0.1, -0.1), 0.005, (40, 40))
 WITHIN = st.floats(-0.0999, 0.0999)
-# Points of the whole path that the cells are compared with lie this near to one another.
+# Spacing of the points of a path that are compared with the cells.
 FINE_M = 5e-4
 
 
@@ -32,7 +32,7 @@ def holed(seed: int) -> gp.TerrainGrid:
 
 
 def swing(x0: float, x1: float, y: float, top: float) -> list[list[float]]:
-    """Up, over, down."""
+    """Path up, over and down."""
     return [[x0, y, 0.0], [x0 + 0.02, y, top], [x1 - 0.02, y, top], [x1, y, 0.0]]
 
 
@@ -45,7 +45,7 @@ coordinate = st.floats(0.02, 0.48)
 def test_a_path_that_comes_near_an_unknown_cell_is_never_accepted(
     seed: int, x0: float, y0: float, x1: float, y1: float, clearance: float
 ) -> None:
-    """Exact distance of the segment from each unknown square, by brute force, against the verdict."""
+    """Verdict compared with the exact distance of the segment from each unknown square."""
     terrain = holed(seed)
     verdict = terrain.check_path([[x0, y0, 0.2], [x1, y1, 0.2]], clearance)
     iy, ix = np.nonzero(np.isnan(terrain.elevation))
@@ -68,7 +68,7 @@ def test_a_path_that_comes_near_an_unknown_cell_is_never_accepted(
 def test_a_polygon_that_touches_an_unknown_cell_is_never_accepted(
     seed: int, corners: list[tuple[float, float]]
 ) -> None:
-    """Any polygon, convex or not: with the centre of an unknown cell inside it is refused."""
+    """Any polygon, convex or not, with the centre of an unknown cell inside is rejected."""
     terrain = holed(seed)
     verdict = terrain.check_polygon(corners)
     iy, ix = np.nonzero(np.isnan(terrain.elevation))
@@ -79,7 +79,7 @@ def test_a_polygon_that_touches_an_unknown_cell_is_never_accepted(
 
 
 def test_touched_cells_miss_none() -> None:
-    """Every cell that holds a random point of a triangle is among the touched ones."""
+    """Every cell that contains a random point of a triangle is among the touched cells."""
     rng = np.random.default_rng(0)
     terrain = holed(0)
     corners = np.array([[0.1, 0.1], [0.4, 0.17], [0.2, 0.4]])
@@ -91,7 +91,7 @@ def test_touched_cells_miss_none() -> None:
 
 
 def test_distance_to_a_segment() -> None:
-    """Beside it at right angles, beyond its ends to the end, for a point to the point."""
+    """Perpendicular beside it, to the nearer end beyond it, and to the point for a segment of no length."""
     start, stop = np.array([0.0, 0.0]), np.array([2.0, 0.0])
     x, y = np.array([1.0, 3.0, -1.0]), np.array([0.5, 0.0, 1.0])
     np.testing.assert_allclose(distance_to_segment(start, stop, x, y), [0.5, 1.0, np.sqrt(2)])
@@ -99,7 +99,7 @@ def test_distance_to_a_segment() -> None:
 
 
 def test_clearance_is_measured_over_an_obstacle() -> None:
-    """Over a box of 30 mm a path at 60 mm has 30 mm; the verdict says so, and with what limit it would fail."""
+    """Over a box of 30 mm, a path at 60 mm has 30 mm of clearance; a larger requirement fails with this value."""
     heights = np.zeros((100, 100))
     heights[40:60, 45:55] = 0.03
     terrain = gp.assess_terrain(heights, 0.005)
@@ -118,14 +118,14 @@ def test_clearance_is_measured_over_an_obstacle() -> None:
 
 
 def test_uncertain_heights_take_clearance_away() -> None:
-    """Two sigmas of 4 mm leave 8 mm less."""
+    """Two sigmas of 4 mm reduce the clearance by 8 mm."""
     flat = gp.assess_terrain(np.zeros((100, 100)), 0.005, variance=np.full((100, 100), 0.004**2))
     verdict = flat.check_path(swing(0.15, 0.35, 0.25, 0.06), 0.02)
     assert verdict.clearance < 0.06 - 0.008 + 1e-6
 
 
 def test_beside_a_wall_the_distance_counts_sideways() -> None:
-    """A path 20 mm beside a box that is higher than the path: 20 mm of clearance, not more."""
+    """A path 20 mm beside a higher box has a clearance of 20 mm."""
     heights = np.zeros((100, 100))
     heights[60:80, :] = 0.10
     terrain = gp.assess_terrain(heights, 0.005)
@@ -137,7 +137,7 @@ def test_beside_a_wall_the_distance_counts_sideways() -> None:
 
 
 def test_the_ends_may_touch_the_ground_but_not_dive_into_it() -> None:
-    """A swing begins and ends at z = 0; one that ends 20 mm deep is refused for its depth."""
+    """A swing begins and ends at z = 0; an end 20 mm below the ground is rejected for its depth."""
     flat = gp.assess_terrain(np.zeros((100, 100)), 0.005)
     assert flat.check_path(swing(0.15, 0.35, 0.25, 0.06), 0.02).ok
     deep = swing(0.15, 0.35, 0.25, 0.06)
@@ -148,7 +148,7 @@ def test_the_ends_may_touch_the_ground_but_not_dive_into_it() -> None:
 
 
 def noisy(seed: int, sigma: float) -> gp.TerrainGrid:
-    """Flat ground as it is measured: each cell with an error of a known deviation, highest samples above the mean."""
+    """Flat ground with measurement errors of a known sigma; highest samples are above the mean."""
     rng = np.random.default_rng(seed)
     heights = rng.normal(0, sigma, (100, 100))
     terrain = gp.assess_terrain(heights, 0.005, variance=np.full(heights.shape, sigma**2))
@@ -161,7 +161,7 @@ def noisy(seed: int, sigma: float) -> gp.TerrainGrid:
 @pytest.mark.parametrize("clearance", [0.010, 0.020, 0.030])
 @pytest.mark.parametrize("seed", range(4))
 def test_an_ordinary_swing_over_measured_ground_is_accepted(seed: int, clearance: float) -> None:
-    """60 mm up, 140 mm over, down, from the ground to the ground, on flat ground with a sigma of 1.5 mm."""
+    """60 mm up, 140 mm forward and down to the ground, on flat ground with a sigma of 1.5 mm."""
     terrain = noisy(seed, 0.0015)
     up_over_down = [[0.15, 0.25, 0.0], [0.15, 0.25, 0.06], [0.29, 0.25, 0.06], [0.29, 0.25, 0.0]]
     verdict = terrain.check_path(up_over_down, clearance)
@@ -170,7 +170,7 @@ def test_an_ordinary_swing_over_measured_ground_is_accepted(seed: int, clearance
 
 
 def test_the_clearance_grows_along_the_way_from_the_ends() -> None:
-    """A lift that leans by 45 degrees is accepted, one that creeps over the ground for 40 mm is not, at either end."""
+    """A lift at 45 degrees is accepted, one that stays low for 40 mm is not, at either end."""
     flat = gp.assess_terrain(np.zeros((100, 100)), 0.005)
     creeping = [[0.15, 0.25, 0.0], [0.19, 0.25, 0.004], [0.19, 0.25, 0.06], [0.30, 0.25, 0.06], [0.30, 0.25, 0.0]]
     for path in (creeping, creeping[::-1]):
@@ -188,7 +188,7 @@ def test_the_clearance_grows_along_the_way_from_the_ends() -> None:
 def test_accepted_paths_keep_their_distance_by_brute_force(
     seed: int, x0: float, x1: float, y: float, top: float, clearance: float
 ) -> None:
-    """Beyond clearance + 5 mm + confidence from the ends no cell's top is nearer than the clearance, point by point."""
+    """Beyond clearance + 5 mm + confidence from the ends, no cell's top is nearer than the clearance."""
     rng = np.random.default_rng(seed)
     heights = np.zeros((100, 100))
     for _ in range(3):
@@ -204,19 +204,19 @@ def test_accepted_paths_keep_their_distance_by_brute_force(
     dense = dense[away > clearance + 0.005 + 0.002]
     cx, cy = terrain.geometry.centres()
     ix, iy = (a.ravel() for a in np.meshgrid(np.arange(cx.size), np.arange(cy.size)))
-    # No other cell is near enough to count.
+    # No other cell is near enough to matter.
     near = (np.abs(cy[iy] - y) < clearance + 0.01) & (cx[ix] > min(x0, x1) - 0.05) & (cx[ix] < max(x0, x1) + 0.05)
     ix, iy = ix[near], iy[near]
     aside = np.hypot(
         np.maximum(np.abs(cx[ix] - dense[:, :1]) - 0.0025, 0), np.maximum(np.abs(cy[iy] - dense[:, 1:2]) - 0.0025, 0)
     )
     distance = np.hypot(aside, np.maximum(dense[:, 2:] - heights[iy, ix] - 0.002, 0))
-    # A sample lies every half cell of the way: between two the path may come nearer by a quarter.
+    # Samples are half a cell apart, so between two of them the path may be a quarter of a cell nearer.
     assert distance.size == 0 or distance.min() >= clearance - 0.00125 - 1e-9
 
 
 def test_where_looks_disagree_the_highest_counts(robot: RobotModel, make_scan: MakeScan) -> None:
-    """A cell seen at 0 and then at 40 mm is CONFLICT; a swing must clear 40 mm, and does so at 70."""
+    """A cell observed at 0 and then at 40 mm is CONFLICT; a swing must clear 40 mm, as one at 70 mm does."""
     terrain_map = gp.TerrainMap(robot)
     heights = np.zeros((108, 90))
     terrain_map.update(make_scan(heights, step=0), PoseInOdom(np.eye(4), np.zeros((6, 6))))
@@ -230,7 +230,7 @@ def test_where_looks_disagree_the_highest_counts(robot: RobotModel, make_scan: M
 
 
 def test_stale_ground_is_not_swung_over() -> None:
-    """A height that is too old says nothing of what stands there now."""
+    """A height that is too old gives no bound of the present ground."""
     terrain = gp.assess_terrain(np.zeros((100, 100)), 0.005)
     layers = {name: np.array(layer) for name, layer in terrain.layers.items()}
     layers["hazard"][50, 50] |= np.uint16(gp.Hazard.STALE)
@@ -256,7 +256,7 @@ def test_a_track_on_the_ground_needs_safe_cells() -> None:
 
 
 def test_off_the_grid_is_unknown() -> None:
-    """A path or polygon that leaves the grid is refused, however high."""
+    """A path or polygon that leaves the grid is rejected at any height."""
     flat = gp.assess_terrain(np.zeros((100, 100)), 0.005)
     for verdict in (
         flat.check_path([[0.25, 0.25, 1.0], [0.25, 0.6, 1.0]], 0.0),
@@ -284,7 +284,7 @@ def test_off_the_grid_is_unknown() -> None:
     ],
 )
 def test_bad_paths_are_refused(points: object, clearance: float, message: str) -> None:
-    """What is no path is refused with what is needed."""
+    """Invalid paths are rejected with what is needed."""
     with pytest.raises(gp.InvalidInput, match=message):
         holed(0).check_path(points, clearance)  # type: ignore[arg-type]
 
@@ -298,7 +298,7 @@ def test_bad_polygons_are_refused() -> None:
 @settings(max_examples=examples(100), derandomize=True)
 @given(st.lists(st.tuples(WITHIN, WITHIN, st.floats(0, 0.1)), min_size=1, max_size=4), st.floats(0, 0.04))
 def test_the_corridor_is_what_lies_within_the_clearance(points: list[tuple[float, float, float]], clearance: float):
-    """Also between two samples and beyond the border of the grid: by brute force over a path cut five times finer."""
+    """Also between samples and beyond the border of the grid: brute force over a five times finer path."""
     path = np.array(points)
     iy, ix = corridor_of(GRID, sampled(path, GRID.resolution / 2), clearance).unique()
     found = set(zip(iy.tolist(), ix.tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""Points and data sets of a grid: the known cells, and nothing else."""
+"""Points and data sets of a grid contain exactly the known cells."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.thorough import examples
 
 @pytest.fixture
 def terrain(make_scan) -> gp.TerrainGrid:
-    """A slope along x with a hole that nobody saw."""
+    """Slope along x with an unobserved hole."""
     heights = np.tile(np.linspace(0, 0.01, 90), (108, 1))
     flags = np.zeros((108, 90), np.uint16)
     flags[10:20, 30:40] = gp.Hazard.OCCLUDED
@@ -27,7 +27,7 @@ def terrain(make_scan) -> gp.TerrainGrid:
 
 
 def test_points_are_the_known_cells(terrain):
-    """As many points as known cells; each lies in the cell whose height it has."""
+    """There are as many points as known cells, each in the cell of its height."""
     points = terrain.points()
     assert points.shape == (108 * 90 - 100, 3) and points.dtype == np.float64
     assert np.array_equal(terrain.height_at(points[:, 0], points[:, 1]), points[:, 2].astype(np.float32))
@@ -35,13 +35,13 @@ def test_points_are_the_known_cells(terrain):
 
 
 def test_a_grid_that_knows_nothing_has_no_points(make_scan):
-    """No made-up point for an unknown cell."""
+    """Unknown cells give no points."""
     assert make_scan(0.0, flags=int(gp.Hazard.DROPOUT)).points().shape == (0, 3)
 
 
 @pytest.mark.slow
 def test_data_set_has_every_layer_on_its_coordinates(terrain):
-    """xarray selects by position and finds what the grid says there."""
+    """Selection by position in xarray gives the values of the grid."""
     xarray = pytest.importorskip("xarray", reason="extra notebook")
     data = terrain.to_xarray()
     assert isinstance(data, xarray.Dataset) and set(data.data_vars) == set(terrain.layers)
@@ -51,7 +51,7 @@ def test_data_set_has_every_layer_on_its_coordinates(terrain):
 
 
 def test_without_xarray_one_line_says_what_to_install(terrain, monkeypatch):
-    """The extra is named."""
+    """The message names the extra."""
     real = builtins.__import__
 
     def refuse(name, *args, **options):
@@ -69,7 +69,7 @@ def test_without_xarray_one_line_says_what_to_install(terrain, monkeypatch):
 @settings(max_examples=examples(40), deadline=None, derandomize=True)
 @given(st.integers(0, 1000), st.integers(0, 60))
 def test_what_is_known_is_the_grids_height_and_nothing_else(seed: int, count: int) -> None:
-    """Known exactly where the cell under the point is, with its height and sigma; NaN off the grid and over holes."""
+    """Known exactly where the cell is, with its height and sigma; NaN off the grid and over holes."""
     rng = np.random.default_rng(seed)
     heights = rng.normal(0, 0.01, (40, 50))
     heights[rng.random(heights.shape) < 0.3] = np.nan
@@ -85,7 +85,7 @@ def test_what_is_known_is_the_grids_height_and_nothing_else(seed: int, count: in
 
 
 def test_points_of_the_body_are_moved_by_its_pose(robot: RobotModel) -> None:
-    """In base_link a point 0.1 m below a body that stands 0.36 m high is 0.26 m above level ground."""
+    """A point 0.1 m below a body at a height of 0.36 m is 0.26 m above level ground."""
     stance = Stance(robot.posture("scan"), robot.legs, (0, 0, -1))
     pose = robot.stance_pose(stance)
     terrain = gp.assess_terrain(np.zeros((140, 320)), 0.005, origin=(-0.6, -0.35))
@@ -109,6 +109,6 @@ def test_points_of_the_body_are_moved_by_its_pose(robot: RobotModel) -> None:
     ],
 )
 def test_bad_questions_are_refused(points: object, frame: str, message: str) -> None:
-    """Points of another shape, an unknown frame, a body whose pose the grid does not know."""
+    """Points of another shape, an unknown frame, a grid without the pose of the body."""
     with pytest.raises(gp.InvalidInput, match=message):
         gp.assess_terrain(np.zeros((4, 4)), 0.1).height_scan(points, frame)  # type: ignore[arg-type]

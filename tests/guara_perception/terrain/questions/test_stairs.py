@@ -1,4 +1,4 @@
-"""Stairs: treads and edges of rendered flights against their world; none where there are none."""
+"""Stairs: treads and edges of rendered flights compared with their world; None for other ground."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from guara_perception.simulation.features import Stairs as Flight
 from guara_perception.simulation.world import World
 from kinematics import RobotModel, Stance
 
-# Half of the widest gap between the stripes of a standard scan, and a cell.
+# Half of the widest gap between the stripes of a standard scan, plus one cell.
 EDGE_M = 0.010
 STAIRCASE = Path(__file__).parents[3] / "data" / "plane_seg" / "anymal_staircase_06.pcd"
 
 
 def rendered(robot: RobotModel, *features: Flight | Step | Box | Ramp, mode: str = "standard") -> gp.TerrainGrid:
-    """A scan of a world by the simulated rangefinder, frame by frame."""
+    """Scan of a world by the simulated rangefinder, frame by frame."""
     calibration = specimen(robot, (320, 256), 0)
     stance = Stance(robot.posture("scan"), robot.legs, (0, 0, -1))
     view = SimulatedRangefinder(World(features=features), calibration, robot, 0)
@@ -45,7 +45,7 @@ def rendered(robot: RobotModel, *features: Flight | Step | Box | Ramp, mode: str
 def test_rendered_flights_are_found(
     robot: RobotModel, x: float, height: float, count: int, run: float, direction: str
 ) -> None:
-    """Every tread with its height, every edge where it is, to the spacing of stripes."""
+    """Every tread has its height, and every edge its position, to the spacing of stripes."""
     terrain = rendered(robot, Flight(x=x, height=height, count=count, run=run, direction=direction))
     found = terrain.stairs()
     assert found is not None and len(found.risers) == count and len(found.treads) == count + 1
@@ -56,7 +56,7 @@ def test_rendered_flights_are_found(
     for riser, edge in zip(found.risers, edges if direction == "up" else edges[::-1], strict=True):
         for end in (riser.start, riser.end):
             assert abs(end[0] - edge) < EDGE_M
-        # The end that is left for a climber comes first; the edge is as wide as the area.
+        # The left end for a climbing robot comes first; the edge is as wide as the area.
         across = riser.start - riser.end
         assert up[0] * across[1] - up[1] * across[0] > 0.45
         assert abs(riser.height - height) < 0.0015
@@ -68,7 +68,7 @@ def test_rendered_flights_are_found(
 
 @pytest.mark.parametrize("yaw", [0.0, 0.4, -0.9, 2.5])
 def test_flights_across_the_grid(yaw: float) -> None:
-    """Turned by any angle, with holes in what is known; the direction is that of the climb."""
+    """Rotated by any angle, with unknown holes; the direction is that of the climb."""
     y, x = (np.mgrid[:140, :140] + 0.5) * 0.005 - 0.35
     along = np.cos(yaw) * x + np.sin(yaw) * y
     heights = 0.025 * np.clip(np.floor((along + 0.15) / 0.1 + 1), 0, 3)
@@ -86,9 +86,9 @@ def test_flights_across_the_grid(yaw: float) -> None:
 
 @pytest.mark.parametrize("cell", [0.02, 0.025, 0.03])
 def test_a_real_staircase_is_found(cell: float) -> None:
-    """Elevation map of a staircase of four steps of about 165 mm by another robot, smeared beside the steps."""
+    """Elevation map of four real steps of about 165 mm by another robot, smeared beside the steps."""
     cloud = PointCloud.from_path(STAIRCASE).numpy(("x", "y", "z"))
-    # Its points lie on a grid of their own: its lines are no borders of cells.
+    # Its points have their own grid, whose lines are not borders of cells.
     corner = cloud[:, :2].min(axis=0) - 0.007
     at = ((cloud[:, :2] - corner) / cell).astype(int)
     heights = np.full(at.max(axis=0)[::-1] + 1, -np.inf)
@@ -103,7 +103,7 @@ def test_a_real_staircase_is_found(cell: float) -> None:
 
 @pytest.mark.slow
 def test_what_is_no_flight_is_none(robot: RobotModel, paper_terrain: gp.TerrainGrid) -> None:
-    """One step, a box, a ramp, level ground, the recorded specimens; a flight whose rises are not alike."""
+    """One step, a box, a ramp, level ground, the recorded scans; a flight with unequal rises."""
     assert paper_terrain.stairs() is None
     assert rendered(robot, Step(x=0.7, height=0.03), mode="coarse").stairs() is None
     assert rendered(robot, Box(x=0.7, y=0.0, size=(0.1, 0.1), height=0.04), mode="coarse").stairs() is None
@@ -117,7 +117,7 @@ def test_what_is_no_flight_is_none(robot: RobotModel, paper_terrain: gp.TerrainG
 
 @pytest.mark.parametrize("sigma", [0.0, 0.005, 0.008])
 def test_what_is_level_follows_from_the_sigma_of_the_grid(sigma: float) -> None:
-    """Heights as noisy as those of a LIDAR, in cells of 20 mm: the flight is found where the grid says how noisy."""
+    """Heights with the noise of a LIDAR, in cells of 20 mm: the flight is found if the grid states the noise."""
     y, x = (np.mgrid[:70, :100] + 0.5) * 0.02
     heights = 0.165 * np.clip(np.floor((x - 0.4) / 0.3 + 1), 0, 4)
     noisy = heights + np.random.default_rng(5).normal(0, sigma, heights.shape)

@@ -1,4 +1,4 @@
-"""Convex steppable regions: what is inside passes check_foothold; convex, on a plane, steady."""
+"""Convex steppable regions: every point passes check_foothold; convex, on a plane, stable."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def ground(seed: int) -> gp.TerrainGrid:
 
 
 def sent_compactly(terrain: gp.TerrainGrid) -> gp.TerrainGrid:
-    """The grid that arrives when one is sent in the compact encoding."""
+    """Grid received in the compact encoding."""
     return message_to_terrain(decode_terrain(encode_compact(terrain_to_message(terrain, robot="guara", sequence=1))))
 
 
 def inner_points(region: gp.SteppableRegion, count: int, seed: int = 0) -> np.ndarray:
-    """Random points of a region, its corners among them."""
+    """Random points of a region, including its corners."""
     corners = region.vertices[:, :2]
     share = np.random.default_rng(seed).dirichlet(np.full(len(corners), 0.5), count)
     return np.concatenate((corners, share @ corners))
@@ -50,7 +50,7 @@ def inner_points(region: gp.SteppableRegion, count: int, seed: int = 0) -> np.nd
 @PROPERTY
 @given(st.integers(0, 500), st.floats(0.2, 0.9), st.floats(-0.35, 0.35), st.floats(0.01, 0.3))
 def test_every_point_inside_passes_check_foothold(seed: int, x: float, y: float, radius: float) -> None:
-    """Corners and random points; None only where no safe cell is within the radius along x and y."""
+    """Corners and random points; None only if no safe cell is within the radius along x and y."""
     terrain = ground(seed)
     region = terrain.steppable_region(x, y, radius)
     cx, cy = terrain.geometry.centres()
@@ -66,7 +66,7 @@ def test_every_point_inside_passes_check_foothold(seed: int, x: float, y: float,
     assert region.contains(*region.centre)
     heights = terrain.height_at(points[:, 0], points[:, 1])
     on_plane = points @ region.plane[:2] + region.plane[2]
-    # A cell's height is that of its centre: on the steepest safe ground half a cell aside is a millimetre.
+    # A cell's height is that of its centre; on the steepest safe ground, half a cell changes it by a millimetre.
     assert np.abs(heights - on_plane).max() < 0.006 + 0.002
 
 
@@ -74,7 +74,7 @@ def test_every_point_inside_passes_check_foothold(seed: int, x: float, y: float,
 @settings(PROPERTY, max_examples=examples(20))
 @given(st.integers(0, 500))
 def test_regions_of_a_whole_grid(seed: int) -> None:
-    """Each is safe inside, convex and counter-clockwise; together they hold nearly all of the safe ground."""
+    """Each region is safe, convex and counter-clockwise; together they cover nearly all safe ground."""
     terrain = ground(seed)
     regions = terrain.steppable_regions()
     safe = terrain.traversability > 0
@@ -93,7 +93,7 @@ def test_regions_of_a_whole_grid(seed: int) -> None:
 
 
 def test_no_region_is_left_out() -> None:
-    """Of 144 islands of safe ground, parted by lines of unknown cells, each has its region."""
+    """Each of 144 islands of safe ground, separated by unknown lines, has its region."""
     heights = np.zeros((12 * 20, 12 * 20))
     heights[::20], heights[:, ::20] = np.nan, np.nan
     small = dataclasses.replace(default_limits(), sole_length=0.02, sole_width=0.02, disc_radius=0.01)
@@ -106,7 +106,7 @@ def test_no_region_is_left_out() -> None:
 @settings(PROPERTY, max_examples=examples(500))
 @given(st.integers(0, 100_000))
 def test_any_grid_has_its_regions(seed: int) -> None:
-    """Grids of any shape, cell size, noise and slope, computed and received in the compact encoding: none raises."""
+    """Grids of any shape, cell size, noise and slope, original and from the compact encoding: no errors."""
     rng = np.random.default_rng(seed)
     shape, resolution = tuple(rng.integers(1, 150, 2).tolist()), float(rng.choice([0.002, 0.005, 0.01, 0.02]))
     heights = rng.normal(0, 10 ** rng.uniform(-5, -1.5), shape) + rng.normal(0, 0.2) * np.arange(shape[1]) * resolution
@@ -122,7 +122,7 @@ def test_any_grid_has_its_regions(seed: int) -> None:
 
 
 def test_on_free_ground_it_is_the_square_that_was_asked_for() -> None:
-    """Four sides, the whole area, the ground's plane and sigma."""
+    """Four sides, the whole area, with plane and sigma of the ground."""
     y, x = np.mgrid[:140, :140] * 0.005 + 0.0025
     terrain = gp.assess_terrain(0.05 * x - 0.02 * y + 0.1, 0.005, variance=np.full(x.shape, 0.001**2))
     region = terrain.steppable_region(0.35, 0.35, 0.1)
@@ -135,7 +135,7 @@ def test_on_free_ground_it_is_the_square_that_was_asked_for() -> None:
 
 
 def test_a_choice_is_kept_until_another_is_a_third_larger() -> None:
-    """Two areas beside a trench: the one chosen before stays while the other is only a little larger."""
+    """Two areas beside a trench: the previous choice is kept while the other is only slightly larger."""
     heights = np.zeros((140, 140))
     heights[:, 68:70] = np.nan
     terrain = gp.assess_terrain(heights, 0.005)
@@ -153,7 +153,7 @@ def test_a_choice_is_kept_until_another_is_a_third_larger() -> None:
 
 
 def test_reach_of_a_leg_bounds_it(robot: RobotModel) -> None:
-    """With a leg every inner point is one that it reaches; none where it reaches nothing."""
+    """With a leg, every point is within its reach; None if it reaches no point."""
     terrain = gp.assess_terrain(np.zeros((140, 320)), 0.005, origin=(-0.6, -0.35))
     stance = Stance(robot.posture("scan"), robot.legs, (0, 0, -1))
     to_footprint = robot.stance_pose(stance).transform_base_to_footprint.tolist()
@@ -173,7 +173,7 @@ def test_reach_of_a_leg_bounds_it(robot: RobotModel) -> None:
 @settings(max_examples=examples(60), deadline=None, derandomize=True)
 @given(st.integers(0, 10_000), st.integers(0, 80))
 def test_a_grown_polygon_enters_no_square(seed: int, count: int) -> None:
-    """Random squares that do not hold the seed: it stays inside, and no square is touched."""
+    """Random squares around the seed: the seed is inside, and no square is touched."""
     rng = np.random.default_rng(seed)
     squares = rng.uniform(-1, 1, (count, 2))
     squares = squares[np.abs(squares).max(axis=1) > 0.06]
@@ -182,7 +182,7 @@ def test_a_grown_polygon_enters_no_square(seed: int, count: int) -> None:
     a, b = polygon.halfspaces[:, :2], polygon.halfspaces[:, 2]
     assert (b > 0).all()
     for square in squares:
-        # Two convex shapes are apart where an edge of one of them has the other beyond it.
+        # Two convex shapes are separate if the other shape is beyond an edge of one of them.
         corners = square + 0.05 * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
         beyond_the_square = np.concatenate((polygon.vertices - square - 0.05, square - 0.05 - polygon.vertices), axis=1)
         assert ((a @ corners.T).min(axis=1) > b - 1e-9).any() or (beyond_the_square > -1e-9).all(axis=0).any()
@@ -198,13 +198,13 @@ def test_a_grown_polygon_enters_no_square(seed: int, count: int) -> None:
     ],
 )
 def test_bad_questions_are_refused(arguments: tuple[object, ...], message: str) -> None:
-    """What is asked for must be finite, and what was chosen before a region."""
+    """Positions must be finite, and the previous choice a region."""
     with pytest.raises(gp.InvalidInput, match=message):
         ground(0).steppable_region(*arguments)  # type: ignore[arg-type]
 
 
 def test_a_leg_over_unknown_ground_has_no_region(paper_terrain: gp.TerrainGrid, robot: RobotModel) -> None:
-    """No cell is free, so that the leg is asked for no place at all."""
+    """No cell is free, so no position of the leg is tested."""
     nothing = gp.assess_terrain(np.full((30, 40), np.nan), 0.005, origin=(0.2, -0.1))
     nothing = dataclasses.replace(nothing, record=paper_terrain.record)
     assert nothing.steppable_regions("lf", robot) == []

@@ -1,4 +1,4 @@
-"""Swings: over what lies between, around what is unknown, and why there is none."""
+"""Swings: over obstacles, around unknown ground, and reasons if there is none."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ coordinate = st.floats(0.04, 0.46)
 def test_a_swing_is_a_path_that_is_accepted(
     seed: int, x0: float, y0: float, x1: float, y1: float, clearance: float
 ) -> None:
-    """From start to end exactly, finite, accepted by `check_path`; or none, with reasons."""
+    """Exactly from start to end, finite, accepted by `check_path`; otherwise none, with reasons."""
     terrain = ground(seed)
     start, end = ([x, y, np.nan_to_num(terrain.height_at(x, y))] for x, y in ((x0, y0), (x1, y1)))
     swing = terrain.swing(start, end, clearance)
@@ -53,7 +53,7 @@ def test_a_swing_is_a_path_that_is_accepted(
 
 
 def test_over_a_box_it_goes_as_high_as_it_must() -> None:
-    """A box of 30 mm half way, 20 mm of clearance: 50 mm at the box, less before and after."""
+    """A box of 30 mm half way, with 20 mm of clearance: 50 mm at the box, less before and after."""
     heights = np.zeros((100, 100))
     heights[40:60, 45:55] = 0.03
     swing = gp.assess_terrain(heights, 0.005).swing([0.1, 0.25, 0], [0.4, 0.25, 0], 0.02)
@@ -63,7 +63,7 @@ def test_over_a_box_it_goes_as_high_as_it_must() -> None:
 
 
 def test_around_unknown_ground_it_goes_aside() -> None:
-    """A patch that returned nothing may hide anything: the way leads beside it, none where it lies all across."""
+    """The swing goes around a patch without returns; there is none if the patch extends across."""
     heights = np.zeros((100, 100))
     heights[42:58, 45:55] = np.nan
     terrain = gp.assess_terrain(heights, 0.005)
@@ -78,7 +78,7 @@ def test_around_unknown_ground_it_goes_aside() -> None:
 
 
 def test_up_a_step_and_down_again() -> None:
-    """Between ground of two heights the way keeps its clearance at the step's edge."""
+    """Between two levels, the path keeps its clearance at the edge of the step."""
     heights = np.zeros((100, 100))
     heights[:, 50:] = 0.03
     terrain = gp.assess_terrain(heights, 0.005)
@@ -90,7 +90,7 @@ def test_up_a_step_and_down_again() -> None:
 
 @pytest.mark.slow
 def test_reach_of_a_leg(robot: RobotModel) -> None:
-    """With a leg, a way that it cannot go is refused, and says by how much."""
+    """With a leg, a path beyond its reach is rejected, with the excess."""
     terrain = gp.assess_terrain(np.zeros((140, 320)), 0.005, origin=(-0.6, -0.35))
     stance = Stance(robot.posture("scan"), robot.legs, (0, 0, -1))
     to_footprint = robot.stance_pose(stance).transform_base_to_footprint.tolist()

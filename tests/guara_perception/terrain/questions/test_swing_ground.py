@@ -1,4 +1,4 @@
-"""What a standing sole says of the ground below it: bounds the start of its own swing, and nothing else."""
+"""A standing sole bounds the ground below it: only for the start of its own swing."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MakeGround = Callable[..., gp.TerrainGrid]
 
 @pytest.fixture
 def make_ground(robot: RobotModel) -> MakeGround:
-    """Level ground around a standing robot, unknown where asked (x0, x1, y0, y1) [m]."""
+    """Level ground around a standing robot, unknown in given rectangles (x0, x1, y0, y1) [m]."""
     stance = Stance(robot.posture("scan"), robot.legs, (0, 0, -1))
     pose = robot.stance_pose(stance)
     metadata: dict[str, Any] = {
@@ -42,7 +42,7 @@ def make_ground(robot: RobotModel) -> MakeGround:
 
 
 def way_of(terrain: gp.TerrainGrid, leg: int = 0, aside: float = 0.0) -> np.ndarray:
-    """Up from a sole, over, and down in front."""
+    """Path up from a sole, over, and down in front."""
     start = standing_soles(terrain)[leg].centre + (aside, 0.0, 0.0)
     end = np.array([start[0] + 0.14, start[1], 0.0])
     top = np.array([0.0, 0.0, 0.06])
@@ -50,7 +50,7 @@ def way_of(terrain: gp.TerrainGrid, leg: int = 0, aside: float = 0.0) -> np.ndar
 
 
 def around(centre: np.ndarray, half_x: float, half_y: float) -> tuple[float, float, float, float]:
-    """A rectangle about a sole."""
+    """Rectangle around a sole."""
     return centre[0] - half_x, centre[0] + half_x, centre[1] - half_y, centre[1] + half_y
 
 
@@ -61,7 +61,7 @@ def sole(make_ground: MakeGround) -> np.ndarray:
 
 
 def test_a_foot_may_lift_off_from_unknown_ground(make_ground: MakeGround, sole: np.ndarray) -> None:
-    """It stands there, so nothing below it is higher than its sole; a swing is found as well."""
+    """The foot stands there, so nothing below it is higher than its sole; a swing is found as well."""
     terrain = make_ground(around(sole, 0.025, 0.02))
     way = way_of(terrain)
     assert np.isnan(terrain.height_at(*way[0, :2]))
@@ -73,7 +73,7 @@ def test_a_foot_may_lift_off_from_unknown_ground(make_ground: MakeGround, sole: 
 def test_a_bound_from_light_that_passed_higher_takes_nothing_from_the_sole(
     make_ground: MakeGround, sole: np.ndarray
 ) -> None:
-    """Whatever ceiling hangs over the ground below the foot: what is accepted without bounds is so with them."""
+    """With any ceiling below the foot, paths accepted without bounds are accepted with them."""
     terrain = make_ground(around(sole, 0.025, 0.02))
     way = way_of(terrain)
     for height in (0.0, 0.10, np.nan):
@@ -84,7 +84,7 @@ def test_a_bound_from_light_that_passed_higher_takes_nothing_from_the_sole(
 
 
 def test_nothing_is_said_beside_the_sole(make_ground: MakeGround, sole: np.ndarray) -> None:
-    """Unknown ground that reaches out from under the sole still refuses the swing."""
+    """Unknown ground that extends beyond the sole still blocks the swing."""
     for half in (0.06, 0.10):
         terrain = make_ground(around(sole, half, half))
         verdict = terrain.check_path(way_of(terrain), 0.020)
@@ -93,7 +93,7 @@ def test_nothing_is_said_beside_the_sole(make_ground: MakeGround, sole: np.ndarr
 
 
 def test_only_the_swing_of_that_foot_gains(make_ground: MakeGround, sole: np.ndarray) -> None:
-    """A way that begins elsewhere, above, or passes over a standing foot, finds unknown ground there."""
+    """For a path that begins elsewhere, above, or passes over a standing foot, the ground stays unknown."""
     terrain = make_ground(around(sole, 0.025, 0.02))
     way = way_of(terrain)
     for other in (way_of(terrain, aside=0.02), way[1:], way[::-1], way + (0, 0, 0.02)):
@@ -102,14 +102,14 @@ def test_only_the_swing_of_that_foot_gains(make_ground: MakeGround, sole: np.nda
 
 @pytest.mark.parametrize("missing", ["stance", "transform_base_to_footprint", "robot", "support_feet_used"])
 def test_without_a_stance_all_is_as_it_was(make_ground: MakeGround, sole: np.ndarray, missing: str) -> None:
-    """A grid that does not say how the robot stood, or of a robot nobody has, bounds nothing."""
+    """A grid without a stance, or of an unavailable robot, bounds nothing."""
     way = way_of(make_ground((9, 9, 9, 9)))
     value: Any = [] if missing == "support_feet_used" else "no_such_robot" if missing == "robot" else None
     assert not make_ground(around(sole, 0.025, 0.02), **{missing: value}).check_path(way, 0.020)
 
 
 def test_known_heights_under_the_sole_stand(make_ground: MakeGround) -> None:
-    """Only what is unknown is taken at the sole's height; what a scan saw is not lowered."""
+    """Only unknown cells get the height of the sole; observed heights are not lowered."""
     terrain = make_ground((9, 9, 9, 9))
     ground = swing_ground(terrain, standing_soles(terrain)[0].centre)
     np.testing.assert_array_equal(ground.hazard, terrain.hazard)
@@ -117,7 +117,7 @@ def test_known_heights_under_the_sole_stand(make_ground: MakeGround) -> None:
 
 
 def test_the_bound_is_the_sole_with_its_error(make_ground: MakeGround, sole: np.ndarray) -> None:
-    """Cells wholly under the sole less two sigma of its position: at its height, with its variance."""
+    """Cells wholly under the sole reduced by two sigma of its position have its height and variance."""
     terrain = make_ground(around(sole, 0.08, 0.08))
     standing = standing_soles(terrain)[0]
     ground = swing_ground(terrain, sole)

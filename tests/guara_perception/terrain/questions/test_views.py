@@ -30,7 +30,7 @@ def test_normals_of_a_plane(a: float, b: float) -> None:
 
 
 def test_a_normal_is_given_where_a_slope_is() -> None:
-    """Beside a gap, in it, at the border and outside the normal is NaN exactly where the slope is."""
+    """Beside a gap, in it, at the border and outside, the normal is NaN exactly where the slope is."""
     heights = np.zeros((40, 40))
     heights[:, 20:24] = np.nan
     terrain = gp.assess_terrain(heights, 0.005)
@@ -42,7 +42,7 @@ def test_a_normal_is_given_where_a_slope_is() -> None:
 @PROPERTY
 @given(st.integers(0, 500), st.sampled_from([1, 2, 3, 4, 6, 12]))
 def test_coarser_cells_are_as_bad_as_their_worst_fine_cell(seed: int, factor: int) -> None:
-    """Unknown if any is unknown, safe only if all are safe, and the invariant holds."""
+    """Unknown if any is unknown, safe only if all are safe, with a valid invariant."""
     rng = np.random.default_rng(seed)
     heights = np.where(rng.random((120, 96)) < 0.001, np.nan, rng.normal(0, 0.0005, (120, 96)))
     heights[40:60, 10:40] += rng.choice([0.0, 0.05])
@@ -54,7 +54,7 @@ def test_coarser_cells_are_as_bad_as_their_worst_fine_cell(seed: int, factor: in
     ny, nx = coarse.shape
 
     def blocks(layer: np.ndarray) -> np.ndarray:
-        """The fine cells (ny, nx, factor * factor) of each coarse one."""
+        """Fine cells (ny, nx, factor * factor) of each coarse cell."""
         return layer.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1)
 
     is_unknown = blocks(unknown).any(axis=-1)
@@ -77,13 +77,13 @@ def test_coarser_cells_are_as_bad_as_their_worst_fine_cell(seed: int, factor: in
 
 @pytest.mark.parametrize("factor", [0, -1, 7, 2.0, "2", True])
 def test_a_factor_must_divide_the_grid(factor: object) -> None:
-    """What does not divide is refused, and the message lists what does."""
+    """Other factors are rejected, and the message lists those that divide it."""
     with pytest.raises(gp.InvalidInput, match="must divide the 60 x 40 cells: 1, 2, 4, 5, 10, 20"):
         gp.assess_terrain(np.zeros((40, 60)), 0.005).coarser(factor)  # type: ignore[arg-type]
 
 
 def test_explanations_say_height_cause_and_verdict() -> None:
-    """Safe ground, an edge, an unknown cell and a point off the grid: each has its text."""
+    """Safe ground, an edge, an unknown cell and a point off the grid."""
     heights = np.zeros((80, 80))
     heights[:, 60:] = 0.05
     heights[10, 10] = np.nan
@@ -100,7 +100,7 @@ def test_explanations_say_height_cause_and_verdict() -> None:
 
 
 def boxed(noise: float, slope: float = 0.0) -> gp.TerrainGrid:
-    """A floor with a box of 60 x 50 mm and 40 mm height, a hole 30 mm deep, and an unknown patch."""
+    """Floor with a box of 60 x 50 mm and 40 mm height, a hole 30 mm deep, and an unknown patch."""
     y, x = (np.mgrid[:108, :90] + 0.5) * 0.005
     heights = np.random.default_rng(4).normal(0, noise, x.shape) + slope * x
     heights[20:30, 20:32] += 0.040
@@ -111,7 +111,7 @@ def boxed(noise: float, slope: float = 0.0) -> gp.TerrainGrid:
 
 @pytest.mark.parametrize(("noise", "slope"), [(0.0, 0.0), (0.0003, 0.0), (0.0003, 0.08)])
 def test_obstacles_are_found_with_position_height_and_outline(noise: float, slope: float) -> None:
-    """Box and hole, on a level and on a sloping floor: height within 0.3 mm, position within 1 mm, area exact."""
+    """Box and hole, on level and sloping floors: height to 0.3 mm, position to 1 mm, exact area."""
     found = boxed(noise, slope).obstacles()
     assert len(found) == 2
     box, hole = found
@@ -135,7 +135,7 @@ def area(outline: np.ndarray) -> float:
 
 
 def test_nothing_stands_on_an_empty_floor() -> None:
-    """Noise and slope alone are no obstacles, and relief below 6 mm is none."""
+    """Noise, slope, and relief below 6 mm are no obstacles."""
     y, x = (np.mgrid[:60, :60] + 0.5) * 0.005
     noisy = np.random.default_rng(0).normal(0, 0.0005, x.shape) + 0.1 * x - 0.05 * y
     assert gp.assess_terrain(noisy, 0.005, variance=np.full(x.shape, 0.0005**2)).obstacles() == []
@@ -146,7 +146,7 @@ def test_nothing_stands_on_an_empty_floor() -> None:
 
 @pytest.mark.parametrize("cells", [300, 4000, 40_000])
 def test_the_floor_is_found_under_a_crowd_of_boxes(cells: int) -> None:
-    """With 45 % of the cells on boxes the floor is still the floor."""
+    """The floor is found with 45 % of the cells on boxes."""
     rng = np.random.default_rng(6)
     x, y = rng.uniform(0, 0.5, (2, cells))
     z = 0.02 + 0.05 * x - 0.03 * y + rng.normal(0, 0.0003, cells)
@@ -161,7 +161,7 @@ def test_the_floor_is_found_under_a_crowd_of_boxes(cells: int) -> None:
 
 
 def test_a_floor_needs_three_points_off_a_line() -> None:
-    """Two points, or many on a line, make no plane: no floor, no obstacle, no error."""
+    """Two points, or many collinear ones, make no plane: no floor, no obstacle, no error."""
     line = np.linspace(0, 1, 20)
     assert fit_floor(line[:2], line[:2], line[:2]) is None
     assert fit_floor(line, 2 * line, np.zeros(20)) is None
@@ -169,13 +169,13 @@ def test_a_floor_needs_three_points_off_a_line() -> None:
 
 
 def test_the_recorded_boxes_are_found(paper_terrain: gp.TerrainGrid) -> None:
-    """Five boxes of 10, 20, 40, 60 and 80 mm, each within half a millimetre."""
+    """Five boxes of 10, 20, 40, 60 and 80 mm, each to half a millimetre."""
     heights = sorted(obstacle.height for obstacle in paper_terrain.obstacles())
     np.testing.assert_allclose(heights, [0.010, 0.020, 0.040, 0.060, 0.080], atol=5e-4)
 
 
 def test_flags_are_printed_by_their_names(paper_terrain: gp.TerrainGrid) -> None:
-    """`print(hazard_at(...))` shows the flags; the value stays the number."""
+    """`print(hazard_at(...))` shows the flags; the value stays a number."""
     assert [str(flag) for flag in (gp.Hazard.NONE, gp.Hazard.EDGE)] == ["NONE", "EDGE"]
     assert str(gp.Hazard.STEP | gp.Hazard.EDGE) == "STEP|EDGE" and int(gp.Hazard.STEP | gp.Hazard.EDGE) == 4608
     assert "EDGE" in str(paper_terrain.hazard_at(0.60, 0.10))
@@ -183,13 +183,13 @@ def test_flags_are_printed_by_their_names(paper_terrain: gp.TerrainGrid) -> None
 
 @pytest.mark.parametrize("wish", [("a", 0.0, 0.1), (0.7, None, 0.1), (0.7, 0.0, "wide"), (0.7, 0.0, [0.1])])
 def test_a_wish_that_is_no_number_is_refused(paper_terrain: gp.TerrainGrid, wish: tuple) -> None:
-    """Not by an error from within numpy."""
+    """With an InvalidInput, not an error from within numpy."""
     with pytest.raises(gp.InvalidInput, match="three numbers are needed"):
         paper_terrain.best_foothold(*wish)
 
 
 def test_answers_are_printed_in_words(paper_terrain: gp.TerrainGrid) -> None:
-    """Short figures in millimetres, and for a refusal the reason."""
+    """Short numbers in millimetres, and the reason of a refusal."""
     foothold = paper_terrain.best_foothold(0.80, 0.00, 0.10)
     assert re.fullmatch(
         r"Foothold\(x=0.\d{4}, y=-?0.\d{4}, z=-?0.\d{4}, score=0.\d\d, value=0.\d\d, leg=None\)", repr(foothold)
@@ -208,7 +208,7 @@ def test_answers_are_printed_in_words(paper_terrain: gp.TerrainGrid) -> None:
 
 
 def test_answers_show_themselves_in_a_line(paper_terrain: gp.TerrainGrid, robot: gp.RobotModel) -> None:
-    """What an interpreter prints is short, and no array."""
+    """The repr is short and contains no array."""
     foothold = paper_terrain.best_foothold(0.80, 0.00, 0.10)
     x, y, _ = foothold.position
     above = foothold.position + (0.0, 0.0, 0.05)

@@ -1,4 +1,4 @@
-"""`assess_terrain` from the user's side: meaning of NaN, and every refusal."""
+"""`assess_terrain` as a user calls it: meaning of NaN, and all refusals."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from guara_perception.terrain.layers.hazard import Hazard
 
 
 def test_nan_becomes_unscanned_and_origin_is_the_corner() -> None:
-    """An unknown height is UNSCANNED; cell (0, 0) is the corner at minimum x and y; x runs fastest."""
+    """An unknown height is UNSCANNED; cell (0, 0) is the corner at minimum x and y; x is fastest."""
     heights = np.arange(12, dtype=float).reshape(3, 4) / 1000
     heights[2, 1] = np.nan
     terrain = gp.assess_terrain(heights, 0.01, origin=(0.5, -0.2))
@@ -25,7 +25,7 @@ def test_nan_becomes_unscanned_and_origin_is_the_corner() -> None:
 
 
 def test_masked_heights_are_unknown() -> None:
-    """Whatever number lies under the mask."""
+    """For any number under the mask."""
     heights = np.ma.masked_array(np.zeros((40, 40)), mask=np.zeros((40, 40), bool))
     assert (gp.assess_terrain(heights, 0.005).hazard == 0).any()
     heights[20, 20] = np.ma.masked
@@ -35,7 +35,7 @@ def test_masked_heights_are_unknown() -> None:
 
 
 def test_its_input_is_not_kept() -> None:
-    """Changing the array afterwards changes nothing."""
+    """Changing the array afterwards has no effect."""
     heights = np.zeros((30, 30))
     terrain = gp.assess_terrain(heights, 0.005)
     heights[:] = 1.0
@@ -76,21 +76,21 @@ def test_its_input_is_not_kept() -> None:
     ],
 )
 def test_bad_input_is_refused(arguments: dict[str, object], message: str) -> None:
-    """What is wrong is named, with what is allowed; no error of numpy reaches the caller."""
+    """The error is named with what is allowed; no error of numpy reaches the caller."""
     given: dict[str, object] = {"elevation": np.zeros((2, 2)), "resolution": 0.005, **arguments}
     with pytest.raises(gp.InvalidInput, match=message):
         gp.assess_terrain(**given)
 
 
 def test_variance_may_be_nan_where_the_height_is() -> None:
-    """An unknown cell needs no variance, and whatever is given there does not count."""
+    """An unknown cell needs no variance; a given one is ignored."""
     heights, variance = np.zeros((30, 30)), np.zeros((30, 30))
     heights[3, 3], variance[3, 3] = np.nan, np.nan
     assert np.isnan(gp.assess_terrain(heights, 0.005, variance=variance).variance[3, 3])
 
 
 def test_a_grid_without_a_height_is_a_grid() -> None:
-    """All unknown: nothing traversable, and questions are answered."""
+    """With all cells unknown, nothing is traversable, and queries work."""
     terrain = gp.assess_terrain(np.full((40, 40), np.nan), 0.005)
     assert not (terrain.traversability > 0).any()
     assert (terrain.to_occupancy() == 100).all()
@@ -111,7 +111,7 @@ def test_a_grid_without_a_height_is_a_grid() -> None:
     ],
 )
 def test_absurd_limits_are_refused(limits: gp.TraversabilityLimits, change: dict[str, float], message: str) -> None:
-    """Degrees for radians, millimetres for metres, zero, NaN: refused with what is allowed."""
+    """Degrees for radians, millimetres for metres, zero and NaN are rejected with what is allowed."""
     import dataclasses
 
     with pytest.raises(gp.InvalidInput, match=message):
@@ -119,7 +119,7 @@ def test_absurd_limits_are_refused(limits: gp.TraversabilityLimits, change: dict
 
 
 def test_confidence_may_be_zero(limits: gp.TraversabilityLimits) -> None:
-    """Whoever trusts the values as they are may say so."""
+    """A user who trusts the values can set this."""
     import dataclasses
 
     assert dataclasses.replace(limits, confidence=0).confidence == 0
@@ -128,10 +128,10 @@ def test_confidence_may_be_zero(limits: gp.TraversabilityLimits) -> None:
 @pytest.mark.parametrize("cell", [0.02, 0.025, 0.03])
 @pytest.mark.parametrize("fraction", [0.05, 0.5, 0.95])
 def test_edges_within_coarse_cells_are_a_cell_from_every_free_sole(cell: float, fraction: float) -> None:
-    """A pit that ends anywhere within a cell whose highest points alone are level: its lowest points show it."""
+    """The lowest points of a cell reveal a pit that ends within it, although its highest points are level."""
     heights = np.zeros((40, 40))
     lowest = heights.copy()
-    # One line of cells holds the near half of a gap of which no cell is wholly full.
+    # One line of cells contains the near half of a gap that fills no cell completely.
     lowest[:, 20] = -0.2
     edge = (20 + fraction) * cell
     assert (gp.assess_terrain(heights, cell).hazard[:, 20] == 0).any()

@@ -1,4 +1,4 @@
-"""Grids of MuJoCo scenes against the shapes that the scene was made of."""
+"""Grids of MuJoCo scenes, compared with the shapes of the scene."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ STEP = f'<geom name="box" type="box" pos="{BOX[0]} {BOX[1]} {TOP / 2}" size="{HA
 
 
 def scene(robot: RobotModel, ground: str, *, yaw: float = 0.0, at: tuple[float, float] = (0.0, 0.0)) -> tuple[Any, Any]:
-    """Guará's own MJCF in its scan posture on this ground."""
+    """The Guará's MJCF in its scan posture on this ground."""
     import mujoco
 
     spec = mujoco.MjSpec.from_file(str(robot.folder / "mjcf" / "guara.xml"))
@@ -39,7 +39,7 @@ def scene(robot: RobotModel, ground: str, *, yaw: float = 0.0, at: tuple[float, 
 
 
 def test_heights_are_those_of_the_scene(robot: RobotModel) -> None:
-    """Floor, box and nothing else; its edge is a step; the record has the stance, so that legs can be asked."""
+    """Floor and box only; the edge of the box is a step; the record has the stance, as queries with a leg need."""
     model, data = scene(robot, FLOOR + STEP.format(""))
     terrain = gp.terrain_from_mujoco(model, data)
     lowest = data.xpos[model.body("base_link").id][2] - 0.360
@@ -54,7 +54,7 @@ def test_heights_are_those_of_the_scene(robot: RobotModel) -> None:
 
 
 def test_the_grid_goes_with_the_robot(robot: RobotModel) -> None:
-    """Turned and moved with the ground, it is the same grid."""
+    """The same grid after robot and ground are rotated and moved together."""
     yaw, at = 0.7, (1.3, -0.4)
     still = gp.terrain_from_mujoco(*scene(robot, FLOOR + STEP.format("")))
     frame = f'<frame pos="{at[0]} {at[1]} 0" euler="0 0 {np.degrees(yaw)}">{STEP.format("")}</frame>'
@@ -71,7 +71,7 @@ def test_what_is_invisible_is_solid_all_the_same(robot: RobotModel, drawn: str) 
 
 
 def test_what_bears_nothing_is_no_ground(robot: RobotModel) -> None:
-    """A picture without collision over a hole: the hole is out of range, and no free cell is above it."""
+    """A visual geom over a hole does not count: the hole is out of range, with no free cell above it."""
     frame = "".join(
         f'<geom type="box" pos="{x} {y} -0.5" size="{a} {b} 0.5"/>'
         for x, y, a, b in ((-0.85, 0, 1.45, 2), (1.8, 0, 1.0, 2), (0.7, 1.05, 0.1, 1.0), (0.7, -1.05, 0.1, 1.0))
@@ -86,7 +86,7 @@ def test_what_bears_nothing_is_no_ground(robot: RobotModel) -> None:
 
 
 def test_a_ceiling_leaves_the_ground_unknown(robot: RobotModel) -> None:
-    """And does not give the height of its lower side; the robot's own parts are no ceiling."""
+    """Its lower side gives no height; the robot's own parts are no ceiling."""
     roof = '<geom type="box" pos="0.7 0 1.0" size="0.1 0.1 0.1"/>'
     terrain = gp.terrain_from_mujoco(*scene(robot, FLOOR + roof), area=((-0.6, 1.0), (-0.35, 0.35)))
     assert terrain.hazard_at(0.70, 0.0) & gp.Hazard.OUT_OF_RANGE

@@ -1,4 +1,4 @@
-"""Grids from the points of another sensor: known where points fell, with a cause elsewhere, and never freed by loss."""
+"""Grids from the points of another sensor: known where points are, with a cause elsewhere; loss frees no cell."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def cloud(box: float = 0.0, seed: int = 0) -> np.ndarray:
 
 
 def test_level_ground_is_known_and_free(robot: RobotModel) -> None:
-    """All cells are known, those far from the border are free; heights and variances are those of the points."""
+    """All cells are known, those away from the border are free; heights and variances are those of the points."""
     terrain = gp.terrain_from_points(cloud(), 0.0003, SENSOR_ORIGIN, robot, step=3)
     assert terrain.extent == "footprint"
     assert terrain.step == 3
@@ -39,7 +39,7 @@ def test_level_ground_is_known_and_free(robot: RobotModel) -> None:
 
 
 def test_ground_behind_a_box_is_occluded(robot: RobotModel) -> None:
-    """Ground that a box hides is OCCLUDED; close before the box no foot may stand, well beside it one may."""
+    """Ground hidden by a box is OCCLUDED; close in front of the box no foot may stand, well beside it one may."""
     terrain = gp.terrain_from_points(cloud(0.08), 0.0003, SENSOR_ORIGIN, robot)
     assert terrain.height_at(0.65, 0.0) == pytest.approx(0.08, abs=0.001)
     assert terrain.hazard_at(0.70, 0.0) & gp.Hazard.OCCLUDED
@@ -49,7 +49,7 @@ def test_ground_behind_a_box_is_occluded(robot: RobotModel) -> None:
 
 @pytest.mark.slow
 def test_a_gap_is_unscanned_or_with_rays_without_return_a_dropout(robot: RobotModel) -> None:
-    """A gap is UNSCANNED, and the map keeps that ground; with rays without return it is DROPOUT, and is forgotten."""
+    """A gap is UNSCANNED and kept by the map; with rays without a return it is DROPOUT and forgotten."""
     points = cloud()
     gap = (np.abs(points[:, 0] - 0.7) < 0.02) & (np.abs(points[:, 1]) < 0.02)
     terrain = gp.terrain_from_points(points[~gap], 0.0003, SENSOR_ORIGIN, robot, step=1)
@@ -66,7 +66,7 @@ def test_a_gap_is_unscanned_or_with_rays_without_return_a_dropout(robot: RobotMo
 
 
 def test_ground_of_which_nothing_returns_is_forgotten(robot: RobotModel) -> None:
-    """All has become black: with rays and without a point, each cell of the rays is DROPOUT, and the map knows none."""
+    """With rays and without points, each cell that a ray meets is DROPOUT, and the map forgets all."""
     points = cloud()
     nothing = gp.terrain_from_points(
         np.zeros((0, 3)), 0.0003, SENSOR_ORIGIN, robot, step=1, no_returns=points - SENSOR_ORIGIN
@@ -80,7 +80,7 @@ def test_ground_of_which_nothing_returns_is_forgotten(robot: RobotModel) -> None
 
 
 def test_points_outside_the_height_limits_are_out_of_range(robot: RobotModel) -> None:
-    """A cell with a point above or below the height limits is OUT_OF_RANGE, whatever other points it holds."""
+    """A cell with a point beyond the height limits is OUT_OF_RANGE, whatever its other points."""
     points = np.concatenate((cloud(), [[0.7, 0.1, 0.4], [0.7, -0.1, -0.3]]))
     terrain = gp.terrain_from_points(points, 0.0003, SENSOR_ORIGIN, robot)
     for y in (0.1, -0.1):
@@ -92,7 +92,7 @@ def test_points_outside_the_height_limits_are_out_of_range(robot: RobotModel) ->
 @settings(max_examples=examples(15), deadline=None, derandomize=True)
 @given(st.integers(0, 1000), st.floats(0.0, 0.1))
 def test_losing_the_points_of_any_cells_frees_no_other(seed: int, box: float) -> None:
-    """Without the points of a random patch no cell is free that was not free with them."""
+    """Without the points of a random patch, no cell is free that was not free with them."""
     rng = np.random.default_rng(seed)
     points = cloud(box, seed)
     x, y = rng.uniform(0.5, 0.95), rng.uniform(-0.27, 0.27)
@@ -106,7 +106,7 @@ def test_losing_the_points_of_any_cells_frees_no_other(seed: int, box: float) ->
 
 
 def test_an_empty_cloud_gives_unknown_cells() -> None:
-    """Every cell is unknown, and the health says why."""
+    """Every cell is unknown, and the health gives the reason."""
     terrain = gp.terrain_from_points(np.empty((0, 3)), 0.001, SENSOR_ORIGIN)
     assert ((terrain.hazard & UNKNOWN_MASK) != 0).all()
     assert terrain.metadata["health"]["reasons"] == ["no point was used"]

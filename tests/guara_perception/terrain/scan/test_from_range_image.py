@@ -1,4 +1,4 @@
-"""Grids from orthorectified range images: those that the scan itself gives, and refusals of what is none."""
+"""Grids from orthorectified range images equal those of the scan; invalid images are rejected."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LEVEL = np.zeros((512, 640), np.float32)
 def test_a_recorded_scan_gives_the_same_grid_by_its_range_image(
     name: str, data: Path, calibration: gp.Calibration, robot: RobotModel
 ) -> None:
-    """Causes are kept: a DROPOUT stays one, and what is unknown in the scan is unknown again."""
+    """Causes are kept: DROPOUT stays DROPOUT, and unknown cells of the scan are unknown again."""
     scan = gp.process_scan(data / "scans" / name, calibration, robot)
     image, causes = scan.pictures["ortho_image_mm"], cause_image(scan)
     terrain = gp.terrain_from_range_image(image, causes, sigma_mm=sigma_image_mm(scan), stamp=scan.stamp, step=7)
@@ -46,7 +46,7 @@ def test_level_ground_with_a_hole_and_without_causes() -> None:
 
 
 def test_another_area_and_resolution(robot: RobotModel) -> None:
-    """The picture covers the area that is given, in cells of the edge that is given."""
+    """The image covers the given area, in cells of the given size."""
     terrain = gp.terrain_from_range_image(
         np.zeros((100, 200)), area=((1.0, 1.5), (0.0, 1.0)), resolution=0.01, robot=robot
     )
@@ -55,7 +55,7 @@ def test_another_area_and_resolution(robot: RobotModel) -> None:
 
 
 def test_a_coarse_picture_leaves_cells_unknown() -> None:
-    """A cell into which no pixel's centre falls is never known."""
+    """A cell without the centre of a pixel is unknown."""
     terrain = gp.terrain_from_range_image(np.zeros((45, 54)))
     assert 0.2 < np.isfinite(terrain.elevation).mean() < 0.3 and not terrain.traversability.any()
 

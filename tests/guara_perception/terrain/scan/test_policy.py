@@ -1,4 +1,4 @@
-"""The scan policy: coarse while the way is clear, the stripes between where it is not, and back only after a while."""
+"""Scan policy: coarse while the path is clear, stripes in between at obstacles, and back only after some pauses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MakeScan = Any
 
 @pytest.fixture(scope="module")
 def pairs(robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan) -> np.ndarray:
-    """Which pair of coarse stripes passes over each cell."""
+    """Pair of coarse stripes that encloses each cell."""
     return gp.ScanProcessor(calibration, robot, paper_scan.stance, "coarse").pairs
 
 
@@ -28,7 +28,7 @@ def box(scan_grid: Any, x: float, y: float, height: float) -> np.ndarray:
 
 
 def test_empty_ground_stays_coarse(robot: RobotModel, make_scan: MakeScan, pairs: np.ndarray) -> None:
-    """Nothing found: the coarse stripes are the scan; EDGE at the border of the area is no obstacle."""
+    """Without obstacles, the coarse stripes are the scan; EDGE at the border of the area is no obstacle."""
     policy = gp.ScanPolicy(robot)
     assert policy.first_stripes == tuple(range(0, 70, 2))
     decision = policy.decide(make_scan(0.0), pairs)
@@ -39,7 +39,7 @@ def test_empty_ground_stays_coarse(robot: RobotModel, make_scan: MakeScan, pairs
 def test_an_obstacle_calls_for_the_stripes_between(
     robot: RobotModel, make_scan: MakeScan, pairs: np.ndarray, scan_grid: Any
 ) -> None:
-    """A box of 12 mm is beyond the height limit: all 35 odd stripes, ascending, with the reason as text."""
+    """A box of 12 mm exceeds the height limit: all 35 odd stripes, ascending, with a reason."""
     decision = gp.ScanPolicy(robot).decide(make_scan(box(scan_grid, 0.7, 0.1, 0.012)), pairs)
     assert decision.mode == "standard"
     assert decision.stripes == tuple(range(1, 70, 2))
@@ -50,7 +50,7 @@ def test_an_obstacle_calls_for_the_stripes_between(
 def test_unknown_ground_calls_for_them_too(
     robot: RobotModel, make_scan: MakeScan, pairs: np.ndarray, scan_grid: Any
 ) -> None:
-    """A dropout in the corridor is a hazard, and may be a hole."""
+    """A dropout in the corridor is a hazard, because it may be a hole."""
     gx, gy = np.meshgrid(*scan_grid.centres())
     hole = np.where(np.hypot(gx - 0.7, gy) < 0.01, np.uint16(Hazard.DROPOUT), 0)
     decision = gp.ScanPolicy(robot).decide(make_scan(0.0, flags=hole), pairs)
@@ -61,7 +61,7 @@ def test_unknown_ground_calls_for_them_too(
 def test_ground_beyond_the_last_stripe_is_no_reason_but_a_lost_frame_is(
     robot: RobotModel, make_scan: MakeScan, pairs: np.ndarray, scan_grid: Any
 ) -> None:
-    """UNSCANNED at the ends of rows stays coarse; a gap within, a dropout or a lost frame there does not."""
+    """UNSCANNED at the ends of rows is no obstacle; a gap within, a dropout or a lost frame there is."""
     gx, _ = np.meshgrid(*scan_grid.centres())
     beyond = (gx < 0.51) | (gx > 0.94)
     unscanned = np.where(beyond, np.uint16(Hazard.UNSCANNED), 0).astype(np.uint16)
@@ -81,7 +81,7 @@ def test_ground_beyond_the_last_stripe_is_no_reason_but_a_lost_frame_is(
 def test_with_little_time_only_the_needed_stripes_are_fired(
     robot: RobotModel, make_scan: MakeScan, pairs: np.ndarray, scan_grid: Any
 ) -> None:
-    """Time for five: those that pass over the box and its steps; without time the scan stays coarse and says why."""
+    """With time for five, those over the box and its steps; without time, coarse with a reason."""
     scan = make_scan(box(scan_grid, 0.7, 0.1, 0.03))
     decision = gp.ScanPolicy(robot).decide(scan, pairs, time_left=0.5, stripe_time=0.1)
     assert len(decision.stripes) == 5
@@ -96,7 +96,7 @@ def test_with_little_time_only_the_needed_stripes_are_fired(
 def test_back_to_coarse_only_after_some_clear_pauses(
     robot: RobotModel, make_scan: MakeScan, pairs: np.ndarray, scan_grid: Any
 ) -> None:
-    """Hysteresis: standard goes on until enough pauses in a row were clear; one obstacle starts the count again."""
+    """Hysteresis: standard continues until enough successive pauses were clear; an obstacle restarts the count."""
     policy = gp.ScanPolicy(robot)
     clear, blocked = make_scan(0.0), make_scan(box(scan_grid, 0.7, 0.1, 0.03))
     policy.decide(blocked, pairs)
@@ -112,7 +112,7 @@ def test_back_to_coarse_only_after_some_clear_pauses(
 def test_a_coarse_scan_that_is_extended_equals_a_standard_scan(
     robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan
 ) -> None:
-    """Coarse stripes first, then extended, equals a standard processor fed the same stripes; nothing is fired twice."""
+    """Coarse stripes, then extended, equal a standard scan of the same stripes; none is fired twice."""
     frames = {stripe.index: (on, off) for stripe, on, off in paper_scan.frames()}
     coarse = gp.ScanProcessor(calibration, robot, paper_scan.stance, "coarse")
     direct = gp.ScanProcessor(calibration, robot, paper_scan.stance, "standard")
@@ -130,7 +130,7 @@ def test_a_coarse_scan_that_is_extended_equals_a_standard_scan(
 
 
 def test_a_partly_extended_scan_keeps_the_coarse_ground(make_scan: MakeScan, scan_grid: Any) -> None:
-    """Where no stripe between was fired the coarse cell counts; where one was, the new cell, even if it is unknown."""
+    """Without a stripe in between, the coarse cell counts; with one, the new cell, even if unknown."""
     gx, gy = np.meshgrid(*scan_grid.centres())
     unfired = np.where(gx > 0.75, np.uint16(Hazard.UNSCANNED), 0).astype(np.uint16)
     hole = (np.abs(gx - 0.6) < 0.01) & (np.abs(gy) < 0.01)
