@@ -108,8 +108,8 @@ def refuse_stale(stale_because: tuple[str, ...], allow_stale: bool) -> None:
 
 @contextmanager
 def errors_as(kind: type[PerceptionError], source: object, *causes: type[Exception]) -> Iterator[None]:
-    """Convert errors of the types `causes` to an error of type `kind`, with `source` before the message."""
+    """Convert errors of the types `causes` to errors of type `kind`; `source`, unless empty, precedes the message."""
     try:
         yield
     except causes as error:
-        raise kind(f"{source}: {error}") from None
+        raise kind(f"{source}: {error}" if source else str(error)) from None

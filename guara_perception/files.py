@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import os
 import secrets
+import shutil
+import tempfile
 import tomllib
 import zipfile
 from collections.abc import Iterator, Sequence
@@ -152,6 +154,28 @@ def check_target(path: str | Path, *endings: str) -> Path:
     if not path.parent.is_dir():
         raise MissingFile(f"{path}: the folder {path.parent} does not exist; create it first")
     return path
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text file atomically, in UTF-8; see `whole_file` for the errors."""
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """Yield a temporary folder beside `folder`; it is moved there on success and removed on any error.
+
+    Raises:
+        OSError: the folder cannot be created, or `folder` is a file or not empty.
+    """
+    temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    try:
+        yield temporary
+        temporary.chmod(0o755)
+        temporary.rename(folder)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 @contextmanager

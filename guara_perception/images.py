@@ -1,8 +1,10 @@
-"""Images: decoding of untrusted files with limits on their size, reduction for a display, and tracking of points."""
+"""Images: reading of untrusted files with limits on their size, writing, reduction for a display, and tracking."""
 
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -73,6 +75,22 @@ def _decode(content: bytes, flags: int) -> Image | None:
     except cv2.error:
         return None
     return None if picture is None else np.asarray(picture)
+
+
+def write_picture(path: Path, picture: Image, options: Sequence[int] = ()) -> None:
+    """Write an image in the format given by the suffix of the path.
+
+    `cv2.imwrite` would only return False if the file cannot be written.
+
+    Args:
+        path: file to write.
+        picture: (h, w) or (h, w, 3) BGR image.
+        options: options of `cv2.imencode`.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    path.write_bytes(cv2.imencode(path.suffix, picture, list(options))[1].tobytes())
 
 
 def eight_bits(picture: Image) -> Image:

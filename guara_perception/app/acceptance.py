@@ -20,7 +20,7 @@ from guara_perception.app.summary import facts
 from guara_perception.arrays import Float, Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput, PerceptionError
-from guara_perception.files import whole_file
+from guara_perception.files import write_text
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.fuse_scan import pose_variance
 from guara_perception.terrain.questions.obstacles import fit_floor
@@ -195,8 +195,7 @@ class Acceptance:
         for turn in data["turns"]:
             turn.update(heights=turn["heights"].tolist(), sigmas=turn["sigmas"].tolist())
         for name, text in (("acceptance.json", json.dumps(data, indent=2)), (REPORT_FILE, self._page())):
-            with whole_file(folder / name) as temporary:
-                temporary.write_text(text, encoding="utf-8")
+            write_text(folder / name, text)
         return folder / REPORT_FILE
 
     def _page(self) -> str:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from guara_perception.app.options import DeviceOptions
 from guara_perception.exceptions import FileFormatError, InvalidInput, errors_as
 from guara_perception.fields import Fields
-from guara_perception.files import existing_file, read_toml, whole_file
+from guara_perception.files import existing_file, read_toml, write_text
 
 if TYPE_CHECKING:
     from drivers import Board, Camera, CameraSettings, SweepOptions
@@ -97,7 +97,7 @@ class Devices:
         asked: dict[str, Any] = {"size": self.size, "fps": self.fps, "lag": self.lag}
         trigger = None if free else self.trigger
         made: Camera
-        try:
+        with errors_as(InvalidInput, "", ValueError):
             if module == ARAVIS:
                 asked |= {"exposure_output": self.exposure_output, "pixel_format": self.pixel_format}
                 return AravisCamera(name, trigger=trigger, **asked)
@@ -109,8 +109,6 @@ class Devices:
                 made = V4l2Camera(name, pixel_format=self.pixel_format, **asked)
             else:
                 made = OpenCvCamera(int(self.source) if self.source.isdigit() else self.source, **asked)
-        except ValueError as error:
-            raise InvalidInput(str(error)) from None
         if trigger is not None and not made.triggered:
             raise InvalidInput(
                 f"trigger is {trigger!r}, but camera {self.source!r} has no trigger input: remove `trigger`, or "
@@ -234,8 +232,7 @@ def save_devices(devices: Devices, path: str | Path) -> None:
     lines += [f'format = "{FORMAT}"', "", "[camera]", *_toml_lines(camera)]
     if devices.board:
         lines += ["", "[board]", *_toml_lines(devices.board)]
-    with whole_file(path) as temporary:
-        temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    write_text(path, "\n".join([*lines, ""]))
 
 
 def _own(kind: type[_Device], what: str, source: str, folder: Path | None) -> _Device:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import math
 import shutil
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -18,6 +17,7 @@ from guara_perception.app.record.plate_scan import nominal_order
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, FLOOR_PICTURE, SessionPlan, SessionWriter
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, PerceptionError, errors_as
+from guara_perception.files import existing_file, whole_folder
 from guara_perception.settings import MODES, Settings
 from kinematics import KinematicsError, RobotModel, Stance
 
@@ -102,11 +102,10 @@ def read_joints(path: Path, robot: RobotModel) -> Stance:
         FileFormatError: the file is not CSV, a line is invalid, an angle is too large for radians, or a joint is
             missing or unknown.
     """
-    if not path.is_file():
-        raise MissingFile(f"{path}: no such file")
     joints: dict[str, float] = {}
     try:
-        rows = [row for row in csv.reader(path.read_text(encoding="utf-8").splitlines()) if any(map(str.strip, row))]
+        lines = existing_file(path).read_text(encoding="utf-8").splitlines()
+        rows = [row for row in csv.reader(lines) if any(map(str.strip, row))]
     except (csv.Error, UnicodeDecodeError) as error:
         raise FileFormatError(f"{path}: not a CSV file ({error})") from None
     for number, row in enumerate(rows):
@@ -155,24 +154,20 @@ def write_session(
         CalibrationMismatch: the plates were scanned by several cameras.
         MissingFile, FileFormatError: an image or the scan of a plate cannot be read.
     """
-    staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:
-        writer = SessionWriter(staging, plan)
-        for number, path in enumerate(boards):
-            writer.write(f"board_{number:02d}.png", read_picture(path))
-        writer.write(FLOOR_PICTURE, read_picture(ground))
-        writer.write(CROSSES_PICTURE, read_picture(crosses))
-        for name, plate in zip(writer.plate_names, plates, strict=True):
-            if not plate.is_dir():
-                raise MissingFile(f"--plate: {plate}: no such folder; `guara import` makes it from pictures")
-            shutil.copytree(plate, staging / name)
-        writer.finish()
-        open_session(staging)
-        staging.chmod(0o755)
-        staging.rename(folder)
+        with whole_folder(folder) as staging:
+            writer = SessionWriter(staging, plan)
+            for number, path in enumerate(boards):
+                writer.write(f"board_{number:02d}.png", read_picture(path))
+            writer.write(FLOOR_PICTURE, read_picture(ground))
+            writer.write(CROSSES_PICTURE, read_picture(crosses))
+            for name, plate in zip(writer.plate_names, plates, strict=True):
+                if not plate.is_dir():
+                    raise MissingFile(f"--plate: {plate}: no such folder; `guara import` makes it from pictures")
+                shutil.copytree(plate, staging / name)
+            writer.finish()
+            open_session(staging)
     except PerceptionError as error:
         # Name the final folder: the user does not know the temporary one.
         error.args = tuple(str(text).replace(str(staging), str(folder)) for text in error.args)
         raise
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)

@@ -66,7 +66,7 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
         chosen = DeviceOptions(**{name: values.pop(name) for name in DeviceOptions.__slots__})
         return command(chosen=chosen, **values)
 
-    return _with_options(with_chosen, options)
+    return with_options(with_chosen, options)
 
 
 def method_options(command: Callable[..., Any], *, hides_threshold: bool = False) -> Callable[..., Any]:
@@ -77,7 +77,7 @@ def method_options(command: Callable[..., Any], *, hides_threshold: bool = False
         click.option("--method", default="precise", help=f"stripe extraction: {method}"),
         click.option("--threshold", type=float, hidden=hides_threshold, help=threshold),
     )
-    return _with_options(command, options)
+    return with_options(command, options)
 
 
 def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -98,12 +98,13 @@ def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
             help="heights of the plates [m]; 0 = the bare floor; give the height of a small plate once per position",
         ),
     )
-    return _with_options(command, options)
+    return with_options(command, options)
 
 
-def _with_options(
+def with_options(
     command: Callable[..., Any], options: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...]
 ) -> Callable[..., Any]:
+    """Add options to a command, which its help shows in this order."""
     for option in reversed(options):
         command = option(command)
     return command

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from guara_perception.app.files.open_scan import open_scan
-from guara_perception.app.files.scan_calibration import calibration_for
+from guara_perception.app.files.open_scan import calibration_for, open_scan
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import InvalidInput

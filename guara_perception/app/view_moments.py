@@ -13,11 +13,11 @@ from guara_perception.app.scene.scene import cloud_points, planned_footholds
 from guara_perception.arrays import Float, Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import parse_calibration
-from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, errors_as
 from guara_perception.settings import RobotLike, robot_model
 from guara_perception.terrain.layers.layered_grid import EXTENTS
 from guara_perception.view.moment import Moment
-from transport import DEFAULT_ROBOT
+from transport import DEFAULT_ROBOT, TransportError
 from transport.messages.codec import read_time
 
 if TYPE_CHECKING:
@@ -51,8 +51,7 @@ def load_moments(
     if not path.exists():
         raise MissingFile(f"{path}: no such file or folder")
     if path.is_dir():
-        from guara_perception.app.files.open_scan import open_scans
-        from guara_perception.app.files.scan_calibration import calibration_for
+        from guara_perception.app.files.open_scan import calibration_for, open_scans
 
         scans = open_scans(path)
         model = robot_model(scans[0].robot if robot is None else robot)
@@ -82,13 +81,12 @@ def _processed(scan: Scan, robot: RobotModel, calibration: Calibration) -> Momen
 def _recorded(path: Path, robot: RobotLike | None, calibration: Calibration | None) -> tuple[RobotModel, list[Moment]]:
     """Robot and moments of a recording, by walk and step. With a calibration, scans without grids are processed."""
     from guara_perception.app.files.open_scan import open_scans
-    from guara_perception.app.files.scan_recording import file_errors
     from transport.recording import open_recording
 
     # Walks by epoch, in the order of their first grids, with the time of the first frame of each.
     walks: dict[str, int] = {}
     grids: dict[tuple[int, int], dict[str, TerrainGrid]] = {}
-    with file_errors(), open_recording(path) as recording:
+    with errors_as(FileFormatError, "", TransportError), open_recording(path) as recording:
         for extent in EXTENTS:
             for message in recording.terrains(extent):
                 walks.setdefault(message.epoch, message.scan_start)

@@ -13,7 +13,7 @@ from typing import Any
 from guara_perception.calibration.calibration import VERDICTS, Calibration, CameraModel, StripePlane
 from guara_perception.exceptions import FileFormatError, InvalidInput, errors_as
 from guara_perception.fields import Fields, parse_json, read_json, refuse_not_finite
-from guara_perception.files import whole_file
+from guara_perception.files import write_text
 
 FORMAT = "guara-calibration/1"
 logger = logging.getLogger(__name__)
@@ -70,8 +70,7 @@ def save_calibration(calibration: Calibration, path: str | Path) -> Calibration:
     created = calibration.created or datetime.now(UTC).isoformat(timespec="seconds")
     dated = dataclasses.replace(calibration, created=created)
     final = dataclasses.replace(dated, hash=content_hash(dated))
-    with whole_file(path) as temporary:
-        temporary.write_text(to_json(final), encoding="utf-8")
+    write_text(path, to_json(final))
     return final
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from guara_perception import InvalidInput, MissingFile
-from guara_perception.files import check_target, whole_file
+from guara_perception.files import check_target, whole_file, whole_folder
 
 
 def test_file_appears_with_its_content(tmp_path: Path):
@@ -82,3 +82,27 @@ def test_two_writers_do_not_meet(tmp_path: Path):
         first.write_text("first")
         second.write_text("second")
     assert target.read_text() == "first"
+
+
+def test_a_folder_appears_whole(tmp_path: Path) -> None:
+    """Its files are in it at once, it replaces an empty folder, and others may read it as any new folder."""
+    target = tmp_path / "out"
+    target.mkdir()
+    with whole_folder(target) as temporary:
+        (temporary / "file").write_text("all of it")
+        assert not any(target.iterdir())
+    assert (target / "file").read_text() == "all of it" and stat.S_IMODE(target.stat().st_mode) == 0o755
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_folder_that_fails_leaves_nothing(tmp_path: Path) -> None:
+    """Nothing is left of a folder whose writer fails, and a folder with files is never replaced."""
+    with pytest.raises(RuntimeError), whole_folder(tmp_path / "out") as temporary:
+        (temporary / "file").write_text("half")
+        raise RuntimeError
+    assert not any(tmp_path.iterdir())
+    (tmp_path / "kept").write_text("old")
+    with pytest.raises(OSError, match="not empty"), whole_folder(tmp_path) as temporary:
+        (temporary / "file").write_text("new")
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
+    assert not list(tmp_path.parent.glob(f".{tmp_path.name}-*"))

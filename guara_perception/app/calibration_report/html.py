@@ -15,7 +15,7 @@ from guara_perception.app.calibration_report import drawing
 from guara_perception.app.calibration_report.drawing import data_url
 from guara_perception.calibration.quality import Check
 from guara_perception.calibration.result import CalibrationResult
-from guara_perception.files import check_folder, whole_file
+from guara_perception.files import check_folder, write_text
 
 REPORT_FILE = "report.html"
 VERDICT_TEXTS = {
@@ -39,8 +39,7 @@ def write_report(result: CalibrationResult, folder: str | Path) -> Path:
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / REPORT_FILE
-    with whole_file(path) as temporary:
-        temporary.write_text(report_page(result), encoding="utf-8")
+    write_text(path, report_page(result))
     return path
 
 

@@ -15,6 +15,7 @@ from guara_perception.exceptions import InvalidInput
 if TYPE_CHECKING:
     from guara_perception.app.node.devices import Rig
     from guara_perception.progress import Progress
+    from guara_perception.simulation.world import World
 
 
 @click.command(name="acceptance")
@@ -47,13 +48,14 @@ def command(
       guara robot acceptance mine -c calibration.json --devices devices.toml --blocks 0.01,0.05 --note "oak, lamps"
     """
     from guara_perception.app import acceptance
-    from guara_perception.app.node.devices import choose_rig
+    from guara_perception.app.node.devices import choose_rig, robot_of
     from guara_perception.terrain.file import load_terrain
 
     heights = acceptance.parse_blocks(blocks)
     if (folder / acceptance.REPORT_FILE).exists():
         raise InvalidInput(f"{folder} already contains a finished acceptance test; give another folder")
-    rig = rig_with(heights, chosen) if simulated else choose_rig(chosen, simulated=False)
+    world = world_with(heights, robot_of(chosen)) if simulated else "demo"
+    rig = choose_rig(chosen, simulated=simulated, world=world)
     folder.mkdir(parents=True, exist_ok=True)
     turns, device = [], dict[str, str]()
     for number in range(1, scans + 1):
@@ -81,12 +83,12 @@ def scan(rig: Rig, kept: Path, show: Progress) -> dict[str, str]:
     from guara_perception.app.acceptance import device_facts
     from guara_perception.app.node.live_scan import live_scan
     from guara_perception.app.node.published_scans import with_problems
+    from guara_perception.app.node.rangefinder import firing_order
     from guara_perception.scanning.scan_processor import ScanProcessor
 
     calibration, standing = rig.calibration, stance_of(None, rig.robot)
     processor = ScanProcessor(calibration, rig.robot, standing, "standard", stamp=time.time_ns())
-    wanted = processor.settings.pattern("standard")
-    order = [(stripe.index, stripe.mirror_angle) for stripe in calibration.stripes if stripe.index in wanted]
+    order = firing_order(calibration, processor.settings.pattern("standard"))
     with rig.rangefinder as rangefinder:
         picture = np.asarray(rangefinder.camera.grab(2.0).image)
         taken = live_scan(
@@ -101,27 +103,19 @@ def scan(rig: Rig, kept: Path, show: Progress) -> dict[str, str]:
     return facts
 
 
-def rig_with(heights: tuple[float, ...], chosen: DeviceOptions) -> Rig:
-    """Create a simulated robot in front of a row of blocks on a flat floor.
-
-    Raises:
-        InvalidInput: the option --devices is given.
-    """
-    from guara_perception.app.node.devices import Rig, robot_of
-    from guara_perception.app.node.simulated import SimulatedRobot
+def world_with(heights: tuple[float, ...], robot: str) -> World:
+    """Make a flat floor with a row of blocks across the area that a robot scans."""
     from guara_perception.settings import Settings
     from guara_perception.simulation.features import Box
     from guara_perception.simulation.world import World
     from kinematics import load_robot
 
-    if chosen.devices is not None:
-        raise InvalidInput("--simulated has its own devices: leave --devices out")
-    name = robot_of(chosen)
-    model = load_robot(name)
-    (x0, x1), (y0, y1) = Settings.of(model).footprint_x, Settings.of(model).footprint_y
+    settings = Settings.of(load_robot(robot))
+    (x0, x1), (y0, y1) = settings.footprint_x, settings.footprint_y
     pitch = (y1 - y0) / len(heights)
     size = (0.6 * pitch, 0.6 * pitch)
-    row = enumerate(heights)
-    boxes = tuple(Box(x=(x0 + x1) / 2, y=y0 + (i + 0.5) * pitch, size=size, height=height) for i, height in row)
-    made = SimulatedRobot(name, chosen.calibration, world=World(features=boxes))
-    return Rig(made.robot, made.calibration, made.rangefinder, made)
+    boxes = (
+        Box(x=(x0 + x1) / 2, y=y0 + (number + 0.5) * pitch, size=size, height=height)
+        for number, height in enumerate(heights)
+    )
+    return World(features=tuple(boxes))

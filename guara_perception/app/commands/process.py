@@ -47,8 +47,7 @@ def command(
     Example:
       guara process scans/paper -c calibration.json -o paper.npz --figures pictures
     """
-    from guara_perception.app.files.open_scan import open_scan
-    from guara_perception.app.files.scan_calibration import calibration_for
+    from guara_perception.app.files.open_scan import calibration_for, open_scan
     from guara_perception.app.summary import facts, summary
     from guara_perception.files import check_folder, check_target
     from guara_perception.scanning.pictures import with_pictures

@@ -51,8 +51,7 @@ def command(
       guara replay walk.mcap -c calibration.json -o grids
       guara replay scans/a scans/b -c calibration.json --extent map --publish
     """
-    from guara_perception.app.files.open_scan import last_of_each_pause, open_scans
-    from guara_perception.app.files.scan_calibration import calibration_for
+    from guara_perception.app.files.open_scan import calibration_for, last_of_each_pause, open_scans
     from guara_perception.app.node.walk_map import WalkMap
     from guara_perception.app.publisher import publish_terrain
     from guara_perception.app.summary import summary

@@ -23,11 +23,10 @@ from guara_perception.app.options import (
     read_node_file,
     refuse_mistakes,
 )
+from guara_perception.exceptions import FileFormatError, InvalidInput
 
 if TYPE_CHECKING:
     from guara_perception.terrain.grid import TerrainGrid
-
-from guara_perception.exceptions import FileFormatError, InvalidInput
 
 ROS2_PAIR = "--ros2-tf and --ros2-unknown require --ros2"
 SIMULATED_PAIR = "--gait and --world require --simulated; a real robot follows its own gait"

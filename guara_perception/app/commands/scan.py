@@ -63,6 +63,7 @@ def command(
     from guara_perception.app.node.devices import choose_rig
     from guara_perception.app.node.live_scan import live_scan
     from guara_perception.app.node.published_scans import with_problems
+    from guara_perception.app.node.rangefinder import firing_order
     from guara_perception.app.record.plate_scan import scan_uncalibrated
     from guara_perception.app.summary import summary
     from guara_perception.scanning.pictures import with_pictures
@@ -92,20 +93,19 @@ def command(
     calibrated = rig.calibration
     stamp = time.time_ns()
     processor = ScanProcessor(calibrated, model, standing, mode, method=method, threshold=threshold, stamp=stamp)
-    wanted = processor.settings.pattern(mode)
-    firing_order = [(s.index, s.mirror_angle) for s in calibrated.stripes if s.index in wanted]
+    order = firing_order(calibrated, processor.settings.pattern(mode))
     with ScanFolderWriter(target) as writer:
         with rig.rangefinder, progress("Scanning") as show:
             done, dark_after = itertools.count(1), list[int]()
 
             def keep(capture: StripeCapture) -> None:
-                show(next(done), len(firing_order))
+                show(next(done), len(order))
                 if capture.is_dark_due:
                     dark_after.append(capture.index)
                 if capture.on is not None:
                     writer.add(capture.index, capture.mirror_angle, capture.on, capture.off, dark=capture.dark)
 
-            scan = live_scan(rig.rangefinder, processor, firing_order, should_stop=lambda: False, on_stripe=keep)
+            scan = live_scan(rig.rangefinder, processor, order, should_stop=lambda: False, on_stripe=keep)
         for problem in scan.problems:
             click.echo(problem, err=True)
         writer.finish(

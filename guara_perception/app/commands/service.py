@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from guara_perception.app.options import FILE
+from guara_perception.app.options import FILE, with_options
 from guara_perception.exceptions import InvalidInput, MissingFile
 
 UNITS = Path("/etc/systemd/system")
@@ -17,13 +17,12 @@ NODE = Path("/etc/guara/node.toml")
 
 def unit_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options that describe a unit to a command."""
-    for option in (
+    options = (
         click.option("--node", type=FILE, default=NODE, help="node.toml with the options of `guara run`"),
         click.option("--name", default="guara", help="name of the service"),
         click.option("--user", default="guara", help="user account that runs the node"),
-    ):
-        command = option(command)
-    return command
+    )
+    return with_options(command, options)
 
 
 @click.group(name="service")

@@ -25,7 +25,7 @@ from guara_perception.app.node.simulated import DEMO_WORLD, SimulatedGait, Simul
 from guara_perception.app.scene.scene import Scene
 from guara_perception.exceptions import InvalidInput, PlannerFailed
 from guara_perception.simulation.walk import Choice, Landing, WalkPause
-from guara_perception.simulation.world import World, load_world
+from guara_perception.simulation.world import World
 from guara_perception.terrain.grid import TerrainGrid
 from transport import DEFAULT_ROBOT, open_client, open_node
 from transport.server import PerceptionServer
@@ -106,7 +106,7 @@ def demo_walk(
     """
     endpoint = free_endpoint()
     with ExitStack() as stack:
-        robot = SimulatedRobot(robot_name, world=load_world(world), fps=FPS)
+        robot = SimulatedRobot(robot_name, world=world, fps=FPS)
         instance = robot.robot.name
         stack.enter_context(robot.rangefinder)
         session = stack.enter_context(open_node(listen=endpoint))

@@ -13,6 +13,7 @@ from guara_perception.arrays import Float, Float32, Grey, Image, Interval, Mask
 from guara_perception.calibration.calibration import Calibration, CameraModel, floor_pixels
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.files import check_folder
+from guara_perception.images import eight_bits
 from guara_perception.scan import Scan
 from guara_perception.scanning.pictures import COLUMNS, ROWS, cause_image
 from guara_perception.scanning.scan_processor import ScanProcessor
@@ -141,8 +142,7 @@ def stripes_together(scan: Scan) -> Grey:
 
 def as_grey(frame: Image) -> Grey:
     """Convert a frame to 8-bit greyscale: the maximum of its channels, which shows a laser of any colour."""
-    grey = frame.max(axis=2) if frame.ndim == 3 else frame
-    return np.asarray(grey >> 8 if grey.dtype == np.uint16 else grey, dtype=np.uint8)
+    return np.asarray(eight_bits(frame.max(axis=2) if frame.ndim == 3 else frame), dtype=np.uint8)
 
 
 def corrected_image(

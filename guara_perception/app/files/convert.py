@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from guara_perception.app.files.open_scan import open_scan, open_scans
-from guara_perception.app.files.scan_calibration import carried_calibration
+from guara_perception.app.files.open_scan import carried_calibration, open_scan, open_scans
 from guara_perception.app.files.scan_folder import ScanFolderWriter
 from guara_perception.app.messages import stance_to_message
 from guara_perception.calibration.calibration import Calibration

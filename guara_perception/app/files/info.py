@@ -7,8 +7,7 @@ from typing import Any
 
 from guara_perception.app.files.calibration_session import SESSION_FILE
 from guara_perception.app.files.recording import open_recording
-from guara_perception.app.files.scan_calibration import CALIBRATION_FILE
-from guara_perception.app.files.scan_folder import SCAN_FILE, open_scan_folder
+from guara_perception.app.files.scan_folder import CALIBRATION_FILE, SCAN_FILE, open_scan_folder
 from guara_perception.app.summary import facts
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import InvalidInput, MissingFile, errors_as

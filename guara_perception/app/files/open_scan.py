@@ -1,13 +1,14 @@
-"""Access to recorded scans in folders and MCAP recordings."""
+"""Access to recorded scans in folders and MCAP recordings, and to the calibrations stored with them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 
-from guara_perception.app.files.scan_folder import open_scan_folder
-from guara_perception.calibration.calibration import format_indices
-from guara_perception.exceptions import InvalidInput, MissingFile
+from guara_perception.app.files.scan_folder import CALIBRATION_FILE, open_scan_folder
+from guara_perception.calibration.calibration import Calibration, format_indices
+from guara_perception.calibration.file import load_calibration, parse_calibration
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, errors_as
 from guara_perception.scan import Scan
 
 
@@ -65,3 +66,42 @@ def open_scans(path: str | Path, *, missing_ok: bool = False) -> list[Scan]:
     from guara_perception.app.files.scan_recording import open_recorded_scans
 
     return open_recorded_scans(path)
+
+
+def carried_calibration(scan: str | Path) -> Calibration | None:
+    """Calibration stored in a scan folder or attached to a recording; None if there is no calibration or no scan.
+
+    Raises:
+        FileFormatError: the calibration is not valid, or the recording cannot be read.
+    """
+    from transport import TransportError
+    from transport.recording import open_recording
+
+    scan = Path(scan)
+    if scan.is_dir():
+        path = scan / CALIBRATION_FILE
+        return load_calibration(path) if path.is_file() else None
+    if not scan.is_file():
+        return None
+    with errors_as(FileFormatError, "", TransportError), open_recording(scan) as recording:
+        text = recording.calibration
+    return None if text is None else parse_calibration(text, f"{scan}: {CALIBRATION_FILE}")
+
+
+def calibration_for(scan: str | Path, given: str | Path | None) -> Calibration:
+    """Load the calibration file `given`, or, if this is None, the calibration stored with the scan.
+
+    Raises:
+        InvalidInput: no file is given, and the scan has no calibration.
+        MissingFile, FileFormatError: a file does not exist or cannot be read.
+    """
+    if given is not None:
+        return load_calibration(given)
+    carried = carried_calibration(scan)
+    if carried is None:
+        if not Path(scan).exists():
+            raise MissingFile(f"{scan}: no such scan")
+        raise InvalidInput(
+            f"{scan} has no {CALIBRATION_FILE}: give the calibration of the rangefinder that recorded the scan (-c)"
+        )
+    return carried

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from guara_perception.app.files.write_picture import write_picture
 from guara_perception.arrays import Float32, Grey, Image
-from guara_perception.files import whole_file
+from guara_perception.files import whole_file, write_text
+from guara_perception.images import write_picture
 from guara_perception.scanning.pictures import COLUMNS, ROWS, cause_image
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
@@ -44,8 +44,7 @@ def write_range_images(folder: Path, terrain: TerrainGrid) -> list[Path]:
         "pixels": {"rows": "along x", "columns": "along y", "size": [ROWS, COLUMNS]},
     }
     path = folder / "range_images.json"
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(meaning, indent=1) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(meaning, indent=1) + "\n")
     return [*paths, path]
 
 

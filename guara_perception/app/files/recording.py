@@ -6,17 +6,17 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-from guara_perception.app.files.scan_recording import file_errors, open_recorded_scans
+from guara_perception.app.files.scan_recording import open_recorded_scans
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import parse_calibration
-from guara_perception.exceptions import InvalidInput
+from guara_perception.exceptions import FileFormatError, InvalidInput, errors_as
 from guara_perception.files import existing_file
 from guara_perception.scan import Scan
 from guara_perception.terrain.file import load_terrain
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.layered_grid import EXTENTS
-from transport import StancePause
+from transport import StancePause, TransportError
 from transport.recording import open_recording as open_messages
 
 
@@ -40,7 +40,7 @@ class Recording(AbstractContextManager["Recording"]):
     def __init__(self, path: str | Path) -> None:
         """Open the file; see `open_recording`."""
         self.path = existing_file(path)
-        with file_errors():
+        with errors_as(FileFormatError, "", TransportError):
             self._messages = open_messages(self.path)
         text = self._messages.calibration
         source = f"{self.path}: calibration.json"
@@ -64,7 +64,7 @@ class Recording(AbstractContextManager["Recording"]):
         """
         if extent not in EXTENTS:
             raise InvalidInput(f"extent is {extent!r}; allowed: {', '.join(EXTENTS)}")
-        with file_errors(f"{self.path}: "):
+        with errors_as(FileFormatError, self.path, TransportError):
             for message in self._messages.terrains(extent):
                 yield message_to_terrain(message)
 
@@ -74,7 +74,7 @@ class Recording(AbstractContextManager["Recording"]):
         Raises:
             FileFormatError: an announcement is damaged.
         """
-        with file_errors(f"{self.path}: "):
+        with errors_as(FileFormatError, self.path, TransportError):
             yield from self._messages.stance_pauses()
 
     def close(self) -> None:

@@ -13,21 +13,19 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.app.files.scan_calibration import CALIBRATION_FILE
-from guara_perception.app.files.write_picture import write_picture
 from guara_perception.arrays import Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import save_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, errors_as
 from guara_perception.fields import Fields, read_json
 from guara_perception.files import existing_file, read_bounded
-from guara_perception.images import LARGEST_PICTURE, decode_picture
+from guara_perception.images import LARGEST_PICTURE, decode_picture, write_picture
 from guara_perception.scan import Scan, ScanStripe
 from guara_perception.settings import MODES
 from kinematics import KinematicsError, Stance
 
 FORMAT = "guara-scan/1"
-SCAN_FILE = "scan.json"
+SCAN_FILE, CALIBRATION_FILE = "scan.json", "calibration.json"
 # Largest stamp [ns] and largest step that grid files and messages can represent.
 MAXIMUM_STAMP = 2**63 - 1
 MAXIMUM_STEP = 2**31 - 1
@@ -71,7 +69,7 @@ def open_scan_folder(folder: str | Path, *, missing_ok: bool = False) -> Scan:
         stance_end = None
         if fields.has("stance_end"):
             stance_end = Stance.from_dict(fields.sub("stance_end").data, "stance_end")
-    try:
+    with errors_as(FileFormatError, "", InvalidInput):
         return Scan(
             robot=fields.text("robot"),
             mode=fields.text("mode", MODES),
@@ -86,8 +84,6 @@ def open_scan_folder(folder: str | Path, *, missing_ok: bool = False) -> Scan:
             dark_after=_dark_after(fields) if fields.has("dark_after") else (),
             camera_identity=fields.text("camera_identity") if fields.has("camera_identity") else "",
         )
-    except InvalidInput as error:
-        raise FileFormatError(str(error)) from None
 
 
 def read_picture(path: Path) -> npt.NDArray[np.generic]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -27,15 +27,6 @@ from transport.recording import FrameReference, Recording, ScanRecord, StripeRec
 BEFORE_NS, AFTER_NS = 5_000_000_000, 10_000_000_000
 
 
-@contextmanager
-def file_errors(before: str = "") -> Iterator[None]:
-    """Convert errors of the transport's reader to FileFormatError, with `before` as a prefix of the message."""
-    try:
-        yield
-    except TransportError as error:
-        raise FileFormatError(f"{before}{error}") from None
-
-
 def open_recorded_scans(path: str | Path) -> list[Scan]:
     """Open the scans of a recording that have a laser-on frame, in recorded order.
 
@@ -47,9 +38,9 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
             makes it readable).
     """
     path = existing_file(path)
-    with file_errors():
+    with errors_as(FileFormatError, "", TransportError):
         recording = open_recording(path)
-    with file_errors(f"{path}: a recorded grid cannot be read: "):
+    with errors_as(FileFormatError, f"{path}: a recorded grid cannot be read", TransportError):
         withdrawn, walks = _read_grids(recording.scans, recording.terrains())
     calibration: Calibration | None = None
     if recording.calibration is not None:
@@ -107,7 +98,7 @@ def _scan(
         return text
 
     def read_frame(text: str) -> npt.NDArray[np.generic]:
-        with file_errors(f"{source}: "):
+        with errors_as(FileFormatError, source, TransportError):
             frame = recording.frame(names[text])
         if frame.pixels is not None:
             return frame.pixels
@@ -134,7 +125,7 @@ def _scan(
         def read_track(robot: RobotModel, transform_camera_to_base: Float) -> BodyTrack:
             track = BodyTrack(robot, stance, transform_camera_to_base=transform_camera_to_base)
             until = max(stripe.stamp for stripe in record.stripes) + AFTER_NS
-            with file_errors(f"{source}: "):
+            with errors_as(FileFormatError, source, TransportError):
                 for batch in recording.stance_stream(record.stamp - BEFORE_NS, until):
                     add_samples(track, robot, batch, flashes[0].begin)
             return track

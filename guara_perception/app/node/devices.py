@@ -16,6 +16,7 @@ from kinematics import RobotModel, load_robot
 
 if TYPE_CHECKING:
     from guara_perception.app.node.simulated import SimulatedRobot
+    from guara_perception.simulation.world import World
 
 
 # Keys and prefixes of keys of robot.toml on which footholds depend. The mounts of camera and laser are not among them,
@@ -58,7 +59,7 @@ def choose_rig(
     simulated: bool,
     needs_calibration: bool = True,
     on_the_move: bool = False,
-    world: str = "demo",
+    world: str | World = "demo",
 ) -> Rig:
     """Create robot and devices as selected by the options of a command.
 
@@ -68,7 +69,7 @@ def choose_rig(
         needs_calibration: False for a scan from which to calibrate.
         on_the_move: True if footholds will be chosen from the grids; no safety-related value of robot.toml may then be
             assumed.
-        world: name or file of the simulated world.
+        world: the simulated world, or its name or file.
 
     Raises:
         InvalidInput: a calibration is required but not given, `simulated` is combined with devices.toml, safety-related
@@ -83,9 +84,8 @@ def choose_rig(
         if chosen.devices is not None:
             raise InvalidInput("--simulated has its own devices: leave --devices out")
         from guara_perception.app.node.simulated import SimulatedRobot
-        from guara_perception.simulation.world import load_world
 
-        made = SimulatedRobot(robot_of(chosen), chosen.calibration, world=load_world(world))
+        made = SimulatedRobot(robot_of(chosen), chosen.calibration, world=world)
         return Rig(made.robot, made.calibration, made.rangefinder, made)
     devices = devices_of(chosen)
     if not needs_calibration:

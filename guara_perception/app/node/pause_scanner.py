@@ -13,7 +13,7 @@ from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause import Pause
 from guara_perception.app.node.published_scans import PublishedScans
-from guara_perception.app.node.rangefinder import Rangefinder
+from guara_perception.app.node.rangefinder import Rangefinder, firing_order
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.sweep import ADAPTIVE, Sweeper, SweepJob
 from guara_perception.app.node.walk_map import WalkMap
@@ -245,7 +245,7 @@ class PauseScanner:
             Motor steps lost since the last homing; 0 if the board fails, which the status reports.
         """
         try:
-            lost = self._rangefinder.lost_steps(self._sweeper.firing_order(self.settings.pattern("standard")))
+            lost = self._rangefinder.lost_steps(firing_order(self.calibration, self.settings.pattern("standard")))
         except DriverError as error:
             # A board that is disconnected now does not make the last scan wrong; the next scan reconnects or fails.
             self.status.problem("board", str(error))

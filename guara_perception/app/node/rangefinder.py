@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Self
@@ -22,7 +22,7 @@ from drivers import (
     timing,
 )
 from drivers.timing import EmulatedClock
-from guara_perception.calibration.calibration import check_identity
+from guara_perception.calibration.calibration import Calibration, check_identity
 from guara_perception.scanning.background import aligned
 
 if TYPE_CHECKING:
@@ -32,6 +32,12 @@ if TYPE_CHECKING:
 
 
 FiringOrder = Sequence[tuple[int, float]]
+
+
+def firing_order(calibration: Calibration, indices: Collection[int]) -> FiringOrder:
+    """Calibrated stripes among `indices` as (index, mirror angle [rad]), in firing order."""
+    return [(stripe.index, stripe.mirror_angle) for stripe in calibration.stripes if stripe.index in indices]
+
 
 # [s] Standard deviation of a flash time derived from a frame's stamp: `measure_lag` is accurate to one or two
 # milliseconds, and transfer times vary by about the same amount.

@@ -49,7 +49,7 @@ class SimulatedRobot:
         robot: str | Path = "guara",
         calibration: Path | None = None,
         *,
-        world: World | Path = DEMO_WORLD,
+        world: World | str | Path = DEMO_WORLD,
         size: tuple[int, int] = (640, 512),
         fps: float = 30.0,
         seed: int = 0,
@@ -60,13 +60,13 @@ class SimulatedRobot:
             robot: name or folder of the robot.
             calibration: calibration file of the rangefinder; None = a random device with the errors of careful
                 assembly.
-            world: terrain, or a world file.
+            world: terrain, or the name or file of a world.
             size: width and height of the camera images if no calibration is given [px].
             fps: frame rate of the camera [1/s].
             seed: random seed of the noise and, without a calibration, of the device.
         """
         self.robot: RobotModel = load_robot(robot)
-        self.world = load_world(world) if isinstance(world, Path) else world
+        self.world = world if isinstance(world, World) else load_world(world)
         self.calibration: Calibration = (
             specimen(self.robot, size, seed) if calibration is None else load_calibration(calibration)
         )

@@ -8,14 +8,14 @@ import logging
 import math
 import secrets
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
 from guara_perception.app.node.live_scan import LiveScan, live_scan
 from guara_perception.app.node.pause_stream import PauseStream
-from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
+from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder, firing_order
 from guara_perception.app.node.recorder import ScanRecording
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.progress import Progress
@@ -135,12 +135,8 @@ class Sweeper:
 
     def __init__(self, calibration: Calibration, rangefinder: Rangefinder, settings: Settings, policy: ScanPolicy):
         """Store the parts. The mirror angles are those of `calibration`, which must belong to `rangefinder`."""
-        self._angles = {stripe.index: stripe.mirror_angle for stripe in calibration.stripes}
-        self._rangefinder, self._settings, self._policy = rangefinder, settings, policy
-
-    def firing_order(self, indices: Iterable[int]) -> FiringOrder:
-        """Calibrated stripes among `indices` with their mirror angles, in firing order."""
-        return [(index, self._angles[index]) for index in sorted(indices) if index in self._angles]
+        self._calibration, self._rangefinder = calibration, rangefinder
+        self._settings, self._policy = settings, policy
 
     def sweep(self, mode: str, job: SweepJob) -> Swept:
         """Sweep in a mode of SWEEPS.
@@ -179,23 +175,23 @@ class Sweeper:
         if mode == ADAPTIVE:
             return self._adaptive(job)
         processor = job.processor(mode)
-        scan = self._run(processor, self.firing_order(self._settings.pattern(mode)), job)
+        scan = self._run(processor, firing_order(self._calibration, self._settings.pattern(mode)), job)
         return Swept(processor.finish(), scan, processor)
 
     def _adaptive(self, job: SweepJob) -> Swept:
         start = clock.now()
         processor = first_processor = job.processor("coarse")
-        firing_order = self.firing_order(self._policy.first_stripes)
-        first = self._run(processor, firing_order, job)
+        order = firing_order(self._calibration, self._policy.first_stripes)
+        first = self._run(processor, order, job)
         coarse = processor.finish()
         if first.stopped_early or first.failed or processor.refused:
             return Swept(coarse, first, processor)
         now = clock.now()
         ends_at, finishing = job.ends_at(), now - first.last_frame
         left = None if ends_at is None else max(ends_at - now - max(job.tail, finishing) - MARGIN_S, 0.0)
-        stripe_time = max(first.last_frame - start, 1e-3) / len(firing_order)
+        stripe_time = max(first.last_frame - start, 1e-3) / len(order)
         decision = self._policy.decide(coarse, processor.pairs, time_left=left, stripe_time=stripe_time)
-        between = self.firing_order(decision.stripes)
+        between = firing_order(self._calibration, decision.stripes)
         if not between:
             return Swept(coarse, first, processor)
         job.publish(Swept(coarse, first, processor))
@@ -215,7 +211,7 @@ class Sweeper:
             coarse = first_processor.finish()
         return Swept(refined(coarse, fine), both, processor, first_processor)
 
-    def _run(self, processor: ScanProcessor, firing_order: FiringOrder, job: SweepJob) -> LiveScan:
+    def _run(self, processor: ScanProcessor, order: FiringOrder, job: SweepJob) -> LiveScan:
         done = len(processor.profiles)
         stream, flash = job.stream(), None
         if stream is not None:
@@ -224,7 +220,7 @@ class Sweeper:
 
         def on_stripe(capture: StripeCapture) -> None:
             if job.progress is not None:
-                job.progress(len(processor.profiles), done + len(firing_order))
+                job.progress(len(processor.profiles), done + len(order))
             if job.recording is not None:
                 job.recording.add(capture, None if stream is None else stream.record(processor.flash(capture.index)))
             if job.on_stripe is not None:
@@ -233,7 +229,7 @@ class Sweeper:
         scan = live_scan(
             self._rangefinder,
             processor,
-            firing_order,
+            order,
             should_stop=job.should_stop,
             on_stripe=on_stripe,
             flash=flash,

@@ -13,12 +13,12 @@ import numpy as np
 
 from guara_perception.app.files.calibration_session import FORMAT, SESSION_FILE, board_to_dict, read_board
 from guara_perception.app.files.scan_folder import read_picture
-from guara_perception.app.files.write_picture import write_picture
 from guara_perception.arrays import Float, Image
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, errors_as
 from guara_perception.fields import read_json
-from guara_perception.files import check_folder, whole_file
+from guara_perception.files import check_folder, whole_file, write_text
+from guara_perception.images import write_picture
 from kinematics import KinematicsError, Stance
 
 PLAN_FILE = "recording.json"
@@ -147,8 +147,7 @@ class SessionWriter:
         self._write_plan()
 
     def _write_plan(self) -> None:
-        with whole_file(self.folder / PLAN_FILE) as temporary:
-            temporary.write_text(json.dumps(self.plan.to_dict(), indent=1) + "\n", encoding="utf-8")
+        write_text(self.folder / PLAN_FILE, json.dumps(self.plan.to_dict(), indent=1) + "\n")
 
     @property
     def plate_names(self) -> list[str]:
@@ -174,6 +173,5 @@ class SessionWriter:
             "stance": plan.to_dict()["stance"],
         }
         path = self.folder / SESSION_FILE
-        with whole_file(path) as temporary:
-            temporary.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+        write_text(path, json.dumps(document, indent=1) + "\n")
         return path

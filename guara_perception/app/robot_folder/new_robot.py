@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
-import tempfile
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -13,6 +11,7 @@ from guara_perception.app.robot_folder.collisions import neighbours
 from guara_perception.app.robot_folder.folder_texts import readme_text, toml_text
 from guara_perception.app.robot_folder.propose import Proposal, propose
 from guara_perception.exceptions import InvalidInput
+from guara_perception.files import whole_folder
 from kinematics.load import plain_urdf
 from kinematics.read_urdf import read_urdf
 from kinematics.urdf_checks import check_urdf
@@ -44,27 +43,21 @@ def new_robot(source: Path, folder: Path, *, name: str | None = None, hip_height
     urdf = read_urdf(source)
     check_urdf(urdf)
     proposal = propose(urdf, name, hip_height)
-    made = None
+    texts = {
+        f"urdf/{name}.urdf": plain_urdf(proposal.urdf),
+        f"srdf/{name}.srdf": srdf_text(proposal),
+        "robot.toml": toml_text(proposal, source.name),
+        "README.md": readme_text(proposal, source.name, urdf.notes),
+    }
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        made = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-        for file, text in (
-            (f"urdf/{name}.urdf", plain_urdf(proposal.urdf)),
-            (f"srdf/{name}.srdf", srdf_text(proposal)),
-            ("robot.toml", toml_text(proposal, source.name)),
-            ("README.md", readme_text(proposal, source.name, urdf.notes)),
-        ):
-            (made / file).parent.mkdir(exist_ok=True)
-            (made / file).write_text(text, encoding="utf-8")
-        made.chmod(0o755)
-        if folder.is_dir():
-            folder.rmdir()
-        made.rename(folder)
+        # An empty folder of this name is replaced.
+        with whole_folder(folder) as made:
+            for file, text in texts.items():
+                (made / file).parent.mkdir(exist_ok=True)
+                (made / file).write_text(text, encoding="utf-8")
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(folder)) from error
-    finally:
-        if made is not None:
-            shutil.rmtree(made, ignore_errors=True)
     return proposal
 
 

@@ -65,15 +65,12 @@ def trial_world(robot: RobotModel) -> World:
     )
 
 
-def trial_walk(
-    robot: RobotModel, *, pauses: int = PAUSES, mode: str = "coarse", progress: Progress | None = None
-) -> TrialWalk:
-    """Simulate a walk over the trial ground, with scans, odometry, map and planner.
+def trial_walk(robot: RobotModel, *, pauses: int = PAUSES, progress: Progress | None = None) -> TrialWalk:
+    """Simulate a walk over the trial ground, with coarse scans, odometry, map and planner.
 
     Args:
         robot: robot that walks.
         pauses: number of stance pauses to scan.
-        mode: scan mode.
         progress: called after each pause with (pauses done, total number of pauses).
     """
     from guara_perception.scanning.scan_processor import ScanProcessor
@@ -99,8 +96,8 @@ def trial_walk(
     try:
         for pause in simulate_walk(world, robot, choose, cycles=(pauses - 1) / len(robot.legs), seed=0):
             rangefinder.set_pose(pause.transform_base_to_world, pause.joint_positions)
-            processor = ScanProcessor(calibration, robot, pause.stance, mode, step=pause.step)
-            for index, on, off in rangefinder.frames(settings.pattern(mode)):
+            processor = ScanProcessor(calibration, robot, pause.stance, "coarse", step=pause.step)
+            for index, on, off in rangefinder.frames(settings.pattern("coarse")):
                 processor.add(index, on, off)
             terrain = processor.finish()
             pose = odometry.update(pause.stance)

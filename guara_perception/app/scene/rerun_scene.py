@@ -16,7 +16,7 @@ import numpy as np
 
 from guara_perception.app.scene.scene import cloud_field, cloud_points
 from guara_perception.arrays import Float
-from guara_perception.exceptions import FileFormatError, InvalidInput, ViewerFailed, optional_library
+from guara_perception.exceptions import FileFormatError, InvalidInput, ViewerFailed, errors_as, optional_library
 from guara_perception.files import check_target, existing_file, whole_file
 from kinematics import ODOM
 from transport import TerrainMessage, TransportError
@@ -70,22 +70,23 @@ def save_rerun_scene(path: Path, out: Path) -> Path:
     existing_file(path)
     if path.suffix != ".mcap":
         raise InvalidInput(f"{path}: Rerun shows recordings (.mcap); `guara view {path}` shows grids and scans")
-    try:
-        with open_recording(path) as recording, whole_file(out) as temporary:
-            last = _last_map(recording)
-            robot, position, model = last.robot, _position_of(last), _model_of(_description_of(recording))
-            stream = rerun.RecordingStream(APPLICATION, recording_id=path.stem)
-            stream.save(str(temporary), default_blueprint=blueprint(robot, model, position))
-            stream.log_file_from_path(str(path))
-            for entity, shape in solid_shapes(_description_of(recording)):
-                stream.log(entity, shape, static=True)
-            for time, entity, what in _drawn(recording, robot):
-                stream.set_time(TIMELINE, timestamp=np.datetime64(time, "ns"))
-                stream.log(entity, *what)
-            stream.flush()
-            stream.disconnect()
-    except TransportError as error:
-        raise FileFormatError(str(error)) from None
+    with (
+        errors_as(FileFormatError, "", TransportError),
+        open_recording(path) as recording,
+        whole_file(out) as temporary,
+    ):
+        last = _last_map(recording)
+        robot, position, model = last.robot, _position_of(last), _model_of(_description_of(recording))
+        stream = rerun.RecordingStream(APPLICATION, recording_id=path.stem)
+        stream.save(str(temporary), default_blueprint=blueprint(robot, model, position))
+        stream.log_file_from_path(str(path))
+        for entity, shape in solid_shapes(_description_of(recording)):
+            stream.log(entity, shape, static=True)
+        for time, entity, what in _drawn(recording, robot):
+            stream.set_time(TIMELINE, timestamp=np.datetime64(time, "ns"))
+            stream.log(entity, *what)
+        stream.flush()
+        stream.disconnect()
     return out
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app.files.convert import convert
-from guara_perception.app.files.scan_calibration import calibration_for, carried_calibration
+from guara_perception.app.files.open_scan import calibration_for, carried_calibration
 
 
 @pytest.fixture
