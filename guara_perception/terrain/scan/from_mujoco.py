@@ -23,9 +23,9 @@ from kinematics.transforms import inverse, transform_points
 Area = tuple[tuple[float, float], tuple[float, float]]
 # Number of rays per cell along each axis. With cells of 5 mm they may miss relief narrower than 2.5 mm.
 RAYS = 2
-# Height above the height limit at which the rays start; a ray that starts inside a geom would meet its bottom. Rays
-# meet a ceiling below this height first, so the ground under it is unknown.
-ABOVE_M = 20.0
+# Height above the highest geom at which the rays start; a ray that starts inside a geom would meet its bottom. Rays meet
+# any ceiling first, so the ground under it is unknown.
+ABOVE_M = 1.0
 
 
 def terrain_from_mujoco(
@@ -150,7 +150,9 @@ def _ground(
     shares = (np.arange(RAYS) + 0.5) / RAYS
     x = geometry.origin[0] + (np.arange(nx)[:, None] + shares).ravel() * geometry.resolution
     y = geometry.origin[1] + (np.arange(ny)[:, None] + shares).ravel() * geometry.resolution
-    top = settings.maximum_height + ABOVE_M
+    # The footprint is horizontal. Planes have no radius; their rays are infinite downwards.
+    highest = float((data.geom_xpos[ground, 2] + model.geom_rbound[ground]).max())
+    top = max(settings.maximum_height, highest - transform[2, 3]) + ABOVE_M
     points = np.stack(np.broadcast_arrays(x[None, :], y[:, None], top), axis=-1).reshape(-1, 3)
     down, met = np.array([0.0, 0.0, -1.0]), np.zeros(1, np.int32)
     starts = transform_points(transform, points)

@@ -94,6 +94,17 @@ def test_a_ceiling_leaves_the_ground_unknown(robot: RobotModel) -> None:
     assert np.isfinite(terrain.height_at(0.0, 0.0)) and np.isfinite(terrain.height_at(0.30, 0.18))
 
 
+@pytest.mark.parametrize("height", [19.0, 30.0, 2000.0])
+def test_the_inside_of_a_high_wall_is_no_ground(robot: RobotModel, height: float) -> None:
+    """Rays start above whatever stands in the scene, in a pit too; from within, they would meet the floor."""
+    wall = f'<geom type="box" pos="0.7 0 {height / 2}" size="0.12 0.15 {height / 2}"/>'
+    terrain = gp.terrain_from_mujoco(*scene(robot, FLOOR + wall))
+    x, y = np.meshgrid(*terrain.geometry.centres())
+    inside = (np.abs(x - 0.7) < 0.12) & (np.abs(y) < 0.15)
+    assert ((terrain.hazard[inside] & gp.Hazard.OUT_OF_RANGE) != 0).all()
+    assert terrain.is_traversable(0.90, 0.0) is False and (terrain.hazard[~inside] == 0).any()
+
+
 def test_bad_scenes_are_refused(robot: RobotModel) -> None:
     model, data = scene(robot, FLOOR)
     with pytest.raises(gp.InvalidInput, match="body is 'trunk'; allowed: a body of the scene"):
