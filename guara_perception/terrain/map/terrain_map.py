@@ -18,7 +18,13 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry, cell_edge
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, cells_by_flag
 from guara_perception.terrain.layers.record import POSE, Health, MapRecord
-from guara_perception.terrain.map.checked_input import check_scan, checked_pose, tilt_between_looks, tilt_since
+from guara_perception.terrain.map.checked_input import (
+    CheckedPose,
+    check_scan,
+    checked_pose,
+    tilt_between_looks,
+    tilt_since,
+)
 from guara_perception.terrain.map.fuse_heights import MapPause, OdometryDrift, dispute_heights
 from guara_perception.terrain.map.fuse_scan import fuse_scan
 from guara_perception.terrain.map.known_ground import KnownGround, fuse_known_ground
@@ -30,7 +36,7 @@ from guara_perception.terrain.map.seen_texture import GroundView, VisualMotion, 
 from guara_perception.terrain.map.snapshot import snapshot_layers
 from guara_perception.terrain.map.soft_ground import remembered, slid_feet, sunk_feet
 from guara_perception.terrain.map.support_feet import fill_under_foot, sole_error, support_feet
-from guara_perception.terrain.map.walk_correction import SidewaysDrift
+from guara_perception.terrain.map.walk_correction import SIDEWAYS, SidewaysDrift
 from kinematics import OdometryPose, PoseInOdom, RobotModel
 
 # The window is recentred when the robot is farther than this from its centre along x or y.
@@ -248,15 +254,39 @@ class TerrainMap:
         """Return the map in the base_footprint of another pause without fusing its scan.
 
         `terrain`, `pose` and `time` are as in `update`, with the same checks, except that the stance is not checked and
-        `covariance_since_last` is optional at every pause. Of `terrain`, only stamp, step and record enter the result.
+        `covariance_since_last` is optional at every pause; without it, the motion since the last fused scan is as
+        uncertain as `covariance`. Of `terrain`, only stamp, step and record enter the result.
         """
         state = self._state
         check_scan(terrain, self._grid.resolution, state.step)
         checked = checked_pose(terrain, pose)
         transform = state.walk.transform @ checked.transform
         transform[2, 3] += state.anchor.offset
-        now = MapPause(self._pause_of(terrain), _clock(terrain, time), state.drift, state.sideways, transform)
+        pause = self._pause_of(terrain)
+        drift, sideways = self._drifted(checked, transform, pause)
+        now = MapPause(pause, _clock(terrain, time), drift, sideways, transform)
         return self._snapshot(terrain, now, checked.covariance, 0, {})
+
+    def _drifted(self, pose: CheckedPose, transform: Float, pause: int) -> tuple[OdometryDrift, SidewaysDrift]:
+        """Drift up to a pause whose scan is not fused, so that nothing corrects it."""
+        state, walk, growth = self._state, self._state.walk, pose.covariance
+        slip = walk.slip
+        if walk.last is not None:
+            before = walk.transform @ walk.last
+            if pose.since_last is not None:
+                turned = np.kron(np.eye(2), before[:3, :3])
+                growth = turned @ pose.since_last @ turned.T
+            if state.texture is not None:
+                slip = slip + self._robot.odometry_limits.slip_share * (transform - before)[:2, 3]
+        shift, turn = float(np.linalg.eigvalsh(growth[:2, :2])[-1]), float(growth[5, 5])
+        planar = growth[np.ix_(SIDEWAYS, SIDEWAYS)]
+        if walk.last is None:
+            # Without registration, `covariance` is that of all motions since the start.
+            shift, turn = max(shift - state.drift.shift, 0.0), max(turn - state.drift.turn, 0.0)
+            planar = np.diag([shift, shift, turn])
+        rise = state.anchor.after(float(pose.covariance[2, 2]), {}).rise
+        drift = OdometryDrift(rise, state.drift.shift + shift, state.drift.turn + turn)
+        return drift, state.sideways.after(pause, planar, transform[:2, 3], np.zeros((3, 3)), slip)
 
     def save(self, path: str | Path) -> None:
         """Write the whole map to an .npz file; the map returned by `load` continues exactly where this one ends.

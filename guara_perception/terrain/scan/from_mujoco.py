@@ -23,8 +23,8 @@ from kinematics.transforms import inverse, transform_points
 Area = tuple[tuple[float, float], tuple[float, float]]
 # Number of rays per cell along each axis. With cells of 5 mm they may miss relief narrower than 2.5 mm.
 RAYS = 2
-# Height above the highest geom at which the rays start; a ray that starts inside a geom would meet its bottom. Rays meet
-# any ceiling first, so the ground under it is unknown.
+# Height above the highest geom at which the rays start; a ray that starts inside a geom would meet its bottom. Rays
+# meet any ceiling first, so the ground under it is unknown.
 ABOVE_M = 1.0
 
 

@@ -12,7 +12,7 @@ import guara_perception as gp
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.hazard import Hazard
 from kinematics import PoseInOdom, RobotModel
-from tests.guara_perception.terrain.map.poses import AROUND, POINT, ZERO, MakeScan, at, only
+from tests.guara_perception.terrain.map.poses import AROUND, POINT, ZERO, MakeScan, at, drift, only
 
 
 def test_time_that_runs_backwards_makes_what_was_seen_before_stale(robot: RobotModel, make_scan: MakeScan) -> None:
@@ -76,3 +76,22 @@ def test_cells_seen_by_another_clock_are_stale(robot: RobotModel, make_scan: Mak
     later = loaded.update(make_scan(0.0, step=1, stamp=10_001 * 10**9), PoseInOdom(at(0.3), ZERO), time=50.0)
     old = np.isfinite(later.elevation) & (later.age > 0)
     assert old.any() and ((later.hazard[old] & Hazard.STALE) != 0).all()
+
+
+@pytest.mark.parametrize("is_registered", [True, False])
+def test_a_view_drifts_as_far_as_its_pose_may(robot: RobotModel, make_scan: MakeScan, is_registered: bool) -> None:
+    """From a pose that is sure to 30 mm no ground of before is safe, as after a scan of nothing; from 7 mm, less is."""
+    hidden = np.full(make_scan(0.0).shape, np.uint16(Hazard.UNSCANNED))
+    free = {}
+    for sigma in (0.0, 0.007, 0.030):
+        unsure = drift(shift=sigma, turn=0.3 * sigma)
+        poses = [PoseInOdom(at(), each, each if is_registered else None) for each in (ZERO, unsure)]
+        terrain_map = gp.TerrainMap(robot)
+        before = terrain_map.update(make_scan(0.0, step=0), poses[0])
+        viewed = terrain_map.view(make_scan(0.0, step=1), poses[1])
+        fused = terrain_map.update(make_scan(0.0, flags=hidden, step=1), poses[1])
+        free[sigma] = int((viewed.hazard == 0).sum())
+        assert not ((viewed.hazard == 0) & (fused.hazard != 0)).any() and (before.hazard == 0).any()
+        if sigma == 0.030:
+            assert (viewed.hazard[np.isfinite(viewed.elevation)] & Hazard.STALE).all()
+    assert free[0.0] >= free[0.007] > free[0.030] == 0
