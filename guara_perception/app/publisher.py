@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 
 from guara_perception.app.map_summary import regions_message, summary_payload
 from guara_perception.app.messages import terrain_to_message
-from guara_perception.exceptions import InvalidInput
+from guara_perception.exceptions import InvalidInput, refuse_stale
 from guara_perception.terrain.grid import TerrainGrid
 from transport import TerrainMessage, clock
 from transport.keys import DEFAULT_ROBOT
@@ -90,6 +90,7 @@ def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> N
         transport.NameTaken: after 15 s, another node still uses the name, or waits for it and takes precedence.
         transport.KeyNameError: the name cannot be part of a key.
         transport.SessionClosed: the session is closed.
+        transport.StaleTerrain: the grid is stale; a receiver would take it for a new one.
     """
     if not isinstance(terrain, TerrainGrid):
         given = type(terrain).__name__
@@ -99,6 +100,7 @@ def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> N
     if not isinstance(session, Session):
         given = f"{type(session).__module__}.{type(session).__name__}"
         raise InvalidInput(f"session is a {given}; allowed: one of transport.open_client or transport.open_node")
+    refuse_stale(terrain.stale_because, allow_stale=False)
     name = name or f"{terrain.record.robot or DEFAULT_ROBOT}_own"
     servers = _SERVERS.setdefault(session, {})
     if name not in servers:

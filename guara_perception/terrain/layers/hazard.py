@@ -94,7 +94,16 @@ def check_invariant(layers: Mapping[str, Array]) -> None:
     check_safe(layers["elevation"], np.asarray(layers["hazard"], np.uint16), layers["traversability"])
     known = (layers["hazard"] & UNKNOWN_MASK) == 0
     for name in ("variance", "variance_local"):
-        _reject(known & ~(layers[name] >= 0), f"{name} of a known cell is NaN or negative")
+        _reject(
+            known & ~((layers[name] >= 0) & np.isfinite(layers[name])),
+            f"{name} of a known cell is NaN, infinite or negative",
+        )
+    low, high = layers["elevation_min"], layers["elevation_max"]
+    is_between = (low <= layers["elevation"]) & (layers["elevation"] <= high) & np.isfinite(low) & np.isfinite(high)
+    _reject(
+        known & ~is_between,
+        "elevation_min, elevation and elevation_max of a known cell do not ascend, or are not finite",
+    )
     ceiling = layers["ceiling"]
     _reject(np.isinf(ceiling) | (known & ~np.isnan(ceiling)), "ceiling is infinite, or set in a known cell")
 

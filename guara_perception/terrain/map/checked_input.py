@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guara_perception.arrays import Float
-from guara_perception.exceptions import InvalidInput
+from guara_perception.exceptions import InvalidInput, refuse_stale
 from guara_perception.terrain.grid import TerrainGrid
 from kinematics import ArgumentError, KinematicsError, OdometryPose, PoseInOdom, RobotModel
 from kinematics.transforms import checked_covariance, checked_transform, inverse
@@ -15,24 +15,34 @@ from kinematics.transforms import checked_covariance, checked_transform, inverse
 # Largest tilt of a footprint [rad]. Without gravity, a scan is levelled by its support plane. This plane tilts by
 # 0.11 rad if two feet stand on a box of 40 mm.
 LARGEST_TILT = 0.2
+# Frame of the grids of scans.
+FRAME = "base_footprint"
 # Elements of a rotation smaller than this are set to zero, which moves the ground by nanometres at most.
 LEAST_TURN = 1e-9
 
 
-def check_scan(terrain: TerrainGrid, resolution: float, last_step: int | None) -> None:
+def check_scan(terrain: TerrainGrid, robot: str, resolution: float, last_step: int | None) -> None:
     """Reject a grid that cannot be fused.
 
     Args:
         terrain: grid of the scan.
+        robot: name of the map's robot.
         resolution: resolution of the map [m].
         last_step: step of the last fused scan, None before the first.
 
     Raises:
-        InvalidInput: the grid is not a single scan, has another cell size, or is in the compact encoding; or its
-            rounding cannot be read, or its step is not greater than `last_step`.
+        InvalidInput: the grid is not a single scan, is of another robot, frame or cell size, or is in the compact
+            encoding; or its rounding cannot be read, or its step is not greater than `last_step`.
+        transport.StaleTerrain: the grid is stale; in a map it would count as newly seen.
     """
+    refuse_stale(terrain.stale_because, allow_stale=False)
     if terrain.extent != "footprint":
         raise InvalidInput(f"a grid of extent {terrain.extent!r} cannot be fused; allowed: 'footprint' (a scan)")
+    if terrain.record.robot not in (None, robot) or terrain.frame != FRAME:
+        raise InvalidInput(
+            f"a scan of robot {terrain.record.robot!r} in frame {terrain.frame!r} cannot be fused; allowed: {robot!r}, "
+            f"{FRAME!r}"
+        )
     terrain.record.check("rounding")
     if terrain.record.rounding is not None:
         raise InvalidInput(

@@ -134,14 +134,15 @@ class TerrainMap:
             the gait has `looks` 0.
 
         Raises:
-            InvalidInput: the grid has another extent or cell size, is in the compact encoding, or its step is not
-                greater than that of the last scan; a field of its record that is needed here is unreadable; the pose is
-                not rigid or tilts by more than 0.2 rad; a covariance is not (6, 6), symmetric and positive
+            InvalidInput: the grid is of another robot, frame, extent or cell size, is in the compact encoding, or its
+                step is not greater than that of the last scan; a field of its record that is needed here is unreadable;
+                the pose is not rigid or tilts by more than 0.2 rad; a covariance is not (6, 6), symmetric and positive
                 semidefinite; covariance_since_last is given at some pauses only.
+            transport.StaleTerrain: the grid is stale; in a map it would count as newly seen.
             kinematics.KinematicsError: the stance of the scan does not fit the robot of the map.
         """
         state, settings = self._state, self._settings
-        check_scan(terrain, self._grid.resolution, state.step)
+        check_scan(terrain, self._robot.name, self._grid.resolution, state.step)
         checked, tilt = checked_pose(terrain, pose), tilt_between_looks(self._robot, terrain)
         transform, since_last, walk = checked.transform, checked.since_last, state.walk
         walk.check_kind(state.scans, is_registered=since_last is not None, step=terrain.step)
@@ -258,7 +259,7 @@ class TerrainMap:
         uncertain as `covariance`. Of `terrain`, only stamp, step and record enter the result.
         """
         state = self._state
-        check_scan(terrain, self._grid.resolution, state.step)
+        check_scan(terrain, self._robot.name, self._grid.resolution, state.step)
         checked = checked_pose(terrain, pose)
         transform = state.walk.transform @ checked.transform
         transform[2, 3] += state.anchor.offset

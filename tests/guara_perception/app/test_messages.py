@@ -99,7 +99,7 @@ def test_grid_without_a_scan_can_be_sent():
         ("elevation", np.inf, "elevation is infinite"),
         ("traversability", 0.0, "a cell is traversable with a hazard, or not traversable without one"),
         ("traversability", 1.5, "traversability is outside 0 ... 1"),
-        ("variance", -1.0, "variance of a known cell is NaN or negative"),
+        ("variance", -1.0, "variance of a known cell is NaN, infinite or negative"),
     ],
 )
 def test_broken_grid_is_refused_on_arrival(message: TerrainMessage, layer: str, value: float, reported: str):

@@ -85,6 +85,9 @@ def test_a_grid_of_ones_own_that_is_unsafe_or_none_is_not_sent(session: Session,
             gp.InvalidInput, match=r"session is a builtins\.Session; allowed: one of transport\.open_client"
         ):
             gp.publish_terrain(session.raw, paper_terrain)
+        old = dataclasses.replace(paper_terrain, step=7, stamp=time.time_ns(), extent="map", stale_because=("old",))
+        with pytest.raises(gp.StaleTerrain):
+            gp.publish_terrain(session, old)
         gp.publish_terrain(session, dataclasses.replace(paper_terrain, step=8, stamp=time.time_ns()))
         assert client.wait_for_step(7, timeout=60).step == 8
 

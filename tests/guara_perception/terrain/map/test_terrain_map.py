@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -261,6 +262,12 @@ def test_grids_of_another_kind_are_refused(robot: RobotModel, make_scan: MakeSca
         terrain_map.update(make_scan(0.0, step=1).coarser(3), PoseInOdom(at(), ZERO))
     with pytest.raises(gp.InvalidInput, match="has lost_cells = "):
         terrain_map.update(make_scan(0.0, step=1, metadata={"lost_cells": [[1, 2]]}), PoseInOdom(at(), ZERO))
+    with pytest.raises(gp.InvalidInput, match="a scan of robot 'tapir' in frame 'base_footprint' cannot be fused"):
+        terrain_map.update(make_scan(0.0, step=1).restated(robot="tapir"), PoseInOdom(at(), ZERO))
+    with pytest.raises(gp.InvalidInput, match="in frame 'odom' cannot be fused; allowed: 'guara', 'base_footprint'"):
+        terrain_map.update(replace(make_scan(0.0, step=1), frame="odom"), PoseInOdom(at(), ZERO))
+    with pytest.raises(gp.StaleTerrain, match="of a dead run"):
+        terrain_map.update(replace(make_scan(0.0, step=1), stale_because=("of a dead run",)), PoseInOdom(at(), ZERO))
 
 
 def test_a_pose_of_leg_odometry_is_taken_to_the_footprint_of_the_scan(robot: RobotModel, make_scan: MakeScan) -> None:
