@@ -69,7 +69,7 @@ LARGEST_SIGMA = 0.03
 # Joints beyond their limits by more than this are reported [rad]; smaller excesses are attributed to encoder offsets or
 # to nominal limits.
 BEYOND_LIMIT = 0.1
-# Ground of known heights, such as a floor that is called level: sigmas of its tilt, per axis [rad], and of its relief
+# Ground of known heights, such as a floor that is declared level: sigmas of its tilt, per axis [rad], and of its relief
 # from foot to foot [m].
 LEVEL_SIGMA, RELIEF_SIGMA = 0.01, 0.0015
 # Prior sigma of the position and heading of the first pose in a window [m, rad]: practically free.

@@ -60,7 +60,7 @@ class RobotToml:
         imu_frame: name of the IMU's link; None if not given.
         legs: the legs, in the order of the file.
         postures: the postures, in the order of the file.
-        root: the whole file.
+        root: content of the whole file.
         assumed: name of each value that has not been measured -> how to measure it (table [assumed]).
     """
 
@@ -106,7 +106,7 @@ def read_robot_toml(root: Table, findings: Findings) -> RobotToml:
     """Read the kinematic content of robot.toml.
 
     Args:
-        root: the whole file.
+        root: content of the whole file.
         findings: receives the errors; reading continues after each. Use the result only if no error was added.
     """
     table = root.gathering(findings)

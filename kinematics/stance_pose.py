@@ -50,7 +50,7 @@ class StanceNoise:
     """Standard deviations of the errors of a stance, and the limit for unloaded feet (robot.toml, table [stance]).
 
     Attributes:
-        encoder_sigma: bias of one joint angle [rad], constant over a pause; of a prismatic joint, this and
+        encoder_sigma: bias of one joint angle [rad], constant over a pause; for a prismatic joint, this and
             `encoder_noise` are multiplied by 0.2 m (`KinematicTree.joint_scales`).
         encoder_noise: white noise of one joint reading [rad], including quantisation (step / sqrt(12)). If robot.toml
             does not give it, it is the smaller of `ENCODER_NOISE` and `encoder_sigma`.

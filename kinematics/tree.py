@@ -1,7 +1,7 @@
 """Kinematic tree of a robot: Pinocchio's model of its URDF, and its states with the poses of all links.
 
-This module hides two traits of Pinocchio: it has its own order of joints, and it returns an index past the end for an
-unknown frame. The body is a free-flyer held at the identity, so Pinocchio's world frame is `base_link`.
+This module hides two peculiarities of Pinocchio: it has its own order of joints, and it returns an index past the end
+for an unknown frame. The body is a free-flyer held at the identity, so Pinocchio's world frame is `base_link`.
 
 Pinocchio's own URDF reader is not used, because it gives a continuous joint two coordinates and fails if a link and a
 joint share a name. Here only links have frames, so every frame name is unique.

@@ -263,7 +263,7 @@ def raise_refusal(status: BoardStatus, argument: int, identity: BoardIdentity | 
         case Result.LASER_REFUSED:
             raise LaserRefused(
                 f"the board refuses to switch the laser on: {describe_faults(status.faults)}; "
-                "ensure_ready() clears what can be cleared"
+                "ensure_ready() clears faults whose cause is gone"
             )
         case Result.NOT_HOMED:
             raise MirrorNotHomed("the mirror's home is unknown: call home() or ensure_ready() first")

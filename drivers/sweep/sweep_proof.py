@@ -96,6 +96,6 @@ class ClockMatch:
         if near.size != 1:
             return None
         found = int(near[0])
-        # The offset drifts, so that of the latest frame is used from now on.
+        # The offset drifts, so the offset of the latest frame is used from now on.
         self._offset, self._proved_at = float(stamps[found] - trigger), trigger
         return found

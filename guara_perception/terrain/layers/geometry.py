@@ -27,7 +27,8 @@ TOUCHED = 0.5
 # Minimum widening of the sole in the fused map [cells].
 LEAST_MARGIN_CELLS = 1
 # Largest drift of the fused map that the tests allow for [cells]; cells with a larger drift are STALE. With a slip of
-# 4 % of the way, ground seen 0.5 m before has this drift (2 sigma). Treads of 240 mm are still wide enough for a sole.
+# 4 % of the path, ground seen 0.5 m earlier has this drift (2 sigma). Treads of 240 mm are still wide enough for a
+# sole.
 LARGEST_DRIFT_CELLS = 8
 
 

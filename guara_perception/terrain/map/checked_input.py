@@ -107,7 +107,7 @@ def tilt_between_looks(robot: RobotModel, terrain: TerrainGrid) -> Float:
     """Covariance (2, 2) of the tilt of a scan relative to the scans of other pauses [rad^2]; 0 if unknown.
 
     If odometry gives the vertical, its error is the same at all pauses of a walk, and scans differ by the noise of the
-    feet. Otherwise, the covariance is the one of the scan's pose, which with an IMU is that of the measured gravity.
+    feet. Otherwise, the result is the covariance of the scan's pose; with an IMU, it is that of the measured gravity.
     """
     record = terrain.record
     record.check("pose_covariance", "attitude_source", "stance")

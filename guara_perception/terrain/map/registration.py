@@ -130,7 +130,7 @@ def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom
     for _ in range(2 * ROUNDS):
         motion, covariance, weights = _fit(ground, seen, base, prior, CELLS_THAT_COUNT_AS_ONE, held)
         if weights.size < LEAST_CELLS:
-            reason = f"only {weights.size} of the {LEAST_CELLS} cells needed lie on known ground"
+            reason = f"{weights.size} cells are on known ground of the map, {LEAST_CELLS} are needed"
             return Registration(np.zeros(6), prior, weights.size, reason)
         sigmas, information = _displacements(ground, seen, base, motion, squares)
         gate = max(MOST_DISPLACED_SIGMAS, 0.5 * min(gate, float(sigmas.max())))
@@ -226,7 +226,7 @@ def motion_between(
 def _fit(
     ground: _Ground, seen: _Scan, base: Float, prior: Float, count_as_one: float, held: Mask | None = None
 ) -> tuple[Float, Float, Float]:
-    """Motion (6,), its covariance (6, 6), and Huber's weights of the compared cells, from the points (n,) `held`."""
+    """Motion (6,), its covariance (6, 6), and Huber weights of the compared cells, from points in the mask `held`."""
     information = np.asarray(np.linalg.inv(prior), dtype=np.float64)
     motion = np.zeros(6)
     seen = seen if held is None or held.all() else seen.part(held)

@@ -234,19 +234,19 @@ def visual_motion(
     new = 1.0 - float(np.mean(before[now > 0] > 0)) if now.any() else 1.0
     found, shifts = _found_again(now, before)
     if len(found) < LEAST_CORNERS:
-        return refused(f"only {len(found)} of the {LEAST_CORNERS} corners needed were found again", len(found))
+        return refused(f"{len(found)} corners were found again, {LEAST_CORNERS} are needed", len(found))
     about = (found + first[::-1] + 0.5) * PIXEL_M - transform[:2, 3]
     motion, sigma, agreeing = _agreed(about, shifts * PIXEL_M)
     count = int(agreeing.sum())
     if count < max(LEAST_CORNERS, LEAST_AGREEING * len(found)):
-        return refused(f"only {count} of {len(found)} corners of the texture moved alike", count)
+        return refused(f"only {count} of {len(found)} corners of the texture agree on a motion", count)
     jacobian = _jacobian(about[agreeing])
     information = jacobian.T @ jacobian / (sigma**2 * CORNERS_THAT_COUNT_AS_ONE)
     measured = np.linalg.inv(information) + np.diag(VIEW_SIGMA**2)
     before_it = prior[np.ix_(SIDEWAYS, SIDEWAYS)]
     extent = float(np.sqrt(max(np.linalg.eigvalsh(np.cov(about[agreeing].T))[0], 0.0)))
     is_whole = count > WHOLE * len(found) and extent > LEAST_EXTENT_M
-    part = "" if is_whole else f"{count} of {len(found)} corners moved alike, over {1e3 * extent:.0f} mm"
+    part = "" if is_whole else f"{count} of {len(found)} corners agree, over {1e3 * extent:.0f} mm"
     believed = measured + min(since, before_it, key=np.trace)
     if is_whole:
         believed = believed + slip

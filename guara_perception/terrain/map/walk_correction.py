@@ -413,7 +413,7 @@ class SidewaysDrift(FrozenArrays):
         slip = fields.array("slip", (count, 2)) if count and fields.has("slip") else np.zeros((count, 2))
         # A drift that shrinks would remove safety margins of the map.
         if (np.diff(pauses) <= 0).any() or (np.diff(total, axis=0).diagonal(axis1=1, axis2=2) < 0).any():
-            raise FileFormatError(f"{fields.path_to('total')} shrinks or pauses do not ascend: the file is damaged")
+            raise FileFormatError(f"{fields.path_to('total')} decreases or pauses do not ascend: the file is damaged")
         return SidewaysDrift(pauses.astype(np.int64), total, own, slip)
 
 

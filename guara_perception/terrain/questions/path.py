@@ -182,7 +182,7 @@ def checked_points(points: npt.ArrayLike, columns: tuple[int, ...], least: int, 
     if array.ndim != 2 or array.shape[1] not in columns or len(array) < least:
         raise InvalidInput(f"{name} have shape {array.shape}; {least} or more finite points {wanted} are needed")
     if not np.isfinite(array).all():
-        raise InvalidInput(f"{name} hold NaN or infinity; allowed: finite points {wanted}")
+        raise InvalidInput(f"{name} contain NaN or infinity; allowed: finite points {wanted}")
     length = float(np.linalg.norm(np.diff(array, axis=0), axis=1).sum())
     if length > LONGEST_PATH_M or np.abs(array).max() > LONGEST_PATH_M:
         raise InvalidInput(f"{name} reach {max(length, np.abs(array).max()):.4g} m, allowed: {LONGEST_PATH_M:g} m")

@@ -112,7 +112,7 @@ def check_heights(elevation: npt.ArrayLike, variance: npt.ArrayLike | None) -> t
         )
     variances = np.where(known, 0.0, np.nan) if variance is None else numbers(variance, "variance")
     if variances.shape != heights.shape:
-        raise InvalidInput(f"variance has shape {variances.shape}, elevation has {heights.shape}: they must be alike")
+        raise InvalidInput(f"variance has shape {variances.shape}, elevation has {heights.shape}: they must be equal")
     if (~np.isfinite(variances[known])).any() or (variances[known] < 0).any():
         raise InvalidInput("variance is NaN, infinite or negative at a known height; it must be 0 or more [m^2]")
     return heights, np.where(known, variances, np.nan)

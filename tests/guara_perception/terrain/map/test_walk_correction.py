@@ -117,5 +117,5 @@ def test_drift_that_shrinks_is_refused(change: dict[str, Any]) -> None:
     )
     kept = SidewaysDrift.of_fields(Fields(plain(drift), "map.npz"))
     np.testing.assert_array_equal(kept.total, drift.total)
-    with pytest.raises(gp.FileFormatError, match="total shrinks or pauses do not ascend: the file is damaged"):
+    with pytest.raises(gp.FileFormatError, match="total decreases or pauses do not ascend: the file is damaged"):
         SidewaysDrift.of_fields(Fields({**plain(drift), **change}, "map.npz"))

@@ -271,7 +271,7 @@ def test_off_the_grid_is_unknown() -> None:
 @pytest.mark.parametrize(
     ("points", "clearance", "message"),
     [
-        ([[0.0, 0.0, np.nan]], 0.01, "hold NaN or infinity; allowed: finite points"),
+        ([[0.0, 0.0, np.nan]], 0.01, "contain NaN or infinity; allowed: finite points"),
         ([0.0, 0.0, 0.0], 0.01, r"shape \(3,\)"),
         ([[0.0]], 0.01, r"shape \(1, 1\)"),
         (np.empty((0, 3)), 0.01, r"shape \(0, 3\)"),
