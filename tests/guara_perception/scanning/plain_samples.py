@@ -13,14 +13,14 @@ USUAL_ROWS_APART, LEAST_LEVEL, LEAST_SIGMAS = 8, 12.0, 8.0
 
 
 def levels_of(picture: Image) -> tuple[float, float]:
-    """Mean of every few pixels without the brightest ones, and the share of them that are clipped in any channel."""
+    """Mean level of sampled pixels without the brightest ones, and share of them clipped in any channel."""
     thin = picture[::ROWS_APART, ::PIXELS_APART]
     count = max(round((1 - STRIPE_SHARE) * thin.size), 1)
     return float(np.sort(thin, axis=None)[:count].mean()), float(any_channel(is_clipped(thin)).mean())
 
 
 def look_down(on: Image, off: Image | None, apart: int, columns: np.ndarray) -> tuple[float, Float]:
-    """Number of every `apart`-th row that the laser clips, and the brightest of these rows in some columns."""
+    """Number of sampled rows that the laser clips, and the brightest sampled row in some columns."""
     first, second = on[::apart, columns], None if off is None else off[::apart, columns]
     clipped = any_channel(is_clipped(first))
     seen = first.astype(np.float32)

@@ -1,4 +1,4 @@
-"""Motion of the camera as the background of a scan's pictures shows it: no light, no laser, and never safe ground."""
+"""Camera motion from the background of a scan: in any light, beside the laser, and without a wrong free cell."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ STRIPES = (30, 32, 34, 36)
 
 
 class Rig:
-    """A simulated rangefinder whose body sways about where it stands."""
+    """Simulated rangefinder on a body that sways about its stance."""
 
     def __init__(self, robot: RobotModel, ahead: float = 0.0, brightness: float = 1.0) -> None:
         self.robot, self.calibration = robot, specimen(robot, SIZE, 0)
@@ -43,7 +43,7 @@ class Rig:
         self.ahead[0, 3] = ahead
 
     def picture(self, motion: np.ndarray, index: int | None = None) -> np.ndarray:
-        """Picture after a motion (4, 4) of the body, with the laser at a stripe or without."""
+        """Picture after a motion (4, 4) of the body, with the laser at a stripe or off."""
         self.view.set_pose(self.ahead @ self.standing @ motion)
         if index is None:
             return self.view.frame(laser=0.0)
@@ -68,7 +68,7 @@ MOTIONS = [turned(0.1), turned(0.5, 0.003, 0.0, 0.003), turned(1.0, 0.005, 0.005
 @pytest.mark.slow
 @pytest.mark.parametrize("motion", MOTIONS, ids=["0.1 degrees", "0.5", "1.0"])
 def test_texture_that_moves_is_no_light_and_a_line_on_it_is(rig: Rig, motion: np.ndarray) -> None:
-    """By the dark flashes and by the driver's look at the laser-off picture, over boxes and bright marks."""
+    """In dark flashes and in the driver's check of laser-off pictures, over boxes and bright marks."""
     off, moved = rig.picture(np.eye(4)), rig.picture(motion)
     proof = FlashProof()
     proof.add_dark(3, moved, off)
@@ -88,7 +88,7 @@ def test_texture_that_moves_is_no_light_and_a_line_on_it_is(rig: Rig, motion: np
 
 @pytest.mark.slow
 def test_a_picture_that_did_not_move_or_shows_nothing_is_not_aligned(rig: Rig) -> None:
-    """Neither is one of other ground."""
+    """Nor is a picture of other ground."""
     off = rig.picture(np.eye(4))
     assert aligned(off, rig.picture(np.eye(4))) is None
     flat = np.random.default_rng(0).integers(20, 24, off.shape, dtype=np.uint8)
@@ -99,7 +99,7 @@ def test_a_picture_that_did_not_move_or_shows_nothing_is_not_aligned(rig: Rig) -
 @pytest.mark.slow
 @pytest.mark.parametrize("form", ["colour", "grey", "16 bits"])
 def test_the_background_tells_how_far_heights_are_off(rig: Rig, form: str) -> None:
-    """To half a millimetre; a camera that stands, or moves as the joints say, is right."""
+    """To half a millimetre; heights are right if the camera stands, or moves as the joints report."""
     camera = rig.standing @ rig.calibration.transform_camera_to_base
     ends = np.array([(x, y, 0.0) for x in (0.5, 0.95) for y in (-0.27, 0.27)])
 
@@ -127,7 +127,7 @@ def test_the_background_tells_how_far_heights_are_off(rig: Rig, form: str) -> No
 
 @pytest.mark.slow
 def test_dim_pictures_tell_it_too(robot: RobotModel) -> None:
-    """At a mean level of 4 of 255, as behind a band-pass filter; one that stands is left alone."""
+    """At a mean level of 4 of 255, as behind a band-pass filter; a still scan is kept."""
     dim = Rig(robot, 0.6, brightness=0.06)
     camera = dim.standing @ dim.calibration.transform_camera_to_base
     ends = np.array([(x, y, 0.0) for x in (0.5, 0.95) for y in (-0.27, 0.27)])
@@ -142,7 +142,7 @@ def test_dim_pictures_tell_it_too(robot: RobotModel) -> None:
 
 
 def test_in_a_scan_that_moved_stripes_that_do_not_tell_are_not_used(rig: Rig) -> None:
-    """A stripe whose laser lies over all of the texture tells nothing; in a still scan it is used."""
+    """A stripe whose laser covers all texture gives no estimate; it is used in a still scan."""
     camera = rig.standing @ rig.calibration.transform_camera_to_base
     ends = np.array([(x, y, 0.0) for x in (0.5, 0.95) for y in (-0.27, 0.27)])
     for motion in (np.eye(4), turned(0.5)):
@@ -157,7 +157,7 @@ def test_in_a_scan_that_moved_stripes_that_do_not_tell_are_not_used(rig: Rig) ->
 
 @pytest.mark.heavy
 def test_in_dim_light_a_swaying_scan_has_no_wrong_free_cell(robot: RobotModel) -> None:
-    """White at 10 of 255 in pictures of 320 columns, where one picture shows motion to 4 mm only."""
+    """White at 10 of 255, in pictures of 320 columns, of which a single one shows motion to 4 mm only."""
     world = load_world(DEMO_WORLD)
     light = dataclasses.replace(world.light, ambient=(10.0, 10.0, 10.0))
     known = {}
@@ -173,7 +173,7 @@ def test_in_dim_light_a_swaying_scan_has_no_wrong_free_cell(robot: RobotModel) -
 @pytest.mark.slow
 @pytest.mark.parametrize(("level", "has_off", "told"), [(3.0, True, True), (100.0, True, False), (100.0, False, True)])
 def test_that_motion_cannot_be_seen_is_told(rig: Rig, level: float, has_off: bool, told: bool) -> None:
-    """In the dark and without laser-off pictures, with what robot.toml says instead."""
+    """In the dark and without laser-off pictures, health says so and gives the sway that robot.toml allows."""
     light = dataclasses.replace(rig.view.world.light, ambient=(level,) * 3)
     view = SimulatedRangefinder(rig.view.world, rig.calibration, rig.robot, 0, light=light)
     view.set_pose(rig.ahead @ rig.standing)
@@ -187,7 +187,7 @@ def test_that_motion_cannot_be_seen_is_told(rig: Rig, level: float, has_off: boo
 
 @pytest.mark.slow
 def test_a_scan_whose_first_laser_off_picture_comes_late_is_blind(rig: Rig) -> None:
-    """Most of its stripes were not looked at."""
+    """Most of its stripes come before the reference picture and have no estimate."""
     camera = rig.standing @ rig.calibration.transform_camera_to_base
     ends = np.array([(x, y, 0.0) for x in (0.5, 0.95) for y in (-0.27, 0.27)])
     off = rig.picture(np.eye(4))
@@ -199,7 +199,7 @@ def test_a_scan_whose_first_laser_off_picture_comes_late_is_blind(rig: Rig) -> N
 
 
 def test_without_texture_or_laser_off_picture_motion_is_not_seen(rig: Rig) -> None:
-    """Nor of pictures of another size."""
+    """Nor is it in pictures of another size."""
     rng = np.random.default_rng(0)
     camera = rig.standing @ rig.calibration.transform_camera_to_base
     noise = [rng.integers(20, 24, (256, 320, 3), dtype=np.uint8) for _ in range(3)]
@@ -211,7 +211,7 @@ def test_without_texture_or_laser_off_picture_motion_is_not_seen(rig: Rig) -> No
 
 
 def test_ground_whose_texture_is_elsewhere_was_left(rig: Rig) -> None:
-    """Its corners are too far off to be followed; not in a dark room, upside down, or with joints that say so."""
+    """Its corners are too far off to be followed; not in the dark, upside down, or if the joints explain it."""
     camera = rig.standing @ rig.calibration.transform_camera_to_base
     ends = np.array([(x, y, 0.0) for x in (0.5, 0.95) for y in (-0.27, 0.27)])
     off, far = rig.picture(np.eye(4)), turned(0.0, 0.06, 0.06, 0.0)
@@ -222,10 +222,10 @@ def test_ground_whose_texture_is_elsewhere_was_left(rig: Rig) -> None:
             witness.look(index, seen, off, (100, 140))
         found = witness.moved(STRIPES, None)
         assert found == (dict.fromkeys(STRIPES, math.inf) if is_other else {})
-        # Joints that claim this motion explain it, those that claim none do not.
+        # Joints that report this motion explain it; joints that report none do not.
         assert not witness.moved(STRIPES, dict.fromkeys(STRIPES, far @ camera))
         assert bool(witness.moved(STRIPES, dict.fromkeys(STRIPES, camera))) == is_other
-    # The one stripe whose image shows it, and one that does not tell.
+    # The one stripe whose image shows it, and one without an estimate.
     witness = BackgroundWitness(rig.calibration.camera, camera, ends)
     for index, seen in zip(STRIPES, (off, off, cases[0][0], off // 16), strict=True):
         witness.look(index, seen, off, (100, 140))
@@ -285,10 +285,10 @@ def swaying_scan(rig: Rig, sway: Sway, *, claims: Sway | None = None) -> tuple[g
 
 @pytest.mark.heavy
 def test_a_scan_of_a_body_that_sways_loses_what_moved_and_says_why(rig: Rig) -> None:
-    """No free cell is wrong; a still scan keeps all, one that sways by 0.1 degrees nine tenths; the cause is told."""
+    """No free cell is wrong; a still scan keeps all cells, a sway of 0.1 degrees nine tenths of them."""
     still, wrong = swaying_scan(rig, Sway(0.0, 0.0, 1.0))
     health = still.record.health
-    # There is no IMU here, and a scan alone has no walk.
+    # There is no IMU here, and a single scan has no leg odometry.
     assert wrong == 0 and health is not None and all("neither an IMU" in reason for reason in health.reasons), health
     known = np.isfinite(still.elevation).sum()
     little, wrong = swaying_scan(rig, Sway(math.radians(0.1), 0.001, 1.0))
@@ -302,7 +302,7 @@ def test_a_scan_of_a_body_that_sways_loses_what_moved_and_says_why(rig: Rig) -> 
 
 @pytest.mark.heavy
 def test_joints_that_claim_another_motion_are_contradicted(rig: Rig) -> None:
-    """A stream of the motion keeps the scan; one of a body that stands loses what moved."""
+    """A stream that reports the motion keeps the scan; one that reports a still body loses what moved."""
     sway = Sway(math.radians(0.5), 0.005, 1.0)
     grid, wrong = swaying_scan(rig, sway, claims=sway)
     assert wrong == 0 and np.isfinite(grid.elevation).mean() > 0.8
@@ -321,7 +321,7 @@ def test_parted_stripes_are_named() -> None:
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
 @pytest.mark.parametrize("width", [320, 640, 963, 1280])
 def test_reduced_pictures_are_means_of_their_pixels(kind: type, width: int) -> None:
-    """As by OpenCV, to a level; of any size, bits and strides."""
+    """Within one level of OpenCV's, for any size, bit depth and strides."""
     picture = np.random.default_rng(width).integers(0, np.iinfo(kind).max, (101, 2 * width, 3)).astype(kind)[:, ::-2]
     factor = round(width / 320)
     size = width // factor, 101 // factor

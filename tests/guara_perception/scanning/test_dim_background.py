@@ -34,7 +34,7 @@ def pictures_of(contrast: float, motions: np.ndarray, flow: np.ndarray, rng: np.
     rows, columns = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
     pictures = []
     for number, motion in enumerate(motions):
-        # A pixel of the image shows the texture where the ground was.
+        # A pixel shows the texture at the position of the ground before the motion.
         moved = np.nan_to_num(flow @ motion).astype(np.float32)
         at = columns - moved[..., 0] + 20, rows - moved[..., 1] + 20
         light = 30.0 + cv2.remap(texture.astype(np.float32), *at, cv2.INTER_CUBIC) + rng.normal(0.0, 9.0, rows.shape)
@@ -54,7 +54,7 @@ def sways(pixels: float) -> np.ndarray:
 
 
 def test_motion_is_found_where_noise_is_three_times_the_contrast() -> None:
-    """To less than two of its sigmas, that of the images with a line hidden too; a tenth of a pixel is one."""
+    """Errors are below two sigmas, also for images with a hidden line; one sigma is a tenth of a pixel."""
     flow = flow_of_ground()
     hidden = [HIDDEN if number % 2 else (0.0, 0.0) for number in range(COUNT)]
     # Motion of the image in the middle [px].
@@ -70,7 +70,7 @@ def test_motion_is_found_where_noise_is_three_times_the_contrast() -> None:
 
 
 def test_without_texture_no_motion_is_given() -> None:
-    """Noise alone has gradients, and they do not tell a motion; nor do a few images, or one without any ground."""
+    """Gradients of noise give no motion, nor do too few images, or images without ground."""
     flow = flow_of_ground()
     none = [(0.0, 0.0)] * COUNT
     rng = np.random.default_rng(0)
@@ -86,7 +86,7 @@ def test_without_texture_no_motion_is_given() -> None:
 
 
 def test_an_image_whose_texture_is_hidden_is_not_sure() -> None:
-    """The others are."""
+    """All other images have an estimate."""
     flow = flow_of_ground()
     pictures = [each.copy() for each in pictures_of(10.0, sways(0.0), flow, np.random.default_rng(1))[::2]]
     hidden = [(0.0, 0.0)] * len(pictures)
@@ -96,7 +96,7 @@ def test_an_image_whose_texture_is_hidden_is_not_sure() -> None:
 
 
 def test_ground_that_is_too_far_off_to_be_aligned_is_other_ground() -> None:
-    """That of a camera that stands, or sways a little, is the same, and noise alone shows no ground."""
+    """For a camera that stands or sways a little it is the same ground; noise alone shows none."""
     flow = flow_of_ground()
     hidden = [HIDDEN if number % 2 else (0.0, 0.0) for number in range(COUNT)]
     slides = np.zeros((COUNT, 6))

@@ -60,7 +60,7 @@ def test_no_free_cell_is_wrong(scene: Scene, case: Case) -> None:
 
 @pytest.mark.slow
 def test_light_that_stays_is_left_out(scene: Scene) -> None:
-    """A trace of light on unseen ground spoils its place, or the scan."""
+    """Light that stays makes the pixels around it unusable, or the whole scan."""
     case = next(case for case in cases(scene) if case.fault.name.startswith("trace"))
     assert (found := measure(scene, case)).unsafe == found.wrong == 0
 
@@ -68,7 +68,7 @@ def test_light_that_stays_is_left_out(scene: Scene) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("triggered", [True, False])
 def test_a_clean_scan_loses_nothing(scene: Scene, triggered: bool) -> None:
-    """At most 0.5 % of the known cells; its record tells the number of dark flashes that were seen to be dark."""
+    """At most 0.5 % of the known cells; its record holds the number of dark flashes that were dark."""
     processor, taken = take(scene, Fault("clean"), triggered=triggered)
     terrain = processor.finish()
     bare = scene.scan.processor()
@@ -104,7 +104,7 @@ def test_a_refused_scan_leaves_the_map_as_it_was(scene: Scene) -> None:
 
 @pytest.mark.slow
 def test_a_recorded_scan_keeps_its_code(tmp_path: Path) -> None:
-    """In scan.json and MCAP; processed later, its dark frames are asked again. Old folders are read as before."""
+    """In scan.json and MCAP, so that its dark frames are checked again later. Old folders can still be read."""
     folder, mcap, again = tmp_path / "scan", tmp_path / "scan.mcap", tmp_path / "again"
     assert run(["scan", str(folder), "--simulated", "--mode", "coarse"]) == 0
     listed = json.loads((folder / "scan.json").read_text())
@@ -127,7 +127,7 @@ def test_a_recorded_scan_keeps_its_code(tmp_path: Path) -> None:
     assert not np.isfinite(spoilt.elevation).any()
     assert spoilt.record.health is not None and spoilt.record.health.level == "failed"
     assert spoilt.record.health.reasons[0].startswith("foreign laser light, or frames are not of their flash")
-    # What no dark flash follows is not used.
+    # Stripes that no dark flash follows are not used.
     del listed["stripes"][-1]["dark"]
     del shown["dark"]
     (folder / "scan.json").write_text(json.dumps(listed))
@@ -178,7 +178,7 @@ def test_dark_frames_without_a_laser_off_picture_are_compared_with_each_other() 
 
 @pytest.mark.parametrize("usual", [0.03, 0.2])
 def test_a_second_line_that_other_stripes_lack_spoils_its_stripe(usual: float) -> None:
-    """A fainter one too; one that all stripes show is a reflection, which moves no height by more than 5 mm."""
+    """Also a fainter one; a line that all stripes show is a reflection, which shifts no height by over 5 mm."""
     shares = dict.fromkeys(range(20), usual) | {3: 0.3, 7: 0.5, 8: 1.0}
     assert doubled_stripes(shares) == ({3, 7, 8} if usual < 0.1 else {7, 8})
     assert doubled_stripes({}) == frozenset()
@@ -187,7 +187,7 @@ def test_a_second_line_that_other_stripes_lack_spoils_its_stripe(usual: float) -
 @pytest.mark.slow
 @pytest.mark.parametrize("second", [0.0, 1.0])
 def test_a_thin_line_is_not_two_lines(second: float) -> None:
-    """In pictures of 320 x 256 the stripe is 2 px wide; a reflection of it three quarters of a stripe aside is told."""
+    """In pictures of 320 x 256 the stripe is 2 px wide; a reflection three quarters of a stripe aside is found."""
     small = simulated((320, 256), 70, world=World(), is_uncertain=False)
     extra = ghost(-0.75, second) if second else None
     processor, _ = take(Scene(small), Fault("reflection", extra=extra), triggered=True)

@@ -47,7 +47,7 @@ def test_it_is_that_of_the_first_stripe_in_any_order(scanned: tuple[gp.ScanProce
 
 
 def test_a_scan_without_laser_off_pictures_says_so(scanned: tuple[gp.ScanProcessor, list[FramePair]]) -> None:
-    """Nothing else of it could show texture."""
+    """No other picture of a scan shows the texture of the ground."""
     processor = without_frames(scanned[0])
     processor.add_all([dataclasses.replace(pair, off=None) for pair in scanned[1]])
     assert processor.ground_picture == "the scan has no laser-off picture"
@@ -56,7 +56,7 @@ def test_a_scan_without_laser_off_pictures_says_so(scanned: tuple[gp.ScanProcess
 def test_a_copy_without_that_stripe_does_not_use_its_picture(
     scanned: tuple[gp.ScanProcessor, list[FramePair]],
 ) -> None:
-    """A frame that may not be used shows nothing."""
+    """A frame that must not be used provides no picture."""
     processor = without_frames(scanned[0])
     processor.add_all(scanned[1])
     first, *others = (pair.index for pair in scanned[1])

@@ -16,7 +16,7 @@ from testbed.scenes import simulated as simulated_scene
 from tests.guara_perception.scanning import plain_samples
 from tests.thorough import further
 
-# What is said of light does not depend on the uncertainty of the calibration.
+# The diagnosis of light does not depend on the uncertainty of the calibration.
 simulated = partial(simulated_scene, is_uncertain=False)
 # Every second stripe of a coarse scan, in pictures of a camera with a quarter of the pixels.
 SIZE, STRIPES = (320, 256), 18
@@ -86,7 +86,7 @@ def test_lamps_that_flicker_strongly_are_reported_without_laser_off_pictures_too
 @pytest.mark.slow
 @pytest.mark.parametrize("laser", [200.0, *further(1000.0, 8000.0)])
 def test_a_dark_room_does_not_flicker(laser: float) -> None:
-    """Where nothing but the stripe is bright, a share of what is left says nothing of lamps."""
+    """If only the stripe is bright, relative changes of the remaining light do not indicate flicker."""
     scan = simulated(SIZE, STRIPES, Light(ambient=(0.0, 0.0, 0.0), laser=laser))
     for with_off in (True, False):
         samples = FrameSamples([index for index, _, _ in scan.frames], scan.frames[0][1].shape[1::-1])

@@ -28,7 +28,7 @@ X, Y = (0.50, 0.95), (-0.27, 0.27)
 
 
 def to_floor(x: Float, y: Float, height: Float, optical_centre: Float) -> tuple[Float, Float]:
-    """Where rays from the optical centre through points meet the floor: eqs. 20 and 21 solved for the perspective.
+    """Points at which rays from the optical centre through points meet the floor, by the inverse of eqs. 20 and 21.
 
     With the nadir (u0', v0') below the optical centre and H its height they read
     ortho = (perspective - nadir) (H - h) / H + nadir.
@@ -90,7 +90,7 @@ def test_perspective_image_shows_the_block_larger_and_away_from_the_nadir() -> N
 
 
 def test_nothing_seen_gives_unknown_pictures() -> None:
-    """No stripe: every pixel is NaN, and nobody can write the pictures."""
+    """Without stripes, every pixel is NaN."""
     images = range_images({}, range(3), OPTICAL_CENTRE, X, Y, 0.008)
     assert np.isnan(images["ortho_image_mm"]).all() and np.isnan(images["range_image_mm"]).all()
 

@@ -266,12 +266,12 @@ def test_mirror_that_stood_elsewhere_is_reported(paper_scan, calibration, robot,
     )
     with caplog.at_level(logging.WARNING), pytest.raises(gp.InvalidInput, match="the frame is 320x256 px"):
         gp.process_scan(half, calibration, robot, strict=True)
-    # A refused scan has its one message.
+    # A refused scan has only one message.
     assert not caplog.records
 
 
 def test_progress_counts_every_stripe(paper_scan, calibration, robot):
-    """The callback hears of each stripe once, in order."""
+    """The callback is called once for each stripe, in order."""
     heard: list[tuple[int, int]] = []
     gp.process_scan(
         paper_scan, calibration, robot, pictures=False, progress=lambda done, total: heard.append((done, total))

@@ -1,4 +1,4 @@
-"""Scans that go wrong: no off frames, a camera that moved, few returns, the paper's method; what is said of each."""
+"""Reports of scans with faults: no laser-off frames, a camera that moved, few returns; and the paper's method."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def moved(stance: Stance, angle: float) -> Stance:
 
 
 def test_scan_whose_camera_moved_is_rejected(paper_scan, calibration, robot) -> None:
-    """The stance read after the scan differs by more than robot.toml allows: scan again, it says."""
+    """If the stance after the scan differs by more than robot.toml allows, the message asks for another scan."""
     scan = dataclasses.replace(paper_scan, stance_end=moved(paper_scan.stance, 0.02))
     with pytest.raises(gp.InvalidInput, match="stance_end: the camera moved by .* scan again"):
         gp.process_scan(scan, calibration, robot)

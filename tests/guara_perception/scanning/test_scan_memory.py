@@ -27,7 +27,7 @@ def tracing() -> Iterator[None]:
 
 
 def needed(work: Callable[[], object]) -> tuple[int, int]:
-    """What some work held at its peak, and what of it is kept [byte]."""
+    """Peak memory of some work, and memory that is kept after it [bytes]."""
     before, _ = tracemalloc.get_traced_memory()
     tracemalloc.reset_peak()
     result = work()
@@ -38,7 +38,7 @@ def needed(work: Callable[[], object]) -> tuple[int, int]:
 
 @pytest.mark.slow
 def test_a_scan_holds_little_besides_its_frames(tracing: None) -> None:
-    """While a stripe is sought two pictures of its band's light, then its profile and points, at the end few layers."""
+    """During the search the light of a band twice, then its profile and points, at the end a few layers."""
     scan, frames = recorded_scan("paper")
 
     def begun() -> gp.ScanProcessor:
@@ -47,7 +47,7 @@ def test_a_scan_holds_little_besides_its_frames(tracing: None) -> None:
     first = begun()
     for index, on, off in frames:
         first.add(index, on, off)
-    # What is kept for all scans is made by the first one.
+    # The first scan fills the caches that all scans share.
     first.finish()
     width = frames[0][1].shape[1]
     made, beside, kept = begun(), [], []
@@ -58,7 +58,7 @@ def test_a_scan_holds_little_besides_its_frames(tracing: None) -> None:
         beside.append((peak - 4 * (end - begin) * width) / width)
         kept.append(stays / width)
     assert np.median(beside) < 400, "bytes per column while a stripe is sought"
-    # The laser-off picture in grey, for the walk, and at half its size, as witness of the camera's motion.
+    # The laser-off picture in grey, for the walk, and at half its size, for the test of the camera's motion.
     kept[0] -= 1.25 * frames[0][2].shape[0]
     assert np.mean(kept) < 70, "bytes per column of each stripe, surface included"
     peak, _ = needed(made.finish)

@@ -21,7 +21,7 @@ def processor(name: str, mode: str | None = None, method: str = "precise") -> gp
 
 
 def same_result(first: gp.ScanProcessor, second: gp.ScanProcessor) -> None:
-    """Grids, points and profiles are the same in every bit, and so is what the reports say of frames."""
+    """Assert that grids, points, profiles and reports on frames are equal bit for bit."""
     grids = first.finish(), second.finish()
     for name, layer in grids[0].layers.items():
         assert layer.tobytes() == grids[1].layer(name).tobytes(), name
@@ -41,7 +41,7 @@ def pairs(frames: Sequence[Frames]) -> list[gp.FramePair]:
 
 
 def grouped(frames: Sequence[Frames], sizes: Sequence[int]) -> Iterator[list[gp.FramePair]]:
-    """The frames in runs of these sizes, over and over."""
+    """Frames in groups of these sizes, which are repeated."""
     begin, number = 0, 0
     while begin < len(frames):
         size = sizes[number % len(sizes)]
@@ -84,7 +84,7 @@ def test_any_order_and_grouping_gives_the_same_bits(name: str, data: st.DataObje
 @pytest.mark.parametrize("name", ["paper", *further("dark", "tilt")])
 @pytest.mark.parametrize("late", [(), (-1,), (12, -1), (0, 20, 21)])
 def test_work_ahead_changes_no_bit_whichever_stripes_are_late(name: str, late: tuple[int, ...]) -> None:
-    """The last three stripes, those missed and taken again, one lost for good: the grid is that of all at once."""
+    """The last three stripes, repeated ones, one lost for good: the grid equals that of all at once."""
     frames = list(recorded_scan(name)[1])
     lost = frames.pop(9)[0]
     again = [frames[index] for index in late]
@@ -183,7 +183,7 @@ def test_group_with_an_uncalibrated_index_is_refused_whole() -> None:
 
 
 def test_group_that_fails_half_way_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No memory for its points: none of its stripes counts as seen, and it may be given again."""
+    """If there is no memory for its points, no stripe counts as added, and the group can be added again."""
     frames = recorded_scan("paper")[1][:4]
     undisturbed, scan = processor("paper"), processor("paper")
     for each in (undisturbed, scan):

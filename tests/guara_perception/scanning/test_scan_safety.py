@@ -1,4 +1,4 @@
-"""Safety of whole recorded scans: what is lost never makes another cell safe, and what nobody saw is not known."""
+"""Safety of whole recorded scans: lost stripes never make another cell safe, and unseen cells are unknown."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_losing_any_single_stripe_never_makes_another_cell_safe_or_known(name: s
 def test_losing_stripes_never_makes_a_cell_of_the_map_safe(
     name: str, lost: set[int], unusable: set[int], at: tuple[float, float]
 ) -> None:
-    """The map of one scan, wherever in a cell of it the scan's cells lie."""
+    """For a map of one scan, with any offset between the cells of the map and those of the scan."""
     pose = np.eye(4)
     pose[:2, 3] = at
     whole_map, map_of_less = (

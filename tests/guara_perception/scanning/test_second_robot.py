@@ -1,4 +1,4 @@
-"""A recorded scan goes through with another robot: only the robot folder, the scan's stance and the mount differ."""
+"""A recorded scan is processed for another robot: only the robot folder, the scan's stance and the mount differ."""
 
 import dataclasses
 import json

@@ -36,7 +36,7 @@ def scanned(
 def test_a_place_does_not_change_when_more_samples_come(
     robot: RobotModel, paper_scan: gp.Scan, calibration: gp.Calibration
 ) -> None:
-    """Bit for bit: live, samples come one after the other; from a recording they are all there."""
+    """Bit for bit: samples arrive one by one in a live scan, and all at once from a recording."""
     times = np.arange(-0.2, PERIOD * len(paper_scan.stripes) + 0.2, 0.005)
     whole = tracked(robot, paper_scan, times)
     live = BodyTrack(robot, paper_scan.stance)
@@ -54,7 +54,7 @@ def test_a_place_does_not_change_when_more_samples_come(
 def test_pairs_are_where_the_stripes_would_fall_now(
     robot: RobotModel, paper_scan: gp.Scan, calibration: gp.Calibration
 ) -> None:
-    """The body goes on by two cells after the last flash: each pair passes over cells two further on."""
+    """After the last flash the body moves on by two cells: each pair lies two cells farther on."""
     times = np.arange(-0.2, PERIOD * len(paper_scan.stripes) + 0.2, 0.005)
     track = tracked(robot, paper_scan, times)
     processor = scanned(robot, paper_scan, calibration, track)
@@ -72,7 +72,7 @@ def test_pairs_are_where_the_stripes_would_fall_now(
 def test_a_gap_makes_a_scan_one_without_a_stream_if_asked_for(
     robot: RobotModel, paper_scan: gp.Scan, calibration: gp.Calibration
 ) -> None:
-    """Until then its stripes are not used; then the grid is that of a still body, and its health tells it."""
+    """Before that, its stripes are not used; then the grid is that of a still body, and its health says so."""
     times = np.arange(-0.2, PERIOD * len(paper_scan.stripes) + 0.2, 0.005)
     track = tracked(robot, paper_scan, times[(times < 0.3) | (times > 0.5)])
     processor = scanned(robot, paper_scan, calibration, track)

@@ -34,7 +34,7 @@ def renamed(scan: gp.Scan, frames: list[str]) -> gp.Scan:
 
 
 def raw_bayer(frame: np.ndarray) -> np.ndarray:
-    """What a sensor behind a colour filter delivers of a picture."""
+    """Picture as a sensor behind a colour filter delivers it."""
     raw = frame[:, :, 1].copy()
     raw[::2, ::2], raw[1::2, 1::2] = frame[::2, ::2, 0], frame[1::2, 1::2, 2]
     return raw

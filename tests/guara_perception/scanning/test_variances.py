@@ -1,4 +1,4 @@
-"""What the variances of a scan are of, and how sure its vertical is."""
+"""Contributions to the variances of a scan, and uncertainty of its vertical."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def without_imu(paper_scan: gp.Scan, calibration: gp.Calibration, robot: RobotMo
 
 @pytest.mark.slow
 def test_the_total_has_the_height_and_tilt_of_the_stance(terrain: gp.TerrainGrid) -> None:
-    """z + rx y - ry x with the covariance of the pose, and what the joints do not see of a motion (under 0.5 mm)."""
+    """z + rx y - ry x with the covariance of the pose, and motion that the joints do not show (under 0.5 mm)."""
     pose = terrain.record.pose_covariance
     assert pose is not None
     y, x = (each.ravel() for each in np.meshgrid(*terrain.geometry.centres()[::-1], indexing="ij"))
@@ -49,7 +49,7 @@ def test_the_total_has_the_height_and_tilt_of_the_stance(terrain: gp.TerrainGrid
 def test_an_error_of_the_calibration_is_shared(
     terrain: gp.TerrainGrid, paper_scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel
 ) -> None:
-    """A calibration that errs by 2 mm everywhere is in the total; neighbours and hazards know nothing of it."""
+    """A common error of 2 mm in the calibration enters the total variance, but neither local variance nor hazards."""
     field = np.zeros((10, 10))
     field[0, 0] = 0.002**2
     covariance = {
@@ -70,7 +70,7 @@ def test_an_error_of_the_calibration_is_shared(
 
 @pytest.mark.slow
 def test_a_scan_level_with_the_feet_says_so(terrain: gp.TerrainGrid, without_imu: gp.TerrainGrid) -> None:
-    """In its record and its health; the slopes of its ground are as unsure, and none becomes free by it."""
+    """In its record and its health; its slopes are as uncertain, and no cell becomes free because of that."""
     record = without_imu.record
     assert record.attitude_source == "support_plane" and record.health is not None
     assert record.attitude_sigma == pytest.approx(0.05, rel=0.01)

@@ -1,4 +1,4 @@
-"""The wide area of a scan: what it saw beside the footprint, for the map; inside heights are the same."""
+"""The wide area of a scan: ground beside the footprint, for the map; inside, heights are the same."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ROWS = slice(16, 124)  # of the wide grid, those of the footprint; it has 80 mm 
 
 
 def processor(name: str, lost: frozenset[int] = frozenset(), blank: frozenset[int] = frozenset()) -> gp.ScanProcessor:
-    """Everything of a recorded scan but the lost stripes, some frames replaced by blank ones."""
+    """Processor with a recorded scan, without the lost stripes and with blank frames for some."""
     scan, frames = recorded_scan(name)
     made = gp.ScanProcessor(truth(), guara(), scan.stance, scan.mode)
     for index, on, off in frames:
@@ -135,7 +135,7 @@ def test_a_node_gives_the_map_the_wide_grid_with_the_report_of_the_published_one
 
 
 def test_a_finished_scan_gives_its_memory_back_at_once() -> None:
-    """Nothing in it refers back to it: it need not wait for the collector of reference cycles."""
+    """It contains no reference cycle, so that no garbage collector is needed to free it."""
     made = processor("paper", lost=frozenset(range(0, 70, 6)))
     made.finish(), made.finish("wide"), made.pairs
     gone = weakref.ref(made)
