@@ -20,8 +20,6 @@ from kinematics.transforms import inverse
 ROBUST_SIGMAS = 3.0
 # Lower bound of the estimated standard deviation of a corner's coordinate.
 LEAST_SIGMA_PX = 0.01
-# Column of each lens parameter in the Jacobian of cv2.projectPoints, after the six columns of the pose.
-LENS_COLUMNS = {"fx": 6, "fy": 7, "cx": 8, "cy": 9, "k1": 10, "k2": 11, "p1": 12, "p2": 13, "k3": 14}
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,14 +50,14 @@ class CameraFit(FrozenArrays):
     @property
     def lens(self) -> Float:
         """Values of the lens parameters `free`, in their order."""
-        return _lens_of(self.camera)[[LENS_COLUMNS[name] - 6 for name in self.free]]
+        return _lens_of(self.camera)[: len(self.free)]
 
     def moved(self) -> Iterator[tuple[float, CameraModel, Float]]:
         """Change each parameter in turn by its sigma; yield sigma, camera and (4, 4) transform_camera_to_footprint."""
         n, sigmas = len(self.free), np.sqrt(np.diag(self.covariance))
         for sigma, change in zip(sigmas.tolist(), np.diag(sigmas), strict=True):
             lens = _lens_of(self.camera)
-            lens[[LENS_COLUMNS[name] - 6 for name in self.free]] += change[:n]
+            lens[:n] += change[:n]
             yield sigma, _camera_of(self.camera.size, lens), pose_of_camera(*np.split(self.pose + change[n:], 2))
 
 
@@ -135,7 +133,6 @@ class _Problem:
         self.seen.append((crosses, np.array([mark.centre_px for mark in floor.marks])))
         self.mark_sigma = np.repeat([mark.sigma_px for mark in floor.marks], 2)
         self.n_lens = len(intrinsics.free)
-        self.lens_columns = np.array([LENS_COLUMNS[name] for name in intrinsics.free])
         self.pose_columns = slice(self.n_lens, self.n_lens + 6)
         first = self.n_lens + (6 if self.ground is None else 9)
         self.ground_columns = slice(self.n_lens + 6, first)
@@ -146,7 +143,7 @@ class _Problem:
 
     def start(self) -> Float:
         x = np.zeros(self.size)
-        x[: self.n_lens] = _lens_of(self.intrinsics.camera)[self.lens_columns - 6]
+        x[: self.n_lens] = _lens_of(self.intrinsics.camera)[: self.n_lens]
         to_camera = inverse(self.floor.transform_camera_to_footprint)
         x[self.pose_columns] = np.r_[np.ravel(cv2.Rodrigues(to_camera[:3, :3])[0]), to_camera[:3, 3]]
         if self.ground is not None:
@@ -161,7 +158,7 @@ class _Problem:
 
     def lens(self, x: Float) -> Float:
         lens = _lens_of(self.intrinsics.camera)
-        lens[self.lens_columns - 6] = x[: self.n_lens]
+        lens[: self.n_lens] = x[: self.n_lens]
         return lens
 
     def ground_points(self, x: Float, on_board: Float) -> tuple[Float, Float]:
@@ -184,7 +181,8 @@ class _Problem:
                 points, by_heading = self.ground_points(x, points)
             projected, jacobian = cv2.projectPoints(points, rotation, translation, camera.matrix, camera.distortion)
             rows = np.zeros((2 * len(points), self.size))
-            rows[:, : self.n_lens] = jacobian[:, self.lens_columns]
+            # Six columns of the pose, followed by those of the lens.
+            rows[:, : self.n_lens] = jacobian[:, 6 : 6 + self.n_lens]
             rows[:, columns] = jacobian[:, :6]
             if i == self.ground:
                 by_point = jacobian[:, 3:6] @ cv2.Rodrigues(rotation)[0]
@@ -215,7 +213,7 @@ class _Problem:
 
 
 def _lens_of(camera: CameraModel) -> Float:
-    """Lens parameters (9,): fx, fy, cx, cy, k1, k2, p1, p2, k3."""
+    """Values (9,) of the parameters of a camera, in the order of `intrinsics.LENS`."""
     matrix = camera.matrix
     return np.r_[matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], camera.distortion]
 

@@ -22,6 +22,8 @@ MIN_TILT = float(np.deg2rad(12.0))
 # this many pixels.
 OUTLIER_OF_MEDIAN = 3.0
 OUTLIER_PX = 0.15
+# Parameters of a camera in the order of OpenCV. Each distortion model estimates the first of them.
+LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 DISTORTIONS = ("k1k2", "k1k2p1p2", "k1k2p1p2k3")
 # Assumed standard deviations of a given lens, whose file states none: focal lengths (relative), principal point
 # (relative to the image width), k1 and k2. The values are from a calibration with fourteen images (the recorded
@@ -68,7 +70,7 @@ class Intrinsics(FrozenArrays):
 
 def free_parameters(distortion: str) -> tuple[str, ...]:
     """Names of the parameters that are estimated with a distortion model, one of DISTORTIONS."""
-    return ("fx", "fy", "cx", "cy", *[distortion[i : i + 2] for i in range(0, len(distortion), 2)])
+    return LENS[: 4 + len(distortion) // 2]
 
 
 def calibrate_intrinsics(
@@ -153,12 +155,10 @@ def calibrate_views(
     _, matrix, lens, rotations, translations, sigma, _, errors = cv2.calibrateCameraExtended(
         points, corners, size, guess, none, flags=flags
     )
-    order = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-    sigma_of = dict(zip(order, np.ravel(sigma)[: len(order)], strict=True))
     return Intrinsics(
         camera=CameraModel(size, np.asarray(matrix, np.float64), np.ravel(lens)[:5].astype(np.float64)),
         free=free,
-        sigma=np.array([sigma_of[name] for name in free]),
+        sigma=np.ravel(sigma)[: len(free)].astype(np.float64),
         views=tuple(views),
         poses=np.hstack([np.reshape(rotations, (-1, 3)), np.reshape(translations, (-1, 3))]).astype(np.float64),
         errors_px=np.ravel(errors).astype(np.float64),

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Float
-from guara_perception.calibration.calibration import CameraModel, plane_in_frame
+from guara_perception.calibration.calibration import CameraModel, floor_pixels, plane_in_frame
 from guara_perception.calibration.surface_map import surface_map
 from guara_perception.exceptions import InvalidInput
 
@@ -220,10 +220,8 @@ class PaperRangefinder:
 
         The surface map thus compensates at the marks for the distortion that one radial coefficient cannot model.
         """
-        rotation, translation = self._transform[:3, :3], self._transform[:3, 3]
-        in_camera = (np.column_stack((marks, np.zeros(len(marks)))) - translation) @ rotation
         matrix = self._camera.matrix
-        seen = (self._camera.project(in_camera) - matrix[:2, 2]) / np.diag(matrix)[:2]
+        seen = (floor_pixels(self._camera, self._transform, marks) - matrix[:2, 2]) / np.diag(matrix)[:2]
         return np.column_stack(undistort(seen[:, 0], seen[:, 1], self._lens_k, literal=self._literal.lens))
 
 

@@ -4,7 +4,7 @@
 // The background of a column is the median of every USUAL_ROWS_APART-th of the sampled rows. The stripe stands out from it by
 // LEAST_LEVEL [grey levels of 255] and by LEAST_SIGMAS median absolute deviations.
 enum { USUAL_ROWS_APART = 8 };
-// Sampled rows, and sampled pixels, by which reading is prefetched, since they are far apart in memory.
+// Prefetch distance in sampled rows and in sampled pixels, which are far apart in memory.
 enum { AHEAD = 4, AHEAD_PIXELS = 24 };
 #define LEAST_LEVEL 12.0f
 #define LEAST_SIGMAS 8.0f

@@ -17,7 +17,7 @@ from tests.calibrated_session import calibrated_session
 
 @pytest.fixture(scope="session", autouse=True)
 def boards_found_once() -> Iterator[None]:
-    """The sessions of these tests share most of their pictures: a board is searched once in each."""
+    """Search each board once, since the sessions of these tests share most of their pictures."""
     real, found = calibrate_session.find_board, {}
 
     def once(picture: np.ndarray, board: BoardSpec, name: str = "") -> BoardView:
@@ -39,7 +39,7 @@ def session(data: Path) -> CalibrationSession:
 
 @pytest.fixture(scope="session")
 def few_stripes(session: CalibrationSession) -> CalibrationSession:
-    """The same with every third stripe of its plates, for what does not depend on how many there are."""
+    """The same with every third stripe of its plates, for tests that do not depend on their number."""
     plates = (
         dataclasses.replace(plate, scan=dataclasses.replace(plate.scan, stripes=plate.scan.stripes[::3]))
         for plate in session.plates
@@ -49,5 +49,5 @@ def few_stripes(session: CalibrationSession) -> CalibrationSession:
 
 @pytest.fixture(scope="session")
 def result(tmp_path_factory: pytest.TempPathFactory) -> CalibrationResult:
-    """What it gives; immutable."""
+    """Calibration of the session; immutable."""
     return calibrated_session(tmp_path_factory)

@@ -137,7 +137,7 @@ def test_reasons(pictures):
 @pytest.mark.heavy
 @pytest.mark.slow
 def test_the_edge_width_is_that_of_a_checkerboard(targets):
-    """Blurred by the same amount, both patterns are said to be about as sharp."""
+    """For the same blur, the measured widths of both patterns are about equal."""
     pose = pose_of(targets, 0.5, 0.5, 0.3, 0.1, 0.1)
     for blur in (0.0, 1.0, 1.5):
         width = []

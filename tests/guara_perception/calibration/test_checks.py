@@ -1,4 +1,4 @@
-"""Checks of a calibration: the mount by joint angles against gravity, and the floor that pixels see."""
+"""Checks of a calibration: the mount by joint angles against gravity, and the uncertainty of floor points."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_wrong_zeros_of_the_front_knees_show(robot: RobotModel) -> None:
 
 
 def test_without_gravity_or_a_plane_of_soles_there_is_no_figure(robot: RobotModel) -> None:
-    """Nothing to compare with."""
+    """There is nothing to compare."""
     assert stance_checks(robot, standing(robot, None)) == []
     two = dataclasses.replace(standing(robot, (0.0, 0.0, -1.0)), support_feet=robot.legs[:2])
     assert stance_checks(robot, two) == []

@@ -1,4 +1,4 @@
-"""Crosses are fitted by exact derivatives; texture of a floor is no cross, and costs no search without end."""
+"""Crosses are fitted with exact derivatives; floor texture is no cross, and its fit is ended."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SMALL = st.floats(-0.3, 0.3)
     light=st.tuples(st.floats(-50, 200), st.floats(0, 255), st.floats(-20, 20), st.floats(-20, 20)),
 )
 def test_derivatives_agree_with_finite_differences(centre, angles, size, blur, light) -> None:
-    """By each of the eleven parameters."""
+    """With respect to each of the eleven parameters."""
     p = np.array([*centre, *angles, *size, blur, *light])
     step = 1e-6 * np.eye(11)
     wanted = [(_cross_model(p + s, POSITIONS) - _cross_model(p - s, POSITIONS)) / 2e-6 for s in step]
@@ -43,7 +43,7 @@ def test_derivatives_agree_with_finite_differences(centre, angles, size, blur, l
 
 @pytest.mark.slow
 def test_texture_of_a_floor_is_no_cross(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On soil a fit to something like a cross may never converge: it is ended, and counts as no cross."""
+    """A fit to soil that resembles a cross may not converge: it is ended, and the spot is no cross."""
     workshop, fits = SimulatedWorkshop(), []
     real = scipy.optimize.least_squares
     monkeypatch.setattr(scipy.optimize, "least_squares", lambda *a, **k: fits.append(real(*a, **k)) or fits[-1])
@@ -76,7 +76,7 @@ def refusal(lie: np.ndarray, given: np.ndarray) -> str:
 @pytest.mark.parametrize("wrong", range(5))
 @pytest.mark.parametrize("off", [(0.010, 0.0), (0.0, 0.010)])
 def test_the_one_cross_that_was_measured_wrongly_is_named(wrong: int, off: tuple[float, float]) -> None:
-    """With its distance and the place where the others put it, told by leaving each out."""
+    """With its distance and its position according to the others, by leaving out each cross in turn."""
     given = cross_points(load_robot("guara"))
     lie = given.copy()
     lie[wrong] += off
@@ -100,7 +100,7 @@ def test_a_forgotten_cross_is_named_and_no_cross_is_called_wrongly_measured(forg
 
 @pytest.mark.slow
 def test_of_four_crosses_none_can_be_told_from_the_others() -> None:
-    """Three fit a pose whatever they are."""
+    """Any three crosses fit some pose."""
     given = cross_points(load_robot("guara"))[:4]
     lie = given + np.array([[0.01, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
     assert refusal(lie, given).endswith("measure the points again")

@@ -26,7 +26,7 @@ def floor(height: float = 0.0, slope: float = 0.0, noise: float = 5e-5) -> dict[
 
 
 def test_parts_are_means_and_medians_of_the_points_in_them() -> None:
-    """Of stripes of unlike lengths, with unknown points, and of none."""
+    """For stripes of different lengths, with unknown points, and for no stripes."""
     random = np.random.default_rng(4)
     points = {index: random.normal(size=(size, 3)) for index, size in ((3, 400), (5, 0), (9, 57))}
     points[3][::7, 2] = np.nan
@@ -73,7 +73,7 @@ def test_floor_elsewhere(height: float, slope: float, reason: str) -> None:
 
 
 def test_stripes_that_disagree() -> None:
-    """Stripes that stray from one floor, all a little or one clearly, are drift."""
+    """Stripes that deviate from one floor, all slightly or one clearly, are drift."""
     waves = floor()
     for index, stripe in waves.items():
         stripe[:, 2] += 5e-4 * np.sin(index)
@@ -96,7 +96,7 @@ def test_missed_step() -> None:
 
 
 def test_nothing_to_compare_with() -> None:
-    """Rubble, and a scan of few stripes, leave it unknown; unknown numbers are null in JSON."""
+    """With rubble or few stripes the verdict is unknown, and unknown numbers are null in JSON."""
     random = np.random.default_rng(4)
     rubble = {index: stripe + random.uniform(-0.05, 0.1, 300)[:, None] for index, stripe in floor().items()}
     assert check_drift(rubble).verdict == UNKNOWN
@@ -119,7 +119,7 @@ def test_ground_that_undulates_shows_nothing() -> None:
 
 
 def test_a_slope_under_robot_and_stripes_is_no_drift() -> None:
-    """With gravity known a sloping floor is tilted; the soles that stand on it say that it is no drift."""
+    """With gravity known, a sloping floor is tilted; if the soles are on the same slope, it is no drift."""
     soles = np.array([[x, y, 0.03 * x] for x in (-0.3, 0.3) for y in (-0.18, 0.18)])
     slope = floor(0.03 * 0.7, 0.03)
     assert check_drift(slope).verdict == DRIFTING
@@ -129,7 +129,7 @@ def test_a_slope_under_robot_and_stripes_is_no_drift() -> None:
 
 
 def test_feet_on_things_leave_height_and_tilt_out() -> None:
-    """A foot on a box moves z = 0 off the floor; what the stripes say of one another still counts."""
+    """A foot on a box moves z = 0 off the floor; the comparison of the stripes with each other still counts."""
     soles = np.array([[x, y, 0.0] for x in (-0.3, 0.3) for y in (-0.18, 0.18)])
     soles[:, 2] = (0.0225, -0.0075, -0.0075, -0.0075)
     assert check_drift(floor(-0.0075), soles_in_footprint=soles).verdict == HOLDS

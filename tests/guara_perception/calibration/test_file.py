@@ -70,7 +70,7 @@ def test_file_has_the_promised_fields(calibration_file: Path, calibration: gp.Ca
 
 
 def test_edited_file_is_reported_and_its_own_hash_is_used(calibration_file: Path, tmp_path: Path, caplog):
-    """A file that was changed by hand is loaded with a warning, and grids carry the hash of what it holds."""
+    """A file that was edited is loaded with a warning, and grids carry the hash of its content."""
     path = edited(calibration_file, tmp_path / "edited.json", lambda c: c["stripes"][0].update(mirror_angle=0.1))
     with caplog.at_level(logging.WARNING):
         loaded = gp.load_calibration(path)

@@ -1,4 +1,4 @@
-"""Mirrored pictures: what tells them, and what a session comes out as whose targets cannot tell."""
+"""Mirrored pictures: targets that reveal them, and sessions whose targets cannot."""
 
 import dataclasses
 from collections.abc import Callable
@@ -27,20 +27,20 @@ HALF_TURN, QUARTER = (lambda p: np.ascontiguousarray(p[::-1, ::-1])), (lambda p:
 
 
 def flipped(session: CalibrationSession, flip: Flip) -> CalibrationSession:
-    """The session as a driver that flips all pictures records it."""
+    """Session recorded with a driver that flips all pictures."""
     for number in range(len(session.plates)):
         session = with_frames(session, number, flip)
     return with_pictures(session, lambda name, picture: flip(picture))
 
 
 def undeclared(session: CalibrationSession) -> CalibrationSession:
-    """The session without the colour of its board's first square: nothing in it tells a mirrored picture."""
+    """Session without the colour of its board's first square, so that nothing reveals a mirrored picture."""
     return dataclasses.replace(session, board=dataclasses.replace(session.board, first_square=None))
 
 
 @pytest.mark.parametrize("columns", [9, 7])
 def test_the_printed_board_tells_mirrored_pictures(columns: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the board as `guara targets` prints it every turn is found, every mirror image refused."""
+    """The board that `guara targets` prints is found in all rotations, and refused in all mirror images."""
     workshop = SimulatedWorkshop()
     seen: list[Picture] = []
     board = parse_board(f"{columns}x{16 - columns}", 0.03)
@@ -80,7 +80,7 @@ def test_five_crosses_tell_mirrored_pictures(session: CalibrationSession, robot:
     ],
 )
 def test_changed_pictures_of_five_crosses_are_named(robot: RobotModel, flip: Flip, name: str) -> None:
-    """The crosses fit once the picture is seen as it was changed, with the lens of such pictures."""
+    """The crosses fit once the change is undone, with the lens of such pictures."""
     truth = specimen(robot, (640, 512), None)
     stance = Stance(robot.posture(robot.config.scan_posture), robot.legs, None)
     to_footprint = robot.stance_pose(stance).transform_base_to_footprint
@@ -97,14 +97,14 @@ def test_changed_pictures_of_five_crosses_are_named(robot: RobotModel, flip: Fli
 
 @pytest.mark.parametrize("flip", [LEFT_RIGHT, UP_DOWN])
 def test_a_mirrored_session_is_refused(session: CalibrationSession, robot: RobotModel, flip: Flip) -> None:
-    """By name, with the remedy."""
+    """The message names a picture and the remedy."""
     with pytest.raises(CalibrationRefused, match=r"14 of 14 board pictures are mirrored \(board_00.jpg\): switch"):
         calibrate_session(flipped(session, flip), robot)
 
 
 @pytest.mark.slow
 def test_a_session_that_cannot_tell_is_usable(few_stripes: CalibrationSession, robot: RobotModel) -> None:
-    """At most, mirrored or not, with one line of remedy; the user's word makes it good."""
+    """At most, mirrored or not, with one line of advice; a statement of the user makes it good."""
     old = undeclared(few_stripes)
     for told in (old, flipped(old, LEFT_RIGHT)):
         found = calibrate_session(told, robot)
@@ -117,7 +117,7 @@ def test_a_session_that_cannot_tell_is_usable(few_stripes: CalibrationSession, r
 
 @pytest.mark.slow
 def test_a_rolled_camera_is_told(few_stripes: CalibrationSession, robot: RobotModel) -> None:
-    """Bottom-up pictures of targets that cannot tell are refused; a turn by 180 degrees is usable, or vouched for."""
+    """Bottom-up pictures are refused if the targets are ambiguous; otherwise a turn by 180 degrees is usable."""
     rolled = (
         "the camera is rolled by 180 degrees relative to its mount in the URDF: the driver delivers bottom-up pictures"
     )

@@ -95,12 +95,12 @@ def test_json_form(result: CalibrationResult) -> None:
 
 
 def test_calibration_without_covariance(calibration: gp.Calibration) -> None:
-    """A calibration made from a drawing has no uncertainty to give."""
+    """A nominal calibration has no uncertainty."""
     assert HeightUncertainty.of(calibration) is None
 
 
 def broken(covariance: dict[str, Any], change: str) -> dict[str, Any]:
-    """The covariance with one field spoilt."""
+    """Covariance with one invalid field."""
     field = dict(covariance["height_field"])
     if change == "terms":
         return {**covariance, "height_field": {**field, "terms": list(FIELD_TERMS[:9])}}
@@ -121,7 +121,7 @@ def broken(covariance: dict[str, Any], change: str) -> dict[str, Any]:
     ],
 )
 def test_spoilt_covariance(result: CalibrationResult, change: str, reason: str) -> None:
-    """A covariance that was edited by hand is refused by field."""
+    """An invalid field of a covariance edited by hand is named."""
     covariance = broken(dict(result.calibration.covariance or {}), change)
     with pytest.raises(FileFormatError, match=reason):
         HeightUncertainty.of(dataclasses.replace(result.calibration, covariance=covariance))

@@ -198,7 +198,7 @@ def test_unknown_distortion(session: CalibrationSession, robot: RobotModel) -> N
 
 
 def test_the_plate_that_is_named_twice_is_told(session: CalibrationSession) -> None:
-    """It alone, not those beside it."""
+    """The message names only this plate."""
     first, second, *_ = session.plates
     with pytest.raises(InvalidInput, match=f"plates name the same scan twice: {second.name}$"):
         dataclasses.replace(session, plates=(first, second, second))
@@ -214,6 +214,6 @@ def test_the_plate_that_is_named_twice_is_told(session: CalibrationSession) -> N
     ],
 )
 def test_crosses_that_are_no_list_of_points_are_refused(points: object, given: str) -> None:
-    """What is wrong is told: the number of points only if they are points."""
+    """The message states the number of points only if they are points."""
     with pytest.raises(InvalidInput, match=rf"points_in_footprint: {given}; 4 or more \[x, y\] are needed"):
         Fiducials("crosses", points)

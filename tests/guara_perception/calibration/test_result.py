@@ -11,7 +11,7 @@ from tests.guara_perception.recordings import truth
 
 
 def test_stripes_on_plates_of_one_height_have_no_constants() -> None:
-    """Plates of one height say no more than one plate: such a stripe is left out, and the calibration goes on."""
+    """Several plates of one height are not enough: the stripe is omitted, and the calibration continues."""
     transform = np.diag([1.0, -1.0, -1.0, 1.0])
     transform[2, 3] = 0.5
     fit = SimpleNamespace(camera=truth().camera, transform_camera_to_footprint=transform)

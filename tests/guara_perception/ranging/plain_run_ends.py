@@ -21,8 +21,8 @@ FADED_OF_LEVEL = 0.6
 LEVEL_COLUMNS = 12
 # This many columns in a row must be bright to end a fade: speckle makes single columns bright within a shadow.
 SOUND_COLUMNS = 2
-# Along a shadow's edge a stripe is cut lengthwise: over several columns it is displaced by this much and more, and its
-# first DIM_COLUMNS are weaker than this share of the level further in.
+# The edge of a shadow along a stripe cuts it lengthwise: several columns are displaced by more than DISPLACED_M, and
+# the first DIM_COLUMNS are weaker than DIM_OF_LEVEL of the strength further in.
 DISPLACED_M = 0.00075
 DIM_COLUMNS = 3
 DIM_OF_LEVEL = 0.85

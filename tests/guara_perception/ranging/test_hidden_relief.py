@@ -42,7 +42,7 @@ def test_relief_is_what_lies_between_the_stripes(longest: float) -> None:
 
 
 def test_a_plane_hides_nothing() -> None:
-    """However steep; what the points' own noise makes of it is subtracted: less than a tenth of it stays."""
+    """At any slope; noise of the points is subtracted, except for less than a tenth."""
     rng, y = np.random.default_rng(1), COLUMN_M * np.arange(WIDTH)
     assert pair_relief(stripes([0.3 * y, 0.01 + 0.3 * y]), np.zeros((2, WIDTH))).max() < 1e-14
     noisy = [0.3 * y + NOISE_M * rng.standard_normal(WIDTH) for _ in range(2)]
@@ -50,7 +50,7 @@ def test_a_plane_hides_nothing() -> None:
 
 
 def test_gaps_and_short_runs_say_nothing() -> None:
-    """A step behind a gap is no roughness; runs shorter than the stripes are apart have no neighbours to compare."""
+    """A step behind a gap is no roughness; runs shorter than the stripe spacing have nothing to compare with."""
     high = np.where(np.arange(WIDTH) < WIDTH // 2, 0.0, 0.03)
     high[WIDTH // 2 - 2 : WIDTH // 2 + 2] = np.nan
     assert pair_relief(stripes([high, high]), np.zeros((2, WIDTH))).max() < 1e-14

@@ -1,4 +1,4 @@
-"""Triangulation and the paper's chain: both exact where they should be, and wrong by what the literal forms cost."""
+"""Triangulation and the paper's chain: exact where they should be, with known errors of the literal forms."""
 
 from __future__ import annotations
 
@@ -206,7 +206,7 @@ def test_lens_that_no_polynomial_fits_is_computed_exactly(k1: float) -> None:
 
 @pytest.mark.parametrize("k1", [-0.2, -0.6])
 def test_missing_rows(k1: float) -> None:
-    """A NaN row has no ray, with and without polynomials."""
+    """A NaN row has no ray, with or without polynomials."""
     rows = np.linspace(100.0, 140.0, SMALL[0])
     rows[40:50] = np.nan
     rays = rays_of(CameraModel(SMALL, SMALL_MATRIX, np.array([k1, 0, 0, 0, 0])), rows)

@@ -1,4 +1,4 @@
-"""Points of profiles: set apart by the height limits, dropped on the robot, doubtful ones kept for their cause."""
+"""Points of profiles: separated by the height limits, dropped on the robot, kept apart if doubtful."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.thorough import examples
 
 
 class PlainLocator:
-    """A locator whose point of column c and row r lies at (0, c mm, r mm)."""
+    """Locator whose point of column c and row r is (0, c mm, r mm)."""
 
     view_point = np.zeros(3)
 
@@ -91,7 +91,7 @@ def test_points_on_the_robot_are_dropped_however_they_lie_in_memory() -> None:
 
 
 def test_doubtful_returns_keep_their_position() -> None:
-    """A return that may not be used says where it was, unless that is outside the height limits."""
+    """An unusable return keeps its position, unless this is outside the height limits."""
     doubtful = np.full(60, np.nan, np.float32)
     doubtful[10], doubtful[11] = 5.0, 900.0
     rows = np.where(np.isfinite(doubtful), np.nan, 0.0)

@@ -1,4 +1,4 @@
-"""What counts as surface: confirmed by neighbours, cut at its ends, and never more when a stripe is lost."""
+"""Surface of a scan: confirmed by neighbours, shortened at its ends, and never larger when a stripe is lost."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_flat_ground_is_wholly_known() -> None:
 
 
 def test_a_single_stripe_proves_nothing() -> None:
-    """Without a neighbour that confirms it no return is used."""
+    """Without a neighbour that confirms it, no return is used."""
     assert np.isnan(raster({5: stripe(0.05)}).raster().elevation).all()
 
 
@@ -137,7 +137,7 @@ def test_between_two_stripes_nothing_is_surer_than_they_are() -> None:
     np.testing.assert_allclose(variance, 1e-8, rtol=1e-6)
     rough = 0.001 * np.sin(2 * np.pi * np.arange(COLUMNS) / 8)
     points, variance = joined(stripe(0.0, rough), stripe(0.008, rough), True, 0.0001)
-    # Half the stripes' distance to either side the heights are of the other sign: each is twice its own off their mean.
+    # Half a stripe spacing to either side, the heights have the opposite sign: each is off their mean by twice itself.
     is_centre = np.abs(points[:, 0] - 0.004) < 1e-4
     assert np.median(variance[is_centre]) == pytest.approx(4 * np.mean(rough**2), rel=0.05)
     assert variance.min() >= 1e-8
@@ -268,7 +268,7 @@ def test_return_above_the_height_limits_makes_its_cell_unknown() -> None:
 
 
 def test_return_below_the_height_limits_only_names_the_cause() -> None:
-    """From under ground that was seen nothing can return: a stray below it takes nothing away."""
+    """No light can return from below a measured surface: such a stray return takes nothing away."""
     low = column_points(np.array([10]), np.array([[0.052, 0.0105, -0.3]]))
     stripes = {k: stripe(0.004 + 0.008 * k) for k in range(12)}
     stripes[6] = stripe(0.004 + 0.048, out_of_range=low)
@@ -287,7 +287,7 @@ def test_a_high_return_is_not_forgotten_for_a_low_one_of_its_cell(order: tuple[i
 
 
 def test_a_drop_seen_by_two_stripes_is_marked_in_between() -> None:
-    """Between two returns from below the height limits the ground is no better: the cells between are marked too."""
+    """Ground between two returns below the height limits is out of range too."""
     every = np.arange(COLUMNS)
     ends = [
         column_points(every, np.column_stack((np.full(COLUMNS, x), stripe(0).points[:, 1], np.full(COLUMNS, -0.2))))

@@ -1,4 +1,4 @@
-"""The path of a stripe in any light by plain array operations: what the kernel is compared with, on small bands."""
+"""Path of a stripe in any light by plain array operations: reference of the kernel on small bands."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from tests.guara_perception.stripes.plain_laser_colour import (
 )
 from tests.guara_perception.stripes.plain_light import robust_sigma
 
-# Instead of a row: there is no stripe. Prices of the path, in units of evidence.
+# Value of a row without a stripe, and costs of the path in units of evidence.
 NONE, PER_ROW, OF_JUMP, OF_END = -1, 0.7, 6.0, 4.0
 # A piece of the path ends where it moves by more rows than this from one column to the next.
 PIECE_JUMP_PX = 4
-# Shorter pieces are no stripe: least number of columns, and least number times relative strength.
+# Least number of columns of a piece, and least number times relative strength.
 LEAST_COLUMNS, LEAST_STRONG_COLUMNS = 12, 6
 STRONG_PERCENTILE = 75
-# A laser keeps the ratio of its channels on any surface; other light deviates by more.
+# A laser keeps the ratio of its channels on any surface; other light deviates by more than this.
 MOST_COLOUR_DEVIATION = 0.9
 # Laser light is coherent, so it looks grainy on every rough surface; ambient light does not. The grain is measured in
-# pieces of at least GRAINED_COLUMNS, as what a running mean over GRAIN_COLUMNS leaves of the light across the stripe.
-# It shows where it is CLEAR_GRAIN times the noise beside it; a piece with less than LEAST_GRAIN of the brightest
-# piece's grain is not lit by the laser.
+# pieces of at least GRAINED_COLUMNS, as the deviation of the light across the stripe from its running mean over
+# GRAIN_COLUMNS. It is visible if it is at least CLEAR_GRAIN times the noise beside it; a piece with less than
+# LEAST_GRAIN of the brightest piece's grain is not lit by the laser.
 GRAINED_COLUMNS, GRAIN_COLUMNS, CLEAR_GRAIN, LEAST_GRAIN = 24, 9, 2.0, 1 / 3
-# From this share of clipped columns on a piece is too bright to show its grain.
+# Share of clipped columns from which a piece is too bright to show its grain.
 MOST_CLIPPED = 0.25
 
 
@@ -73,7 +73,7 @@ def follow_stripe(evidence: Float32) -> tuple[Index, Mask, float]:
 
 
 def _filled(path: Index) -> Index:
-    """A path (columns,) with the row of the nearest stripe where there is none."""
+    """Path (columns,) with the row of the nearest column with a stripe where there is none."""
     known = np.flatnonzero(path != NONE)
     if not known.size:
         return np.zeros_like(path)
@@ -90,7 +90,7 @@ def pieces(rows: Index, is_stripe: Mask) -> list[slice]:
 
 
 def strong_pieces(height: Float32, rows: Index, is_stripe: Mask, is_core: Mask, least_share: float) -> Mask:
-    """Columns of the pieces that are long enough and have this share of the height of the strong ones."""
+    """Columns of the pieces that are long enough and high enough relative to the strong ones."""
     good = np.zeros_like(is_stripe)
     if not is_stripe.any():
         return good
@@ -104,7 +104,7 @@ def strong_pieces(height: Float32, rows: Index, is_stripe: Mask, is_core: Mask, 
 
 
 def of_laser_colour(frame: Float32, detail: Float32, rows: Index, is_stripe: Mask, colour: Float, channel: int) -> Mask:
-    """Columns of the pieces that have the laser's colour, as far as they are not clipped."""
+    """Columns of the pieces that have the laser's colour; mostly clipped pieces are not judged."""
     good = is_stripe.copy()
     columns = np.arange(rows.size)
     is_clear = frame[rows, columns].max(axis=1) < CLIPPED
@@ -172,7 +172,7 @@ SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 4
 
 
 def subtract(on: Float32, off: Float32) -> tuple[Float32, Float32]:
-    """On minus off times a gain and an offset per channel, fitted beside outliers; the gains (channels,)."""
+    """Light on - gain * off - offset of each channel, fitted without outliers; and the gains (channels,)."""
     light, gains = np.empty_like(on), np.ones(on.shape[2], np.float32)
     for channel in range(on.shape[2]):
         dark, bright = (picture[::SAMPLE_ROWS, ::SAMPLE_COLUMNS, channel].ravel() for picture in (off, on))
@@ -193,20 +193,20 @@ def subtract(on: Float32, off: Float32) -> tuple[Float32, Float32]:
     return light, gains
 
 
-# Distance of the columns in the first pass, which finds the laser's channel, and least width of a picture of which
-# columns are left out.
+# Distance of the columns in the first pass, which finds the laser's channel, and least width of a picture in which it
+# omits columns.
 FIRST_PASS_COLUMNS, FIRST_PASS_FROM = 4, 160
-# Channels whose score reaches this share of the best are searched in full.
+# Channels whose score reaches this share of the best are searched in all columns.
 HOPEFUL = 0.4
 # The stripe and its halo lie within this many rows of its path; the scene is what is further away.
 NEAR_PEAK_PX, NEAR_PATH_PX = 10, 12
-# Least share of the height of the strong pieces: a line's dimmest parts have a tenth of its brightest; without a
-# laser-off picture, and more so without colour, there is texture as strong.
+# Least height of a piece, relative to the strong pieces: the dimmest parts of a line have a tenth of the height of its
+# brightest. Without a laser-off picture, and more so without colour, texture can be stronger than that.
 LEAST_SHARE, LEAST_SHARE_ALONE, LEAST_SHARE_MONO = 0.1, 0.15, 0.5
-# A second clipped ridge of this share of the strength may as well be the stripe.
+# Relative strength above which a second clipped ridge may equally be the stripe.
 TWIN_OF_RIDGE = 0.5
-# Least share of what a stripe adds to the laser-off picture that is a ridge of the laser-on picture, and least share
-# of a piece's columns in which it must be: beside the scene's edges it need not. A moved edge is no ridge anywhere.
+# Least height of the ridge in the laser-on picture, as a fraction of its height in the difference of both pictures, and
+# least fraction of the columns of a piece that have it, since edges of the scene can hide it. A moved edge is no ridge.
 LEAST_OWN_RIDGE, LEAST_OWN_COLUMNS = 0.4, 0.25
 
 
@@ -250,7 +250,7 @@ class Pictures:
     detail: Float32
 
     def thinned(self, columns: slice) -> Pictures:
-        """The pictures with some of their columns only."""
+        """Pictures with some of their columns."""
         frame, light, detail = (np.ascontiguousarray(one[:, columns]) for one in (self.frame, self.light, self.detail))
         dark = None if self.dark is None else np.ascontiguousarray(self.dark[:, columns])
         return replace(self, frame=frame, dark=dark, light=light, detail=detail)
@@ -318,7 +318,7 @@ def find_path(on: Image, off: Image | None) -> StripePath:
 
 
 def _laser_of(pictures: Pictures, first: FirstPass) -> LaserOfChannel:
-    """The picture as a laser of one channel lights it."""
+    """Picture in the colour of a laser of one channel, with its ridges."""
     light, frame, channel = pictures.light, pictures.frame, first.channel
     elsewhere = _away(first.row, first.is_stripe, frame.shape, NEAR_PATH_PX)
     scene = covariance(pictures.detail, elsewhere)
@@ -346,7 +346,7 @@ def _path_of(pictures: Pictures, first: FirstPass, seen: LaserOfChannel) -> tupl
     has_twin = _has_twin(found, seen.core, rows, columns)
     score = float(evidence[rows, columns][is_good].sum())
     path = StripePath(
-        # What only the first pass sees, before texture counts as noise, is doubtful.
+        # Columns in which only the first pass found a stripe, before texture counted as noise, are doubtful.
         row=np.where(is_stripe, rows, first.row),
         masks=np.array((is_stripe | first.is_stripe, is_good & ~has_twin, is_core & is_good)),
         sigma=sigma,
@@ -358,7 +358,7 @@ def _path_of(pictures: Pictures, first: FirstPass, seen: LaserOfChannel) -> tupl
 
 
 def levels(frame: Image) -> Float32:
-    """A frame as (rows, columns, channels) float32 of 0 to 255."""
+    """Frame as (rows, columns, channels) float32, 0 to 255."""
     scale = np.float32(255 / np.iinfo(frame.dtype).max)
     picture = np.ascontiguousarray(frame).astype(np.float32)
     if scale != 1:
@@ -406,14 +406,14 @@ def _follow(
 
 
 def _purity(pictures: Pictures, rows: Index, is_stripe: Mask, channel: int) -> float:
-    """Purity of the colour of a path: of its rim where the core is white, otherwise of its core."""
+    """Purity of the colour of a path: the higher of the purities of its rim and of its core."""
     rim = rim_colour(pictures.light, pictures.frame, rows, is_stripe, channel)
     core = core_colour(pictures.detail, pictures.frame, rows, is_stripe, channel)
     return max(purity(rim, channel), purity(core, channel))
 
 
 def _away(rows: Index, is_stripe: Mask, shape: tuple[int, ...], reach: int) -> Mask:
-    """Pixels (rows, columns) further from a path than this."""
+    """Mask (rows, columns) of the pixels farther from a path than `reach` rows."""
     away = np.ones(shape[:2], dtype=bool)
     columns = np.flatnonzero(is_stripe)
     around = rows[columns] + np.arange(-reach, reach + 1)[:, None]
@@ -422,9 +422,9 @@ def _away(rows: Index, is_stripe: Mask, shape: tuple[int, ...], reach: int) -> M
 
 
 def _has_twin(found: Ridges, core: Mask, rows: Index, columns: Index) -> Mask:
-    """Columns (n,) in which a clipped ridge elsewhere is as strong or nearly so.
+    """Columns (n,) in which a clipped ridge elsewhere has more than TWIN_OF_RIDGE of the path's strength.
 
-    One of the two is a reflection, and where light is clipped no grey level shows which.
+    One of the two is a reflection, and clipped light does not show which.
     """
     if not core.any():
         return np.zeros(rows.size, dtype=bool)
@@ -434,7 +434,7 @@ def _has_twin(found: Ridges, core: Mask, rows: Index, columns: Index) -> Mask:
 
 
 def _without_moved_edges(found: StripePath, strength: Float32, frame: Float32) -> StripePath:
-    """Only the pieces that are ridges of the laser-on picture too: an edge that moved between both is no ridge."""
+    """Keep only the pieces that are ridges of the laser-on picture too: a moved edge is none."""
     own = np.asarray(cv2.transform(frame, found.weights[None].astype(np.float32)), np.float32).reshape(frame.shape[:2])
     columns = np.arange(found.row.size)
     height = np.max([ridge_of_width(own, sigma)[found.row, columns] for sigma in SIGMAS_PX], axis=0)

@@ -1,4 +1,4 @@
-"""Colour and ridges of a laser line by plain array operations: what the kernel is compared with."""
+"""Colour and ridges of a laser line by plain array operations: reference of the kernel."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ import numpy as np
 from guara_perception.arrays import Array, Float, Float32, Index, Mask
 from tests.guara_perception.stripes.plain_light import robust_sigma
 
-# Grey level, of 255, from which a pixel may be clipped: JPEG and demosaicing keep it from reaching the end.
+# Grey level from which a pixel may be clipped: JPEG and demosaicing make clipped pixels slightly darker.
 CLIPPED = 245.0
-# A clipped core and the halo in which it lies are narrower than this.
+# A clipped core with its halo is narrower than this.
 WIDEST_CORE_PX = 25
 # Distance of the samples of a covariance in rows and in columns, and number of columns from which a colour is measured.
 COVARIANCE_ROWS, COVARIANCE_COLUMNS, COLOUR_COLUMNS = 2, 5, 200
 # Background and rim of the stripe, in rows from its centre.
 BACKGROUND_PX, RIM_PX = 12, 6
-# No camera sees a line laser in another channel by more than this share of its own.
+# Largest response of another channel to a line laser, as a fraction of that of the laser's own channel.
 MOST_LEAKAGE = 0.8
-# What the other channels add where the laser's is clipped.
+# Weight of the other channels in a clipped core, and their largest contribution as a fraction of the rim's light.
 OTHERS_SHARE, MOST_OF_CORE = 0.1, 0.5
-# Deviation of a channel that JPEG and whole grey levels cause, and share of all that is not known of the covariance.
+# Standard deviation that JPEG and quantisation cause in a channel, and regularisation as a fraction of the trace.
 LEAST_DEVIATION, UNKNOWN_SHARE = 0.15, 1e-3
 # Widths of ridges [px]; neighbours overlap, together they cover stripes of 1 to 15 px.
 SIGMAS_PX = (1.2, 2.4, 4.8)
 # Distance from the centre of a ridge to each of its sides, in sigmas.
 SIDE_SIGMAS = 2.5
-# Smoothing of details over columns and rows [px], and the distance of what is subtracted.
+# Smoothing of details over columns and rows [px], and distance of the rows whose mean is subtracted.
 DETAIL_SIGMAS, DETAIL_SIDE = (0.8, 1.6), 5
 # Noise of fewer grey levels than this cannot be separated from quantisation.
 LEAST_NOISE = 0.15
-# Texture counts as noise whose strongest hundredth begins at this number of sigmas.
+# Texture counts as noise of which TEXTURE_QUANTILE is below TEXTURE_SIGMAS sigmas.
 TEXTURE_QUANTILE, TEXTURE_SIGMAS = 0.99, 3.0
 # Evidence is zero at the first of these strengths of a ridge, grows in proportion up to the second, then with the
 # logarithm times the gain.
@@ -57,7 +57,7 @@ def _upper_median(values: Array) -> float:
 
 
 def details(picture: Float32) -> Float32:
-    """The part of each channel (rows, columns, channels) that changes from row to row within a few pixels."""
+    """Light of each channel (rows, columns, channels) above the mean of the rows above and below."""
     smooth = cv2.GaussianBlur(picture, (3, 9), DETAIL_SIGMAS[0], sigmaY=DETAIL_SIGMAS[1]).reshape(picture.shape)
     up, low = (
         smooth[np.clip(np.arange(len(smooth)) + side, 0, len(smooth) - 1)] for side in (-DETAIL_SIDE, DETAIL_SIDE)
@@ -75,7 +75,7 @@ def covariance(detail: Float32, elsewhere: Mask) -> Float:
 
 
 def laser_weights(scene: Float, colour: Float) -> Float:
-    """Weights (channels,) of Fisher's linear discriminant that leave light of the laser's colour as bright as it is."""
+    """Weights (channels,) of Fisher's linear discriminant that keep the brightness of the laser's colour."""
     weights = np.linalg.solve(scene, colour)
     return np.asarray(weights / max(float(colour @ weights), 1e-9))
 
@@ -83,10 +83,10 @@ def laser_weights(scene: Float, colour: Float) -> Float:
 def in_laser_colour(
     picture: Float32, frame: Float32, scene: Float, colour: Float, channel: int
 ) -> tuple[Float32, Mask]:
-    """The picture seen in the colour of the laser (Fisher's linear discriminant), and where it is clipped.
+    """Picture in the colour of the laser (Fisher's linear discriminant), and mask of its clipped pixels.
 
-    A clipped pixel is at least as bright as the rim of its core, whatever the other channels say: there it is
-    filled from the rim, and slightly raised by the other channels, which still show the centre.
+    A clipped pixel is at least as bright as the rim of its core. It is filled from the rim and slightly raised by the
+    other channels, which still show the centre.
 
     Args:
         picture: (rows, columns, channels) float32 light.
@@ -106,7 +106,7 @@ def in_laser_colour(
         return mixed, full
     core = cv2.dilate(full.view(np.uint8), np.ones((3, 1), np.uint8)).view(bool)
     at = np.flatnonzero(core)
-    # What is further from every core than the closing reaches changes nothing.
+    # Rows that are too far from any core to affect the closing are omitted.
     rows = np.flatnonzero(core.any(axis=1))
     first, last = max(int(rows[0]) - WIDEST_CORE_PX, 0), int(rows[-1]) + WIDEST_CORE_PX + 1
     closed = cv2.morphologyEx(mixed[first:last], cv2.MORPH_CLOSE, np.ones((WIDEST_CORE_PX, 1), np.uint8))
@@ -117,7 +117,7 @@ def in_laser_colour(
 
 
 def rim_colour(picture: Float32, frame: Float32, row: Index, is_stripe: Mask, channel: int) -> Float:
-    """Median colour (channels,) that a stripe adds to its surroundings where it is brighter, and nothing is clipped.
+    """Median colour (channels,) that a stripe adds to its surroundings in the brighter half of its columns.
 
     Args:
         picture: (rows, columns, channels) float32 light.
@@ -158,12 +158,12 @@ def core_colour(detail: Float32, frame: Float32, row: Index, is_stripe: Mask, ch
 
 
 def _some(columns: Index) -> Index:
-    """COLOUR_COLUMNS or fewer of them, evenly distributed."""
+    """Up to COLOUR_COLUMNS of them, evenly selected."""
     return columns[:: max(-(-columns.size // COLOUR_COLUMNS), 1)]
 
 
 def relative_colour(added: Float, channel: int) -> Float:
-    """A colour relative to one channel, within what a laser can look like."""
+    """Colour relative to one channel, with the others limited to MOST_LEAKAGE."""
     colour = np.clip(added / max(float(added[channel]), 1e-6), 0, MOST_LEAKAGE)
     colour[channel] = 1
     return np.asarray(colour)
@@ -245,7 +245,7 @@ def _quietness(height: Float32, noise: float, scene: Float32) -> Float32:
 
 
 def _noise(height: Float32, elsewhere: Mask | None) -> float:
-    """Height of chance ridges (rows, columns) [grey levels]."""
+    """Standard deviation of ridges of noise (rows, columns) [grey levels]."""
     noise = max(robust_sigma(height[::3, ::7]), LEAST_NOISE)
     if elsewhere is not None:
         some = height[::2, ::3][elsewhere[::2, ::3]]

@@ -1,4 +1,4 @@
-"""What the kernel computes of the light of a band, by plain array operations."""
+"""Light of a band by plain array operations: reference of the kernel."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import numpy as np
 from guara_perception.stripes.kernel.library import address, addresses
 from tests.guara_perception.stripes.kernel_parts import part
 
-# Rows and columns from one sample of a band's statistics to the next.
+# Distance of the samples of a band's statistics in rows and columns.
 SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 24
-# Columns and rows that are averaged, shifts about a peak at which the filters answer [px], and where they are cut.
+# Columns and rows that are averaged, shifts about a peak at which the filters are evaluated [px], and half-width of the
+# filters.
 COLUMN_MEAN_PX = ROW_MEAN_PX = 3
 ROW_SMOOTHING_SIGMA_PX = float(np.sqrt(2 / 3))
 SCALE = COLUMN_MEAN_PX * ROW_MEAN_PX
@@ -19,7 +20,7 @@ FILTER_SIGMAS = 2.5
 
 
 def robust_sigma(values: np.ndarray) -> float:
-    """Standard deviation by the median absolute deviation from the median, as if the values were normal."""
+    """Standard deviation of normally distributed values, estimated by the median absolute deviation."""
     middle = np.sort(values, axis=None)[values.size // 2]
     return 1.4826 * float(np.sort(np.abs(values - middle), axis=None)[values.size // 2])
 

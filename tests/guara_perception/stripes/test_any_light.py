@@ -1,4 +1,4 @@
-"""Stripes in light in which the highest peak of a column need not be the stripe."""
+"""Stripes in light in which the highest peak of a column may be something else."""
 
 import cv2
 import numpy as np
@@ -35,7 +35,7 @@ def laser(colour: tuple[float, float, float], contrast: float, sigma: float = 1.
 
 
 def eight_bits(light: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
-    """As a camera delivers it."""
+    """Picture as a camera of 8 bits delivers it."""
     return np.clip(np.rint(light), 0, 255).astype(np.uint8)
 
 
@@ -105,7 +105,7 @@ def value_of(states: tuple[int, ...], evidence: npt.NDArray[np.float32]) -> floa
 
 @pytest.mark.parametrize("columns", [1, 2, 4, 5])
 def test_the_path_is_the_best_of_all(columns: int) -> None:
-    """In small pictures: as good as the best of all possible paths."""
+    """In small pictures, it is as good as the best of all possible paths."""
     rng = np.random.default_rng(6)
     for _ in range(12):
         evidence = rng.normal(0, 4, (NO_STRIPE, columns)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""`extract_stripe`: what it refuses, and what it says of frames that cannot be used."""
+"""`extract_stripe`: refusals, and reasons for frames that cannot be used."""
 
 from __future__ import annotations
 

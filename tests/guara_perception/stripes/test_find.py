@@ -1,4 +1,4 @@
-"""Stripes by their highest peaks: the kernel beside a slow reference on small bands."""
+"""Search for stripes by their highest peaks: the kernel and a slow reference on small bands."""
 
 from __future__ import annotations
 
@@ -62,12 +62,12 @@ def plain_light(on: np.ndarray, off: np.ndarray, is_fused: bool) -> np.ndarray:
 
 @pytest.fixture(autouse=True)
 def _highest_peaks_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is in doubt is not looked for in another way."""
+    """Disable the search in any light for stripes in doubt."""
     monkeypatch.setattr(precise, "extract_in_any_light", lambda *_: pytest.fail("the band is in doubt"))
 
 
 def found_in(on: np.ndarray, off: np.ndarray) -> precise.ClearStripe:
-    """What the kernel found of a pair, which the next one overwrites."""
+    """Stripe that the kernel found in a pair, in memory that the next pair overwrites."""
     precise.extract_precise(Band(on, off))
     return precise.ClearStripe(memory(0), on.shape[1])
 
@@ -78,7 +78,7 @@ def check(stripe: precise.ClearStripe, light: np.ndarray) -> None:
     is_peak, _, is_unsure = stripe.masks
     smooth = smooth_light(light)
     sigma = plain_sigma(smooth)
-    # Once found, a wide one is measured anew, without what is beside it.
+    # Once found, a wide stripe is measured again, without the light beside it.
     assert told_sigma == sigma or (sigma > 2.5 and told_sigma == pytest.approx(sigma, abs=0.6))
     searched, every = smooth, np.arange(light.shape[1])
     height = searched.max(axis=0)
@@ -87,7 +87,7 @@ def check(stripe: precise.ClearStripe, light: np.ndarray) -> None:
         np.testing.assert_allclose(searched[stripe.top, every], height, rtol=1e-5, atol=0.01)
         noise = max(robust_sigma(searched[::8, ::24]), 2.7)
     else:
-        # A wide stripe is looked for in means of four rows, and measured where its light is highest about that.
+        # A wide stripe is searched for in means of four rows, and measured at the highest light near the result.
         searched = smooth_bins(light, sigma)
         height, noise = searched.max(axis=0), max(robust_sigma(searched[:, ::24]), 2.7)
         assert (np.abs(stripe.top - 4 * searched.argmax(axis=0) - 2) <= 4).all()
@@ -128,7 +128,7 @@ def test_stripes_are_those_of_plain_array_operations(kind: type, shape: tuple[in
 
 
 def with_reflection(share: float, sigma: float) -> list[np.ndarray]:
-    """A stripe and, 40 rows below it, a reflection that is this share as bright."""
+    """A stripe and, 40 rows below it, a reflection with this fraction of its brightness."""
     (on, off), (other, dark) = (
         pair(np.uint8, (200, 240, 3), level, sigma, seed) for level, seed in ((150, 1), (150 * share, 2))
     )
@@ -137,7 +137,7 @@ def with_reflection(share: float, sigma: float) -> list[np.ndarray]:
 
 
 def test_a_weak_reflection_all_along_is_no_doubt() -> None:
-    """The highest peaks are one line: it is the stripe."""
+    """The highest peaks form one line, which is the stripe."""
     on, off = with_reflection(0.45, 1.5)
     rows = gp.extract_stripe(on, off).position_px
     np.testing.assert_allclose(rows, 80 + 0.1 * np.arange(240), atol=0.6)
@@ -145,7 +145,7 @@ def test_a_weak_reflection_all_along_is_no_doubt() -> None:
 
 @pytest.mark.parametrize("sigma", [1.5, 5.0])
 def test_a_reflection_that_is_nearly_as_bright_is_in_doubt(sigma: float) -> None:
-    """Its light rises again beside the hill of the other, however wide both are."""
+    """Its light rises again beside the other peak, however wide both are."""
     with pytest.raises(pytest.fail.Exception, match="in doubt"):
         gp.extract_stripe(*with_reflection(0.9, sigma))
 
@@ -161,7 +161,7 @@ def test_clipped_stripes_are_found_in_all_channels_together(kind: type) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_offset_of_the_exposure_is_subtracted(kind: type) -> None:
-    """Surroundings that became a little brighter are no light of the laser."""
+    """Slightly brighter surroundings are not light of the laser."""
     on, off = pair(kind, (60, 90, 3))
     brighter = (off + 6 * (np.iinfo(kind).max // 255)).astype(kind)
     check(found_in(on, brighter), plain_light(on, brighter, is_fused=False))
@@ -169,7 +169,7 @@ def test_an_offset_of_the_exposure_is_subtracted(kind: type) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_noise_of_the_sensor_alone_is_no_doubt(kind: type) -> None:
-    """A pair without a stripe, whose noise is a grey level of 8 bits: nothing is looked for in another way."""
+    """In a pair without a stripe and with one grey level of noise, no other search is needed."""
     stripe = found_in(*pair(kind, (80, 300, 3), level=0.0))
     assert stripe.masks[0].mean() < 0.05
 

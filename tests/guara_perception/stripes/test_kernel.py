@@ -123,7 +123,7 @@ print("done")
 
 @pytest.fixture
 def other_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder without libraries, from which the kernel is loaded meanwhile."""
+    """Folder without libraries, from which the kernel is loaded during a test."""
     monkeypatch.setattr(library, "FOLDER", tmp_path)
     library.kernel.cache_clear()
     yield tmp_path
@@ -131,7 +131,7 @@ def other_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def copy_sources(folder: Path) -> Path:
-    """A checkout with the kernel alone; its hatch_build.py."""
+    """Copy the sources of the kernel to a checkout; return its hatch_build.py."""
     shutil.copytree(
         library.FOLDER, folder / "guara_perception/stripes/kernel", ignore=shutil.ignore_patterns("*.so", "*.py")
     )
@@ -139,7 +139,7 @@ def copy_sources(folder: Path) -> Path:
 
 
 def test_a_missing_or_damaged_library_is_told_in_one_line(other_folder: Path) -> None:
-    """Its path, the reason and the way out."""
+    """The message has its path, the reason and the remedy."""
     path = other_folder / f"{library.processor()}.so"
     for damage in (None, b"", b"\x7fELF no library"):
         if damage is not None:
@@ -163,7 +163,7 @@ def test_a_node_without_its_library_says_so_when_it_starts(
 
 
 def test_a_library_of_other_sources_is_told(other_folder: Path) -> None:
-    """Its functions may take other arguments by the same names."""
+    """Its functions may have the same names and other arguments."""
     here = Path(library.__file__).parent
     for each in (*here.glob("*.[ch]"), here / f"{library.processor()}.so"):
         shutil.copy(each, other_folder)
@@ -177,7 +177,7 @@ def test_a_library_of_other_sources_is_told(other_folder: Path) -> None:
 
 @pytest.mark.slow
 def test_a_library_of_another_version_is_told(other_folder: Path) -> None:
-    """A function that it lacks is named."""
+    """The message names a function that it lacks."""
     compiler = hatch_build.native_compiler()
     if not compiler:
         pytest.skip("no compiler")
@@ -278,13 +278,13 @@ def test_the_stripe_is_that_of_plain_array_operations(kind: type, channels: int,
         found, plain = extract_in_any_light(Band(on, off if has_off else None)), find_path(on, off if has_off else None)
         is_found, is_plain = np.isfinite(found.position_px), plain.masks[1]
         assert not found.remark and 0.78 < is_found.mean() < 0.9
-        # Both take the noise of ridges from samples, of other columns.
+        # Both estimate the noise of ridges from samples, but from different columns.
         assert (is_found != is_plain).mean() < (0.01 if has_off else 0.08)
         assert (np.abs(found.position_px - plain.row)[is_found & is_plain] < 2).all()
 
 
 def test_a_picture_exposed_unlike_is_used_if_it_shows_the_same_view() -> None:
-    """By its gain; where it moved by two rows it is not used, and after a large change the pair is refused."""
+    """It is scaled by its gain; moved by two rows it is not used, after a large change the pair is refused."""
     random = np.random.default_rng(7)
     scene = cv2.resize(random.uniform(20, 90, (12, 40, 3)), (320, 120), interpolation=cv2.INTER_CUBIC)
     light = 90 * np.exp(-0.5 * ((np.arange(120)[:, None] - 50) / 2) ** 2) * np.ones(320)

@@ -1,4 +1,4 @@
-"""What some columns tell of a pair: channel, exposure, clipping."""
+"""Judgement of a frame pair by some of its columns: channel, exposure, clipping."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_strongest_channel_is_that_of_the_line(channel: int) -> None:
 
 
 def test_a_pair_that_is_none_is_refused() -> None:
-    """Before the kernel reads beyond the smaller picture."""
+    """The check comes before the kernel reads beyond the smaller picture."""
     on = np.zeros((20, 30, 3), np.uint8)
     for off in (on[:19], on[:, :, 0], on.astype(np.uint16)):
         with pytest.raises(ValueError, match="allowed: uint8 \\(20, 30, 3\\)"):

@@ -13,7 +13,7 @@ from tests.thorough import examples
 
 
 def smooth_line(position: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The smoothed positions (n,) of a stripe, and the factors by which independent noise shrinks."""
+    """Smoothed positions (n,) of a stripe, and factors by which independent noise is reduced."""
     position, weight = (np.ascontiguousarray(array, np.float32) for array in (position, weight))
     smooth, shrink = np.empty((2, position.size), np.float32)
     part("smooth_line")(*map(address, (position, weight)), position.size, *map(address, (smooth, shrink)))

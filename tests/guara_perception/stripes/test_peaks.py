@@ -65,7 +65,7 @@ def test_centre_of_a_clipped_stripe_is_that_of_its_plateau() -> None:
 
 
 def test_noise_of_a_centre_is_that_of_monte_carlo() -> None:
-    """The stated standard deviation per grey level is what noise of one grey level does."""
+    """The predicted standard deviation equals that of centres with one grey level of noise."""
     random = np.random.default_rng(5)
     n = 4000
     light = gaussian(30.2, 2.0, columns=n) + random.normal(0, 2.0, (60, n)).astype(np.float32)

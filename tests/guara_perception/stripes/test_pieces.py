@@ -1,4 +1,4 @@
-"""Which pieces of a path are the laser's, and laser-off pictures of mono cameras, where no colour shows it."""
+"""Pieces of a path that belong to the laser, and laser-off pictures of mono cameras, which have no colour."""
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ STRIPE, CABLE = slice(20, 200), slice(260, 460)
 
 
 def eight_bits(light: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
-    """As a camera delivers it."""
+    """Picture as a camera of 8 bits delivers it."""
     return np.clip(np.rint(light), 0, 255).astype(np.uint8)
 
 
@@ -41,7 +41,7 @@ def speckle(seed: int, contrast: float) -> npt.NDArray[np.float64]:
 
 
 def noise(seed: int, light: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """A picture with the noise of photons and of reading it."""
+    """Picture with shot noise and read noise."""
     return light + np.random.default_rng(seed).normal(0, 1, light.shape) * np.sqrt(0.5 + 0.02 * light)
 
 
@@ -69,7 +69,7 @@ def test_a_stripe_that_is_as_grainy_everywhere_loses_nothing() -> None:
 
 @pytest.mark.parametrize("dim_contrast", [0.0, 0.4])
 def test_a_brightest_piece_without_grain_says_nothing(dim_contrast: float) -> None:
-    """A camera may be too coarse to show the grain, and a dim piece on textured ground is no measure of it."""
+    """A camera may be too coarse to show the grain, and a dim piece on texture is no reference."""
     rng = np.random.default_rng(5)
     bright, dim = 60 * ridge(110, 1.5, STRIPE), 20 * ridge(140, 2.0, CABLE) * speckle(6, dim_contrast)
     light = (bright + dim + rng.normal(0, 0.5, (ROWS, COLUMNS))).astype(np.float32)
@@ -81,7 +81,7 @@ def test_a_brightest_piece_without_grain_says_nothing(dim_contrast: float) -> No
 
 @pytest.mark.parametrize("slope", [0.0, 0.1])
 def test_a_line_that_is_drawn_has_neither_grain_nor_noise(slope: float) -> None:
-    """A mono picture without a laser-off picture: each of the two levels of the line is found."""
+    """In a mono picture without a laser-off picture, both levels of the line are found."""
     row = 60.3 + slope * np.arange(COLUMNS) + np.where(np.arange(COLUMNS) < 230, 0.0, 50.0)
     profile = gp.extract_stripe(eight_bits(10 + 180 * ridge(row, 1.6, slice(0, COLUMNS))))
     assert (profile.status == STATUS.OK).mean() > 0.95

@@ -233,10 +233,10 @@ def test_ambient_light_that_changed_is_recognised() -> None:
 
 
 def test_a_laser_off_picture_of_less_use_is_told() -> None:
-    """Exposed half as long it is used by its gain, another scene not: the picture itself then shows the stripe."""
+    """Exposed half as long, it is scaled; of another scene, it is not used, and the stripe is still found."""
     on, off = picture(np.full(COLUMNS, 40.0), peak=90.0)
     rng = np.random.default_rng(3)
-    # Contrast as a scene has it, so that there is an exposure to compare.
+    # Contrast like that of a scene, so that the exposures can be compared.
     scene = np.repeat(np.repeat(rng.uniform(0, 50, (ROWS // 8, COLUMNS // 10, 1)), 8, axis=0), 10, axis=1)
     other = np.repeat(np.repeat(rng.uniform(0, 50, (ROWS // 8, COLUMNS // 10, 1)), 8, axis=0), 10, axis=1)
     bright = (on + scene).clip(0, 255).astype(np.uint8)
@@ -263,7 +263,7 @@ def test_result_is_frozen_and_of_the_promised_types() -> None:
 
 
 def follow_candidates(rows: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Chosen candidate of each column, -1 for none, and how much dearer the next best choice is; of arrays (k, n)."""
+    """Chosen candidate of each column, -1 for none, and cost margin of the next best choice; of arrays (k, n)."""
     count, n = rows.shape
     rows, heights = np.ascontiguousarray(rows.T, np.int64), np.ascontiguousarray(heights.T, np.float32)
     choice, margin, costs = np.empty(n, np.int64), np.empty(n), np.empty((n, 15))

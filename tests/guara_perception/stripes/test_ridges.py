@@ -8,13 +8,13 @@ from guara_perception.stripes.precise import extract_in_any_light
 
 
 def noisy(scene: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """A picture with the noise of photons."""
+    """Picture with shot noise."""
     return (scene + random.normal(0, 1, scene.shape) * np.sqrt(0.4 + 0.12 * scene)).clip(0, 255).astype(np.uint8)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_bright_ground_shows_no_more_of_a_stripe_than_dark_ground_does(seed: int) -> None:
-    """Photons make bright ground noisy; where its brightness is known, its noise is no part of the stripe beside it."""
+    """Shot noise is larger on bright ground; if the brightness is known, it is not taken for a stripe."""
     random = np.random.default_rng(seed)
     scene = np.full((200, 600), 10.0)
     scene[:, 450:] = 160.0
