@@ -17,7 +17,7 @@ each_kind = pytest.mark.parametrize("kind", (gp.ScanRecord, gp.MapRecord))
 
 @pytest.mark.parametrize("name", frozen.GRIDS)
 def test_a_changed_record_keeps_keys_their_order_and_every_other_value(name: str) -> None:
-    """Values written from the fields equal those that were read."""
+    """After a change, keys, their order and all other values are those that were read."""
     record = frozen.frozen(name).record
     again = dataclasses.replace(record, epoch="walk")
     assert list(again.to_json()) == [*record.to_json(), "epoch"]

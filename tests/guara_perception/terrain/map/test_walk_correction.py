@@ -74,7 +74,7 @@ def test_memory_is_bounded_and_what_is_older_has_drifted_as_much_as_the_oldest()
 @settings(max_examples=examples(50), deadline=None)
 @given(st.integers(0, 10_000))
 def test_an_overlap_takes_off_only_what_it_shows(seed: int) -> None:
-    """Without overlap all growth is kept, along observed directions none; never more, never below zero."""
+    """Without overlap all growth is kept, along exactly observed directions none; never more, never below zero."""
     rng = np.random.default_rng(seed)
     prior = covariance(rng) + np.diag([1e-8, 1e-8, 1e-9])
     added = covariance(rng)
