@@ -182,9 +182,9 @@ class Acceptance:
     def verdict(self) -> str:
         """Verdict as one sentence."""
         worst = 1e3 * float(np.abs(self.errors).max())
-        held = "all" if self.is_held else "not all"
+        passed = "passed: all" if self.is_held else "FAILED: not all"
         return (
-            f"{'held' if self.is_held else 'NOT HELD'}: {held} heights lie within {SIGMAS:g} times the standard "
+            f"{passed} heights are within {SIGMAS:g} times the standard "
             f"deviation stated by the grid; largest error {worst:.2f} mm in {len(self.turns)} scans of "
             f"{len(self.blocks)} block{'s' * (len(self.blocks) > 1)}"
         )

@@ -70,11 +70,11 @@ class BringUp:
             if self._laser and point in ("4", "7"):
                 continue
             try:
-                said = check()
+                found = check()
             except BaseException:
                 self._write(serial, passed - {point})
                 raise
-            self._show(f"ok    point {point}: {said}")
+            self._show(f"ok    point {point}: {found}")
             passed |= {point}
             if not self._laser:
                 self._write(serial, passed)
@@ -205,9 +205,9 @@ class BringUp:
         """
         status = board.clear_faults()
         if status.laser_sensed or status.faults:
-            said = describe_faults(status.faults)
+            found = describe_faults(status.faults)
             raise PointFailed(
-                f"light is sensed or a fault is set before the light is turned on ({said}): "
+                f"light is sensed or a fault is set before the light is turned on ({found}): "
                 "trim RV2, shade D3, check Q4"
             )
         try:

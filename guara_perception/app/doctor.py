@@ -149,11 +149,11 @@ def check_camera(devices: Devices) -> Finding:
         triggered.open()
         triggered.close()
     height, width = frame.image.shape[:2]
-    said = f"camera {devices.source}{named} delivers {width}x{height} px; {held}it {evidence_of(triggered)}"
+    text = f"camera {devices.source}{named} delivers {width}x{height} px; {held}it {evidence_of(triggered)}"
     if devices.size is not None and (width, height) != tuple(devices.size):
         wanted = f"{devices.size[0]}x{devices.size[1]}"
-        return Finding(FAIL, f"{said}; devices.toml says {wanted}: a calibration is valid for one size only")
-    return Finding(OK, said)
+        return Finding(FAIL, f"{text}; devices.toml says {wanted}: a calibration is valid for one size only")
+    return Finding(OK, text)
 
 
 def check_cameras() -> Finding:

@@ -171,9 +171,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
         click.echo(error.ctx.get_help() if error.ctx else error.format_message(), err=True)
         return EXIT_BAD_INPUT
     except (click.exceptions.Abort, KeyboardInterrupt):
-        return _say("stopped", EXIT_INTERRUPTED)
+        return _report("stopped", EXIT_INTERRUPTED)
     except click.ClickException as error:
-        return _say(_with_help(error), EXIT_BAD_INPUT)
+        return _report(_with_help(error), EXIT_BAD_INPUT)
     except BrokenPipeError:
         # The reader has closed the pipe (`guara listen | head -1`). Redirect stdout, since flushing it at exit would
         # raise the error again.
@@ -182,7 +182,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if not is_expected(error):
             raise
-        return _say(text_of(error), _code_of(error, given))
+        return _report(text_of(error), _code_of(error, given))
     # An integer comes from ctx.exit(code); otherwise click returns the value of the command, which is None.
     return code if isinstance(code, int) else 0
 
@@ -251,7 +251,7 @@ def _shortened(word: str) -> str:
     return word if len(word) <= LONGEST_WORD else f"{word[: LONGEST_WORD // 2]}...{word[-LONGEST_WORD // 2 :]}"
 
 
-def _say(text: str, code: int) -> int:
+def _report(text: str, code: int) -> int:
     click.echo(f"guara: {' '.join(map(_shortened, text.split()))}", err=True)
     return code
 

@@ -129,7 +129,7 @@ def _recorded(path: Path, robot: RobotLike | None, calibration: Calibration | No
 
 
 def _walk_of(stamp: int, begins: list[int]) -> int:
-    """Number of the walk that a scan belongs to: the last whose first frame came before the end of the scan."""
+    """Number of the walk that a scan belongs to: the last one whose first frame precedes the end of the scan."""
     return max((number for number, begin in enumerate(begins) if begin <= stamp), default=0)
 
 

@@ -333,13 +333,13 @@ class PerceptionNode:
 
     def _run(self) -> None:
         heap = Heap()
-        self._go_on()
+        self._note_progress()
         self._scanner.lost_steps()
         while True:
             with self._changed:
                 self._progress_at = math.inf
                 self._changed.wait_for(self._has_work, self._until_expiry())
-                self._go_on()
+                self._note_progress()
                 if self._closing.is_set():
                     return
                 if self._pause is not None and self._standing() is None:
@@ -357,7 +357,7 @@ class PerceptionNode:
             elif job is not None:
                 self._run_job(*job)
 
-    def _go_on(self) -> None:
+    def _note_progress(self) -> None:
         self._progress_at = clock.now()
 
     def _has_work(self) -> bool:
@@ -403,7 +403,7 @@ class PerceptionNode:
             return is_over or self._closing.is_set() or is_cancelled() or self._is_hung()
 
         def advance(done: int, total: int) -> None:
-            self._go_on()
+            self._note_progress()
             if progress is not None:
                 progress(done, total)
 

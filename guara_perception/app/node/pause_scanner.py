@@ -234,7 +234,7 @@ class PauseScanner:
         lost = self.lost_steps()
         if lost:
             raise MirrorSlipped(
-                f"the mirror had lost {lost} steps by the end of the scan, so its heights are wrong: the grid is "
+                f"the mirror had lost {lost} steps by the end of the scan, so the heights are wrong: the grid is "
                 "withdrawn. Check that the mirror turns freely"
             )
 

@@ -47,7 +47,7 @@ class PauseStream:
         self.track = BodyTrack(robot, stance, transform_camera_to_base=transform_camera_to_base)
         self._robot, self._epoch, self._clock = robot, epoch, gait_clock
         self._added = threading.Condition()
-        self._heard = self._last_flash = -math.inf
+        self._last_arrival = self._last_flash = -math.inf
 
     def add(self, batch: StanceStream) -> None:
         """Add a batch of samples of this walk or of `ANY_WALK`; a batch of another walk is ignored.
@@ -59,7 +59,7 @@ class PauseStream:
             return
         with self._added:
             add_samples(self.track, self._robot, batch, self.begin)
-            self._heard = clock.now()
+            self._last_arrival = clock.now()
             self._added.notify_all()
 
     @property
@@ -71,7 +71,7 @@ class PauseStream:
         latest = self.track.latest
         if not math.isfinite(latest):
             return self.begin, -math.inf
-        return self.begin + round(1e9 * (latest - HALF_WINDOW)), self._heard
+        return self.begin + round(1e9 * (latest - HALF_WINDOW)), self._last_arrival
 
     def doubt(self, flash: tuple[float, float] | None) -> str:
         """Reason why flash times on the gait's clock are unknown or too uncertain; empty if they can be used.

@@ -29,7 +29,7 @@ from transport.keys import gait_clock_key
 from transport.server import PerceptionServer
 
 logger = logging.getLogger(__name__)
-TOO_LITTLE = (
+READ_TOO_EARLY = (
     "the joints that confirm the scan were read before it was complete. The robot must stand until the grid is "
     "published, or the gait must send HOLD"
 )
@@ -162,7 +162,7 @@ class PublishedScans:
     def record_cut(self, pause: Pause, messages: list[TerrainMessage]) -> None:
         """Record a withdrawal, so that replays skip the recorded scan, then the grids cut to the confirmed stripes."""
         if self._recorder is not None:
-            nothing = self._nothing_seen(pause, TOO_LITTLE)
+            nothing = self._nothing_seen(pause, READ_TOO_EARLY)
             number = self._server.next_sequence("footprint")
             mark = terrain_to_message(nothing, robot=self._server.robot, sequence=number)
             self._recorder.add_terrains(pause.step, [mark, *messages])
@@ -214,7 +214,7 @@ class PublishedScans:
             return
         messages = [self.publish(pause, cut)]
         if self.fused is not None and not self.fused.is_confirmed:
-            self._map.withdraw(self._nothing_seen(pause, TOO_LITTLE), time=cut.scan.last_frame)
+            self._map.withdraw(self._nothing_seen(pause, READ_TOO_EARLY), time=cut.scan.last_frame)
             assert self.newest is not None
             messages.append(self._fuse(self.newest))
         self.record_cut(pause, messages)
@@ -282,7 +282,7 @@ class PublishedScans:
 
     def _why_not(self, pause: Pause) -> str:
         """Reason why the scan of an ended pause cannot be used."""
-        return pause.broken or (TOO_LITTLE if pause.is_clock_known else self._unknown_clock)
+        return pause.broken or (READ_TOO_EARLY if pause.is_clock_known else self._unknown_clock)
 
     def _nothing_seen(self, pause: Pause, reason: str) -> TerrainGrid:
         """Make the all-unknown grid that withdraws another, with the reason; withdraw published range images too."""

@@ -124,7 +124,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         """Start recording a scan; return None if its step is earlier than `first`."""
         if step < self._first:
             return None
-        self.post(0, self._go_on)
+        self.post(0, self._next_file)
         stamp = time.time_ns()
         record = ScanRecord(
             robot=self._robot,
@@ -153,7 +153,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
     def add_stance(self, pause: StancePause) -> None:
         """Add an announcement of a stance pause without blocking."""
         if pause.phase is PausePhase.BEGIN:
-            self.post(0, self._go_on)
+            self.post(0, self._next_file)
         self._add_later("a stance", lambda: self.writer.add_stance_pause(pause))
 
     def add_stream(self, batch: StanceStream) -> None:
@@ -250,7 +250,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         except RecordingError as error:
             self._report(str(error))
 
-    def _go_on(self) -> None:
+    def _next_file(self) -> None:
         """Continue in a new file if the current file is full; called on the recorder's thread, between two scans."""
         size = self._files.file_size
         if size is None or self.writer.size < size or self.writer.is_scan_open:

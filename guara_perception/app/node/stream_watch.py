@@ -35,7 +35,7 @@ class StreamWatch:
         self._robot, self._name = robot, name
         self._lock = threading.Lock()
         self._last: StanceStream | None = None
-        self._heard = -np.inf
+        self._last_arrival = -np.inf
         self._arrivals: deque[tuple[float, StanceStream]] = deque()
         self._pause: PauseStream | None = None
         self._counts = {"gaps": 0, "lost_batches": 0, "flooded": 0, "refused": 0}
@@ -54,7 +54,7 @@ class StreamWatch:
                 self._counts["refused"] += 1
                 self._trouble = now, problem
                 return False
-            self._heard = now
+            self._last_arrival = now
             self._arrivals.append((now, batch))
             while self._arrivals[0][0] < now - RATE_TIME:
                 self._arrivals.popleft()
@@ -85,7 +85,7 @@ class StreamWatch:
                 self._last is None
                 or self._last.epoch not in (ANY_WALK, epoch)
                 or is_slow
-                or clock.now() - self._heard > FRESH
+                or clock.now() - self._last_arrival > FRESH
             ):
                 return None
             try:
@@ -110,10 +110,10 @@ class StreamWatch:
         """
         now = clock.now()
         with self._lock:
-            rate = 0.0 if now - self._heard > RATE_TIME else self._rate()
+            rate = 0.0 if now - self._last_arrival > RATE_TIME else self._rate()
             values = {"rate": f"{rate:.0f}", **{name: str(count) for name, count in self._counts.items()}}
             since, trouble = self._trouble
-            silence = now - self._heard
+            silence = now - self._last_arrival
         if now - since > FORGOTTEN:
             trouble = ""
         if not trouble and silence > FORGOTTEN:

@@ -89,7 +89,7 @@ class Swept:
     is_cut: bool = False
 
     def until(self, instant: float) -> Swept | None:
-        """Copy without the stripes that have frames later than `instant`; None if the copy knows no cell."""
+        """Copy without the stripes that have frames later than `instant`; None if no cell of the copy is known."""
         kept = [index for index, came in self.scan.instants.items() if came <= instant]
         coarse = None if self.coarse is None else self.coarse.restricted(kept)
         processor = self.processor.restricted(kept)

@@ -107,7 +107,7 @@ class WalkMap:
         refused, standing = "", None
         if state.step is None or state.is_undecided:
             at = terrain.stamp * 1e-9 if time is None else time
-            refused, standing = self._go_on((epoch, step, standing_pauses), stance, terrain, at, picture)
+            refused, standing = self._resume((epoch, step, standing_pauses), stance, terrain, at, picture)
         state = self._state
         if state.step is not None and epoch != state.epoch:
             self._restart(f"walk {epoch!r} came after walk {state.epoch!r}")
@@ -193,7 +193,7 @@ class WalkMap:
         self.latest = view.restated(**self._reported(pose), health=terrain.record.health)
         return self.latest
 
-    def _go_on(
+    def _resume(
         self,
         pause: tuple[str, int, Mapping[str, int]],
         stance: Stance,

@@ -1,4 +1,4 @@
-"""Fixtures of the application's tests: a node in its own process, and the command line."""
+"""Fixtures for the tests of the application: a node in its own process, and the command line."""
 
 import queue
 import signal
@@ -20,7 +20,7 @@ PATIENCE = 180.0
 
 
 class Process:
-    """Another process, the lines that it says, and its end."""
+    """Separate process with its output lines and exit code."""
 
     def __init__(self, *arguments: str | Path) -> None:
         self.popen = ForkedProcess(*arguments)
@@ -34,32 +34,32 @@ class Process:
             reader.start()
 
     def line(self, timeout: float = PATIENCE) -> str:
-        """The next line of its output."""
+        """Return the next line of the output."""
         try:
             return self._said.get(timeout=timeout)
         except queue.Empty:
             raise AssertionError(f"nothing said within {timeout} s; errors: {self.errors[-5:]}") from None
 
     def tell(self, line: str) -> None:
-        """Give it a command and wait for its "done"."""
+        """Send a command, and wait for its "done"."""
         self.popen.stdin.write(line + "\n")
         self.popen.stdin.flush()
         assert self.line() == "done"
 
     def interrupt(self) -> int:
-        """Press Ctrl-C; its exit code."""
+        """Send Ctrl-C, and return the exit code."""
         self.popen.send_signal(signal.SIGINT)
         return self.wait()
 
     def wait(self) -> int:
-        """Its exit code; fails when it does not end."""
+        """Return the exit code; fail if the process does not end."""
         code = self.popen.wait(PATIENCE)
         for reader in self._readers:
             reader.join(PATIENCE)
         return code
 
     def end(self) -> None:
-        """End it whatever it does."""
+        """End the process in any state."""
         self.popen.kill()
         self.wait()
         self.popen.close()
@@ -67,7 +67,7 @@ class Process:
 
 @pytest.fixture(scope="module")
 def start() -> Iterator[Callable[..., Process]]:
-    """Starts Python processes; all are ended after the tests of the module."""
+    """Start Python processes; all are ended after the tests of the module."""
     started: list[Process] = []
 
     def begin(*arguments: str | Path) -> Process:
@@ -81,20 +81,20 @@ def start() -> Iterator[Callable[..., Process]]:
 
 @pytest.fixture(scope="module")
 def module_endpoint() -> str:
-    """One endpoint for the node of a module."""
+    """Endpoint shared by the node and the tests of a module."""
     return free_endpoint()
 
 
 @pytest.fixture(scope="session")
 def terrain_file(paper_terrain: gp.TerrainGrid, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The grid that the nodes publish."""
+    """File with the grid that the nodes publish."""
     path = tmp_path_factory.mktemp("terrain") / "paper.npz"
     paper_terrain.save(path)
     return path
 
 
 class Said(NamedTuple):
-    """What a command gave."""
+    """Exit code and output of a command."""
 
     code: int
     out: str
@@ -103,7 +103,7 @@ class Said(NamedTuple):
 
 @pytest.fixture
 def guara(capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
-    """Runs a command line in this process."""
+    """Run a command line in this process."""
 
     def command(*arguments: str | Path) -> Said:
         code = run([str(word) for word in arguments])
@@ -115,12 +115,12 @@ def guara(capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Scans draw no figures: they take longer than all the rest, and have tests of their own."""
+    """Disable figures of scans, which take longer than all other steps and have their own tests."""
     monkeypatch.setattr("guara_perception.app.figures.figures.draw_figures", lambda *_: [])
 
 
 def eventually(condition: Callable[[], bool]) -> bool:
-    """Asks until the answer is yes, or patience ends."""
+    """Repeat a question until the answer is True, or time runs out."""
     deadline = time.monotonic() + PATIENCE
     while not condition():
         if time.monotonic() > deadline:
@@ -131,5 +131,5 @@ def eventually(condition: Callable[[], bool]) -> bool:
 
 @pytest.fixture(name="eventually")
 def eventually_fixture() -> Callable[[Callable[[], bool]], bool]:
-    """`eventually` for tests."""
+    """`eventually` as a fixture."""
     return eventually

@@ -34,7 +34,7 @@ class Node:
 
     def publish(self, step: str, age: str = "0", epoch: str = "", state: str = "") -> None:
         if self.broken is not None:
-            # This separate publisher would go on to hand the broken grid to clients that join later.
+            # Otherwise this second publisher would pass the damaged grid to clients that connect later.
             self.broken.close()
             self.broken = None
         stamp = time.time_ns() - round(float(age) * 1e9)
@@ -52,14 +52,14 @@ class Node:
         self.server.views.flush(30)
 
     def map(self, step: str, epoch: str = "", state: str = "") -> None:
-        # The map of a scan has its stamp.
+        # A map has the stamp of its scan.
         stamp = self.stamp if step == self.step else time.time_ns()
         terrain = dataclasses.replace(self.terrain, stamp=stamp, step=int(step), extent="map", pictures={})
         send_terrain(self.server, terrain, stated=walk(epoch, state))
         self.server.flush(30)
 
     def break_(self, step: str) -> None:
-        """Publish a grid in which one bit of a safe cell's hazard flags flipped on the way."""
+        """Publish a grid with a flipped bit in the hazard flags of a safe cell."""
         terrain = dataclasses.replace(self.terrain, stamp=time.time_ns(), step=int(step))
         message = terrain_to_message(terrain, robot=self.server.robot, sequence=self.server.next_sequence("footprint"))
         payload = bytearray(encode_terrain(message))

@@ -14,7 +14,7 @@ TESTS = Path(__file__).parents[2]
 RECORD, REFUSALS = "guara_perception/app/record/test_record.py", "guara_perception/calibration/test_refusals.py"
 PROCESS, DEVICES = "guara_perception/app/commands/test_process.py", "guara_perception/app/test_devices_file.py"
 CROSSES = "guara_perception/calibration/test_crosses.py"
-# Mistake, what is said (as the test has it), file, test.
+# Mistake, text of the message in the test, file, test.
 MISTAKES = (
     ("plates in the wrong order", "exchange the heights in", RECORD, "a_refusal_tells_the_way_on"),
     (
@@ -131,7 +131,7 @@ MISTAKES = (
 
 @pytest.mark.parametrize(("mistake", "said", "file", "name"), MISTAKES, ids=[each[0] for each in MISTAKES])
 def test_a_test_makes_the_mistake_and_sees_the_message(mistake: str, said: str, file: str, name: str):
-    """The test is there; the message stands in it, or in a list of cases that it uses."""
+    """The test exists; the message is in it, or in a list of cases that it uses."""
     body = ast.parse((TESTS / file).read_text()).body
     (test,) = (node for node in body if isinstance(node, ast.FunctionDef) and node.name == f"test_{name}")
     used = {node.id for node in ast.walk(test) if isinstance(node, ast.Name)}
@@ -146,7 +146,7 @@ def _names(node: ast.Assign | ast.AnnAssign) -> set[str]:
 
 
 def test_all_thirty_are_there():
-    """None is listed twice."""
+    """No mistake is listed twice."""
     assert len({mistake for mistake, *_ in MISTAKES}) == 30
 
 

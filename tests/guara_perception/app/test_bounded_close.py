@@ -1,4 +1,4 @@
-"""Devices that hang when they are closed do not delay the end of a command."""
+"""Devices that hang while closing do not delay the end of a command."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 from guara_perception.app.until_stopped import closed_within
 from tests.forked import ForkedProcess
 
-# Seconds for anything that must happen at all, on a machine busy with other things.
+# Longest time for an expected event on a busy machine [s].
 PATIENCE = 180.0
 PROGRAM = """
 import ctypes, threading
@@ -30,7 +30,7 @@ print("closed")
 
 
 def run(hang: str) -> subprocess.CompletedProcess[str]:
-    """A program whose device does `hang` when it is closed."""
+    """Run a program whose device executes `hang` when it is closed."""
     program = PROGRAM.format(hang=hang)
     return subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=PATIENCE, check=False
@@ -47,14 +47,14 @@ def test_a_device_that_hangs_is_left_behind_in_words() -> None:
 
 @pytest.mark.slow
 def test_a_driver_that_keeps_pythons_lock_is_left_behind_too() -> None:
-    """No Python thread runs any more; where the driver hung is reported."""
+    """No Python thread runs any more; the traceback shows where the driver hangs."""
     result = run("ctypes.PyDLL(None).pause()")
     assert (result.returncode, result.stdout) == (1, "used\n")
     assert "__exit__" in result.stderr
 
 
 class Slow:
-    """A device that is used for longer than it may take to close."""
+    """Device that is used for longer than it may take to close."""
 
     closed = False
 
@@ -93,7 +93,7 @@ sys.exit(main.run(["run", "--simulated", "--listen", sys.argv[1]]))
 
 @pytest.mark.slow
 def test_a_running_node_ends_although_its_devices_hang(free_endpoint: str) -> None:
-    """It ends with an error, and does not say that the laser is off."""
+    """It ends with an error, and does not claim that the laser is off."""
     node = ForkedProcess("-c", NODE, free_endpoint)
     try:
         assert "listening on" in node.stdout.readline()

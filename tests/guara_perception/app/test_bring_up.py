@@ -1,4 +1,4 @@
-"""First power of the emulated board: every point, every fault, every wrong answer."""
+"""First power-up of the emulated board: every point, every fault, every wrong answer."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def inject(kind: FaultKind, **more: object) -> Deed:
 
 
 def cut_while_lit(board: BenchBoard) -> None:
-    """The light goes with the third command that follows."""
+    """Make the light fail at the third command that follows."""
     serve, count = board.serve, iter(range(100))
 
     def watched(request: int, argument: int) -> bytes | None:
@@ -35,7 +35,7 @@ def cut_while_lit(board: BenchBoard) -> None:
     board.serve = watched  # type: ignore[method-assign]
 
 
-# What a careful person does when asked.
+# Answers of a careful operator.
 DEEDS: dict[str, Deed] = {
     "Leave D3": inject(FaultKind.LASER_STUCK_OFF),
     "Connect D3": lambda board: board.mend(),
@@ -54,14 +54,14 @@ HOT = Fault(FaultKind.HOT, amount=70)
 
 
 class Bench:
-    """An emulated board, and a person who does as asked, but for what a test changes."""
+    """Emulated board, and an operator who follows the instructions except where a test differs."""
 
     def __init__(self, folder: Path) -> None:
         self.board, self.folder = BenchBoard(), folder
         self.said: list[str] = []
 
     def run(self, deeds: dict[str, Deed] | None = None, **answers: str) -> bool:
-        """Lead through; `answers` by the first word of the question."""
+        """Run the procedure; `answers` has replies by the first word of the question."""
         todo = DEEDS | (deeds or {})
 
         def ask(question: str) -> str:
@@ -88,7 +88,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 
 def test_a_sound_board_passes_all_points_and_then_a_laser(bench: Bench) -> None:
-    """The LED first; the laser repeats what makes it dark."""
+    """The LED first; with the laser, the points that turn the light off are repeated."""
     assert bench.run(), bench.said
     assert bench.passed == ["2", "3", "4", "5", "6", "7"]
     assert any("dark at most 0.46 s after the last command" in line for line in bench.said)
@@ -100,7 +100,7 @@ def test_a_sound_board_passes_all_points_and_then_a_laser(bench: Bench) -> None:
 
 
 def test_a_laser_is_refused_before_an_led_went_dark(bench: Bench) -> None:
-    """No point passed; then one of two; then another board: never lit."""
+    """No point passed; one of two; and another board: the laser is never lit."""
     with pytest.raises(InvalidInput, match="has not passed points 5 and 6"):
         bench.run(What="laser")
     (bench.folder / RECORD).write_text(json.dumps({"serial": "EMU0001", "passed": ["2", "5"]}))
@@ -138,7 +138,7 @@ def test_a_laser_is_refused_before_an_led_went_dark(bench: Bench) -> None:
     ],
 )
 def test_faults_end_the_first_power_with_a_remedy(bench: Bench, deeds: dict[str, Deed], said: str, passed: str) -> None:
-    """The board is dark afterwards, and the points before the fault stay passed."""
+    """The board is dark afterwards, and points before the fault stay passed."""
     assert not bench.run(deeds)
     assert bench.said[-1].startswith("FAIL") and said in bench.said[-1], bench.said[-1]
     assert "".join(bench.passed) == passed
@@ -156,13 +156,13 @@ def test_faults_end_the_first_power_with_a_remedy(bench: Bench, deeds: dict[str,
     ],
 )
 def test_what_only_eyes_see_ends_it_too(bench: Bench, question: str, said: str) -> None:
-    """A "no" counts more than the board's word."""
+    """The operator's "no" overrides the board's report."""
     assert not bench.run(**{question: "no"})
     assert said in bench.said[-1]
 
 
 def test_a_point_that_fails_later_takes_the_laser_away(bench: Bench) -> None:
-    """Passed once, failed at the next time: no laser."""
+    """A point that passed once and then fails excludes the laser again."""
     assert bench.run()
     assert not bench.run({"Bridge Q4": lambda board: None}, What="laser")
     assert bench.passed == ["2", "3", "4", "6", "7"]

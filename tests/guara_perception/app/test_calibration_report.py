@@ -1,4 +1,4 @@
-"""The report of a calibration, for robots of other areas than the paper's."""
+"""Report of a calibration for robots whose area differs from the paper's."""
 
 import dataclasses
 
@@ -10,7 +10,7 @@ from tests.calibrated_session import calibrated_session
 
 @pytest.mark.heavy
 def test_the_report_is_about_the_area_that_the_robot_scans(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Its depth is the one by which errors in per cent are told, and each figure of the floor is another one."""
+    """Errors in per cent refer to its depth, and each figure of the floor changes with the area."""
     result = calibrated_session(tmp_path_factory)
     pages = [
         report_page(dataclasses.replace(result, area=area)).split()

@@ -1,4 +1,4 @@
-"""The planner's client against a node in another process, over real Zenoh."""
+"""Planner's client with a node in another process, over real Zenoh."""
 
 import math
 import threading
@@ -18,7 +18,7 @@ NODE = Path(__file__).with_name("publishing_node.py")
 
 @pytest.fixture(scope="module")
 def node(start, module_endpoint: str, terrain_file: Path):
-    """A node that publishes what it is asked to; steps count up through the module."""
+    """Node that publishes on command; steps increase through the module."""
     process = start(NODE, module_endpoint, "guara", terrain_file)
     assert process.line() == "ready"
     return process
@@ -26,7 +26,7 @@ def node(start, module_endpoint: str, terrain_file: Path):
 
 @pytest.fixture
 def client(node, module_endpoint: str) -> Iterator[gp.TerrainClient]:
-    """A planner connected to it."""
+    """Planner connected to it."""
     with gp.TerrainClient(module_endpoint, timeout=180) as connected:
         yield connected
 
@@ -39,7 +39,7 @@ def test_running_node_without_a_grid_is_reported(client: gp.TerrainClient, event
 
 
 def test_late_joiner_gets_the_last_grid_bit_for_bit(node, module_endpoint: str, paper_terrain: gp.TerrainGrid):
-    """A planner that starts after the scan has the grid at once, the same in every bit and in all it says."""
+    """A planner that starts after the scan receives the grid at once, with all bits and metadata."""
     node.tell("publish 1")
     with gp.TerrainClient(module_endpoint, timeout=180) as late:
         terrain = late.wait_for_step(1, timeout=180)
@@ -54,7 +54,7 @@ def test_late_joiner_gets_the_last_grid_bit_for_bit(node, module_endpoint: str, 
 
 
 def test_wait_for_step_returns_that_step_or_a_later_one(node, client: gp.TerrainClient):
-    """A planner that missed a step gets the newer grid, never an older one."""
+    """A planner that missed a step receives the newer grid, never an older one."""
     node.tell("publish 4")
     node.tell("publish 6")
     assert client.wait_for_step(6, timeout=180).step == 6
@@ -67,7 +67,7 @@ def test_wait_for_step_returns_that_step_or_a_later_one(node, client: gp.Terrain
 
 
 def test_old_grid_is_stale(node, client: gp.TerrainClient):
-    """Older than asked for, or than its own validity: refused with age, limit and what to do."""
+    """Older than max_age or its own validity: refused with age, limit and remedy."""
     node.tell("publish 10 100")
     client.wait_for_step(10, timeout=180)
     assert client.latest().step == 10
@@ -85,7 +85,7 @@ def test_old_grid_is_stale(node, client: gp.TerrainClient):
 
 
 def test_grid_of_many_pauses_ago_is_stale(node, client: gp.TerrainClient, eventually: Callable):
-    """The robot walked on without a scan: the grid's own validity in pauses ends, and an age stretches nothing else."""
+    """The robot walked on without a scan: the validity in pauses has ended, and max_age does not extend it."""
     node.tell("publish 20")
     node.tell("map 20")
     client.wait_for_step(20, timeout=180)
@@ -115,7 +115,7 @@ def test_grid_of_many_pauses_ago_is_stale(node, client: gp.TerrainClient, eventu
 
 
 def test_callback_gets_the_newest_on_another_thread(node, client: gp.TerrainClient, eventually: Callable):
-    """The callback runs on the client's thread and ends with the newest grid; steps never go back."""
+    """The callback runs on the client's thread and ends with the newest grid; steps never decrease."""
     heard: list[int] = []
     threads: set[int] = set()
 
@@ -132,7 +132,7 @@ def test_callback_gets_the_newest_on_another_thread(node, client: gp.TerrainClie
 
 
 def test_both_extents_are_received(node, client: gp.TerrainClient):
-    """Footprint and map come on their own keys."""
+    """Footprint and map have separate keys."""
     node.tell("publish 90")
     node.tell("map 90")
     fused = client.wait_for_step(90, timeout=30, extent="map")
@@ -145,7 +145,7 @@ def test_both_extents_are_received(node, client: gp.TerrainClient):
 
 
 def test_flipped_bit_is_refused_everywhere(node, client: gp.TerrainClient, eventually: Callable, caplog):
-    """A safe cell that gained a flag on the way breaks the invariant: no way of reading hands such a grid out."""
+    """A safe cell with an additional flag violates the invariant: no method returns the grid."""
     node.tell("publish 100")
     client.wait_for_step(100, timeout=180)
     heard: list[int] = []
@@ -179,12 +179,12 @@ def test_stream_yields_newer_grids_only(node, client: gp.TerrainClient):
 
 
 def client_stream_after(client: gp.TerrainClient, step: int) -> Iterator[gp.TerrainGrid]:
-    """Grids after `step`, each awaited for a short time only."""
+    """Grids after `step`, with a short timeout for each."""
     return (terrain for terrain in client.stream(timeout=0.3) if terrain.step > step)
 
 
 def test_query_returns_a_region(node, client: gp.TerrainClient, paper_terrain: gp.TerrainGrid):
-    """A region of the newest grid is cut on whole cells and holds the same values."""
+    """A region of the newest grid is cut at cell borders and has the same values."""
     node.tell("publish 120")
     region = client.query(region=(0.60, 0.70, -0.10, 0.05), timeout=180)
     assert region.shape == (30, 20) and region.origin == pytest.approx((0.60, -0.10))
@@ -192,7 +192,7 @@ def test_query_returns_a_region(node, client: gp.TerrainClient, paper_terrain: g
 
 
 def test_requested_scan_comes_back_or_says_why_not(node, client: gp.TerrainClient):
-    """A scan on request returns its grid and tells its progress; one that fails says why."""
+    """A requested scan reports its progress and returns its grid; a failed one states the reason."""
     node.tell("serve")
     heard: list = []
     assert client.request_scan("standard", timeout=60, on_progress=heard.append).step == 1000
@@ -202,7 +202,7 @@ def test_requested_scan_comes_back_or_says_why_not(node, client: gp.TerrainClien
 
 
 def test_counts_say_what_was_received(node, client: gp.TerrainClient):
-    """Four counts by name, starting with what arrived."""
+    """Four counts by name: received, superseded, missed and rejected."""
     node.tell("publish 2000")
     client.wait_for_step(2000, timeout=180)
     counts = client.counts()
@@ -220,19 +220,19 @@ def test_other_robots_node_is_not_taken_for_ours(node, module_endpoint: str):
 
 
 def test_nobody_there(free_endpoint: str):
-    """Nothing listens: one error that lists what to check."""
+    """No listener: one error that lists what to check."""
     with pytest.raises(ConnectionFailed, match="is the node running"):
         gp.TerrainClient(free_endpoint, timeout=0.5)
 
 
 def test_bad_name_is_refused_before_anything_is_opened(free_endpoint: str):
-    """A robot name that can be no key is refused at once, whether or not a node is there."""
+    """An invalid robot name is refused at once, with or without a node."""
     with pytest.raises(KeyNameError, match="robot name 'a/b' cannot be part of a key"):
         gp.TerrainClient(free_endpoint, robot="a/b", timeout=180)
 
 
 def test_node_that_dies_is_noticed(start, free_endpoint: str, terrain_file: Path, eventually: Callable):
-    """The last grid stays readable while it is valid, and waiting for the next ends with ScannerGone."""
+    """The last grid can be read while it is valid; waiting for the next raises ScannerGone."""
     mortal = start(NODE, free_endpoint, "guara", terrain_file)
     assert mortal.line() == "ready"
     mortal.tell("publish 5")

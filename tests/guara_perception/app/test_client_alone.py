@@ -1,4 +1,4 @@
-"""guara-client without the rest: the same answers to the last bit, and one line for what it does not have."""
+"""guara-client alone: the same answers to the last bit, and a one-line error for what it does not include."""
 
 import dataclasses
 import importlib.metadata
@@ -31,7 +31,7 @@ LIBRARIES = Path(np.__file__).parents[1]
 
 
 def brought() -> set[str]:
-    """Distributions that guara-client brings: those that it names, and what these need."""
+    """Distributions that guara-client installs: its dependencies, recursively."""
     project = tomllib.loads((hatch_build.CLIENT / "pyproject.toml").read_text())["project"]
     left, found = list(project["dependencies"]), set()
     while left:
@@ -44,14 +44,14 @@ def brought() -> set[str]:
 
 
 def hidden() -> list[str]:
-    """Modules among the libraries of the tests that guara-client does not bring."""
+    """Modules of the test environment that guara-client does not install."""
     kept = brought()
     owners = importlib.metadata.packages_distributions()
     return [top for top, names in owners.items() if not {canonicalize_name(name) for name in names} & kept]
 
 
 def some_grids() -> Iterator[gp.TerrainGrid]:
-    """The frozen grids, one on which the robot stands, and many small ones with boxes, holes and unknown ground."""
+    """Frozen grids, one with a standing robot, and many small ones with boxes, holes and unknown ground."""
     for name in GRIDS:
         yield gp.load_terrain(FROZEN / f"{name}.npz")
     yield standing_ground()
@@ -66,7 +66,7 @@ def some_grids() -> Iterator[gp.TerrainGrid]:
 
 
 def standing_ground() -> gp.TerrainGrid:
-    """Level ground around a standing robot, unknown under its soles."""
+    """Level ground around a standing robot, unknown below its soles."""
     robot = gp.load_robot("guara")
     stance = gp.Stance(robot.posture("scan"), robot.legs, (0, 0, -1))
     pose = robot.stance_pose(stance)
@@ -107,7 +107,7 @@ def said(start, module_endpoint: str, tmp_path_factory: pytest.TempPathFactory) 
 
 
 def test_answers_are_those_of_the_whole(said: tuple[list, list]):
-    """Every question that needs no leg, on every grid, to the last bit."""
+    """Every query without a leg, on every grid, to the last bit."""
     mine, its = said
     assert len(mine) == examples(500)
     for number, answer in enumerate(mine):
@@ -115,7 +115,7 @@ def test_answers_are_those_of_the_whole(said: tuple[list, list]):
 
 
 def test_a_node_is_asked_in_every_way(said: tuple[list, list]):
-    """wait_for_step, latest, query and stream hand out the grid that the node published."""
+    """wait_for_step, latest, query and stream return the grid that the node published."""
     mine, its = said
     received = its[len(mine) : len(mine) + 4]
     assert received == [received[0]] * 4
@@ -131,6 +131,6 @@ def test_what_is_missing_says_what_to_install(said: tuple[list, list]):
 
 
 def test_heavy_libraries_are_hidden():
-    """The test would not see what it is for if it hid nothing."""
+    """Without hidden libraries, the other tests would prove nothing."""
     assert {"scipy", "matplotlib", "mcap", "cryptography", "usb"} <= set(hidden())
     assert not {"numpy", "zenoh", "rosbags"} & set(hidden())

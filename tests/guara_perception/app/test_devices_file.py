@@ -1,4 +1,4 @@
-"""devices.toml: what is written is read back; wrong fields are refused by name; a camera class of one's own is made."""
+"""devices.toml: round trip, refusal of invalid fields by name, and user-defined camera classes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class WantsMore(Mine):
 
 @pytest.fixture
 def own_camera(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """A module of a user's own on the path."""
+    """User-defined module on the Python path."""
     (tmp_path / "my_cameras.py").write_text(OWN)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "my_cameras", raising=False)
@@ -86,7 +86,7 @@ def test_what_is_written_is_read_back(devices: Devices, tmp_path: Path):
     ],
 )
 def test_wrong_files_are_refused_by_field(tmp_path: Path, text: str, reported: str):
-    """File, field, what was given and what is allowed."""
+    """File, field, given value and what is allowed."""
     (tmp_path / "devices.toml").write_text(text)
     with pytest.raises(gp.FileFormatError) as error:
         load_devices(tmp_path / "devices.toml")
@@ -94,13 +94,13 @@ def test_wrong_files_are_refused_by_field(tmp_path: Path, text: str, reported: s
 
 
 def test_no_file_says_who_writes_one(tmp_path: Path):
-    """The command is named."""
+    """The message names `guara record`."""
     with pytest.raises(gp.MissingFile, match="no such file; `guara record` writes one"):
         load_devices(tmp_path / "devices.toml")
 
 
 def test_cameras_of_every_kind_are_made(own_camera: str):
-    """Numbers and paths through OpenCV, classes by their module; the measured lag goes with them."""
+    """Numbers and paths use OpenCV, classes are imported from their module; the measured lag is set in both cases."""
     assert isinstance(Devices("0").camera(), OpenCvCamera)
     made = Devices(f"{own_camera}:Mine", lag=0.02).camera()
     assert isinstance(made, Camera) and made.name == "mine" and made.lag == 0.02
@@ -115,14 +115,14 @@ def test_cameras_of_every_kind_are_made(own_camera: str):
     ],
 )
 def test_classes_that_are_no_cameras_are_refused(own_camera: str, name: str, reported: str):
-    """One line that says why."""
+    """One line with the reason."""
     with pytest.raises(gp.InvalidInput, match=reported):
         Devices(f"{own_camera}:{name}").camera()
 
 
 @pytest.fixture
 def devices_toml(tmp_path: Path) -> Path:
-    """Devices whose classes stand in a file beside devices.toml, which is on no path of Python."""
+    """Devices whose classes are in a file beside devices.toml, which is not on the Python path."""
     folder = tmp_path / "rig"
     folder.mkdir()
     (folder / f"{tmp_path.name}_own.py").write_text(
@@ -144,7 +144,7 @@ def devices_toml(tmp_path: Path) -> Path:
 
 
 def test_classes_beside_devices_toml_are_found(devices_toml: Path, capsys: pytest.CaptureFixture[str]):
-    """Camera and board of one's own, by every command that takes --devices; the file's round trip keeps them."""
+    """User-defined camera and board, found by every command with --devices; saving the file keeps them."""
     before = list(sys.path)
     devices = load_devices(devices_toml)
     assert type(devices.camera()).__name__ == "Eye"
@@ -158,7 +158,7 @@ def test_classes_beside_devices_toml_are_found(devices_toml: Path, capsys: pytes
 
 
 def test_classes_that_are_no_boards_are_refused(devices_toml: Path):
-    """One line that says why, and where the file was looked for; ids go with the board of the protocol."""
+    """One line with the reason and the searched folders; USB ids belong to the board of the protocol only."""
     text = devices_toml.read_text()
     for name, reported in (
         (f"{devices_toml.parents[1].name}_own:Neither", "is not a drivers.Board: derive the class from it"),
@@ -178,7 +178,7 @@ def test_classes_that_are_no_boards_are_refused(devices_toml: Path):
 
 
 def test_settings_are_locked_when_the_camera_is_opened(monkeypatch: pytest.MonkeyPatch, own_camera: str):
-    """As measured, before the first frame; without settings nothing is touched."""
+    """Locked before the first frame; without settings, the camera is not changed."""
     locked: list[CameraSettings] = []
     for settings in ({"exposure": 0.004, "gain": 2.0}, {}):
         rangefinder = rangefinder_of(Devices(f"{own_camera}:Mine", settings=settings))

@@ -19,7 +19,7 @@ from testbed.altered_robot import altered_guara
 
 
 def test_missing_devices_are_named_with_the_remedy() -> None:
-    """No board and no camera here: both say what to check."""
+    """Without board and camera, both checks name what to look at."""
     board = attempt(doctor.check_board, Devices())
     camera = attempt(doctor.check_camera, Devices(source="/dev/no-such-camera"))
     assert (board.level, camera.level) == (FAIL, FAIL)
@@ -27,7 +27,7 @@ def test_missing_devices_are_named_with_the_remedy() -> None:
 
 
 def test_a_file_can_stand_in_for_a_camera(tmp_path: Path) -> None:
-    """A picture sequence opens, and its size is reported."""
+    """An image sequence opens, and its size is reported."""
     cv2.imwrite(str(tmp_path / "frame_000.png"), np.zeros((120, 160, 3), np.uint8))
     finding = attempt(doctor.check_camera, Devices(source=str(tmp_path / "frame_%03d.png")))
     assert (finding.level, "160x120" in finding.message) == (OK, True)
@@ -39,7 +39,7 @@ def test_usb_backend_comes_with_the_package() -> None:
 
 
 def test_a_taken_port_is_reported(free_endpoint: str) -> None:
-    """Free, taken, and no endpoint at all."""
+    """A free port, a port in use, and an invalid endpoint."""
     assert attempt(doctor.check_endpoint, free_endpoint).level == OK
     host, port = free_endpoint.removeprefix("tcp/").split(":")
     with socket.socket() as taken:
@@ -63,14 +63,14 @@ def test_a_taken_port_is_reported(free_endpoint: str) -> None:
 def test_calibration_is_judged_by_verdict_and_age(
     calibration: gp.Calibration, changes: dict[str, object], level: str, said: str
 ) -> None:
-    """Good and fresh is ok; old, unknown and refused are distinguished."""
+    """Good and recent is ok; old, unknown and refused are distinguished."""
     fresh = {"created": datetime.now(UTC).isoformat()}
     finding = doctor.judge_calibration(dataclasses.replace(calibration, **{**fresh, **changes}))  # type: ignore[arg-type]
     assert finding.level == level and said in finding.message
 
 
 def test_calibration_that_is_not_there_is_reported(tmp_path: Path) -> None:
-    """None given is a warning with the remedy, a missing file a failure."""
+    """No calibration is a warning with the remedy, a missing file a failure."""
     assert attempt(doctor.check_calibration, None, Devices()).level == WARN
     assert attempt(doctor.check_calibration, tmp_path / "none.json", Devices()).level == FAIL
 
@@ -78,7 +78,7 @@ def test_calibration_that_is_not_there_is_reported(tmp_path: Path) -> None:
 def test_calibration_of_another_camera_than_that_of_the_devices_is_reported(
     calibration: gp.Calibration, tmp_path: Path
 ) -> None:
-    """Both are named, and what to do."""
+    """The message names both cameras and the remedy."""
     camera = dataclasses.replace(calibration.camera, identity="A, serial 1")
     gp.save_calibration(dataclasses.replace(calibration, camera=camera), tmp_path / "calibration.json")
     finding = attempt(doctor.check_calibration, tmp_path / "calibration.json", Devices(identity="A, serial 2"))
@@ -88,7 +88,7 @@ def test_calibration_of_another_camera_than_that_of_the_devices_is_reported(
 
 @pytest.mark.slow
 def test_drift_is_checked_on_a_scan(data: Path, calibration: gp.Calibration, tmp_path: Path) -> None:
-    """The true calibration holds; one whose camera was lowered by a centimetre does not."""
+    """The true calibration holds; one with the camera a centimetre lower does not."""
     scan = data / "scans" / "paper"
     gp.save_calibration(calibration, tmp_path / "true.json")
     assert attempt(doctor.check_scan_drift, tmp_path / "true.json", scan).level == OK
@@ -116,7 +116,7 @@ def test_drift_is_checked_on_a_scan(data: Path, calibration: gp.Calibration, tmp
 
 
 def test_disk_and_speed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Room for recordings, and stripes per second; both can warn."""
+    """Room for recordings, and time per stripe; both can warn."""
     assert attempt(doctor.check_disk, tmp_path).level in (OK, WARN)
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: shutil._ntuple_diskusage(10, 9, 1))
     assert attempt(doctor.check_disk, tmp_path).level == WARN
@@ -128,7 +128,7 @@ def test_disk_and_speed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 def test_exit_code_says_whether_something_must_be_mended(
     calibration_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """0 when all chosen checks pass, 1 when one fails, 2 for an unknown check."""
+    """0 if all selected checks pass, 1 if one fails, 2 for an unknown check."""
     assert run(["doctor", "--only", "usb", "--only", "calibration", "-c", str(calibration_file)]) == 0
     assert "calibration" in capsys.readouterr().out
     assert run(["doctor", "--only", "board"]) == 1
@@ -166,7 +166,7 @@ class Own(Camera):
 
 
 def test_the_file_of_devices_is_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Camera and size of devices.toml are used, its settings locked and read back; what is not taken is a failure."""
+    """Camera and size of devices.toml are used, settings are locked and read back; a rejected setting is a failure."""
     (tmp_path / "own_of_doctor.py").write_text(OWN_CAMERA)
     monkeypatch.syspath_prepend(str(tmp_path))
     devices = Devices("own_of_doctor:Own", (96, 64), settings={"exposure": 0.004})

@@ -1,4 +1,4 @@
-"""`guara doctor --cameras`, the camera checks of `guara doctor`, and sources of `devices.toml` that Aravis opens."""
+"""`guara doctor --cameras`, the camera checks of `guara doctor`, and sources in devices.toml that Aravis opens."""
 
 import json
 from pathlib import Path
@@ -17,7 +17,7 @@ from tests.gige import fake_gige
 
 @pytest.fixture
 def video_class(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A kernel's list with one webcam."""
+    """The kernel's list with one webcam."""
     (tmp_path / "video0").mkdir()
     (tmp_path / "video0" / "name").write_text("Imaginary Webcam\n")
     return tmp_path
@@ -27,7 +27,9 @@ def video_class(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_each_camera_is_listed_with_what_it_can_prove(
     video_class: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A webcam cannot tell a lost frame; a camera with a trigger is proved by its clock, and its lines are named."""
+    """Frames of a webcam cannot prove a loss; those of a triggered camera are verified by its clock, and its lines are
+    listed.
+    """
     monkeypatch.setattr(doctor, "VIDEO_CLASS", video_class)
     with fake_gige():
         assert run(["doctor", "--cameras"]) == 0
@@ -45,7 +47,7 @@ def test_each_camera_is_listed_with_what_it_can_prove(
 
 
 def test_no_camera_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """It is said so, with exit 1, and which kind of camera could not be searched for."""
+    """The message says so, exit 1, and names the kind of camera that could not be searched for."""
     from drivers.cameras import aravis_library
 
     monkeypatch.setattr(doctor, "VIDEO_CLASS", tmp_path)
@@ -60,10 +62,10 @@ def test_no_camera_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
 
 @pytest.mark.slow
 def test_doctor_says_what_the_chosen_camera_proves() -> None:
-    """Free and triggered; a line that it lacks is named with those it has."""
+    """Free-running and triggered; for a missing line, the available ones are listed."""
     with fake_gige() as fake:
         source = f"aravis:{fake.name}"
-        # On a busy machine a check may fail once, for an unknown reason.
+        # On a busy machine a check may fail once for an unknown reason.
         for _ in range(5):
             free, triggered = (
                 attempt(doctor.check_camera, Devices(source)),
@@ -84,7 +86,7 @@ def test_a_webcam_cannot_be_triggered() -> None:
 
 
 def test_a_triggered_camera_makes_the_board_sweep(tmp_path: Path) -> None:
-    """Source, lines and format survive the file; the laser shines as long as the camera exposes."""
+    """Source, lines and format survive the round trip; the laser is on as long as the camera exposes."""
     devices = Devices(
         "aravis:Maker-42",
         trigger="Line1",
@@ -104,7 +106,7 @@ def test_a_triggered_camera_makes_the_board_sweep(tmp_path: Path) -> None:
 
 
 def test_v4l2_with_the_kernels_numbers_is_a_source_of_its_own() -> None:
-    """The device path alone is OpenCV's."""
+    """The device path alone selects OpenCV."""
     camera = Devices("v4l2:/dev/video3", pixel_format="YUYV", lag=0.02).camera()
     assert isinstance(camera, V4l2Camera) and (camera.name, camera.lag) == ("camera v4l2:/dev/video3", 0.02)
     assert isinstance(Devices("/dev/video3").camera(), OpenCvCamera)
@@ -113,7 +115,7 @@ def test_v4l2_with_the_kernels_numbers_is_a_source_of_its_own() -> None:
 
 
 def test_without_an_exposure_a_triggered_camera_gets_one() -> None:
-    """Otherwise flash and exposure would not fit one another."""
+    """Otherwise flash and exposure would differ."""
     rangefinder = rangefinder_of(Devices("aravis", trigger="Line1"))
     assert rangefinder.settings == CameraSettings(exposure=0.004)
     assert rangefinder.options is not None and rangefinder.options.sweep is not None

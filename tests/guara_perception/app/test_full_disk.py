@@ -1,4 +1,4 @@
-"""A disk that takes no more: one line that names the file as the user does, exit code 1, nothing half-written left."""
+"""Full disk: one line that names the user's file, exit code 1, and no partial file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from tests.forked import run_forked
 from tests.thorough import further
 
-# A limit of the size of files fails the writes of a process as a full disk does.
+# A limit on the file size makes writes of a process fail like a full disk.
 CODE = """
 import json, resource, sys
 from guara_perception.app.main import run

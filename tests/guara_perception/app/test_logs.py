@@ -1,4 +1,4 @@
-"""Log lines: JSON, priorities of the journal, and the rate limit; also of a node in its own process."""
+"""Log lines: JSON, priorities for journald, and the rate limit; also of a node in its own process."""
 
 import json
 import logging
@@ -22,7 +22,7 @@ def record(level: int, message: str, *arguments: object, error: bool = False) ->
 
 
 def test_a_record_is_one_json_object() -> None:
-    """With its time, level, name and message, and a traceback where there is one; line breaks stay inside."""
+    """With time, level, name and message, and a traceback if there is one; line breaks are escaped."""
     line = JsonFormatter().format(record(logging.ERROR, "step %d: no scan,\n%s", 3, "Guará", error=True))
     assert "\n" not in line
     told = json.loads(line)
@@ -31,14 +31,14 @@ def test_a_record_is_one_json_object() -> None:
 
 
 def test_each_line_for_the_journal_has_its_priority() -> None:
-    """Those of sd-daemon(3), also the second line of a message."""
+    """Those of sd-daemon(3), also for the second line of a message."""
     formatter = JournalFormatter(logs.TEXT)
     assert formatter.format(record(logging.WARNING, "one\ntwo")) == "<4>WARNING guara.node: one\n<4>two"
     assert formatter.format(record(logging.ERROR, "three")).startswith("<3>")
 
 
 def test_a_repeated_message_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The next record after the minute reports how many were dropped; other messages pass meanwhile."""
+    """The first record after a minute reports how many were dropped; other messages are not affected."""
     now = 100.0
     monkeypatch.setattr(time, "monotonic", lambda: now)
     limit = RateLimit()
@@ -52,7 +52,7 @@ def test_a_repeated_message_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_node_logs_json() -> None:
-    """Each line that it prints is an object, the line of a scan too."""
+    """Each printed line is an object, including the line of a scan."""
     command = [sys.executable, "-m", "guara_perception.app.main", "-v", "run", "--simulated", "--log", "json"]
     command += ["--listen", "tcp/127.0.0.1:0"]
     lines: list[str] = []
@@ -76,7 +76,7 @@ def test_a_node_logs_json() -> None:
 
 
 def test_standard_error_that_is_the_journal_gets_priorities() -> None:
-    """$JOURNAL_STREAM names the device and inode of standard error."""
+    """$JOURNAL_STREAM contains device and inode of standard error."""
     program = (
         "import os, sys, logging; status = os.fstat(2)\n"
         "if sys.argv[1] == 'journal': os.environ['JOURNAL_STREAM'] = f'{status.st_dev}:{status.st_ino}'\n"

@@ -1,4 +1,4 @@
-"""The command line: help with an example everywhere, exit codes, one line for a mistake, never a traceback for it."""
+"""Command line: help with examples, exit codes, one line for a user's mistake and no traceback."""
 
 import errno
 import math
@@ -23,7 +23,7 @@ calibrate convert demo doctor export info listen process record recover replay r
 
 
 def with_subcommands(name: str) -> list[tuple[str, ...]]:
-    """A command and, if it is a group, its own commands."""
+    """Command and, if it is a group, its subcommands."""
     command = module.guara.get_command(click.Context(module.guara), name)
     inner = sorted(command.commands) if isinstance(command, click.Group) else []
     return [(name,), *((name, word) for word in inner)]
@@ -31,13 +31,13 @@ def with_subcommands(name: str) -> list[tuple[str, ...]]:
 
 @pytest.mark.parametrize("name", PROMISED)
 def test_promised_command_is_there(name: str):
-    """Every command that users were promised is there, some as an alias of a wider one."""
+    """Every command of earlier versions exists, some as an alias of another."""
     assert name in COMMANDS or name in ALIASES
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_shows_an_example(guara, name: str):
-    """`--help` of each command and subcommand explains itself, with an example that begins as one would type it."""
+    """`--help` of each command and subcommand has an example that begins as a user would type it."""
     for arguments in with_subcommands(name):
         said = guara(*arguments, "--help")
         assert said.code == 0 and said.err == ""
@@ -63,14 +63,14 @@ def test_every_option_says_what_it_does(name: str):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_each_example_stands_on_a_line_of_its_own(guara, name: str):
-    """Examples are shown as they would be typed: each line of the block is one command, none is wrapped or joined."""
+    """Each line of the example block is one complete command; none is wrapped or joined."""
     for arguments in with_subcommands(name):
         block = guara(*arguments, "--help").out.split("Example:\n")[1].split("\n\n")[0]
         assert all(line.startswith("    guara ") and line.count("guara ") == 1 for line in block.splitlines()), block
 
 
 def test_help_lists_every_command(guara):
-    """`guara --help` lists each with its one line, whole at 80 columns, and no earlier spelling."""
+    """`guara --help` lists each command with a line that fits 80 columns, and no earlier spelling."""
     said = guara("--help")
     assert said.code == 0
     for name, line in COMMANDS.items():
@@ -81,7 +81,7 @@ def test_help_lists_every_command(guara):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_of_a_group_shows_whole_lines(guara, name: str):
-    """The line of each subcommand is whole at 80 columns."""
+    """The line of each subcommand fits 80 columns."""
     for arguments in with_subcommands(name):
         _, *listed = guara(*arguments, "--help").out.split("\nCommands:\n")
         assert "...\n" not in "".join(listed)
@@ -89,7 +89,7 @@ def test_help_of_a_group_shows_whole_lines(guara, name: str):
 
 @pytest.mark.parametrize("name", ALIASES)
 def test_an_earlier_spelling_of_a_command_still_works(guara, name: str):
-    """Its help tells the new one, which is a command that is listed."""
+    """Its help names the new spelling, which is a listed command."""
     said = guara(name, "--help")
     assert said.code == 0 and f"guara {ALIASES[name]} " in said.out
 
@@ -99,14 +99,14 @@ def test_an_earlier_spelling_of_a_command_still_works(guara, name: str):
     [(["fleet", "--timeout", "0.1"], "guara listen --all"), (["view", "x", "--instance", "a"], "--name")],
 )
 def test_an_earlier_spelling_tells_the_new_one(guara, arguments: list[str], new: str):
-    """In one line on standard error, before whatever the command itself reports."""
+    """In one line on standard error, before the output of the command itself."""
     assert (
         guara(*arguments).err.splitlines()[0].endswith(f"is now {new}; the old spelling works until the next release")
     )
 
 
 def test_no_command_at_all_shows_the_help_and_is_bad_usage(guara):
-    """Called bare, the help goes to standard error, readable, and the exit code is 2."""
+    """Without arguments, the help is printed to standard error and the exit code is 2."""
     said = guara()
     assert said.code == 2 and said.out == ""
     assert said.err.startswith("Usage: guara") and "\n  process " in said.err
@@ -128,14 +128,14 @@ def test_no_command_at_all_shows_the_help_and_is_bad_usage(guara):
     ],
 )
 def test_bad_usage_is_one_line_and_exit_2(guara, arguments: list[str], reported: str):
-    """Usage mistakes are reported in one line that starts with the program's name."""
+    """Usage errors are reported in one line that starts with the program's name."""
     said = guara(*arguments)
     assert said.code == 2 and said.out == ""
     assert reported in said.err and said.err.startswith("guara: ") and said.err.count("\n") == 1
 
 
 def fail_with(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
-    """Let the command `process` raise."""
+    """Make the command `process` raise an error."""
 
     def callback() -> None:
         raise error
@@ -164,7 +164,7 @@ def fail_with(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
     ids=lambda value: type(value).__name__ if isinstance(value, Exception) else str(value),
 )
 def test_errors_become_exit_codes(guara, monkeypatch: pytest.MonkeyPatch, error: Exception, code: int):
-    """What the user can mend ends in 2, what failed at run time in 1; the message is one line on standard error."""
+    """Errors that the user can correct exit 2, failures at run time 1; the message is one line on standard error."""
     fail_with(monkeypatch, error)
     said = guara("process")
     assert said.code == code and said.out == ""
@@ -183,12 +183,12 @@ def test_errors_become_exit_codes(guara, monkeypatch: pytest.MonkeyPatch, error:
     ],
 )
 def test_errors_of_the_file_system_begin_with_the_file(error: Exception, expected_text: str):
-    """As the package's own messages do, and without the system's number."""
+    """Like the package's own messages, and without the error number of the system."""
     assert text_of(error) == expected_text
 
 
 def test_a_full_disk_is_no_bad_input_whoever_reports_it():
-    """An error of the package that a full disk caused ends in 1."""
+    """An error of the package that was caused by a full disk exits 1."""
     for cause, is_bad in ((OSError(errno.ENOSPC, "full"), False), (OSError(errno.EACCES, "not allowed"), True)):
         error = gp.InvalidInput("cannot write x")
         error.__cause__ = cause
@@ -196,7 +196,7 @@ def test_a_full_disk_is_no_bad_input_whoever_reports_it():
 
 
 def test_message_of_several_lines_becomes_one(guara, monkeypatch: pytest.MonkeyPatch):
-    """Whatever a message holds, a script reads one line."""
+    """A script reads one line, whatever the message contains."""
     fail_with(monkeypatch, gp.InvalidInput("first\n   second"))
     assert guara("process").err == "guara: first second\n"
 
@@ -208,7 +208,7 @@ def test_a_file_name_of_thousands_of_characters_is_not_printed_whole(guara, tmp_
 
 
 def test_defects_are_not_hidden(monkeypatch: pytest.MonkeyPatch):
-    """An error that nobody raises on purpose is a defect: it is shown whole."""
+    """An unexpected error is a defect and shows its traceback."""
     fail_with(monkeypatch, KeyError("inside"))
     with pytest.raises(KeyError, match="inside"):
         run(["process"])
@@ -216,7 +216,7 @@ def test_defects_are_not_hidden(monkeypatch: pytest.MonkeyPatch):
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), click.Abort()])
 def test_interruption_is_clean(guara, monkeypatch: pytest.MonkeyPatch, error: BaseException):
-    """Ctrl-C anywhere ends with one word and the shell's code for it."""
+    """Ctrl-C prints one word and exits with the shell's code for it."""
     fail_with(monkeypatch, error)
     said = guara("process")
     assert (said.code, said.out, said.err.strip()) == (130, "", "guara: stopped")
@@ -224,7 +224,7 @@ def test_interruption_is_clean(guara, monkeypatch: pytest.MonkeyPatch, error: Ba
 
 @pytest.mark.parametrize("code", [0, 1, 2])
 def test_exit_code_that_a_command_asks_for_is_given(guara, monkeypatch: pytest.MonkeyPatch, code: int):
-    """A command that ends by `ctx.exit(code)`, such as a refused calibration, gives that code to the shell."""
+    """The code of `ctx.exit(code)`, for instance of a refused calibration, is passed to the shell."""
 
     @click.command()
     @click.pass_context
@@ -236,14 +236,14 @@ def test_exit_code_that_a_command_asks_for_is_given(guara, monkeypatch: pytest.M
 
 
 def shell(*arguments: str | Path) -> subprocess.CompletedProcess:
-    """The command in a process of its own, as a user starts it."""
+    """The command in its own process, as a user starts it."""
     return subprocess.run(
         [sys.executable, "-m", "guara_perception.app.main", *map(str, arguments)], capture_output=True, text=True
     )
 
 
 def test_version_is_that_of_the_package():
-    """`guara --version` names the program and its version."""
+    """`guara --version` prints the program and its version."""
     done = shell("--version")
     assert done.returncode == 0 and done.stdout.startswith("guara, version 0.")
 
@@ -259,7 +259,7 @@ def test_mistake_in_a_real_shell_shows_no_traceback(tmp_path: Path):
 
 @pytest.mark.slow
 def test_reader_that_goes_away_is_no_traceback():
-    """`guara --help | head -1`: the pipe closes early and nothing is complained about."""
+    """`guara --help | head -1`: the pipe is closed early without an error message."""
     process = subprocess.Popen(
         [sys.executable, "-m", "guara_perception.app.main", "--help"],
         stdout=subprocess.PIPE,
@@ -274,7 +274,7 @@ def test_reader_that_goes_away_is_no_traceback():
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_verbose_may_stand_behind_every_command(name: str):
-    """`guara run -v` is taken as `guara -v run` is."""
+    """`guara run -v` is the same as `guara -v run`."""
     for arguments in with_subcommands(name):
         command = module.guara.get_command(click.Context(module.guara), arguments[0])
         for word in arguments[1:]:
@@ -284,7 +284,7 @@ def test_verbose_may_stand_behind_every_command(name: str):
 
 @pytest.mark.slow
 def test_verbose_behind_the_command_shows_the_log(data: Path, tmp_path: Path):
-    """The level of the log changes wherever the switch stands."""
+    """The log level changes in either position of the switch."""
     code = (
         "import logging, sys; from guara_perception.app.main import run; run(sys.argv[1:]); print(logging.root.level)"
     )
@@ -299,7 +299,7 @@ def test_verbose_behind_the_command_shows_the_log(data: Path, tmp_path: Path):
 
 
 def test_warnings_are_reported_in_words_and_once(guara, monkeypatch: pytest.MonkeyPatch):
-    """Python's warnings become one line each of the program; one that differs by its numbers is not reported again."""
+    """Each Python warning becomes one line of the program; one that differs only in numbers is not repeated."""
 
     def callback() -> None:
         for angle in (0.7, 0.8):
@@ -316,7 +316,7 @@ def test_warnings_are_reported_in_words_and_once(guara, monkeypatch: pytest.Monk
 
 
 def test_joints_in_degrees_are_bad_input(guara, tmp_path: Path, edited_scan, calibration_file: Path):
-    """A scan whose stance is in degrees: one line, exit 2, no grid."""
+    """A stance in degrees: one line, exit 2, no grid."""
 
     def in_degrees(content: dict) -> None:
         joints = content["stance"]["joint_positions"]
@@ -329,7 +329,7 @@ def test_joints_in_degrees_are_bad_input(guara, tmp_path: Path, edited_scan, cal
 
 @pytest.mark.slow
 def test_joints_beyond_their_limits_are_one_line(guara, tmp_path: Path, edited_scan, calibration_file: Path):
-    """Every hip is over its limit: a grid is made, and one line names three and counts the rest."""
+    """Every hip exceeds its limit: a grid is made, and one line names three joints and counts the others."""
 
     def beyond(content: dict) -> None:
         for name in content["stance"]["joint_positions"]:

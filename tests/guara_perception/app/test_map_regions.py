@@ -1,4 +1,4 @@
-"""Regions of the map from a node to a planner without a map: the same half-planes, and feet may be set inside them."""
+"""Steppable regions from a node to a planner without a map: the same half-planes, with safe footholds inside them."""
 
 import dataclasses
 import time
@@ -18,7 +18,7 @@ PATIENCE = 60.0
 
 
 def test_regions_arrive_as_the_map_has_them(paper_terrain: gp.TerrainGrid) -> None:
-    """Through the wire's form and back; of a withdrawn grid there are none."""
+    """Through the encoded message and back; a withdrawn grid has none."""
     message = terrain_to_message(paper_terrain, robot="rex", sequence=3)
     got = message_to_regions(decode_regions(encode_regions(regions_message(paper_terrain, message))))
     regions = paper_terrain.steppable_regions()
@@ -34,7 +34,7 @@ def test_regions_arrive_as_the_map_has_them(paper_terrain: gp.TerrainGrid) -> No
 
 
 def test_they_are_found_only_for_those_who_ask(free_endpoint: str, paper_terrain: gp.TerrainGrid, eventually) -> None:
-    """Not while nobody subscribes; once for a planner that comes later, and once for each map from then on."""
+    """Not without a subscriber; once for a planner that subscribes later, and then once per map."""
     found: list[int] = []
 
     def regions(message: TerrainMessage) -> RegionsMessage:
@@ -66,7 +66,7 @@ def test_they_are_found_only_for_those_who_ask(free_endpoint: str, paper_terrain
 def test_they_come_with_each_map_and_late_joiners_get_the_last(
     start, free_endpoint: str, terrain_file: Path, eventually
 ) -> None:
-    """No map is asked for; the newest regions are given, and regions that are too old or missing are reported."""
+    """The map is not received; the newest regions are returned, and old or missing ones are reported."""
     node = start(Path(__file__).with_name("publishing_node.py"), free_endpoint, "rex", terrain_file)
     assert node.line() == "ready"
     node.tell("map 1")

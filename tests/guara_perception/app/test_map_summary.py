@@ -1,4 +1,4 @@
-"""The small form of a map: never safer than the map, close to it, and received over Zenoh without history."""
+"""Summary of a map: never safer than the map, close to it, and received over Zenoh without a history."""
 
 import dataclasses
 from pathlib import Path
@@ -29,7 +29,7 @@ def _map_message(terrain: gp.TerrainGrid) -> TerrainMessage:
 
 
 def test_a_scanned_grid_is_small_and_close(paper_terrain: gp.TerrainGrid) -> None:
-    """Flags unchanged, heights to half a millimetre, traversability lower by at most 1/255 and never higher."""
+    """Equal flags, heights to half a millimetre, traversability lower by at most 1/255 and never higher."""
     small = _summary(paper_terrain)
     assert np.array_equal(small.hazard, paper_terrain.hazard)
     assert np.array_equal(np.isnan(small.elevation), np.isnan(paper_terrain.elevation))
@@ -52,13 +52,13 @@ def test_a_scanned_grid_is_small_and_close(paper_terrain: gp.TerrainGrid) -> Non
 @settings(max_examples=examples(60), deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), share=st.floats(0, 0.4), tall=st.integers(0, 3))
 def test_no_cell_becomes_safer(seed: int, share: float, tall: int) -> None:
-    """Whatever heights and gaps: what is not traversable in the map is not in the summary, unknown least of all."""
+    """For any heights and gaps: a cell that is not traversable in the map is not traversable in the summary."""
     rng = np.random.default_rng(seed)
     elevation = rng.normal(0, 0.004, (24, 30)).astype(np.float32)
     elevation[rng.random(elevation.shape) < share * share] = np.nan
     terrain = gp.assess_terrain(elevation, 0.005)
     layers = dict(terrain.layers)
-    # Scores of any size above zero, and heights that no summary can hold.
+    # Any score above zero, and heights beyond the range of a summary.
     score = np.where(layers["hazard"] == 0, rng.random(elevation.shape) ** 8 + 1e-7, 0)
     layers["traversability"] = np.minimum(score, 1).astype(np.float32)
     heights = np.array(layers["elevation"])
@@ -89,7 +89,9 @@ def test_no_cell_becomes_safer(seed: int, share: float, tall: int) -> None:
 def test_noise_fits_too_and_no_cell_becomes_safer(
     seed: int, shape: tuple[int, int], share: float, maximum: int
 ) -> None:
-    """The worst map for any compression: each cell of its own height, flags and score. Larger cells take the worst."""
+    """Worst case for compression: each cell has its own height, flags and score. Merged cells are as unsafe as the
+    worst.
+    """
     rng = np.random.default_rng(seed)
     terrain = gp.assess_terrain(np.zeros(shape, np.float32), 0.005)
     hazard = np.where(rng.random(shape) < 0.5, 0, rng.integers(0, 2**16, shape)).astype(np.uint16)
@@ -118,7 +120,7 @@ def test_noise_fits_too_and_no_cell_becomes_safer(
 def test_noise_of_a_whole_map_gets_larger_cells_and_a_scanned_one_keeps_its_own(
     paper_terrain: gp.TerrainGrid,
 ) -> None:
-    """A map of the size that the node publishes, known everywhere, each height and score its own."""
+    """A map of the published size, known everywhere, with a different height and score in each cell."""
     assert decode_summary(summary_payload(_map_message(paper_terrain))).resolution == paper_terrain.resolution
     rng, shape = np.random.default_rng(1), (140, 320)
     terrain = gp.assess_terrain(np.zeros(shape, np.float32), 0.005)
@@ -135,7 +137,7 @@ def test_noise_of_a_whole_map_gets_larger_cells_and_a_scanned_one_keeps_its_own(
 
 
 def test_a_summary_that_breaks_the_invariant_is_refused(paper_terrain: gp.TerrainGrid) -> None:
-    """One flag that was lost on the way, and the cell would be safe: nothing is handed out."""
+    """A flag lost in transit would make a cell safe: nothing is returned."""
     message = decode_summary(summary_payload(terrain_to_message(paper_terrain, robot="rex", sequence=1)))
     for layer, value in (("hazard", 0), ("traversability", 200), ("heights", 5)):
         changed = np.array(getattr(message, layer))
@@ -147,7 +149,7 @@ def test_a_summary_that_breaks_the_invariant_is_refused(paper_terrain: gp.Terrai
 
 @pytest.mark.slow
 def test_it_comes_with_each_map_and_has_no_history(start, free_endpoint: str, terrain_file: Path, eventually) -> None:
-    """The first is waited for; the newest is given; a summary that is too old or missing is reported."""
+    """The first call waits; later calls return the newest; an old or missing summary is reported."""
     node = start(Path(__file__).with_name("publishing_node.py"), free_endpoint, "rex", terrain_file)
     assert node.line() == "ready"
     node.tell("map 1")

@@ -1,4 +1,4 @@
-"""Grids as messages: nothing is lost on the way, and what breaks the invariant goes neither out nor in."""
+"""Grids as messages: nothing is lost, and both sides refuse a grid that violates the safety invariant."""
 
 import dataclasses
 import json
@@ -14,14 +14,14 @@ from transport import Health, TerrainMessage, decode_terrain, encode_terrain
 
 @pytest.fixture(scope="module")
 def message(paper_terrain: gp.TerrainGrid) -> TerrainMessage:
-    """The message of the paper scan's grid."""
+    """Message of the paper scan's grid."""
     return terrain_to_message(
         paper_terrain, robot="guara", sequence=3, scan_start=5_000_000_000, scan_end=9_000_000_000
     )
 
 
 def test_grid_comes_back_bit_for_bit(paper_terrain: gp.TerrainGrid, message: TerrainMessage):
-    """Grid to message to bytes and back: every layer, the geometry, the times and the metadata are the same."""
+    """Grid to message to bytes and back: layers, geometry, times and metadata are unchanged."""
     back = message_to_terrain(decode_terrain(encode_terrain(message)))
     for name, layer in paper_terrain.layers.items():
         assert back.layer(name).tobytes() == layer.tobytes() and back.layer(name).dtype == layer.dtype
@@ -32,7 +32,7 @@ def test_grid_comes_back_bit_for_bit(paper_terrain: gp.TerrainGrid, message: Ter
 
 
 def test_message_says_what_the_report_says(paper_terrain: gp.TerrainGrid, message: TerrainMessage):
-    """Fields that other tools read are there outside the metadata too."""
+    """Fields for other tools are also present outside the metadata."""
     report = paper_terrain.metadata
     assert (message.mode, message.method) == ("coarse", "precise")
     assert message.attitude_source == "imu" and message.health is Health.OK
@@ -45,7 +45,7 @@ def test_message_says_what_the_report_says(paper_terrain: gp.TerrainGrid, messag
 
 
 def test_transforms_carry_their_frames_and_covariance(paper_terrain: gp.TerrainGrid, message: TerrainMessage):
-    """Base to footprint with its covariance, camera to base; no odometry where there is none."""
+    """Base to footprint with covariance, and camera to base; no odometry without a map."""
     report = paper_terrain.metadata
     pose, camera = message.transforms
     assert (pose.source_frame, pose.destination_frame) == ("base_link", "base_footprint")
@@ -57,7 +57,7 @@ def test_transforms_carry_their_frames_and_covariance(paper_terrain: gp.TerrainG
 
 
 def test_obstacles_come_along(paper_terrain: gp.TerrainGrid, message: TerrainMessage):
-    """The five boxes of the scan are obstacles of the message, after the wire too, with the grid's own values."""
+    """The five boxes of the scan are obstacles of the decoded message, with the values of the grid."""
     held = decode_terrain(encode_terrain(message)).obstacles
     expected = paper_terrain.obstacles()
     assert len(held) == len(expected) >= 4
@@ -68,13 +68,13 @@ def test_obstacles_come_along(paper_terrain: gp.TerrainGrid, message: TerrainMes
 
 
 def test_times_default_to_the_grids_stamp(paper_terrain: gp.TerrainGrid):
-    """Without times of the first and last frame both are the grid's own stamp."""
+    """Without times of the first and last frame, both are the stamp of the grid."""
     message = terrain_to_message(paper_terrain, robot="guara", sequence=1)
     assert message.scan_start == message.scan_end == message.stamp == paper_terrain.stamp
 
 
 def test_degraded_scan_is_reported(paper_terrain: gp.TerrainGrid):
-    """Health and its reasons come along; a level that is not known counts as a warning, never as fine."""
+    """Health and reasons are included; an unknown level counts as a warning, never as ok."""
     for level, health in (("degraded", Health.WARN), ("failed", Health.ERROR), ("odd", Health.WARN)):
         metadata = {**paper_terrain.metadata, "health": {"level": level, "reasons": ["stripe 4: blank"]}}
         message = terrain_to_message(
@@ -84,7 +84,7 @@ def test_degraded_scan_is_reported(paper_terrain: gp.TerrainGrid):
 
 
 def test_grid_without_a_scan_can_be_sent():
-    """Terrain assessed from any heights has no stance and no report; it is sent all the same."""
+    """Terrain assessed from heights has no stance and no report, and can be sent."""
     terrain = gp.assess_terrain(np.zeros((40, 50), np.float32), 0.01)
     back = message_to_terrain(terrain_to_message(terrain, robot="guara", sequence=1))
     np.testing.assert_array_equal(back.hazard, terrain.hazard)
@@ -103,7 +103,7 @@ def test_grid_without_a_scan_can_be_sent():
     ],
 )
 def test_broken_grid_is_refused_on_arrival(message: TerrainMessage, layer: str, value: float, reported: str):
-    """One safe cell changed so that it contradicts itself: refused, with sender, step, rule and cell."""
+    """A safe cell changed to contradict itself is refused, with sender, step, rule and cell."""
     iy, ix = np.argwhere(message.layers["hazard"] == 0)[0]
     layers = {name: array.copy() for name, array in message.layers.items()}
     layers[layer][iy, ix] = value

@@ -1,4 +1,4 @@
-"""Metrics of a status in OpenMetrics text, read over HTTP by the parser of Prometheus."""
+"""Metrics of a status in OpenMetrics text, read over HTTP with the parser of Prometheus."""
 
 import json
 import re
@@ -31,7 +31,7 @@ THREAD = StatusItem(name="thread guara-scans", level=Health.ERROR, message="not 
 
 
 def scrape(port: int) -> dict[str, float]:
-    """Each sample by its name, and by its item where it has one."""
+    """Samples by name, and by item if they have one."""
     request = urllib.request.Request(
         f"http://127.0.0.1:{port}/metrics", headers={"Accept": "application/openmetrics-text; version=1.0.0"}
     )
@@ -45,7 +45,7 @@ def scrape(port: int) -> dict[str, float]:
 
 
 def test_levels_and_numbers_of_the_status_are_metrics() -> None:
-    """Texts and gaps are left out; what only grows is a counter; the process is there too."""
+    """Texts and missing numbers are left out; increasing numbers are counters; process metrics are included."""
     with metrics_served(port := free_port(), "guara", lambda: [SCANNER, THREAD]):
         got = scrape(port)
     assert got["guara_status_levelscanner"] == 1 and got["guara_status_levelthread guara-scans"] == 2
@@ -79,7 +79,7 @@ def _at(step: int) -> StatusItem:
 
 
 def test_the_dashboard_asks_for_metrics_that_there_are(root: Path) -> None:
-    """Each name in its panels is one of this module or of the process collector of Prometheus' client."""
+    """Each name in its panels is a metric of this module or of the Prometheus process collector."""
     dashboard = json.loads((root / "docs" / "grafana-dashboard.json").read_text())
     asked = {
         name

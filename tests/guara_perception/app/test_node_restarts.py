@@ -1,4 +1,4 @@
-"""A planner that outlives its node: real processes, real Zenoh, every way of asking; the node is killed with -9."""
+"""Planner that outlives its node: real processes and real Zenoh, every way of receiving grids, kill -9."""
 
 import signal
 from collections.abc import Callable, Iterator
@@ -15,7 +15,7 @@ NODE = Path(__file__).with_name("publishing_node.py")
 
 
 def ways(client: gp.TerrainClient, wait: float, **accepted: object) -> dict[str, Callable[[], object]]:
-    """Every way of asking for a grid that waits for no new one."""
+    """Methods that return a grid without waiting for a new one."""
     return {
         "latest": lambda: client.latest(**accepted),
         "latest map": lambda: client.latest(extent="map", **accepted),
@@ -33,7 +33,7 @@ ALL = list(ways(None, 0.0))
 
 
 def handed_out(client: gp.TerrainClient, wait: float = 0.5, **accepted: object) -> list[str]:
-    """The ways by which a grid is had within a time [s]."""
+    """Methods that return a grid within a time [s]."""
     had = []
     for way, ask in ways(client, wait, **accepted).items():
         try:
@@ -46,7 +46,7 @@ def handed_out(client: gp.TerrainClient, wait: float = 0.5, **accepted: object) 
 
 @pytest.fixture
 def begin_node(start: Callable, free_endpoint: str, terrain_file: Path) -> Iterator[Callable]:
-    """Begins a node on a router that stays; ends the one before with SIGKILL."""
+    """Start a node on a permanent router; kill the previous one with SIGKILL."""
     living: list = []
 
     def begin() -> object:
@@ -65,7 +65,9 @@ def begin_node(start: Callable, free_endpoint: str, terrain_file: Path) -> Itera
 def scanned(
     begin_node: Callable, free_endpoint: str
 ) -> Iterator[tuple[object, gp.TerrainClient, list[tuple[str, int]]]]:
-    """A node that has scanned pause 1, a planner that has its grids by every way, and what its callbacks got."""
+    """Node that has scanned pause 1, a planner that has received its grids in every way, and the results of its
+    callbacks.
+    """
     node = begin_node()
     with gp.TerrainClient(free_endpoint, timeout=180) as client:
         heard: list[tuple[str, int]] = []
@@ -85,7 +87,7 @@ def scanned(
 
 
 def confirm(node: object, client: gp.TerrainClient) -> None:
-    """END in the place of BEGIN: grids are confirmed."""
+    """Send END instead of BEGIN, which confirms the grids."""
     node.tell("end")
     node.tell("publish 1 0 walk-a")
     node.tell("map 1 walk-a")
@@ -103,7 +105,7 @@ def kill(node: object, client: gp.TerrainClient, eventually: Callable) -> None:
 def test_a_new_node_without_grids_brings_none_of_the_dead_one(
     scanned: tuple, begin_node: Callable, eventually: Callable, then: str
 ) -> None:
-    """Killed in the swing after pause 1; then the next pause, 48 pauses, another walk, or nothing known yet."""
+    """Killed in the swing after pause 1; then the next pause, 48 pauses, another walk, or no announcement."""
     node, client, heard = scanned
     confirm(node, client)
     kill(node, client, eventually)
@@ -132,7 +134,7 @@ def test_a_new_node_without_grids_brings_none_of_the_dead_one(
 def test_a_provisional_grid_of_a_killed_node_is_stale_at_once(
     scanned: tuple, begin_node: Callable, eventually: Callable
 ) -> None:
-    """END is missed, with the camera elsewhere; the node that comes back knows that the robot walks, and no more."""
+    """END is missed while the camera moves; the restarted node knows only that the robot walks."""
     node, client, _ = scanned
     kill(node, client, eventually)
     assert handed_out(client, max_age=1e9) == []
@@ -146,7 +148,7 @@ def test_a_provisional_grid_of_a_killed_node_is_stale_at_once(
 
 
 def test_a_node_that_hangs_is_told_and_vouches_for_nothing(scanned: tuple, eventually: Callable) -> None:
-    """Stopped, not dead: the status is STALE after three seconds, and what it scanned may no longer be used."""
+    """Stopped with SIGSTOP: the status is STALE after three seconds, and its grids may no longer be used."""
     node, client, _ = scanned
     confirm(node, client)
     assert client.status().item("node") is None
@@ -164,7 +166,7 @@ def test_a_node_that_hangs_is_told_and_vouches_for_nothing(scanned: tuple, event
 def test_a_node_that_no_longer_hears_the_gait_vouches_for_nothing(
     scanned: tuple, free_endpoint: str, eventually: Callable
 ) -> None:
-    """The gait is gone, or its link: the next pause may have begun unheard. Heard again, what the node says counts."""
+    """Gait or link is lost: the next pause may have begun unnoticed. Once it is received again, grids are valid."""
     node, client, _ = scanned
 
     def said() -> str:

@@ -1,4 +1,4 @@
-"""A scan with a camera and a board of one's own, both classes in a file beside devices.toml."""
+"""Scan with user-defined camera and board classes in a file beside devices.toml."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from guara_perception.simulation.specimen import specimen
 from kinematics import RobotModel
 from tests.ports import free_endpoint
 
-# The board passes on eight members of another, so that the scan can use no more of it.
+# The board forwards eight members of another board, so that the scan can use no others.
 OWN = """
 from pathlib import Path
 
@@ -55,7 +55,7 @@ class Arm(Board):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_scan_by_devices_of_ones_own(tmp_path: Path, robot: RobotModel, capsys: pytest.CaptureFixture[str]) -> None:
-    """`guara scan --devices` finds both and makes a grid of them."""
+    """`guara scan --devices` finds both and makes a grid."""
     rig = tmp_path / "rig"
     rig.mkdir()
     (rig / "own_rig.py").write_text(OWN)

@@ -1,4 +1,4 @@
-"""The progress bar: there for a person at a terminal, not there for a file or a pipe."""
+"""Progress bar: shown at a terminal, not for a file or a pipe."""
 
 import os
 import pty
@@ -27,14 +27,14 @@ def test_nothing_is_shown_without_a_terminal(capfd):
 
 
 def test_a_pipe_gets_the_output_only():
-    """A command whose output goes through a pipe says what it says, without a bar."""
+    """A command whose output is piped prints its results without a bar."""
     done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("done\n", "")
 
 
 @pytest.mark.slow
 def test_a_terminal_gets_a_bar():
-    """On a terminal the words appear, and the bar is gone when the work is done."""
+    """At a terminal, the description appears, and the bar is removed at the end."""
     reading_end, program_end = pty.openpty()
     process = subprocess.Popen(
         [sys.executable, "-c", SCRIPT],

@@ -1,4 +1,4 @@
-"""Publishing a grid: what ROS 2 tools read holds the same cells in their own order."""
+"""Publication of a grid: messages for ROS 2 tools contain the same cells in their own order."""
 
 import dataclasses
 import time
@@ -19,7 +19,7 @@ NODE = Path(__file__).with_name("publishing_node.py")
 
 @pytest.fixture
 def session(start, free_endpoint: str, terrain_file: Path) -> Iterator[Session]:
-    """A client of a node that has published one footprint and then one map."""
+    """Client of a node that has published a footprint and then a map."""
     node = start(NODE, free_endpoint, "guara", terrain_file)
     assert node.line() == "ready"
     node.tell("publish 3")
@@ -29,12 +29,12 @@ def session(start, free_endpoint: str, terrain_file: Path) -> Iterator[Session]:
 
 
 def received(session: Session, key: str, kind: str):
-    """The latched message of a key."""
+    """Latched message of a key."""
     return NewestReceiver(session, key, lambda raw: decode(raw, kind)).wait_for(lambda _: True, 30).message
 
 
 def test_derived_grids_are_those_of_the_footprint(session: Session, paper_terrain: gp.TerrainGrid):
-    """Occupancy runs from minimum x and y, GridMap from maximum x and y; both are of the scan, not of the map."""
+    """Occupancy starts at minimum x and y, GridMap at maximum x and y; both are of the scan, not of the map."""
     occupancy = received(session, occupancy_key(), "nav_msgs/msg/OccupancyGrid")
     assert (occupancy.info.width, occupancy.info.height) == (90, 108)
     assert occupancy.info.resolution == pytest.approx(0.005)
@@ -53,7 +53,7 @@ def test_derived_grids_are_those_of_the_footprint(session: Session, paper_terrai
 
 @pytest.mark.slow
 def test_a_grid_of_ones_own_goes_out_under_a_name_of_its_own(session: Session) -> None:
-    """Beside a node, in its session and under another name; each grid replaces the one before."""
+    """Beside a node, in its session and under another name; each grid replaces the previous one."""
     points = [[x, y, 0.0] for x in np.arange(0.5025, 0.95, 0.005) for y in np.arange(-0.2675, 0.27, 0.005)]
     with gp.TerrainClient(session.endpoints[0], robot="guara_own", timeout=180) as client:
         for step in (1, 2):
@@ -70,7 +70,7 @@ def test_a_grid_of_ones_own_goes_out_under_a_name_of_its_own(session: Session) -
 
 @pytest.mark.slow
 def test_a_grid_of_ones_own_that_is_unsafe_or_none_is_not_sent(session: Session, paper_terrain: gp.TerrainGrid) -> None:
-    """The invariant is checked where the grid leaves; nothing of it arrives, and the next one does."""
+    """The invariant is checked before sending; nothing arrives, and the next grid does."""
     iy, ix = np.argwhere(paper_terrain.hazard != 0)[0]
     score = paper_terrain.traversability.copy()
     score[iy, ix] = 0.5
@@ -96,7 +96,7 @@ def test_a_grid_of_ones_own_that_is_unsafe_or_none_is_not_sent(session: Session,
 def test_a_map_of_ones_own_goes_out_and_a_closed_session_says_so(
     session: Session, robot: RobotModel, paper_scan: gp.Scan, paper_terrain: gp.TerrainGrid
 ) -> None:
-    """Either extent; after the session is closed nothing is published."""
+    """Either extent; once the session is closed, nothing is published."""
     now = dataclasses.replace(paper_terrain, stamp=time.time_ns())
     fused = gp.TerrainMap(robot).update(now, LegOdometry(robot).update(paper_scan.stance))
     with gp.TerrainClient(session.endpoints[0], robot="sensor", timeout=180) as client:

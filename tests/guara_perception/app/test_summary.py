@@ -1,4 +1,4 @@
-"""The one line that says what a grid holds."""
+"""One-line summary of a grid."""
 
 import dataclasses
 
@@ -10,7 +10,7 @@ from guara_perception.terrain.layers.record import ScanRecord
 
 
 def test_values_are_those_of_the_grid(paper_terrain: gp.TerrainGrid):
-    """Shares of known and traversable cells, the attitude's source and the commonest flags, commonest first."""
+    """Known and traversable fractions, source of the attitude, and the most frequent flags in order."""
     line = summary(paper_terrain)
     known = np.isfinite(paper_terrain.elevation).mean()
     safe = (paper_terrain.traversability > 0).mean()
@@ -24,7 +24,7 @@ def test_values_are_those_of_the_grid(paper_terrain: gp.TerrainGrid):
 
 
 def test_what_is_wrong_stands_at_the_end(paper_terrain: gp.TerrainGrid):
-    """Reasons of a degraded scan are said."""
+    """Reasons of a degraded scan."""
     metadata = {**paper_terrain.metadata, "health": {"level": "degraded", "reasons": ["stripe 4: blank", "x"]}}
     assert summary(dataclasses.replace(paper_terrain, record=ScanRecord.from_json(metadata))).endswith(
         ", stripe 4: blank; x"
@@ -32,6 +32,6 @@ def test_what_is_wrong_stands_at_the_end(paper_terrain: gp.TerrainGrid):
 
 
 def test_grid_without_a_report_has_a_line_too():
-    """Terrain assessed from heights alone has `?` for what is not known."""
+    """Terrain assessed from heights alone has `?` for unknown fields."""
     line = summary(gp.assess_terrain(np.zeros((4, 6), np.float32), 0.02))
     assert line.startswith("step 0, ?, 6x4 cells of 20 mm, known 100%, traversable 0%, attitude from ?")

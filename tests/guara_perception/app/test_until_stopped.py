@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM are heard wherever they arrive."""
+"""Ctrl-C and SIGTERM are handled on whichever thread they arrive."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import sys
 
 import pytest
 
-# Seconds for anything that must happen at all, on a machine busy with other things.
+# Longest time for an expected event on a busy machine [s].
 PATIENCE = 180.0
 BEGIN = """
 import signal, threading, time
 from guara_perception.app.until_stopped import stop_event
 """
-# The system may give a signal to any thread of a process, and only the main thread runs Python's handlers.
+# The system may deliver a signal to any thread, and only the main thread runs Python's handlers.
 GIVEN_TO_ANOTHER_THREAD = """
 with stop_event() as stop:
     threading.Timer(0.5, lambda: signal.pthread_kill(threading.get_ident(), signal.{name})).start()
@@ -39,6 +39,6 @@ def run(program: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 @pytest.mark.parametrize("program", [GIVEN_TO_ANOTHER_THREAD, WITHIN_ITS_OWN_LOCK])
 def test_a_signal_is_heard_wherever_it_arrives(program: str, name: str) -> None:
-    """In another thread, and in the main one while it holds the event's lock: the program ends in both cases."""
+    """On another thread, and on the main thread while it holds the event's lock: the program ends in both cases."""
     result = run(program.format(name=name))
     assert (result.returncode, result.stdout) == (0, "stopped\n"), result.stderr

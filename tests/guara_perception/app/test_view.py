@@ -1,4 +1,4 @@
-"""What the view has to show from each kind of file, and live."""
+"""Moments for the viewer from each kind of file, and live."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NODE = Path(__file__).with_name("publishing_node.py")
 
 
 def test_a_grid_file_is_one_moment(terrain_file: Path, robot: RobotModel, paper_terrain: gp.TerrainGrid) -> None:
-    """An .npz shows its grid, with the stance it was made from."""
+    """An .npz file shows its grid with its stance."""
     _, (moment,) = load_moments(terrain_file, robot)
     np.testing.assert_array_equal(moment.grids["footprint"].elevation, paper_terrain.elevation)
     assert moment.joint_positions == paper_terrain.metadata["stance"]["joint_positions"]
@@ -42,7 +42,7 @@ def test_a_grid_file_is_one_moment(terrain_file: Path, robot: RobotModel, paper_
 
 
 def test_a_scan_folder_shows_its_stripes(data: Path, robot: RobotModel, calibration: gp.Calibration) -> None:
-    """With a calibration a folder is processed: a grid, and the points of its stripes on the ground."""
+    """With a calibration, a folder is processed: a grid, and the points of its stripes on the ground."""
     _, (moment,) = load_moments(data / "scans" / "paper", robot, calibration)
     stripes = moment.stripes()
     assert len(stripes) == 35
@@ -72,7 +72,7 @@ def test_a_scan_folder_that_carries_its_calibration_needs_no_other(
 def test_a_recording_shows_its_grids_in_order(
     tmp_path: Path, robot: RobotModel, paper_terrain: gp.TerrainGrid, calibration: gp.Calibration
 ) -> None:
-    """Each step of a recorded walk is a moment with scan and map; without grids or scans there is nothing."""
+    """Each step of a recorded walk is a moment with scan and map; a recording without grids or scans is refused."""
     path = tmp_path / "walk.mcap"
     with RecordingWriter(path, robot="guara") as writer:
         for step in (3, 4, 5):
@@ -94,7 +94,7 @@ def test_a_recording_shows_its_grids_in_order(
 def test_what_was_confirmed_is_no_longer_provisional_in_a_recording(
     tmp_path: Path, robot: RobotModel, paper_terrain: gp.TerrainGrid
 ) -> None:
-    """Grids are recorded as they were sent first; the images of a scan follow its confirmation, and no other's."""
+    """Grids are recorded as first sent; the images of a scan, and no others, show that it was confirmed."""
     path = tmp_path / "walk.mcap"
     with RecordingWriter(path, robot="guara") as writer:
         for step in (3, 4):
@@ -117,7 +117,7 @@ def test_what_was_confirmed_is_no_longer_provisional_in_a_recording(
 def test_two_walks_of_one_recording_stay_apart(
     tmp_path: Path, robot: RobotModel, paper_terrain: gp.TerrainGrid, paper_scan: gp.Scan, calibration: gp.Calibration
 ) -> None:
-    """A gait that counts from 0 again gives other moments: grids and scans of a step go with their own walk."""
+    """A gait that restarts at 0 gives separate moments: grids and scans of a step stay with their walk."""
     path = tmp_path / "walks.mcap"
     with RecordingWriter(path, robot="guara") as writer:
         stamp = 0
@@ -152,7 +152,7 @@ def test_two_walks_of_one_recording_stay_apart(
 def test_recorded_points_are_shown_as_they_were_measured(
     tmp_path: Path, robot: RobotModel, paper_terrain: gp.TerrainGrid
 ) -> None:
-    """Recorded points belong to the scan of their stamp; nothing is processed for them."""
+    """Recorded points belong to the scan with the same stamp; nothing is processed for them."""
     path = tmp_path / "walk.mcap"
     xyz = {name: np.linspace(0.5, 0.9, 7, dtype=np.float32) for name in "xyz"}
     with RecordingWriter(path, robot="guara") as writer:
@@ -168,7 +168,7 @@ def test_recorded_points_are_shown_as_they_were_measured(
 def test_a_recording_of_scans_needs_a_calibration(
     guara: Callable, tmp_path: Path, data: Path, robot: RobotModel, calibration: gp.Calibration
 ) -> None:
-    """Recorded frames without grids are processed with the calibration that is given, and refused without."""
+    """Recorded frames without grids are processed with the given calibration, and refused without."""
     path = tmp_path / "scan.mcap"
     assert guara("convert", data / "scans" / "paper", path).code == 0
     _, (moment,) = load_moments(path, robot, calibration)
@@ -181,7 +181,7 @@ def test_a_recording_of_scans_needs_a_calibration(
 def test_a_recording_that_carries_its_calibration_needs_no_other(
     tmp_path: Path, robot: RobotModel, paper_scan: gp.Scan, calibration: gp.Calibration
 ) -> None:
-    """The calibration attached by the recorder serves; one that is damaged is named."""
+    """The calibration attached by the recorder is used; a damaged one is named."""
     path = tmp_path / "scan.mcap"
     with ScanRecorder(path, robot="guara", calibration=calibration) as recorder:
         recording = recorder.begin(0, paper_scan.mode, paper_scan.stance)
@@ -201,7 +201,7 @@ def test_a_recording_that_carries_its_calibration_needs_no_other(
 def test_the_robot_of_a_file_is_the_default(
     guara: Callable, tmp_path: Path, terrain_file: Path, paper_terrain: gp.TerrainGrid, edited_scan: Callable
 ) -> None:
-    """Of a grid, a scan folder, a recording of scans and one of grids; nothing else names a robot."""
+    """Of a grid, a scan folder, a recording of scans and one of grids, if no robot is given."""
     assert load_moments(terrain_file)[0].name == "guara"
     folder = edited_scan(lambda scan: scan.update(robot="tapir"))
     assert guara("convert", folder, tmp_path / "scan.mcap").code == 0
@@ -215,7 +215,7 @@ def test_the_robot_of_a_file_is_the_default(
 
 
 def test_what_cannot_be_shown_is_refused(guara: Callable, tmp_path: Path, robot: RobotModel) -> None:
-    """Missing, foreign and broken files: one line and exit code 2."""
+    """Missing, foreign and damaged files: one line and exit code 2."""
     with pytest.raises(MissingFile, match="nowhere.npz: no such file or folder"):
         load_moments(tmp_path / "nowhere.npz", robot)
     (tmp_path / "notes.txt").write_text("")
@@ -232,7 +232,7 @@ def test_what_cannot_be_shown_is_refused(guara: Callable, tmp_path: Path, robot:
 def test_live_grids_are_shown_as_they_come(
     start: Callable, free_endpoint: str, terrain_file: Path, robot: RobotModel, eventually: Callable
 ) -> None:
-    """Every grid that a node publishes becomes a moment, until asked to stop."""
+    """Every grid that a node publishes becomes a moment, until stopped."""
     node = start(NODE, free_endpoint, "guara", terrain_file)
     assert node.line() == "ready"
     shown: list[Moment] = []
@@ -269,7 +269,7 @@ def test_live_grids_are_shown_as_they_come(
 def test_a_live_view_says_how_old_its_ground_is_and_that_its_node_is_gone(
     start: Callable, free_endpoint: str, terrain_file: Path, robot: RobotModel, eventually: Callable
 ) -> None:
-    """What a dead node left stays on the page, in red and with the reason; nothing new is shown."""
+    """The last grid of a dead node stays on the page, marked red with the reason; nothing new is shown."""
     node = start(NODE, free_endpoint, "guara", terrain_file)
     assert node.line() == "ready"
     shown: list[Moment] = []
@@ -294,7 +294,7 @@ def test_a_live_view_of_another_robot_says_so(
     caplog: pytest.LogCaptureFixture,
     eventually: Callable,
 ) -> None:
-    """Joints that the robot to be drawn does not have: one line that names it, and no traceback."""
+    """Joints that the drawn robot does not have give one line that names the robot, and no traceback."""
     node = start(NODE, free_endpoint, "guara", terrain_file)
     assert node.line() == "ready"
     tapir = load_robot(root / "tests" / "robots" / "tapir")
@@ -313,7 +313,7 @@ def test_a_live_view_without_anything_to_show_says_what_it_waits_for(
     monkeypatch: pytest.MonkeyPatch,
     eventually: Callable,
 ) -> None:
-    """A name that no robot has: one line with those that live. A robot without a grid: one that says so."""
+    """Unknown name: one line with the running robots. Robot without a grid: one line that says so."""
     monkeypatch.setattr(view, "SILENCE", 0.2)
     node = start(NODE, free_endpoint, "rex", terrain_file)
     assert node.line() == "ready"

@@ -68,7 +68,7 @@ def test_good_session(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def wrong_height(content: dict[str, Any]) -> None:
-    """The median plate is said to be 2 mm higher than it is."""
+    """Raise the height of the median plate by 2 mm in the session."""
     content["plates"][1]["height"] = 0.042
 
 
@@ -85,7 +85,7 @@ def test_refused_session(
     made: list[CalibrationResult] = []
 
     def once(*arguments: Any, **more: Any) -> CalibrationResult:
-        """The same pictures give the same result: it is computed the first time."""
+        """Cache the result of a calibration, since the same pictures give the same result."""
         made.append(made[0] if made else calibrate_session(*arguments, **more))
         return made[-1]
 
@@ -114,7 +114,7 @@ def test_refusal_in_python(session_copy: Callable[..., Path]) -> None:
 
 
 def drop(name: str) -> Edit:
-    """A change that removes a field."""
+    """Make an edit that removes a field."""
     return lambda content: content.pop(name)
 
 
@@ -156,7 +156,7 @@ BROKEN: list[tuple[Edit, str]] = [
 def test_broken_session_file(
     session_copy: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], edit: Edit, reason: str
 ) -> None:
-    """A session file that is wrong exits 2 with one line that names the field, before any work is done."""
+    """An invalid session file exits 2 before any work, with one line that names the field."""
     assert run(["calibrate", str(session_copy(edit)), "-o", str(tmp_path / "c.json")]) == 2
     said = capsys.readouterr().err
     assert reason in said
@@ -187,14 +187,14 @@ def test_bad_options(
     arguments: list[str],
     reason: str,
 ) -> None:
-    """Options that cannot work are refused with exit 2."""
+    """Invalid options exit 2."""
     monkeypatch.chdir(tmp_path)
     assert run(["calibrate", str(data / "calibration"), *arguments]) == 2
     assert reason in capsys.readouterr().err
 
 
 def test_no_session(tmp_path: Path) -> None:
-    """A folder that is not there, and one without session.json, are said to be missing."""
+    """A missing folder and a folder without session.json are reported as missing."""
     with pytest.raises(gp.MissingFile, match="no such folder; a calibration session is a folder with session.json"):
         open_session(tmp_path / "none")
     with pytest.raises(gp.MissingFile, match="contains no session.json, so it is not a calibration session"):
@@ -202,7 +202,7 @@ def test_no_session(tmp_path: Path) -> None:
 
 
 def test_report_folder_that_is_a_file(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A report cannot go where a file is; it is said before the work."""
+    """A file given as report folder is refused before any work."""
     (tmp_path / "report").write_text("")
     arguments = [
         "calibrate",
@@ -273,7 +273,7 @@ KALIBR = """cam0:
 
 @pytest.mark.parametrize("text", [OPENCV, KALIBR, OPENCV.replace("camera_matrix", "cameraMatrix")])
 def test_camera_of_opencv_and_kalibr(tmp_path: Path, text: str) -> None:
-    """Files as OpenCV's FileStorage and Kalibr write them give the camera that they hold."""
+    """Files as written by OpenCV's FileStorage and by Kalibr give the same camera."""
     (tmp_path / "lens.yaml").write_text(text)
     camera = read_camera_info(tmp_path / "lens.yaml")
     assert camera.size == (640, 512)
@@ -282,7 +282,7 @@ def test_camera_of_opencv_and_kalibr(tmp_path: Path, text: str) -> None:
 
 
 def test_camera_as_opencv_itself_writes_it(tmp_path: Path) -> None:
-    """What cv2.FileStorage writes is read back."""
+    """A file written by cv2.FileStorage is read back unchanged."""
     matrix, lens = np.array([[589.1, 0, 323.4], [0, 587.7, 251.9], [0, 0, 1]]), np.array([[-0.24, 0.06, 1e-4, 0, 0.01]])
     storage = cv2.FileStorage(str(tmp_path / "lens.yml"), cv2.FILE_STORAGE_WRITE)
     for name, value in (("image_width", 640), ("image_height", 512), ("K", matrix), ("D", lens)):
@@ -294,13 +294,13 @@ def test_camera_as_opencv_itself_writes_it(tmp_path: Path) -> None:
 
 
 def without_board(content: dict[str, Any]) -> None:
-    """A session of somebody who has no board."""
+    """Remove the board and its pictures from a session."""
     for name in ("board", "board_images", "ground_board_image"):
         del content[name]
 
 
 def one_board(content: dict[str, Any]) -> None:
-    """A session with nothing of the board but the picture on the floor."""
+    """Keep only the board picture on the floor."""
     content["board_images"] = []
 
 
@@ -320,7 +320,7 @@ def test_known_lens(
     edit: Edit,
     refusal: str,
 ) -> None:
-    """With a lens from elsewhere a session needs no picture of a board: it keeps that lens and finds the mount."""
+    """With a known lens, a session needs no board pictures; the lens is kept and the mount is estimated."""
     monkeypatch.setattr(drawing, "to_png", lambda figure: b"")
     folder, lens, out, report = session_copy(edit), tmp_path / "lens.yaml", tmp_path / "c.json", tmp_path / "report"
     lens.write_text(OPENCV)
@@ -342,7 +342,7 @@ def test_known_lens(
 
 @pytest.mark.slow
 def test_known_lens_of_other_pictures(session_copy: Callable[..., Path], tmp_path: Path) -> None:
-    """A lens of another picture size is refused with both sizes; without a floor board one is asked for."""
+    """A lens for another picture size is refused with both sizes; without a floor board, one is requested."""
     (tmp_path / "lens.yaml").write_text(KALIBR.replace("[640, 512]", "[1280, 1024]"))
     folder = session_copy()
     with pytest.raises(gp.CalibrationMismatch, match=r"was calibrated at 1280x1024 px, but fiducials.jpg has 640x512"):
@@ -356,7 +356,7 @@ def test_known_lens_of_other_pictures(session_copy: Callable[..., Path], tmp_pat
 
 @pytest.mark.slow
 def test_square_other_than_the_session_says(session_copy: Callable[..., Path], tmp_path: Path) -> None:
-    """`square` replaces the session's: the board was measured again, and pictures need not be."""
+    """`square` overrides the session, so that the board can be measured again without new pictures."""
     folder = session_copy(lambda content: content["board"].update(square=0.025))
     assert run(["calibrate", str(folder), "-o", str(tmp_path / "c.json"), "--square", "0.03"]) == 0
     assert gp.load_calibration(tmp_path / "c.json").quality["verdict"] != "refused"
@@ -389,7 +389,7 @@ def test_square_other_than_the_session_says(session_copy: Callable[..., Path], t
     ],
 )
 def test_bad_camera_info(tmp_path: Path, text: str, reason: str) -> None:
-    """A file that is no camera_info is refused by field."""
+    """An invalid camera_info file is refused, naming the field."""
     (tmp_path / "bad.yaml").write_text(text)
     with pytest.raises(gp.FileFormatError, match=re.escape(reason)):
         read_camera_info(tmp_path / "bad.yaml")

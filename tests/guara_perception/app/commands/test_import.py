@@ -1,4 +1,4 @@
-"""`guara import`: scans and sessions of pictures with odd names and of many formats; what does not fit is named."""
+"""`guara import`: scans and sessions from pictures of many formats with irregular names; every misfit is named."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from kinematics import RobotModel
 
 
 def noise(seed: int, size: tuple[int, int] = (48, 64), dtype: type = np.uint8) -> np.ndarray:
-    """A picture unlike any other."""
+    """Random picture, different at each call."""
     return np.random.default_rng(seed).integers(0, np.iinfo(dtype).max, size, dtype=dtype)
 
 
 def write(folder: Path, names: list[str], **of: object) -> list[Path]:
-    """Pictures of these names, each of its own."""
+    """Write a different picture under each name."""
     for seed, name in enumerate(names):
         assert cv2.imwrite(str(folder / name), noise(seed, **of))  # type: ignore[arg-type]
     return [folder / name for name in names]
@@ -30,7 +30,9 @@ def write(folder: Path, names: list[str], **of: object) -> list[Path]:
 
 @pytest.mark.parametrize("suffix", ["bmp", "tiff", "pgm", "png"])
 def test_odd_names_become_a_scan(guara, tmp_path: Path, robot: RobotModel, suffix: str):
-    """Numbers without zeros before, words in the names, one dark picture: a coarse scan with robot.toml's angles."""
+    """Numbers without leading zeros, words in the names and one dark picture give a coarse scan with the angles of
+    robot.toml.
+    """
     names = [f"Foto on n° {n} (2).{suffix}" for n in range(35)]
     dtype = np.uint8 if suffix == "bmp" else np.uint16
     files = write(tmp_path, [*names, f"DARK.{suffix}"], dtype=dtype)
@@ -46,7 +48,7 @@ def test_odd_names_become_a_scan(guara, tmp_path: Path, robot: RobotModel, suffi
 
 
 def test_pairs_and_joints(guara, tmp_path: Path, robot: RobotModel):
-    """Each stripe has its own dark picture, some stripes are missing, and joints come from a table."""
+    """Each stripe has its own dark picture, some stripes are missing, and the joints come from a CSV file."""
     (tmp_path / "p").mkdir()
     numbers = [n for n in range(70) if n != 13]
     write(tmp_path / "p", [f"{n:02d}_{word}.png" for n in numbers for word in ("laser", "background")])
@@ -67,7 +69,7 @@ def test_pairs_and_joints(guara, tmp_path: Path, robot: RobotModel):
 
 
 def test_what_is_not_given_is_asked(guara, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """On a terminal kind and posture are asked, and after the preview whether to write."""
+    """On a terminal, kind and posture are asked for, and confirmation after the preview."""
     write(tmp_path, [f"{n}.png" for n in range(35)])
     asked: list[str] = []
 
@@ -112,50 +114,50 @@ def test_a_session(guara, data: Path, tmp_path: Path, robot: RobotModel):
 
 
 def duplicate(folder: Path) -> list[str]:
-    """Two pictures of one number."""
+    """Give two pictures the same number."""
     write(folder, ["a_1.png", "b_1.png", "a_2.png"])
     return []
 
 
 def two_orders(folder: Path) -> list[str]:
-    """Two numbers that contradict one another."""
+    """Give the pictures two numbers that imply different orders."""
     write(folder, ["1_9.png", "2_8.png", "3_7.png"])
     return []
 
 
 def odd_name(folder: Path) -> list[str]:
-    """One picture has another name than the others."""
+    """Give one picture an irregular name."""
     write(folder, ["1.png", "2.png", "extra.png"])
     return []
 
 
 def unnumbered(folder: Path) -> list[str]:
-    """No number anywhere."""
+    """Remove all numbers from the names."""
     write(folder, ["a.png", "b.png"])
     return []
 
 
 def alone(folder: Path) -> list[str]:
-    """Pictures without a partner on both sides."""
+    """Leave a laser-on and a laser-off picture without a partner."""
     write(folder, ["on_1.png", "off_1.png", "on_2.png", "off_3.png"])
     return []
 
 
 def sizes(folder: Path) -> list[str]:
-    """One picture of another size."""
+    """Change the size of one picture."""
     write(folder, ["0.png", "1.png"])
     write(folder, ["2.png"], size=(60, 80))
     return []
 
 
 def dark_only(folder: Path) -> list[str]:
-    """No picture with the laser."""
+    """Keep only laser-off pictures."""
     write(folder, ["off_1.png", "off_2.png"])
     return []
 
 
 def broken(folder: Path) -> list[str]:
-    """A file that is no picture."""
+    """Replace a picture by a file that is not one."""
     (folder / "1.png").write_bytes(b"x")
     return []
 
@@ -214,7 +216,7 @@ def with_options(*options: str) -> Callable[[Path], list[str]]:
     ],
 )
 def test_what_does_not_fit_is_named(guara, tmp_path: Path, make: Callable[[Path], list[str]], reason: str):
-    """Exit 2, one line, nothing written."""
+    """Exit 2 with one line; nothing is written."""
     (tmp_path / "p").mkdir()
     options = make(tmp_path / "p")
     said = guara("import", tmp_path / "p", "-o", tmp_path / "out", *options)
@@ -223,7 +225,7 @@ def test_what_does_not_fit_is_named(guara, tmp_path: Path, make: Callable[[Path]
 
 
 def test_a_target_that_is_there(guara, tmp_path: Path):
-    """Nothing is written over."""
+    """An existing target is not overwritten."""
     write(tmp_path, ["1.png"])
     said = guara("import", tmp_path / "1.png", "-o", tmp_path)
     assert said.code == 2 and "exists; give another name" in said.err

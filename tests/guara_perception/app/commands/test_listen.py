@@ -1,4 +1,4 @@
-"""`guara listen`: what it prints, when it ends; where signals or counts end it, in a process of its own."""
+"""`guara listen`: output and end, in a separate process where signals or counts end it."""
 
 import json
 from pathlib import Path
@@ -16,14 +16,14 @@ GUARA = ("-m", "guara_perception.app.main")
 
 @pytest.fixture(scope="module")
 def node(start, module_endpoint: str, terrain_file: Path):
-    """A node that publishes what it is asked to."""
+    """Node that publishes on command."""
     process = start(NODE, module_endpoint, "guara", terrain_file)
     assert process.line() == "ready"
     return process
 
 
 def test_count_ends_it_after_the_last_grid(node, start, module_endpoint: str):
-    """The grid that was published before comes at once, one line, and with --count 1 that is all."""
+    """With --count 1, the grid published before is printed at once, and the command ends."""
     node.tell("publish 7")
     listener = start(*GUARA, "listen", "--connect", module_endpoint, "--count", "1", "--timeout", "60")
     line = listener.line()
@@ -32,7 +32,7 @@ def test_count_ends_it_after_the_last_grid(node, start, module_endpoint: str):
 
 
 def test_every_new_grid_is_a_line_until_interrupted(node, start, module_endpoint: str):
-    """Lines come as grids come; Ctrl-C ends it cleanly with exit 0 and says how many there were."""
+    """Each grid is printed as it arrives; Ctrl-C ends the command with exit 0 and the number of grids."""
     node.tell("publish 8")
     listener = start(*GUARA, "listen", "--connect", module_endpoint)
     assert ": step 8, " in listener.line()
@@ -43,7 +43,7 @@ def test_every_new_grid_is_a_line_until_interrupted(node, start, module_endpoint
 
 
 def test_the_compact_encoding_shows_the_same_grid(node, guara, module_endpoint: str):
-    """`--encoding compact` says of the grid what the lossless one says; in Python it tells how it was rounded."""
+    """`--encoding compact` prints the same line as the lossless encoding; in Python, the record states the rounding."""
     node.tell("publish 10")
     lines = []
     for encoding in ("lossless", "compact"):
@@ -70,7 +70,7 @@ def test_other_extent(node, guara, module_endpoint: str):
 
 
 def test_a_name_that_nobody_has_is_said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    """Without --timeout it waits, and says for what; a node that is there brings no line."""
+    """Without --timeout, a line says that no such node is visible; a running node gives no line."""
     monkeypatch.setattr(listen, "SILENCE", 0.0)
     for is_alive in (True, False):
         listen.report_missing_node(SimpleNamespace(is_alive=is_alive), "tapir")  # type: ignore[arg-type]
@@ -80,7 +80,7 @@ def test_a_name_that_nobody_has_is_said(monkeypatch: pytest.MonkeyPatch, capsys:
 
 
 def test_no_grid_in_time_is_a_failure(node, guara, module_endpoint: str):
-    """Nothing published under that name: exit 1, one line."""
+    """No grid under this name: exit 1 with one line."""
     said = guara("listen", "--connect", module_endpoint, "--robot", "tapir", "--count", "1", "--timeout", "0.5")
     assert said.code == 1
     assert said.err.count("\n") == 1 and "tapir/perception/v1/terrain' within 0.5 s" in said.err
@@ -88,7 +88,7 @@ def test_no_grid_in_time_is_a_failure(node, guara, module_endpoint: str):
 
 @pytest.mark.slow
 def test_nobody_there_is_a_failure(guara, free_endpoint: str):
-    """No node: exit 1, one line that says what to check."""
+    """No node: exit 1 with one line that lists what to check."""
     said = guara("listen", "--connect", free_endpoint, "--count", "1")
     assert said.code == 1
     assert said.err.count("\n") == 1 and f"cannot connect to {free_endpoint}" in said.err
@@ -96,6 +96,6 @@ def test_nobody_there_is_a_failure(guara, free_endpoint: str):
 
 @pytest.mark.parametrize("endpoint", ["127.0.0.1:7447", "tcp/nowhere", "tcp/127.0.0.1:x"])
 def test_bad_endpoint_is_bad_usage(guara, endpoint: str):
-    """An endpoint that cannot be one: exit 2, with an example of one that can."""
+    """An invalid endpoint exits 2 and shows a valid example."""
     said = guara("listen", "--connect", endpoint, "--count", "1")
     assert said.code == 2 and endpoint in said.err and said.err.count("\n") == 1

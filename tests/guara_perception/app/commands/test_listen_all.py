@@ -1,4 +1,4 @@
-"""`guara listen --all` as a user runs it: a table, JSON, and what it says when there is nobody."""
+"""`guara listen --all`: table, JSON, and the message when no robot is running."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,7 @@ PUBLISHING_NODE = Path(__file__).parent.parent / "publishing_node.py"
 
 @pytest.mark.slow
 def test_the_robots_of_a_router_are_listed(guara, start, free_endpoint: str, terrain_file: Path) -> None:
-    """One line per robot under a heading; the same as JSON; a name selects one robot."""
+    """A table with one line per robot, the same as JSON, and selection of one robot by name."""
     node = start(PUBLISHING_NODE, free_endpoint, "rex", terrain_file)
     assert node.line() == "ready"
     node.tell("publish 12")

@@ -1,4 +1,4 @@
-"""`guara process`: the file it writes, and what it leaves out of damaged scans when it is to go on."""
+"""`guara process`: its output file, and the scans with bad frames that --keep-going accepts."""
 
 import json
 import zipfile
@@ -20,7 +20,7 @@ LAYERS = {**dict.fromkeys(FLOATS, np.float32), "hazard": np.uint16, "age": np.ui
 
 @pytest.fixture(scope="module")
 def processed(data: Path, calibration_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """OUT.npz of the paper scan, made by the command."""
+    """OUT.npz of the paper scan, as written by the command."""
     from guara_perception.app.main import run
 
     out = tmp_path_factory.mktemp("processed") / "out.npz"
@@ -30,7 +30,7 @@ def processed(data: Path, calibration_file: Path, tmp_path_factory: pytest.TempP
 
 @pytest.mark.slow
 def test_says_what_it_made(guara, data: Path, calibration_file: Path, tmp_path: Path):
-    """One line on standard output: the file, the step, what is known and why the rest is not."""
+    """One line on standard output: file, step, known fraction, and causes of the unknown cells."""
     out = tmp_path / "out.npz"
     said = guara("process", data / "scans" / "paper", "-c", calibration_file, "-o", out)
     assert said.code == 0 and said.err == ""
@@ -40,7 +40,7 @@ def test_says_what_it_made(guara, data: Path, calibration_file: Path, tmp_path: 
 
 @pytest.mark.slow
 def test_file_holds_every_promised_name(processed: Path, paper_scan: gp.Scan):
-    """Names, types and shapes of docs/files.md, readable by NumPy alone without pickles."""
+    """Names, types and shapes are those of docs/files.md, and NumPy reads the file without pickles."""
     with np.load(processed, allow_pickle=False) as content:
         assert set(content.files) == {
             *LAYERS, "origin", "resolution", "frame", "stamp", "step", "metadata", "ortho_image_mm", "range_image_mm"
@@ -72,7 +72,7 @@ def test_file_is_the_grid_that_python_makes(processed: Path, paper_terrain: gp.T
 
 @pytest.mark.slow
 def test_file_keeps_the_safety_invariant(processed: Path):
-    """Read with NumPy alone: NaN and unknown flags agree, and traversable means without any flag."""
+    """Read with NumPy alone: NaN agrees with the unknown flags, and traversable cells have no flag."""
     with np.load(processed) as content:
         unknown = (content["hazard"] & UNKNOWN_MASK) != 0
         np.testing.assert_array_equal(np.isnan(content["elevation"]), unknown)
@@ -80,7 +80,7 @@ def test_file_keeps_the_safety_invariant(processed: Path):
 
 
 def truth_under_pictures(data: Path) -> tuple[np.ndarray, np.ndarray]:
-    """True heights [mm] under the centres of the pictures' pixels, and whether ground is flat and seen there."""
+    """True heights [mm] below the pixel centres of the range images, and a mask of flat, visible ground."""
     with np.load(data / "scans" / "paper" / "truth.npz") as truth:
         elevation, seen = truth["elevation"] * 1e3, truth["visible"] & truth["lit"] & ~truth["dark"]
     x = 0.50 + (np.arange(512) + 0.5) * 0.45 / 512
@@ -101,14 +101,14 @@ def test_orthorectified_picture_lies_where_its_mapping_says(processed: Path, dat
     known = np.isfinite(picture) & flat
     assert known.sum() > 0.5 * flat.sum() and np.unique(np.round(height[known], -1)).size >= 4
     assert np.percentile(np.abs(picture - height)[known], 99) < 1.0
-    # Any flip or transposition puts boxes on the wrong ground.
+    # A flip or transposition would put the boxes in the wrong place.
     for wrong in (picture[::-1], picture[:, ::-1], picture[::-1, ::-1]):
         both = np.isfinite(wrong) & flat
         assert np.percentile(np.abs(wrong - height)[both], 99) > 5.0
 
 
 def test_perspective_picture_leans_away_from_the_camera(processed: Path, data: Path, paper_scan: gp.Scan):
-    """On the floor both pictures agree; the perspective one shows a box top where its ray meets the floor."""
+    """On the floor, both range images agree; the perspective one shows a box top where its ray meets the floor."""
     height, flat = truth_under_pictures(data)
     with np.load(processed) as content:
         ortho, perspective = content["ortho_image_mm"], content["range_image_mm"]
@@ -130,7 +130,7 @@ def test_perspective_picture_leans_away_from_the_camera(processed: Path, data: P
 @pytest.mark.slow
 @pytest.mark.parametrize(("resolution", "shape"), [("0.01", (54, 45)), ("0.015", (36, 30))])
 def test_resolution_is_taken(guara, data: Path, calibration_file: Path, tmp_path: Path, resolution, shape):
-    """Another cell size that divides the area."""
+    """A different cell size that divides the area."""
     out = tmp_path / "out.npz"
     command = ["process", data / "scans" / "tilt", "-c", calibration_file, "-o", out, "--resolution", resolution]
     assert guara(*command).code == 0
@@ -139,7 +139,7 @@ def test_resolution_is_taken(guara, data: Path, calibration_file: Path, tmp_path
 
 @pytest.mark.slow
 def test_keep_going_leaves_a_bad_frame_unknown(guara, paper_copy: Path, calibration_file: Path, tmp_path: Path):
-    """With --keep-going a frame of another size costs its stripe, and the line says which and why."""
+    """With --keep-going, the stripe of a frame of another size is unknown, and the line names stripe and reason."""
     path = paper_copy / "on_010.jpg"
     cv2.imwrite(str(path), cv2.imread(str(path))[::2, ::2])
     said = guara("process", paper_copy, "-c", calibration_file, "-o", tmp_path / "out.npz", "--keep-going")
@@ -149,7 +149,7 @@ def test_keep_going_leaves_a_bad_frame_unknown(guara, paper_copy: Path, calibrat
 
 @pytest.mark.slow
 def test_keep_going_goes_on_without_a_missing_frame(guara, paper_copy: Path, calibration_file: Path, tmp_path: Path):
-    """It costs its stripe, which was fired: no ground of it is known; without the option the scan is refused."""
+    """The ground of its stripe is unknown although it was fired; without the option, the scan is refused."""
     arguments = ["process", paper_copy, "-c", calibration_file, "-o", tmp_path / "out.npz"]
     assert guara(*arguments).code == 0
     whole = gp.load_terrain(tmp_path / "out.npz")
@@ -165,7 +165,7 @@ def test_keep_going_goes_on_without_a_missing_frame(guara, paper_copy: Path, cal
 
 @pytest.mark.slow
 def test_keep_going_leaves_an_unreadable_frame_unknown(guara, paper_copy: Path, calibration_file: Path, tmp_path: Path):
-    """A frame file that was cut off costs its stripe with --keep-going, and is refused by name without."""
+    """With --keep-going, a truncated frame file makes its stripe unknown; without, the file is named in an error."""
     name = "on_010.jpg"
     (paper_copy / name).write_bytes((paper_copy / name).read_bytes()[:30])
     arguments = ["process", paper_copy, "-c", calibration_file, "-o", tmp_path / "out.npz"]
@@ -179,7 +179,7 @@ def test_keep_going_leaves_an_unreadable_frame_unknown(guara, paper_copy: Path, 
 
 @pytest.mark.slow
 def test_two_methods_give_two_files(guara, data: Path, calibration_file: Path, tmp_path: Path):
-    """The first method goes into OUT, the second beside it, each line saying which file it is about."""
+    """The first method is written to OUT, the second beside it; each line names its file."""
     out = tmp_path / "out.npz"
     said = guara("process", data / "scans" / "paper", "-c", calibration_file, "-o", out, "--method", "precise,paper")
     assert said.code == 0
@@ -190,7 +190,7 @@ def test_two_methods_give_two_files(guara, data: Path, calibration_file: Path, t
 
 @pytest.mark.slow
 def test_old_file_survives_a_failure(guara, paper_copy: Path, calibration_file: Path, tmp_path: Path):
-    """A result from before is not touched by a run that fails half way."""
+    """A failing run does not touch an earlier result."""
     out = tmp_path / "out.npz"
     assert guara("process", paper_copy, "-c", calibration_file, "-o", out).code == 0
     before = out.read_bytes()

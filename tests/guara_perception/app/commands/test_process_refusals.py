@@ -1,4 +1,4 @@
-"""`guara process`: every kind of bad input, refused before anything is written."""
+"""`guara process` refuses every kind of bad input before anything is written."""
 
 import json
 from collections.abc import Callable
@@ -11,7 +11,7 @@ Change = Callable[[Path], object]
 
 
 def scan_json(change: Callable[[dict], object]) -> Change:
-    """A change of the scan.json of a copied scan."""
+    """Edit the scan.json of a copied scan."""
 
     def apply(folder: Path) -> None:
         content = json.loads((folder / "scan.json").read_text())
@@ -22,13 +22,13 @@ def scan_json(change: Callable[[dict], object]) -> Change:
 
 
 def resize_all(folder: Path) -> None:
-    """Every frame at half its size."""
+    """Shrink every frame to half its size."""
     for path in folder.glob("*.jpg"):
         cv2.imwrite(str(path), cv2.imread(str(path))[::2, ::2])
 
 
 def rename_joint(content: dict) -> None:
-    """A joint under a name that the robot does not know."""
+    """Rename a joint to a name that the robot does not have."""
     joints = content["stance"]["joint_positions"]
     joints["lf_hap_joint"] = joints.pop("lf_haa_joint")
 
@@ -73,7 +73,7 @@ BAD_SCANS: dict[str, tuple[Change, str]] = {
 def test_bad_scan_is_refused(
     guara, paper_copy: Path, calibration_file: Path, tmp_path: Path, change: Change, reported: str
 ):
-    """Exit 2, one line that names file and field; no output file, whole or half, nor one beside it."""
+    """Exit 2 with one line that names file and field; no output file and no temporary file is left."""
     change(paper_copy)
     folder = tmp_path / "results"
     folder.mkdir()
@@ -96,7 +96,7 @@ BAD_CALIBRATIONS: dict[str, tuple[Callable[[dict], object], str]] = {
 
 @pytest.mark.parametrize(("change", "reported"), BAD_CALIBRATIONS.values(), ids=BAD_CALIBRATIONS)
 def test_bad_calibration_is_refused(guara, data: Path, calibration_file: Path, tmp_path: Path, change, reported: str):
-    """The calibration is checked as the scan is, and must be the scan's."""
+    """The calibration is checked like the scan, and must belong to it."""
     content = json.loads(calibration_file.read_text())
     change(content)
     bad = tmp_path / "bad.json"
@@ -107,7 +107,7 @@ def test_bad_calibration_is_refused(guara, data: Path, calibration_file: Path, t
 
 
 def bad_options(data: Path, calibration: Path, folder: Path) -> dict[str, tuple[list[object], str]]:
-    """Command lines with an option that is not valid."""
+    """Command lines with an invalid option each."""
     scan, out = data / "scans" / "paper", folder / "out.npz"
     return {
         "scan not there": ([folder / "no", "-c", calibration, "-o", out], "no: no such scan"),
@@ -142,7 +142,7 @@ def bad_options(data: Path, calibration: Path, folder: Path) -> dict[str, tuple[
 
 @pytest.mark.parametrize("case", bad_options(Path(), Path(), Path()))
 def test_bad_option_is_refused(guara, data: Path, calibration_file: Path, tmp_path: Path, case: str):
-    """Options are checked before any work, and nothing is written."""
+    """Options are checked before any work; nothing is written."""
     arguments, reported = bad_options(data, calibration_file, tmp_path)[case]
     said = guara("process", *arguments)
     assert said.code == 2 and said.out == "" and reported in said.err and said.err.count("\n") == 1
@@ -150,7 +150,7 @@ def test_bad_option_is_refused(guara, data: Path, calibration_file: Path, tmp_pa
 
 
 def test_scan_without_a_readable_frame_is_refused(guara, paper_copy: Path, calibration_file: Path, tmp_path: Path):
-    """With no frame at all it does not go on: the first frame is named."""
+    """Without any readable frame, --keep-going fails too and names the first frame."""
     for path in paper_copy.glob("on_*.jpg"):
         path.write_bytes(b"")
     arguments = ["process", paper_copy, "-c", calibration_file, "-o", tmp_path / "out.npz", "--keep-going"]

@@ -1,4 +1,4 @@
-"""`guara replay`: fused grids of recorded scans, saved and published, and every kind of bad input."""
+"""`guara replay`: fused grids of recorded scans, saved and published, and refusals of bad input."""
 
 import time
 from dataclasses import replace
@@ -20,7 +20,7 @@ GUARA = ("-m", "guara_perception.app.main")
 
 @pytest.mark.slow
 def test_saves_both_grids_of_every_pause(guara, data: Path, calibration_file: Path, tmp_path: Path):
-    """A file per pause and extent, one line each; the map of the second pause knows what both scans saw."""
+    """One file and one line per pause and extent; the second map contains the ground of both scans."""
     scans = data / "scans"
     said = guara("replay", scans / "paper", scans / "dark", "-c", calibration_file, "-o", tmp_path / "grids")
     assert said.code == 0 and said.err == ""
@@ -31,7 +31,7 @@ def test_saves_both_grids_of_every_pause(guara, data: Path, calibration_file: Pa
     first, second = (gp.load_terrain(tmp_path / "grids" / f"{name}-map.npz") for name in ("0000-step0", "0001-step2"))
     assert (first.extent, first.shape, second.step) == ("map", (140, 320), 2)
     assert second.metadata["scans"] == 2
-    # Two scans of different boxes from one position cannot agree.
+    # Two scans of different boxes from the same position contradict each other.
     assert np.count_nonzero(second.hazard & Hazard.CONFLICT) > 500
 
 
@@ -45,7 +45,7 @@ def test_only_the_extent_that_is_wanted(guara, data: Path, calibration_file: Pat
 
 @pytest.mark.slow
 def test_an_earlier_step_begins_another_walk(guara, data: Path, calibration_file: Path, tmp_path: Path):
-    """Step 0 after step 2: reported, and the map holds the last scan alone."""
+    """Step 0 after step 2 is reported, and the map contains the last scan only."""
     scans = data / "scans"
     said = guara("replay", scans / "dark", scans / "paper", "-c", calibration_file, "-o", tmp_path, "--extent", "map")
     assert said.code == 0
@@ -55,7 +55,7 @@ def test_an_earlier_step_begins_another_walk(guara, data: Path, calibration_file
 
 @pytest.mark.slow
 def test_walks_of_one_recording_are_kept_apart(guara, data: Path, calibration_file: Path, tmp_path: Path):
-    """The steps begin anew in the same file: a map for each walk, and no scan of one replaces one of the other."""
+    """If the steps restart within a file, each walk has its own map and its own files."""
     paper, dark = (gp.open_scan(data / "scans" / name) for name in ("paper", "dark"))
     write_recording([paper, dark, paper], None, tmp_path / "walks.mcap", None)
     said = guara("replay", tmp_path / "walks.mcap", "-c", calibration_file, "-o", tmp_path / "maps", "--extent", "map")
@@ -69,7 +69,7 @@ def test_walks_of_one_recording_are_kept_apart(guara, data: Path, calibration_fi
 def test_another_epoch_is_another_walk(
     guara, monkeypatch: pytest.MonkeyPatch, data: Path, calibration_file: Path, tmp_path: Path
 ):
-    """Also if its steps go on where the walk before it ended."""
+    """A new epoch begins another walk even if the steps continue."""
     scans = [replace(gp.open_scan(data / "scans" / name), epoch=name) for name in ("paper", "dark")]
     monkeypatch.setattr(open_scan, "open_scans", lambda path: scans)
     said = guara("replay", tmp_path, "-c", calibration_file, "-o", tmp_path, "--extent", "map")
@@ -81,11 +81,11 @@ def test_another_epoch_is_another_walk(
 def test_publishes_for_planners(
     start, guara, monkeypatch: pytest.MonkeyPatch, data: Path, calibration_file: Path, free_endpoint: str
 ):
-    """A listener in another process receives the fused grid of each pause, though it joined after the first."""
+    """A listener in another process receives the fused grid of each pause, even if it joins after the first."""
     scans, pauses, listeners = data / "scans", [], []
 
     def sleep(seconds: float) -> None:
-        """Between two grids, and after the last: until the listener has what was published."""
+        """Wait between two grids, and after the last, until the listener has received them."""
         pauses.append(seconds)
         if not listeners:
             arguments = ("listen", "--connect", free_endpoint, "--extent", "map", "--count", "2", "--timeout", "60")
@@ -135,7 +135,7 @@ def _write_foreign(path: Path, topic: str, schema: str, encoding: str, payload: 
 
 @pytest.mark.parametrize("kind", FOREIGN)
 def test_a_foreign_recording_is_reported(guara, calibration_file: Path, tmp_path: Path, kind: str):
-    """A well-formed .mcap of another program: one line and exit 2 from commands that need a scan, no traceback."""
+    """A valid .mcap of another program gives one line and exit 2 from commands that need a scan."""
     path = tmp_path / "foreign.mcap"
     _write_foreign(path, *FOREIGN[kind])
     for arguments in (
@@ -174,7 +174,7 @@ def test_bad_input_is_refused_in_one_line(
 
 
 def test_missing_scans_are_refused(guara, calibration_file: Path, tmp_path: Path):
-    """No scan named, or one that is not there."""
+    """No scan argument, or a scan that does not exist."""
     assert guara("replay", "-c", calibration_file).code == 2
     said = guara("replay", tmp_path / "nothing", "-c", calibration_file)
     assert said.code == 2

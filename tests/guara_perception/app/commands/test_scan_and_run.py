@@ -29,7 +29,7 @@ PATIENCE = 180.0
 def test_scan_writes_a_scan_that_can_be_processed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, robot: RobotModel
 ) -> None:
-    """A scan folder, pictures beside it (drawn by the tests of figures), and one line that says what was seen."""
+    """A scan folder, figures beside it (drawn in the tests of figures), and a one-line summary."""
     drawn: list[Path] = []
 
     def draw(folder: Path, *_: object) -> list[Path]:
@@ -52,7 +52,7 @@ def test_scan_writes_a_scan_that_can_be_processed(
 def test_scan_says_which_setting_is_not_as_it_was_locked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, more: list[str]
 ) -> None:
-    """A scan is taken and reports it; a scan to calibrate with is not taken."""
+    """A scan reports the changed setting; a scan for a calibration is refused."""
     monkeypatch.setattr(EmulatedCamera, "held", lambda self, locked: HeldSettings(automatic=("exposure",)))
     out = tmp_path / "scan"
     code = run(["scan", "--simulated", "--mode", "coarse", "-o", str(out), *more])
@@ -64,14 +64,14 @@ def test_scan_says_which_setting_is_not_as_it_was_locked(
 
 @pytest.mark.slow
 def test_scan_refuses_a_folder_that_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Nothing is overwritten."""
+    """An existing folder is not overwritten."""
     assert run(["scan", "--simulated", "-o", str(tmp_path)]) == 2
     assert "exists; give another name" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", ["scan", "run"])
 def test_without_calibration_live_commands_say_what_to_do(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """No guess is made about a rangefinder that was not calibrated."""
+    """Without a calibration, live commands fail and name the remedy."""
     assert run([command]) == 2
     assert "as written by `guara calibrate`" in capsys.readouterr().err
 
@@ -79,7 +79,7 @@ def test_without_calibration_live_commands_say_what_to_do(command: str, capsys: 
 def test_a_real_robot_does_not_walk_on_assumed_values(
     tmp_path: Path, calibration_file: Path, capsys: pytest.CaptureFixture[str], robot: RobotModel
 ) -> None:
-    """`run` names unmeasured values, exit 2; once they are measured, it goes on to open the board."""
+    """`run` refuses assumed values, exit 2; once they are measured, it proceeds to open the board."""
     folder = Path(shutil.copytree(robot.folder, tmp_path / "guara"))
     toml = folder / "robot.toml"
     text = toml.read_text()
@@ -96,14 +96,14 @@ def test_a_real_robot_does_not_walk_on_assumed_values(
 def test_without_a_board_a_scan_fails_and_says_so(
     tmp_path: Path, calibration_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Exit 1, one line, no folder left behind."""
+    """Exit 1 with one line; no folder is left behind."""
     assert run(["scan", "-c", str(calibration_file), "-o", str(tmp_path / "scan")]) == 1
     assert "no laser board" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
 def test_what_a_recording_takes_is_said(capsys: pytest.CaptureFixture[str]) -> None:
-    """Lossless or not, in gigabytes an hour; both at once is a contradiction, in either order."""
+    """Size per hour, lossless or JPEG; giving both options is an error in either order."""
     assert run(["run", "--simulated", "--jpeg", "90", "--lossless", "--record", "walk.mcap"]) == 2
     assert run(["run", "--simulated", "--lossless", "--jpeg", "90", "--record", "walk.mcap"]) == 2
     assert "--lossless and --jpeg are mutually exclusive" in capsys.readouterr().err
@@ -113,14 +113,14 @@ def test_what_a_recording_takes_is_said(capsys: pytest.CaptureFixture[str]) -> N
 
 
 def defaults_of(path: Path, text: str) -> dict[str, object]:
-    """What `guara run` takes from a node.toml with this text."""
+    """Options that `guara run` reads from a node.toml with this text."""
     path.write_text(f'format = "guara-node/1"\n{text}')
     with run_command.make_context("run", ["--simulated", "--node", str(path), "--mode", "coarse"]) as context:
         return context.params
 
 
 def test_options_that_are_set_once_stand_in_node_toml(tmp_path: Path) -> None:
-    """Its paths are relative to its folder; the command line wins; a later spelling and an earlier one do the same."""
+    """Paths are relative to the file's folder, the command line overrides it, and earlier spellings still work."""
     text = 'mode = "standard"\nsecurity = "keys"\nros2 = true\ndomain = 7\nuplink = "tls/site:7447"\njpeg = 0'
     found = defaults_of(tmp_path / "node.toml", text)
     assert (found["mode"], found["ros2"], found["domain"]) == ("coarse", True, 7)
@@ -144,7 +144,7 @@ def test_options_that_are_set_once_stand_in_node_toml(tmp_path: Path) -> None:
 def test_a_wrong_node_toml_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, reported: str
 ) -> None:
-    """Exit 2 and one line that names the file, the key and what is allowed."""
+    """Exit 2 with one line that names file and key and lists what is allowed."""
     path = tmp_path / "node.toml"
     path.write_text(f'format = "guara-node/1"\n{text}')
     assert run(["run", "--simulated", "--node", str(path)]) == 2
@@ -157,7 +157,7 @@ def test_a_wrong_node_toml_is_refused(
 
 @pytest.mark.slow
 def test_a_running_node_ends_cleanly(free_endpoint: str, tmp_path: Path) -> None:
-    """It publishes, records, and on SIGTERM ends with exit code 0, the recording whole and the laser off."""
+    """The node publishes and records; on SIGTERM it exits 0 with a complete recording and the laser off."""
     recording = tmp_path / "walk.mcap"
     arguments = ["run", "--simulated", "--listen", free_endpoint, "--record", str(recording), "--jpeg", "80"]
     arguments += ["--mode", "coarse"]
@@ -181,7 +181,7 @@ def test_a_running_node_ends_cleanly(free_endpoint: str, tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_a_killed_node_comes_up_and_goes_on_recording(free_endpoint: str, tmp_path: Path) -> None:
-    """The same command after kill -9, as a service manager gives it: the next file, and what was cut is recovered."""
+    """After kill -9, the same command records to the next file, and the truncated one can be recovered."""
     recording = tmp_path / "w.mcap"
     arguments = ["run", "--simulated", "--listen", free_endpoint, "--record", str(recording), "--mode", "coarse"]
     for end in (signal.SIGKILL, signal.SIGINT):
@@ -217,7 +217,7 @@ def test_a_killed_node_comes_up_and_goes_on_recording(free_endpoint: str, tmp_pa
 def test_a_place_that_cannot_be_recorded_to_is_refused(
     more: list[str], said: str, free_endpoint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """At the start, with what is allowed; nothing is left behind."""
+    """Refused at the start, with what is allowed; nothing is left behind."""
     assert run(["run", "--simulated", "--listen", free_endpoint, *more]) != 0
     assert said in capsys.readouterr().err
     assert not Path("walks").exists() and not Path("w.mcap").exists()
@@ -234,7 +234,7 @@ def test_a_place_that_cannot_be_recorded_to_is_refused(
 def test_a_name_or_endpoint_that_cannot_be_is_refused_at_once(
     option: str, given: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """In one line, without waiting for a port to become free."""
+    """Refused in one line, without waiting for a port to become free."""
     assert run(["run", "--simulated", option, given]) == 2
     told = capsys.readouterr().err
     assert said in told and told.count("\n") == 1
@@ -244,7 +244,7 @@ def test_a_name_or_endpoint_that_cannot_be_is_refused_at_once(
 def test_the_simulated_gait_speaks_under_the_name_of_the_robot(
     free_endpoint: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    """`run --simulated --name lobo` publishes as lobo, `listen` sees it so; Ctrl-C leaves the recording whole."""
+    """`run --simulated --name lobo` publishes as lobo, and `listen` finds it; Ctrl-C leaves a complete recording."""
     recording = tmp_path / "walk.mcap"
     arguments = ["run", "--simulated", "--name", "lobo", "--mode", "coarse", "--listen", free_endpoint]
     arguments += ["--record", str(recording)]
@@ -268,7 +268,7 @@ def test_the_simulated_gait_speaks_under_the_name_of_the_robot(
 @pytest.mark.heavy
 @pytest.mark.slow
 def test_an_uplink_serves_readers_elsewhere_too(free_endpoint: str) -> None:
-    """`run --uplink` listens and dials: a planner here and a reader at the other router get the same pause."""
+    """`run --uplink` listens and connects: a planner here and a reader at the other router receive the same pause."""
     site = free_port_endpoint()
     arguments = ["run", "--simulated", "--mode", "coarse", "--listen", free_endpoint, "--uplink", site]
     with open_node(listen=site):

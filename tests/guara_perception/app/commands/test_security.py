@@ -1,4 +1,4 @@
-"""`guara security` and who reports on its folder: members renewed, added, revoked; what doctor and status say."""
+"""`guara security`: members are renewed, added and revoked, and doctor and status report on the folder."""
 
 import json
 from collections.abc import Callable
@@ -22,7 +22,7 @@ def keys(tmp_path: Path) -> Path:
 
 
 def _give(keys: Path, name: str, days: int) -> None:
-    """A certificate that ends in `days` days."""
+    """Replace a certificate by one that expires in `days` days."""
     ca = Credentials((keys / "ca" / "ca.pem").read_bytes(), (keys / "ca" / "ca.key").read_bytes())
     made = make_certificate(ca, name, [name, "localhost"], days=days)
     (keys / name / f"{name}.pem").write_bytes(made.certificate)
@@ -30,7 +30,7 @@ def _give(keys: Path, name: str, days: int) -> None:
 
 
 def test_renew_says_whom_and_what_to_do(guara, keys: Path) -> None:
-    """All, or those that are named: other keys than before, of mode 600."""
+    """All members, or the named ones, get new keys with mode 600."""
     before = (keys / "viewer" / "viewer.key").read_bytes()
     said = guara("security", "renew", keys)
     assert said.code == 0 and said.err == ""
@@ -44,7 +44,7 @@ def test_renew_says_whom_and_what_to_do(guara, keys: Path) -> None:
 
 
 def test_add_and_revoke_say_what_to_copy(guara, keys: Path) -> None:
-    """A second planner is made and the first revoked; the node's rules name the one and not the other."""
+    """A second planner is added and the first revoked; the node's rules contain only the second."""
     said = guara("security", "add", keys, "planner-2")
     assert said.code == 0 and f"{keys / 'planner-2'}: for the new planner; copy {keys / 'node'}" in said.out
     said = guara("security", "revoke", keys, "planner")
@@ -87,7 +87,7 @@ def test_add_and_revoke_say_what_to_copy(guara, keys: Path) -> None:
     ],
 )
 def test_mistakes_end_in_one_line(guara, keys: Path, tmp_path: Path, arguments: list[str], reported: str) -> None:
-    """Exit 2, and the folder is as it was."""
+    """Exit 2, and the folder is unchanged."""
     before = sorted(path.relative_to(keys) for path in keys.rglob("*"))
     given = {"KEYS": keys, "NOWHERE": tmp_path / "nowhere"}
     said = guara("security", *(given.get(word, word) for word in arguments))
@@ -112,7 +112,7 @@ FLAWS: dict[str, tuple[Callable[[Path], None], Health, str, str, int]] = {
 
 @pytest.mark.parametrize("flaw", FLAWS)
 def test_doctor_and_status_warn_in_time(guara, keys: Path, flaw: str) -> None:
-    """The same words in both; doctor's exit code is 1 only when nothing would start."""
+    """Doctor and status use the same words; doctor exits 1 only if nothing would start."""
     make, level, word, reported, code = FLAWS[flaw]
     make(keys)
     item = certificates_item(keys)
@@ -122,7 +122,7 @@ def test_doctor_and_status_warn_in_time(guara, keys: Path, flaw: str) -> None:
 
 
 def test_doctor_says_when_it_was_given_no_folder(guara, tmp_path: Path) -> None:
-    """A check that was skipped is not "ok"; an empty folder is no security folder."""
+    """A skipped check is not reported as "ok"; an empty folder is not a security folder."""
     assert guara("doctor", "--only", "certificates").out.startswith("skip")
     said = guara("doctor", "--only", "certificates", "--security", tmp_path)
     assert said.code == 1 and "contains no certificate" in said.out
@@ -131,7 +131,7 @@ def test_doctor_says_when_it_was_given_no_folder(guara, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("arguments", "key"), [(["listen"], "planner"), (["run", "--simulated"], "node")])
 def test_keys_that_others_can_read_start_nothing(guara, keys: Path, arguments: list[str], key: str) -> None:
-    """Node and planner refuse them in one line that says what to do."""
+    """Node and planner refuse such keys in one line that names the remedy."""
     (keys / key / f"{key}.key").chmod(0o644)
     said = guara(*arguments, "--security", keys)
     assert said.code == 2 and f"{key}.key has mode 644" in said.err and "chmod 600" in said.err
@@ -140,7 +140,7 @@ def test_keys_that_others_can_read_start_nothing(guara, keys: Path, arguments: l
 
 @pytest.mark.slow
 def test_a_running_node_warns_planners(start, keys: Path, free_endpoint: str, eventually) -> None:
-    """The status that a planner gets over TLS says which certificate ends soon."""
+    """A planner's status over TLS names the certificate that expires soon."""
     _give(keys, "node", 20)
     endpoint = free_endpoint.replace("tcp/127.0.0.1", "tls/localhost")
     node = start(*GUARA, "run", "--simulated", "--mode", "coarse", "--security", keys / "node", "--listen", endpoint)
@@ -154,7 +154,7 @@ def test_a_running_node_warns_planners(start, keys: Path, free_endpoint: str, ev
 
 @pytest.mark.slow
 def test_a_router_for_several_robots_says_what_to_do(guara, tmp_path: Path) -> None:
-    """First CA, robots and router; then a room's router below it, one more robot, a watcher, and all revoked."""
+    """CA, robots and router first; then a router below it, another robot, a fleet member, and all revoked."""
     site = tmp_path / "site"
     said = guara("security", "router", site, "--robot", "rex", "--robot", "ada", "--name", "top", "--host", "top.local")
     assert said.code == 0 and f"{site / 'top'}: for rex, ada; start it with: zenohd -c" in said.out
@@ -187,7 +187,7 @@ def test_a_router_for_several_robots_says_what_to_do(guara, tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_the_check_of_a_site_tries_nodes_and_routers(guara, tmp_path: Path) -> None:
-    """Each is named; a robot's planner reaches its own robot only; exit 0, since all rights are as expected."""
+    """Each node and router is named; a planner reaches only its own robot; exit 0 if all rights are as expected."""
     site = tmp_path / "site"
     assert guara("security", "router", site, "--robot", "rex", "--robot", "ada").code == 0
     said = guara("security", "check", site, "--robot", "rex")

@@ -1,4 +1,4 @@
-"""`guara service` and what a running node tells systemd, by a real notify socket."""
+"""`guara service`, and the notifications of a running node to systemd over a real notify socket."""
 
 import shutil
 import signal
@@ -19,7 +19,7 @@ PATIENCE = 120.0
 
 @pytest.fixture
 def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> socket.socket:
-    """The socket on which systemd listens to a service."""
+    """Socket on which systemd would listen to a service."""
     link = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     link.bind(str(tmp_path / "notify"))
     link.settimeout(PATIENCE)
@@ -28,7 +28,7 @@ def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> socket.socket:
 
 
 def test_the_unit_is_one_that_systemd_takes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """`systemd-analyze verify` finds nothing, and little is exposed; without it the text alone is tested."""
+    """`systemd-analyze verify` accepts the unit and rates its exposure as low; without it, only the text is tested."""
     node = tmp_path / "my node.toml"
     node.write_text('format = "guara-node/1"\n')
     assert run(["service", "install", "--node", str(node), "--units", str(tmp_path), "--user", "daemon"]) == 0
@@ -80,7 +80,7 @@ def test_a_unit_needs_its_node_file(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 def test_signs_of_life_end_when_the_node_is_not_well(manager: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
-    """READY, one sign of life while it is well, none afterwards, STOPPING."""
+    """READY, a watchdog notification while the node works, none afterwards, then STOPPING."""
     monkeypatch.setenv("WATCHDOG_USEC", "20000")
     asked = [False, False, True]
     with service_manager(lambda: bool(asked) and asked.pop()):
@@ -92,7 +92,7 @@ def test_signs_of_life_end_when_the_node_is_not_well(manager: socket.socket, mon
 
 
 def test_without_a_manager_nothing_is_sent(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
-    """None is the usual case; one that is gone is logged."""
+    """Without a service manager nothing is sent; a socket that is gone is logged."""
     monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
     notify("READY=1")
     assert not caplog.records
@@ -103,7 +103,7 @@ def test_without_a_manager_nothing_is_sent(monkeypatch: pytest.MonkeyPatch, capl
 
 @pytest.mark.slow
 def test_a_node_tells_systemd_how_it_is(manager: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ready when it listens, alive, its last scan as the state, and stopping on SIGTERM with exit 0."""
+    """READY when it listens, watchdog notifications, its last scan as status, and STOPPING on SIGTERM with exit 0."""
     monkeypatch.setenv("WATCHDOG_USEC", "1000000")
     command = [
         sys.executable,
@@ -129,7 +129,7 @@ def test_a_node_tells_systemd_how_it_is(manager: socket.socket, monkeypatch: pyt
 
 
 def test_a_check_names_every_mistake_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """In node.toml, in the files that it names, and in a folder of certificates; no device is opened."""
+    """Mistakes in node.toml, in the files that it names and in a security folder; no device is opened."""
     (tmp_path / "devices.toml").write_text('format = "guara-devices/1"\n[camera]\nsource = "0"\nfsp = 3\n')
     node = tmp_path / "node.toml"
     node.write_text(
@@ -146,7 +146,7 @@ def test_a_check_names_every_mistake_at_once(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_a_check_finds_what_a_start_would_refuse(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Options that are checked only at the start, each named."""
+    """Options that are otherwise checked only at the start are each reported."""
     node = tmp_path / "node.toml"
     node.write_text(
         'format = "guara-node/1"\nsimulated = true\nname = "r e x"\nlisten = "tcp/0.0.0.0:7447"\nros2_tf = true\n'
@@ -172,7 +172,7 @@ def test_a_check_finds_what_a_start_would_refuse(tmp_path: Path, capsys: pytest.
 def test_a_sound_configuration_is_told(
     tmp_path: Path, calibration_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Without the devices; a robot that does not fit the calibration has an exit code of its own."""
+    """No device is opened; a robot that does not match the calibration has its own exit code."""
     node = tmp_path / "node.toml"
     node.write_text(f'format = "guara-node/1"\ncalibration = "{calibration_file}"\n')
     assert run(["run", "--node", str(node), "--check"]) == 0
@@ -182,7 +182,7 @@ def test_a_sound_configuration_is_told(
 def test_a_calibration_that_does_not_fit_has_a_code_of_its_own(
     monkeypatch: pytest.MonkeyPatch, calibration_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A service manager must not restart for it; `process` has the code of bad input."""
+    """A service manager must not restart the node; `process` exits with the code of bad input."""
     from guara_perception.app.node import devices
     from guara_perception.exceptions import CalibrationMismatch
 

@@ -21,7 +21,7 @@ PATIENCE = 240.0
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """One gait cycle of the demo, in a process of its own; the folder and what was printed."""
+    """One gait cycle of the demo in its own process: the folder, and the output."""
     folder = tmp_path_factory.mktemp("demo")
     done = subprocess.run(
         [sys.executable, "-m", "guara_perception.app.main", "demo", "--out", str(folder), "--cycles", "1"],
@@ -36,7 +36,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 
 @pytest.mark.heavy
 def test_each_pause_is_reported_and_the_check_passes(demo: tuple[Path, str]) -> None:
-    """Five pauses, each with mode, coverage and foothold; the planner missed none."""
+    """Five pauses, each with mode, coverage and foothold; the planner received every grid."""
     lines = demo[1].splitlines()
     assert [line.split()[1] for line in lines if line.startswith("step")] == ["0", "1", "2", "3", "4"]
     assert "grids: 5 published, 5 received by the planner" in lines
@@ -48,7 +48,7 @@ def test_each_pause_is_reported_and_the_check_passes(demo: tuple[Path, str]) -> 
 
 @pytest.mark.heavy
 def test_pictures_and_recording_are_left(demo: tuple[Path, str]) -> None:
-    """The pictures are pictures, and the recording holds every pause."""
+    """The picture files are images, and the recording contains every pause."""
     for name, magic in (("scan.png", b"\x89PNG"), ("map.png", b"\x89PNG"), ("walk.gif", b"GIF8")):
         assert (demo[0] / name).read_bytes()[:4] == magic
     assert {scan.step for scan in open_scans(demo[0] / "walk.mcap")} == {0, 1, 2, 3, 4}
@@ -61,7 +61,7 @@ def test_pictures_and_recording_are_left(demo: tuple[Path, str]) -> None:
 
 @pytest.mark.heavy
 def test_the_recording_of_the_whole_walk_is_small(tmp_path: Path) -> None:
-    """The demo with its defaults leaves less than 60 MB."""
+    """The demo with default options writes less than 60 MB."""
     program = [sys.executable, "-m", "guara_perception.app.main", "demo", "--out", str(tmp_path)]
     done = subprocess.run(program, capture_output=True, text=True, timeout=3 * PATIENCE, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -72,7 +72,7 @@ def test_the_recording_of_the_whole_walk_is_small(tmp_path: Path) -> None:
 
 @pytest.mark.heavy
 def test_empty_ground_stays_coarse_and_a_box_is_refined(tmp_path: Path) -> None:
-    """A floor of 2 mm undulation, and a box of 20 mm that comes into view at the fourth pause."""
+    """A floor with 2 mm undulation, and a 20 mm box that comes into view at the fourth pause."""
     (tmp_path / "floor.toml").write_text(
         "x = [-1.0, 3.0]\ny = [-1.0, 1.0]\nundulation = 0.002\n"
         "[[box]]\nx = 1.06\ny = 0.1\nsize = [0.08, 0.08]\nheight = 0.02\n"
@@ -92,7 +92,7 @@ def test_empty_ground_stays_coarse_and_a_box_is_refined(tmp_path: Path) -> None:
 
 @pytest.mark.heavy
 def test_a_robot_outside_of_the_package_walks_too(tmp_path: Path) -> None:
-    """`--robot FOLDER`, made from a URDF by `robot new`: its own legs and name, from the folder to the planner."""
+    """`--robot FOLDER` with a folder made by `robot new`: its own legs and name, from the folder to the planner."""
     urdf = Path(__file__).parents[3] / "robots" / "tapir" / "urdf" / "tapir.urdf"
     program = [sys.executable, "-m", "guara_perception.app.main"]
     mine, out = tmp_path / "mine", tmp_path / "out"
@@ -113,13 +113,13 @@ def test_a_robot_outside_of_the_package_walks_too(tmp_path: Path) -> None:
         grids = list(recording)
         assert {scan.robot for scan in recording.scans} == {"mine"}
     assert {grid.metadata["robot"] for grid in grids} == {"mine"}
-    # The grid carries the robot: its legs are known to whoever has the recording alone.
+    # The grid contains the robot's description, so a recording alone gives its legs.
     assert grids[0].check_foothold(0.7, 0.0, leg="lf").reasons is not None
 
 
 @pytest.mark.heavy
 def test_a_walk_in_the_sun_keeps_its_promises_however_slow_the_machine(tmp_path: Path) -> None:
-    """`--world sunlit`; the pauses last far longer than the robot's limit for pauses whose END does not come."""
+    """`--world sunlit`, with pauses far longer than the robot's limit for a pause without END."""
     robot = altered_guara(tmp_path, ("time_limit = 30.0 ", "time_limit = 0.1 "))
     program = [sys.executable, "-m", "guara_perception.app.main", "demo", "--world", "sunlit", "--cycles", "1"]
     done = subprocess.run(
@@ -138,7 +138,7 @@ def test_a_walk_in_the_sun_keeps_its_promises_however_slow_the_machine(tmp_path:
 
 @pytest.mark.heavy
 def test_stepping_stones_are_crossed_and_a_film_is_left(tmp_path: Path) -> None:
-    """`--course stones`: every foot ends up behind the stones, none on a hazard; ground keeps on a slow machine too."""
+    """`--course stones`: every foot ends beyond the stones, none on a hazard, also on a slow machine."""
     robot = altered_guara(tmp_path, ("\nseconds = 420.0 ", "\nseconds = 4200.0 "))
     program = [sys.executable, "-m", "guara_perception.app.main", "demo", "--course", "stones", "--robot", str(robot)]
     done = subprocess.run(
@@ -156,7 +156,7 @@ def test_stepping_stones_are_crossed_and_a_film_is_left(tmp_path: Path) -> None:
 
 @pytest.mark.heavy
 def test_a_course_that_cannot_be_crossed_fails(tmp_path: Path) -> None:
-    """Before a trench of 0.6 m the robot stops, and soon its walk; the check says where, the film is left."""
+    """The robot stops before a 0.6 m trench; the check names the place, and the animation is written."""
     course = tmp_path / "trench.toml"
     course.write_text("x = [-1.0, 3.0]\n[[pit]]\nx = 0.9\ny = 0.0\nsize = [0.6, 1.9]\ndepth = 0.12\n")
     program = [sys.executable, "-m", "guara_perception.app.main", "demo", "--course", str(course)]
@@ -170,7 +170,7 @@ def test_a_course_that_cannot_be_crossed_fails(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_course_needs_features_and_a_file(tmp_path: Path) -> None:
-    """Refused with one line, before anything starts."""
+    """Refused in one line before anything starts."""
     (tmp_path / "floor.toml").write_text("x = [-1.0, 3.0]\n")
     for course, said in ((tmp_path / "floor.toml", "has no features"), ("lava", "no such world file; worlds that")):
         program = [sys.executable, "-m", "guara_perception.app.main", "demo", "--course", str(course)]
@@ -196,7 +196,7 @@ def check(**changes: object) -> DemoCheck:
 
 
 def test_a_walk_as_promised_has_no_failures() -> None:
-    """Nothing to complain about, nothing said."""
+    """A walk that meets all conditions has no failures."""
     assert check().failures(41) == []
 
 
@@ -219,7 +219,7 @@ def test_a_walk_as_promised_has_no_failures() -> None:
     ],
 )
 def test_each_broken_promise_is_a_failure(changes: dict[str, object], said: str) -> None:
-    """The check can fail, and its message says what is wrong."""
+    """The check can fail, and its message names the failed condition."""
     assert any(said in problem for problem in check(**changes).failures(41))
 
 

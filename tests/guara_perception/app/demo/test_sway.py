@@ -1,4 +1,4 @@
-"""A swaying robot beside a still one, as `guara demo --sway` shows them, and the check, which must be able to fail."""
+"""A swaying robot beside a still one in `guara demo --sway`, and its check, which must be able to fail."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from guara_perception.app.main import run
 
 @pytest.mark.heavy
 def test_the_demo_shows_a_swaying_robot_beside_a_still_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With a stream as much is known as of a still body, without one most is left out, and the health says why."""
+    """With a stream, as many cells are known as with a still body; without, most are left out, and health says why."""
     assert run(["demo", "--sway", "0.5", "--out", str(tmp_path)]) == 0
     lines = capsys.readouterr().out.splitlines()
     still, streamed, blind = (line for line in lines if " cells known, " in line)
@@ -37,7 +37,7 @@ def test_a_sway_that_the_legs_cannot_make_is_refused(tmp_path: Path, capsys: pyt
 
 
 def test_the_check_fails_for_wrong_cells_and_for_lost_ground() -> None:
-    """A free cell that is wrong, and a stream that keeps less than nine tenths."""
+    """A wrong free cell fails the check, and so does a stream with fewer than nine tenths of the cells."""
     flat = gp.assess_terrain(np.zeros((60, 60)), 0.005)
     x, y = np.meshgrid(*flat.geometry.centres())
     right = SwayingScan(flat, x, y, np.zeros(flat.shape))

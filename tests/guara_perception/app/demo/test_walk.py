@@ -1,4 +1,4 @@
-"""The demo's planner in its own process: it answers from the grid that it received, and its end is reported."""
+"""The demo's planner in its own process: it answers from the received grid, and its end is reported."""
 
 import subprocess
 from pathlib import Path
@@ -20,7 +20,7 @@ NODE = Path(__file__).parent.parent / "publishing_node.py"
 
 @pytest.fixture(scope="module")
 def node(start, module_endpoint: str, terrain_file: Path):
-    """A node that has published both grids of step 5; planners do it no harm."""
+    """Node that has published both grids of step 5."""
     process = start(NODE, module_endpoint, "guara", terrain_file)
     assert process.line() == "ready"
     process.tell("publish 5")
@@ -30,7 +30,7 @@ def node(start, module_endpoint: str, terrain_file: Path):
 
 @pytest.fixture
 def forked_planner(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Planners are forked where all is imported; the other tests start them as the demo does."""
+    """Fork planners from a process with all imports; the other tests start them as the demo does."""
     forked = SimpleNamespace(**{**vars(subprocess), "Popen": lambda arguments, **_: ForkedProcess(*arguments[1:])})
     monkeypatch.setattr(walk, "subprocess", forked)
 
@@ -54,7 +54,7 @@ def test_foothold_is_that_of_the_grid(node, module_endpoint: str, paper_terrain:
 
 
 def test_no_node_is_reported_and_nothing_is_left_behind(free_endpoint: str, capfd):
-    """A planner that cannot connect ends with one line of its own, and the demo says that it ended."""
+    """A planner that cannot connect prints one line, and the demo reports that it ended."""
     with pytest.raises(PlannerFailed, match=r"the planner process ended \(exit code 1\)"):
         PlannerProcess(free_endpoint, "guara")
     said = capfd.readouterr().err
@@ -62,7 +62,7 @@ def test_no_node_is_reported_and_nothing_is_left_behind(free_endpoint: str, capf
 
 
 def test_planner_that_died_is_reported(forked_planner: None, node, module_endpoint: str):
-    """Asking a dead planner is an error at once, and closing it twice is none."""
+    """A request to a dead planner fails at once; closing it twice is allowed."""
     planner = PlannerProcess(module_endpoint, "guara")
     planner._process.kill()
     planner._process.wait(60)
@@ -73,7 +73,7 @@ def test_planner_that_died_is_reported(forked_planner: None, node, module_endpoi
 
 
 def test_closing_ends_the_process(forked_planner: None, node, module_endpoint: str):
-    """Leaving the block ends the planner by itself, without a signal; asking it afterwards is an error."""
+    """Leaving the block ends the planner without a signal; later requests fail."""
     with PlannerProcess(module_endpoint, "guara") as planner:
         process = planner._process
     assert process.returncode == 0

@@ -1,4 +1,4 @@
-"""Pictures of a scan: all there, of the right size and the right way round; range images survive as files."""
+"""Figures of a scan: complete, of the right size and orientation; range images survive a round trip through files."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def processor(paper_scan, calibration, robot) -> gp.ScanProcessor:
 
 @pytest.fixture(scope="module")
 def drawn(data: Path, calibration_file: Path, tmp_path_factory) -> Path:
-    """The pictures as `guara process` draws them; it makes the folder and says how many files there are."""
+    """Figures drawn by `guara process`, which creates the folder and prints their number."""
     made = tmp_path_factory.mktemp("figures")
     folder, scan, said = made / "new" / "pictures", data / "scans" / "paper", io.StringIO()
     with redirect_stdout(said):
@@ -65,7 +65,7 @@ def drawn(data: Path, calibration_file: Path, tmp_path_factory) -> Path:
 
 @pytest.mark.heavy
 def test_every_picture_is_there_and_shows_something(drawn: Path) -> None:
-    """All files and no other, each picture readable and not of one colour."""
+    """Exactly these files; each image is readable and has more than one colour."""
     assert sorted(path.name for path in drawn.iterdir()) == sorted(NAMES)
     for name in NAMES[:-1]:
         picture = cv2.imread(str(drawn / name), cv2.IMREAD_UNCHANGED)
@@ -74,7 +74,7 @@ def test_every_picture_is_there_and_shows_something(drawn: Path) -> None:
 
 @pytest.mark.heavy
 def test_16_bit_range_image_gives_the_heights_back(drawn: Path, paper_terrain: gp.TerrainGrid) -> None:
-    """Scale and offset of the JSON give the millimetres back to half a unit, unknown stays unknown."""
+    """Scale and offset in the JSON recover the height to half a unit; unknown stays unknown."""
     meaning = json.loads((drawn / "range_images.json").read_text())["16bit"]
     values = cv2.imread(str(drawn / "ortho_image_16bit.png"), cv2.IMREAD_UNCHANGED)
     heights = np.where(values == meaning["unknown"], np.nan, values * meaning["scale_mm"] + meaning["offset_mm"])
@@ -95,7 +95,7 @@ def test_heights_to_whole_numbers_and_back() -> None:
 
 
 def test_cause_image_is_that_of_the_cells(paper_terrain: gp.TerrainGrid) -> None:
-    """An unknown pixel of an unknown cell has that cell's flags, of a known cell UNSCANNED; a known pixel has none."""
+    """An unknown pixel has the flags of its unknown cell, or UNSCANNED in a known cell; a known pixel has none."""
     causes = cause_image(paper_terrain)
     image = paper_terrain.pictures["ortho_image_mm"]
     assert causes.shape == image.shape
@@ -106,7 +106,7 @@ def test_cause_image_is_that_of_the_cells(paper_terrain: gp.TerrainGrid) -> None
 
 
 def test_corrected_image_shows_the_stripe_where_it_was_measured(processor, paper_scan, calibration) -> None:
-    """In the picture seen from above, the brightest row of a stripe is the x of its points on the floor."""
+    """In the view from above, the brightest row of a stripe is at the x of its points on the floor."""
     settings = processor.settings
     stripe = sorted(paper_scan.stripes, key=lambda each: each.index)[10]
     on, off = paper_scan.read_frame(stripe.on), paper_scan.read_frame(stripe.off)
@@ -124,7 +124,7 @@ def test_corrected_image_shows_the_stripe_where_it_was_measured(processor, paper
 
 
 def test_stripes_together_leave_unreadable_frames_out(paper_scan: gp.Scan, paper_copy: Path) -> None:
-    """One broken frame does not spoil the picture of all; without any frame it is refused."""
+    """An unreadable frame is skipped; without any readable frame, the image is refused."""
     whole = stripes_together(paper_scan)
     assert (whole >= median_stripe_frame(paper_scan)).all()
     stripes = gp.open_scan(paper_copy).stripes
@@ -137,7 +137,7 @@ def test_stripes_together_leave_unreadable_frames_out(paper_scan: gp.Scan, paper
 
 
 def test_what_cannot_be_drawn_is_refused(processor, paper_scan, calibration, paper_terrain, tmp_path: Path) -> None:
-    """A grid without range images, and a file instead of the folder."""
+    """A grid without range images is refused, and so is a file in place of the folder."""
     with pytest.raises(gp.InvalidInput, match="has no range images"):
         draw_figures(tmp_path, paper_scan, calibration, processor, processor.finish())
     taken = tmp_path / "taken"
@@ -148,7 +148,7 @@ def test_what_cannot_be_drawn_is_refused(processor, paper_scan, calibration, pap
 
 @pytest.mark.heavy
 def test_scan_of_nothing_can_be_drawn(paper_scan, calibration, robot, tmp_path: Path, monkeypatch) -> None:
-    """All unknown: every picture is drawn all the same (those of frames, which show no grid, by the tests above)."""
+    """If all cells are unknown, every figure of the grid is still drawn."""
     monkeypatch.setattr(figures, "draw_image", lambda path, *_: path.write_bytes(b"frame") and path)
     empty = gp.ScanProcessor(calibration, robot, paper_scan.stance, paper_scan.mode)
     paths = draw_figures(tmp_path, paper_scan, calibration, empty, with_pictures(empty.finish(), empty))

@@ -1,4 +1,4 @@
-"""`guara convert` of grids: what trimesh, pypcd4 and csv read is what the grid says; unknown cells are never points."""
+"""Export by `guara convert`: trimesh, pypcd4 and csv read what the grid contains; unknown cells give no points."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from transport.recording import RecordingWriter
 
 
 def point_cloud() -> Any:
-    """`PointCloud` of pypcd4; imported only when it is needed, as trimesh is, since every worker collects this file."""
+    """Import `PointCloud` of pypcd4 only when needed, like trimesh, since every worker collects this file."""
     return importlib.import_module("pypcd4").PointCloud
 
 
@@ -35,7 +35,7 @@ def test_ply_opens_in_trimesh(paper_terrain: gp.TerrainGrid, tmp_path: Path):
 
 @pytest.mark.slow
 def test_pcd_opens_in_pypcd4(paper_terrain: gp.TerrainGrid, tmp_path: Path):
-    """Points, sigma and flags arrive as they are in the grid."""
+    """Points, sigma and flags are those of the grid."""
     export_terrain(paper_terrain, tmp_path / "t.pcd")
     cloud = point_cloud().from_path(tmp_path / "t.pcd")
     assert cloud.fields == ("x", "y", "z", "sigma", "hazard", "rgb")
@@ -47,7 +47,7 @@ def test_pcd_opens_in_pypcd4(paper_terrain: gp.TerrainGrid, tmp_path: Path):
 
 @pytest.mark.slow
 def test_csv_has_every_cell_and_the_cause_of_the_unknown(paper_terrain: gp.TerrainGrid, tmp_path: Path):
-    """Unknown cells have an empty height and a named cause; known ones their height to a micrometre."""
+    """Unknown cells have an empty height and a named cause; known ones have their height to a micrometre."""
     count = export_terrain(paper_terrain, tmp_path / "t.csv")
     with (tmp_path / "t.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
@@ -60,7 +60,7 @@ def test_csv_has_every_cell_and_the_cause_of_the_unknown(paper_terrain: gp.Terra
 
 
 def test_a_grid_without_points_is_a_file_without_points(make_unknown: gp.TerrainGrid, tmp_path: Path):
-    """Nothing known gives no point, and the readers take the file all the same."""
+    """A grid without known cells gives a file without points, which the readers accept."""
     assert export_terrain(make_unknown, tmp_path / "t.ply") == 0
     assert export_terrain(make_unknown, tmp_path / "t.pcd") == 0
     assert point_cloud().from_path(tmp_path / "t.pcd").points == 0
@@ -68,12 +68,12 @@ def test_a_grid_without_points_is_a_file_without_points(make_unknown: gp.Terrain
 
 @pytest.fixture
 def make_unknown() -> gp.TerrainGrid:
-    """A grid that knows nothing."""
+    """Make every cell of a grid unknown."""
     return gp.assess_terrain(np.full((8, 9), np.nan), 0.005)
 
 
 def test_other_endings_are_refused(paper_terrain: gp.TerrainGrid, tmp_path: Path, guara, terrain_file: Path):
-    """Exit 2 and the endings there are; saving a grid under such a name is refused too, with the way out."""
+    """Exit 2 with the allowed endings; saving a grid under such a name is refused too, with the remedy."""
     said = guara("convert", terrain_file, tmp_path / "t.xyz")
     assert said.code == 2 and "t.xyz: it must end in .ply, .pcd, .csv" in said.err
     with pytest.raises(gp.InvalidInput, match=r"t.csv: a grid is saved as .npz; `guara convert` writes .ply"):
@@ -82,7 +82,7 @@ def test_other_endings_are_refused(paper_terrain: gp.TerrainGrid, tmp_path: Path
 
 
 def test_command_exports_a_grid_of_a_recording(guara, paper_terrain: gp.TerrainGrid, tmp_path: Path):
-    """The last one, or the one asked for; a step that is not there is refused with those that are."""
+    """The last grid, or the one selected by step; an unknown step is refused with the list of steps."""
     with RecordingWriter(tmp_path / "w.mcap") as writer:
         for sequence in (1, 2):
             writer.add_terrain(terrain_to_message(paper_terrain, robot="guara", sequence=sequence))
@@ -94,7 +94,7 @@ def test_command_exports_a_grid_of_a_recording(guara, paper_terrain: gp.TerrainG
 
 
 def test_command_repairs_a_recording(guara, paper_terrain: gp.TerrainGrid, tmp_path: Path):
-    """From .mcap to .mcap all that is whole is copied, under either spelling; options of grids are refused there."""
+    """From .mcap to .mcap, all intact data are copied, under both spellings; options for grids are refused."""
     cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
     with RecordingWriter(tmp_path / "w.mcap") as writer:
         writer.add_terrain(terrain_to_message(paper_terrain, robot="guara", sequence=1))
@@ -110,7 +110,7 @@ def test_command_repairs_a_recording(guara, paper_terrain: gp.TerrainGrid, tmp_p
 
 
 def test_the_earlier_spelling_exports_the_same(guara, terrain_file: Path, tmp_path: Path):
-    """`guara export GRID -o FILE` writes the bytes that `guara convert GRID FILE` writes."""
+    """`guara export GRID -o FILE` writes the same bytes as `guara convert GRID FILE`."""
     assert guara("export", terrain_file, "-o", tmp_path / "a.csv").code == 0
     assert guara("convert", terrain_file, tmp_path / "b.csv").code == 0
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()

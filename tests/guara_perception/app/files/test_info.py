@@ -1,4 +1,4 @@
-"""`guara info` says what anything that this project writes holds."""
+"""`guara info` describes every kind of file that this project writes."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from guara_perception.app.files.convert import convert
 
 @pytest.fixture
 def recording(data: Path, tmp_path: Path) -> Path:
-    """The paper scan as a recording."""
+    """Recording of the paper scan."""
     return convert(data / "scans" / "paper", tmp_path / "paper.mcap")
 
 
 def reported(guara, path: Path) -> dict[str, object]:
-    """What `--json` prints."""
+    """Output of `--json`."""
     said = guara("info", path, "--json")
     assert said.code == 0, said.err
     return json.loads(said.out)
@@ -40,7 +40,7 @@ def test_each_kind_is_known(guara, data: Path, root: Path, terrain_file: Path, c
 
 
 def test_words_for_people(guara, terrain_file: Path, data: Path):
-    """One line per value, names and values as readable text."""
+    """One line per value, with readable names and values."""
     said = guara("info", terrain_file)
     assert said.code == 0 and "kind:                grid\n" in said.out and "hazards:             DROPOUT " in said.out
     said = guara("info", data / "scans" / "paper")
@@ -48,7 +48,7 @@ def test_words_for_people(guara, terrain_file: Path, data: Path):
 
 
 def test_long_lists_are_cut_for_people(guara, monkeypatch: pytest.MonkeyPatch):
-    """A walk with many scans is shown by its first and last scans and their number."""
+    """Of many scans, the first and the last are shown, and their number."""
     scans = [{"step": step, "mode": "coarse"} for step in range(41)]
     monkeypatch.setattr("guara_perception.app.files.info.describe_file", lambda _: {"scans": scans})
     line = "step 0, mode coarse; step 1, mode coarse; step 2, mode coarse; ...; step 40, mode coarse (41 in all)"
@@ -57,7 +57,7 @@ def test_long_lists_are_cut_for_people(guara, monkeypatch: pytest.MonkeyPatch):
 
 
 def test_what_is_not_ours_is_refused(guara, tmp_path: Path):
-    """Exit 2 with the kinds that are known; a path that does not exist is reported as such."""
+    """Exit 2 with the known kinds; a missing path is reported as missing."""
     (tmp_path / "notes.txt").write_text("hello")
     said = guara("info", tmp_path / "notes.txt")
     assert said.code == 2 and "notes.txt: unknown kind of file; it must be a grid (.npz)" in said.err
@@ -68,7 +68,7 @@ def test_what_is_not_ours_is_refused(guara, tmp_path: Path):
 
 
 def test_a_broken_robot_folder_is_refused(guara, tmp_path: Path):
-    """In one line."""
+    """Refused in one line."""
     (tmp_path / "robot.toml").write_text("name = 3")
     said = guara("info", tmp_path)
     assert said.code == 2 and said.err.count("\n") == 1 and str(tmp_path) in said.err
@@ -76,7 +76,7 @@ def test_a_broken_robot_folder_is_refused(guara, tmp_path: Path):
 
 @pytest.mark.slow
 def test_json_of_process_is_that_of_info(guara, data: Path, calibration_file: Path, tmp_path: Path):
-    """`guara process --json` prints what `guara info --json` says of the file that it wrote."""
+    """`guara process --json` prints what `guara info --json` prints for its file."""
     said = guara("process", data / "scans" / "paper", "-c", calibration_file, "-o", tmp_path / "t.npz", "--json")
     printed = json.loads(said.out)
     assert printed.pop("file") == str(tmp_path / "t.npz")

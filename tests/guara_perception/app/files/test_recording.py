@@ -1,4 +1,4 @@
-"""`gp.open_recording`: a walk as scans, grids, stance pauses and calibration."""
+"""`gp.open_recording`: scans, grids, stance pauses and calibration of a walk."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from transport.recording import FrameRecord, RecordingWriter, ScanRecord
 
 @pytest.fixture
 def walk(tmp_path: Path, paper_terrain: gp.TerrainGrid, calibration_file: Path) -> Path:
-    """Two grids and one announced pause."""
+    """Recording with two grids and one announced pause."""
     path = tmp_path / "walk.mcap"
     with RecordingWriter(path, calibration=calibration_file.read_bytes()) as writer:
         for sequence in (1, 2):
@@ -29,7 +29,7 @@ def walk(tmp_path: Path, paper_terrain: gp.TerrainGrid, calibration_file: Path) 
 
 
 def test_grids_stances_and_calibration_come_back(walk: Path, paper_terrain: gp.TerrainGrid, calibration):
-    """Iterating gives TerrainGrids equal to those written."""
+    """Iterating yields TerrainGrids equal to those written."""
     with gp.open_recording(walk) as recording:
         grids = list(recording)
         assert len(grids) == 2 and all(isinstance(grid, gp.TerrainGrid) for grid in grids)
@@ -42,7 +42,7 @@ def test_grids_stances_and_calibration_come_back(walk: Path, paper_terrain: gp.T
 
 @pytest.mark.slow
 def test_scans_can_be_processed_again(data: Path, tmp_path: Path, calibration, paper_terrain: gp.TerrainGrid):
-    """A recorded scan gives the grid that its folder gives."""
+    """A recorded scan gives the same grid as its folder."""
     with gp.open_recording(convert(data / "scans" / "paper", tmp_path / "paper.mcap")) as recording:
         (scan,) = recording.scans
         terrain = gp.process_scan(scan, calibration, "guara", pictures=False)
@@ -54,7 +54,7 @@ def test_scans_can_be_processed_again(data: Path, tmp_path: Path, calibration, p
 def test_scans_of_a_node_with_a_name_of_its_own_can_be_processed(
     calibration_file: Path, tmp_path: Path, paper_scan: gp.Scan
 ) -> None:
-    """A scan is of the robot of its calibration, not of an instance "lobo"."""
+    """The robot of a scan is that of its calibration, not the instance name "lobo"."""
     calibration = gp.load_calibration(calibration_file)
     for number, hash_text, robot in ((0, calibration.hash, "guara"), (1, "0" * 16, "lobo")):
         path = tmp_path / f"{number}.mcap"
@@ -72,7 +72,7 @@ def test_scans_of_a_node_with_a_name_of_its_own_can_be_processed(
 
 
 def test_wrong_extent_and_files_are_refused(walk: Path, tmp_path: Path):
-    """One error each that says what is allowed or what is wrong."""
+    """Each error states what is wrong or what is allowed."""
     with gp.open_recording(walk) as recording, pytest.raises(gp.InvalidInput, match="allowed: footprint, map"):
         list(recording.grids("world"))
     with pytest.raises(gp.MissingFile, match="no such file"):

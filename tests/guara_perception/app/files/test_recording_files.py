@@ -1,4 +1,4 @@
-"""Files of a recording that goes on: their names over restarts, and which of them make room."""
+"""Files of a continued recording: their names after restarts, and which of them are removed to make room."""
 
 import errno
 from pathlib import Path
@@ -15,7 +15,7 @@ MB = 10**6
 
 
 def _write(path: Path, size: int) -> Path:
-    """A file of some length, finished, that takes no disk."""
+    """Write a finished sparse file of a given length."""
     with path.open("wb") as file:
         file.truncate(size - len(MAGIC))
         file.seek(0, 2)
@@ -24,7 +24,7 @@ def _write(path: Path, size: int) -> Path:
 
 
 def test_a_file_is_followed_by_numbered_ones(tmp_path: Path) -> None:
-    """w.mcap, w-2.mcap ...: after the highest number; the name itself where it is free. Others' names do not count."""
+    """w.mcap, w-2.mcap ...: the next number after the highest; w.mcap itself if unused. Other files do not count."""
     files = RecordingFiles(tmp_path / "w.mcap", "guara")
     assert files.file_size is None and files.next() == tmp_path / "w.mcap"
     _write(tmp_path / "w.mcap", 100)
@@ -37,7 +37,7 @@ def test_a_file_is_followed_by_numbered_ones(tmp_path: Path) -> None:
 
 
 def test_a_folder_is_made_and_its_files_are_numbered_by_robot(tmp_path: Path) -> None:
-    """Two robots may share a folder, also one whose name begins with the other's."""
+    """Two robots may share a folder, even if one name is a prefix of the other."""
     folder = tmp_path / "deep" / "recordings"
     files = RecordingFiles(folder, "guara")
     assert files.next() == folder / "guara-000001.mcap" and files.file_size == module.FILE_SIZE
@@ -48,7 +48,7 @@ def test_a_folder_is_made_and_its_files_are_numbered_by_robot(tmp_path: Path) ->
 
 
 def test_the_oldest_make_room_and_nothing_else_does(tmp_path: Path) -> None:
-    """Below the limit with a full next file and one more pause; foreign files, links and folders stay as they are."""
+    """Old files go until the limit has room for a full file and a pause; other files, links and folders stay."""
     limit = 1000 * MB
     files = RecordingFiles(tmp_path, "guara", limit)
     assert files.file_size == 200 * MB
@@ -77,7 +77,7 @@ def test_the_oldest_make_room_and_nothing_else_does(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_written_is_never_removed(tmp_path: Path) -> None:
-    """Though it is the oldest: another process, or this one, holds it."""
+    """The oldest file stays if this or another process is writing it."""
     running = GrowingFile(tmp_path / "guara-000001.mcap")
     running.write(bytes(MB))
     running.append()
@@ -91,7 +91,7 @@ def test_a_file_that_is_written_is_never_removed(tmp_path: Path) -> None:
 
 
 def test_a_file_that_cannot_be_removed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The limit is passed then, and it is said by which file."""
+    """The limit is then exceeded, and the error names the file."""
     for number in range(1, 5):
         _write(tmp_path / f"guara-{number:06d}.mcap", 300 * MB)
 
@@ -104,7 +104,7 @@ def test_a_file_that_cannot_be_removed_is_named(tmp_path: Path, monkeypatch: pyt
 
 
 def test_places_that_cannot_be_recorded_to_are_named(tmp_path: Path) -> None:
-    """A file in place of the folder, and a folder that is not there."""
+    """A file in place of the folder, and a missing folder."""
     taken = _write(tmp_path / "notes.txt", 100)
     with pytest.raises(RecordingError, match="a file has this name"):
         RecordingFiles(taken, "guara")
@@ -115,7 +115,7 @@ def test_places_that_cannot_be_recorded_to_are_named(tmp_path: Path) -> None:
 
 
 def test_cut_files_are_told(tmp_path: Path) -> None:
-    """Those that do not end as an MCAP file does, oldest first."""
+    """Files without the end of an MCAP file, oldest first."""
     for number, content in ((1, MAGIC + b"..." + MAGIC), (2, MAGIC + b"..."), (10, b""), (3, b"..")):
         (tmp_path / f"guara-{number:06d}.mcap").write_bytes(content)
     assert [path.name[6:12] for path in RecordingFiles(tmp_path, "guara").cut()] == ["000002", "000003", "000010"]
@@ -125,7 +125,7 @@ def test_cut_files_are_told(tmp_path: Path) -> None:
     ("text", "size"), [("50GB", 50_000 * MB), ("200 mb", 200 * MB), (" 1.5TB", 1_500_000 * MB), ("0.2GB", 200 * MB)]
 )
 def test_sizes_are_read(tmp_path: Path, text: str, size: int) -> None:
-    """Numbers with a unit; decimal units."""
+    """Numbers with decimal units."""
     assert read_limit(text, tmp_path) == size
 
 
@@ -134,13 +134,13 @@ def test_sizes_are_read(tmp_path: Path, text: str, size: int) -> None:
     ["", "50", "GB", "50G", "-5GB", "1e9GB", "nan GB", "infGB", "50 GiB", "0GB", "199.9MB", "9" * 400 + "GB", "5,5GB"],
 )
 def test_what_is_no_size_is_refused(tmp_path: Path, text: str) -> None:
-    """So is one in which no file has room; it is said what is allowed."""
+    """A limit too small for any file is refused too, with what is allowed."""
     with pytest.raises(InvalidInput, match=r"allowed: 200MB or more, such as 50GB"):
         read_limit(text, tmp_path)
 
 
 @pytest.mark.parametrize("path", [None, Path("w.mcap")])
 def test_a_limit_needs_a_folder(path: Path | None) -> None:
-    """Files of a name that somebody chose are not removed."""
+    """A file that the user named is never removed."""
     with pytest.raises(InvalidInput, match="needs --record with a folder"):
         read_limit("50GB", path)

@@ -1,4 +1,4 @@
-"""A scan that carries its calibration needs none beside it: folders, recordings, and by path from Python."""
+"""A scan with its own calibration needs no other: folders, recordings, and paths in Python."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from guara_perception.app.files.open_scan import calibration_for, carried_calibr
 
 @pytest.fixture
 def carrying(paper_copy: Path, calibration_file: Path) -> Path:
-    """A scan folder with its calibration inside."""
+    """Scan folder that contains its calibration."""
     shutil.copy(calibration_file, paper_copy / "calibration.json")
     return paper_copy
 
@@ -39,7 +39,7 @@ def test_none_inside_and_none_given_is_refused(data: Path):
 
 
 def test_the_one_given_wins(carrying: Path, calibration_file: Path, tmp_path: Path):
-    """Also over one inside that cannot be read."""
+    """A given calibration is used even if the stored one cannot be read."""
     (carrying / "calibration.json").write_text("{}")
     assert calibration_for(carrying, calibration_file).hash == gp.load_calibration(calibration_file).hash
     with pytest.raises(gp.FileFormatError, match="calibration.json"):
@@ -48,7 +48,7 @@ def test_the_one_given_wins(carrying: Path, calibration_file: Path, tmp_path: Pa
 
 @pytest.mark.slow
 def test_paths_are_taken_where_objects_are(carrying: Path, calibration_file: Path, paper_terrain: gp.TerrainGrid):
-    """Scan, calibration and robot by path or name give the same bytes as the objects."""
+    """Scan, calibration and robot as path or name give the same bytes as the objects."""
     for arguments in ((carrying,), (str(carrying), str(calibration_file), "guara"), (carrying, None, None)):
         terrain = gp.process_scan(*arguments, pictures=False)
         assert np.array_equal(terrain.elevation, paper_terrain.elevation, equal_nan=True)
@@ -56,7 +56,7 @@ def test_paths_are_taken_where_objects_are(carrying: Path, calibration_file: Pat
 
 
 def test_an_open_scan_needs_its_calibration(paper_scan: gp.Scan):
-    """An opened scan has no path to search in."""
+    """An opened scan has no path in which to look for a calibration."""
     with pytest.raises(gp.InvalidInput, match="give its calibration, which can only be omitted if the scan is a path"):
         gp.process_scan(paper_scan)
 

@@ -1,4 +1,4 @@
-"""Scan folders: a good one opens, every bad field is refused with file and field."""
+"""Scan folders: a valid one opens, and every invalid field is refused with file and field."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,7 @@ from guara_perception.app.files.scan_folder import ScanFolderWriter, open_scan_f
 
 
 def test_good_folder_says_what_was_recorded(data: Path):
-    """Every field of scan.json arrives, stripes in recorded order."""
+    """Every field of scan.json is read, with the stripes in recorded order."""
     written = json.loads((data / "scans" / "tilt" / "scan.json").read_text())
     scan = open_scan_folder(data / "scans" / "tilt")
     assert (scan.robot, scan.mode, scan.stamp, scan.step) == tuple(
@@ -27,7 +27,7 @@ def test_good_folder_says_what_was_recorded(data: Path):
 
 
 def test_optional_fields_are_read(edited_scan):
-    """A second stance, a hash and stamps of single stripes are kept."""
+    """A second stance, a hash and stamps of single stripes."""
 
     def change(content):
         content["stance_end"] = {**content["stance"], "gravity_in_base": None}
@@ -41,7 +41,7 @@ def test_optional_fields_are_read(edited_scan):
 
 
 def test_frames_are_read_one_by_one(data: Path, monkeypatch: pytest.MonkeyPatch):
-    """Opening reads no picture; a shared laser-off frame is read once, each laser-on frame once."""
+    """Opening reads no image; a shared laser-off frame is read once, and so is each laser-on frame."""
     read: list[str] = []
 
     def counted(path: Path):
@@ -134,7 +134,7 @@ BAD_FIELDS = {
 
 @pytest.mark.parametrize(("change", "reported"), BAD_FIELDS.values(), ids=BAD_FIELDS)
 def test_bad_field_is_refused_by_name(edited_scan, change, reported: str):
-    """Each message starts with the file and says field, what was given and what is allowed, on one line."""
+    """Each message is one line with file, field, given value and what is allowed."""
     folder = edited_scan(change)
     with pytest.raises((gp.FileFormatError, gp.MissingFile)) as caught:
         gp.open_scan(folder)
@@ -144,7 +144,7 @@ def test_bad_field_is_refused_by_name(edited_scan, change, reported: str):
 
 
 def test_missing_folder_and_missing_scan_file(tmp_path: Path):
-    """A path with nothing there, and a folder that is no scan."""
+    """A missing path, and a folder that is not a scan."""
     with pytest.raises(gp.MissingFile, match="nowhere: no such"):
         gp.open_scan(tmp_path / "nowhere")
     with pytest.raises(gp.MissingFile, match="contains no scan.json, so it is not a scan"):
@@ -152,7 +152,7 @@ def test_missing_folder_and_missing_scan_file(tmp_path: Path):
 
 
 def test_a_file_that_is_no_recording_is_refused(data: Path):
-    """Given scan.json instead of its folder, the message says what a scan is."""
+    """Given scan.json instead of its folder, the message explains what a scan is."""
     with pytest.raises(
         gp.InvalidInput, match="scan.json: not a scan; allowed: a folder with scan.json, or a file that ends"
     ):
@@ -160,7 +160,7 @@ def test_a_file_that_is_no_recording_is_refused(data: Path):
 
 
 def test_broken_json_is_refused(paper_copy: Path):
-    """A scan.json that was cut off is named."""
+    """A truncated scan.json is named."""
     path = paper_copy / "scan.json"
     path.write_text(path.read_text()[:500])
     with pytest.raises(gp.FileFormatError, match="scan.json: not a JSON file"):
@@ -169,7 +169,7 @@ def test_broken_json_is_refused(paper_copy: Path):
 
 @pytest.mark.parametrize("content", [b"", b"no picture", b"\xff\xd8\xff\xe0"], ids=["empty", "text", "cut jpeg"])
 def test_broken_frame_is_refused_when_it_is_read(paper_copy: Path, content: bytes):
-    """A frame that is no picture is named with its size."""
+    """A frame that is not an image is named, with its size."""
     (paper_copy / "on_004.jpg").write_bytes(content)
     scan = gp.open_scan(paper_copy)
     with pytest.raises(gp.FileFormatError, match=rf"on_004.jpg: not a readable picture \({len(content)} bytes\)"):
@@ -204,7 +204,7 @@ def test_pictures_are_read_as_they_are(tmp_path: Path, picture: np.ndarray):
 
 @pytest.mark.parametrize("name", ["/etc/hostname", "../secret.png", "frames/../../secret.png"])
 def test_frames_outside_the_folder_are_refused(edited_scan, name: str):
-    """A scan folder from elsewhere cannot make the program read other files."""
+    """A scan folder cannot make the program read files outside it."""
 
     def change(content):
         content["stripes"][0]["on"] = name
@@ -214,7 +214,7 @@ def test_frames_outside_the_folder_are_refused(edited_scan, name: str):
 
 
 def test_each_laser_off_array_has_its_file(tmp_path: Path, data: Path):
-    """Arrays that are freed in between, whose ids come again, and one array that two stripes share."""
+    """Freed arrays whose ids are reused get separate files; an array shared by two stripes gets one."""
     stance = gp.open_scan(data / "scans" / "paper").stance
     on, shared = np.zeros((8, 8), np.uint8), np.full((8, 8), 200, np.uint8)
     with ScanFolderWriter(tmp_path / "scan") as writer:

@@ -49,13 +49,13 @@ def _record(path: Path, scan: gp.Scan, *entries: tuple[int, int] | TerrainMessag
 
 
 def test_a_withdrawn_grid_marks_the_scans_of_its_pause(grid: TerrainMessage, paper_scan: gp.Scan, tmp_path: Path):
-    """Both scans of pause 2, in which the robot moved; not the scans of the pauses before and after."""
+    """Both scans of pause 2, in which the robot moved, and no scan of the pauses before and after."""
     entries = ((1, 100), (2, 200), (2, 250), _said(grid, 2, 300, WITHDRAWN), (3, 400))
     assert _record(tmp_path / "r.mcap", paper_scan, *entries) == ["", "it moved", "it moved", ""]
 
 
 def test_a_map_that_was_confirmed_does_not_excuse_a_scan(grid: TerrainMessage, paper_scan: gp.Scan, tmp_path: Path):
-    """The map may be of an earlier scan of the pause, after which the mirror slipped: the safer case is assumed."""
+    """The map may contain an earlier scan of the pause, before the mirror slipped; the safer case is assumed."""
     entries = ((2, 200), _said(grid, 2, 200, {"provisional": False}, "map"), (2, 250), _said(grid, 2, 300, WITHDRAWN))
     assert _record(tmp_path / "r.mcap", paper_scan, *entries) == ["it moved", "it moved"]
 
@@ -63,7 +63,7 @@ def test_a_map_that_was_confirmed_does_not_excuse_a_scan(grid: TerrainMessage, p
 def test_a_gait_that_counts_from_zero_again_has_the_same_step_twice(
     grid: TerrainMessage, paper_scan: gp.Scan, tmp_path: Path
 ):
-    """The scan before the withdrawal is marked; with a clock that was set back, every scan of that step."""
+    """The scan before the withdrawal is marked; after the clock was set back, every scan of the step is."""
     entries = ((2, 200), (1, 500), (2, 600), _said(grid, 2, 700, WITHDRAWN))
     assert _record(tmp_path / "r.mcap", paper_scan, *entries) == ["", "", "it moved"]
     entries = ((2, 200), (1, 500), (2, 600), _said(grid, 2, 100, WITHDRAWN))
@@ -71,7 +71,7 @@ def test_a_gait_that_counts_from_zero_again_has_the_same_step_twice(
 
 
 def test_a_scan_belongs_to_the_walk_of_its_grid(grid: TerrainMessage, paper_scan: gp.Scan, tmp_path: Path):
-    """All scans of a pause do, though only one has a grid; a pause without a grid belongs to no known walk."""
+    """All scans of a pause belong to the walk of its grid; a pause without a grid belongs to no known walk."""
     path, other = tmp_path / "r.mcap", {"epoch": "other"}
     grids = _said(grid, 2, 300, {}), _said(grid, 2, 500, other)
     scans = (1, 100), (2, 200), (2, 250), grids[0], (2, 350), (1, 370), (2, 400), grids[1], (3, 600)
@@ -80,7 +80,7 @@ def test_a_scan_belongs_to_the_walk_of_its_grid(grid: TerrainMessage, paper_scan
 
 
 def test_a_scan_that_ended_before_its_first_stripe_is_left_out(paper_scan: gp.Scan, tmp_path: Path):
-    """The others of its recording open as ever."""
+    """The other scans of the recording open as usual."""
     path, stance = tmp_path / "r.mcap", stance_to_message(paper_scan.stance)
     with RecordingWriter(path) as writer:
         for step, frames in ((1, 0), (2, 1)):

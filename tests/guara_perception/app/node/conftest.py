@@ -1,4 +1,4 @@
-"""A live rangefinder over a recorded scan: the real driver, an emulated board, a camera that shows the recording."""
+"""Rangefinder over a recorded scan: the real driver, an emulated board, and a camera that replays the recording."""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -19,13 +19,13 @@ from testbed.recorded_view import RecordedView
 if TYPE_CHECKING:
     from tests.guara_perception.app.node.live_bench import Bench
 
-# The emulated devices keep real time; at this rate a coarse scan takes 0.3 s.
+# The emulated devices run in real time; at this rate a coarse scan takes 0.3 s.
 FPS = 120.0
 
 
 @dataclass
 class Rig:
-    """An open rangefinder and what it is made of."""
+    """Open rangefinder and its parts."""
 
     rangefinder: Rangefinder
     board: BenchBoard
@@ -35,7 +35,7 @@ class Rig:
     reference: gp.TerrainGrid
 
     def never_safer(self, terrain: gp.TerrainGrid) -> bool:
-        """Whether no cell is safe that the whole scan does not call safe."""
+        """True if every cell that is safe is also safe in the complete scan."""
         return not np.any((terrain.hazard == 0) & (self.reference.hazard != 0))
 
 
@@ -52,7 +52,7 @@ def rig(
     calibration: gp.Calibration,
     robot: RobotModel,
 ) -> Iterator[Rig]:
-    """Open devices."""
+    """Open the devices."""
     board = BenchBoard()
     camera = BenchCamera(board, recorded_view.render, fps=FPS, exposure=0.004, latency=0.002)
     rangefinder = Rangefinder(LaserBoard(backend=bench_backend(board)), camera)
@@ -72,8 +72,8 @@ def rig(
 def bench_with(
     rig: Rig, free_endpoint: str, robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan
 ) -> "Callable[..., AbstractContextManager[Bench]]":
-    """Makes a running node over the rig; arguments are those of `running` from `recorder` on."""
-    # Not above: that module imports `Rig` from here.
+    """Make a running node over the rig, with the arguments of `running` from `recorder` on."""
+    # Imported here, because that module imports `Rig` from this one.
     from tests.guara_perception.app.node.live_bench import running
 
     return partial(running, rig, free_endpoint, robot, calibration, paper_scan.stance)
@@ -81,6 +81,6 @@ def bench_with(
 
 @pytest.fixture
 def bench(bench_with: "Callable[..., AbstractContextManager[Bench]]") -> "Iterator[Bench]":
-    """A running node over the rig."""
+    """Running node over the rig."""
     with bench_with() as made:
         yield made

@@ -15,12 +15,12 @@ from kinematics import RobotModel
 from transport import StancePublisher, open_client
 
 PATIENCE = 180.0
-# Radians by which a knee is bent too far.
+# Angle by which a knee is bent too far [rad].
 MISTAKES = {"limits": 0.2, "impossible": 1.0}
 
 
 def jumped(robot: RobotModel, pause: WalkPause) -> WalkPause:
-    """The pause after this one, all feet nearer to one another."""
+    """Make the next pause, with all feet closer together."""
     soles = {leg: pause.soles_in_world[leg] * (0.8, 0.8, 1.0) for leg in robot.legs}
     _, joints = stand_on(robot, soles, (0.03, 0.0), 0.36)
     stance = dataclasses.replace(pause.stance, joint_positions=joints, gravity_in_base=None)
@@ -28,7 +28,7 @@ def jumped(robot: RobotModel, pause: WalkPause) -> WalkPause:
 
 
 def walk(world: str, mistake: str) -> list[WalkPause]:
-    """Three pauses: with a mistake the last is wrong."""
+    """Yield three pauses; with a mistake, the last one is wrong."""
     robot = gp.load_robot("guara")
     pauses = list(simulate_walk(load_world(world), robot, cycles=3))
     if mistake == "jump":
@@ -43,7 +43,7 @@ def walk(world: str, mistake: str) -> list[WalkPause]:
 
 
 def main(endpoint: str, world: str, mistake: str = "") -> None:
-    """Walk; an impossible pause is announced and not waited for."""
+    """Walk; do not wait for an impossible pause after its announcement."""
     with open_client(endpoint) as session, gp.TerrainClient(endpoint) as client:
         publisher = StancePublisher(session)
         gait = SimulatedGait(publisher, "guara", seed=1)

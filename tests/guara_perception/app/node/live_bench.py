@@ -1,4 +1,4 @@
-"""A node that runs in this process, with a gait and a planner that have a session each."""
+"""Node in this process, with a gait and a planner in sessions of their own."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -52,13 +52,13 @@ class Gait:
         self.publisher.publish(StancePause(**reported))
 
     def moved(self, angle: float = 0.02) -> Stance:
-        """The stance with all knees bent further: the camera comes down, and forward."""
+        """Stance with all knees bent further, so that the camera moves down and forward."""
         joints = {name: at + angle * ("kfe" in name) for name, at in self.stance.joint_positions.items()}
         return Stance(joints, self.stance.support_feet, self.stance.gravity_in_base)
 
 
 class Bench:
-    """A running node with a gait and a planner."""
+    """Running node with a gait and a planner."""
 
     def __init__(
         self,
@@ -86,7 +86,7 @@ def running(
     mode: str = "coarse",
     has_router: bool = False,
 ) -> Iterator[Bench]:
-    """Node, gait and planner, joined by the node's own router or by one that listens at `endpoint` already."""
+    """Run node, gait and planner over the node's own router, or over a router that already listens at `endpoint`."""
     status = NodeStatus(calibration)
     with open_node(connect=endpoint, timeout=TIMEOUT) if has_router else open_node(listen=endpoint) as session:
         server = PerceptionServer(session, collect_status=status.items)

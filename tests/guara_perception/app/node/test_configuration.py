@@ -1,4 +1,4 @@
-"""Files that a node was started with, watched while it runs."""
+"""Monitor of the files with which a node was started."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from transport import Health
 
 
 def test_changed_new_and_deleted_files_are_named(tmp_path: Path) -> None:
-    """In a folder and alone; what was there from the start and stays is none of them."""
+    """Changes in a folder and in a single file are named; unchanged files are not."""
     calibration, folder = tmp_path / "calibration.json", tmp_path / "rex"
     (folder / "urdf").mkdir(parents=True)
     for path in (calibration, folder / "robot.toml", folder / "urdf" / "rex.urdf"):

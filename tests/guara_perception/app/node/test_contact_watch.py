@@ -1,4 +1,4 @@
-"""Height of landing feet against the map's, as the status tells it."""
+"""Heights of landing feet relative to the map, as reported in the status."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def told(status: NodeStatus, name: str) -> StatusItem | None:
 
 
 def fused(residuals: dict[str, float | None], **more: object) -> gp.TerrainGrid:
-    """Map of a pause at which feet stood so far over it [m]."""
+    """Map of a pause in which feet landed at these heights above it [m]."""
     flat = gp.assess_terrain(np.zeros((40, 40)), 0.005)
     record = MapRecord(robot="guara", limits=flat.record.required_limits, support_residuals=residuals, **more)
     return gp.TerrainGrid(layers=flat.layers, geometry=flat.geometry, extent="map", record=record)
@@ -25,7 +25,7 @@ def fused(residuals: dict[str, float | None], **more: object) -> gp.TerrainGrid:
 
 @pytest.mark.parametrize(("bias", "level"), [(0.001, Health.OK), (0.012, Health.WARN), (-0.012, Health.WARN)])
 def test_a_chain_that_is_off_is_alarmed(bias: float, level: Health) -> None:
-    """From eight landings on; feet that stayed say nothing new."""
+    """A warning after eight landings; feet that stayed add nothing."""
     status = NodeStatus()
     watch, rng = ContactWatch(status), np.random.default_rng(0)
     for number in range(10):

@@ -43,14 +43,14 @@ height = 0.06
 
 @pytest.fixture
 def world(tmp_path: Path) -> Path:
-    """A world of one's own: a box of 60 mm in the scanned area."""
+    """World with a 60 mm box in the scanned area."""
     path = tmp_path / "world.toml"
     path.write_text(WORLD)
     return path
 
 
 class Follower:
-    """An `ExternalGait` before a node that only listens, and what it told."""
+    """`ExternalGait` before a node that only receives, with the reported lines."""
 
     def __init__(self, world: str = WORLD, robot: str | Path = "guara") -> None:
         self.heard: list[StancePause | MessageError] = []
@@ -74,14 +74,14 @@ class Follower:
 
 
 def pauses_of(robot: RobotModel, cycles: float, imu: float | None = 0.00175) -> list[WalkPause]:
-    """A walk over WORLD."""
+    """Pauses of a walk over WORLD."""
     return list(simulate_walk(parse_world(WORLD, "world"), robot, cycles=cycles, noise=WalkNoise(imu=imu)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("imu", [0.00175, None])
 def test_the_robot_stands_where_the_joints_put_it(robot: RobotModel, imu: float | None) -> None:
-    """Eight steps of a walk: position, heading and tilt as in the gait's own simulation, by joints and feet alone."""
+    """Position, heading and tilt over eight steps agree with the gait's own simulation, from joints and feet alone."""
     follower = Follower()
     pauses = pauses_of(robot, 2, imu)
     for pause in pauses:
@@ -98,7 +98,7 @@ def test_the_robot_stands_where_the_joints_put_it(robot: RobotModel, imu: float 
 
 @pytest.mark.slow
 def test_a_new_walk_begins_at_the_origin(robot: RobotModel) -> None:
-    """By its epoch; a BEGIN that comes late moves nothing."""
+    """A new epoch begins a new walk; a late BEGIN moves nothing."""
     follower = Follower()
     pauses = pauses_of(robot, 1)
     for pause in pauses[:3]:
@@ -111,7 +111,7 @@ def test_a_new_walk_begins_at_the_origin(robot: RobotModel) -> None:
 
 @pytest.mark.slow
 def test_what_does_not_fit_the_world_is_told(robot: RobotModel) -> None:
-    """Joints beyond their limits, hanging feet, gravity of another tilt, a jump; each is solved by the next pause."""
+    """Joints beyond limits, hanging feet, wrong gravity and a jump are reported, and solved by the next pause."""
     follower = Follower()
     pauses = pauses_of(robot, 0.25)
     follower.begin(pauses[0])
@@ -135,7 +135,7 @@ def test_what_does_not_fit_the_world_is_told(robot: RobotModel) -> None:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::kinematics.exceptions.JointLimitWarning")
 def test_joints_that_slide_are_metres(tmp_path: Path) -> None:
-    """A knee 5 mm beyond its limit is told; its encoder errs by a millimetre at most, not by 3.5 mm."""
+    """A prismatic knee 5 mm beyond its limit is reported; its encoder bias is below a millimetre, not 3.5 mm."""
     folder = telescopic_guara(tmp_path)
     follower, robot = Follower(robot=folder), load_robot(folder)
     placed: list[dict[str, float]] = []
@@ -152,7 +152,7 @@ def test_joints_that_slide_are_metres(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_camera_in_a_wall_sees_nothing(robot: RobotModel) -> None:
-    """The node gets a refusal in place of the pause; the gait's next walk goes on."""
+    """The node receives an error instead of the pause; the next walk proceeds."""
     follower = Follower(WORLD.replace("x = 0.75", "x = 1.0").replace("0.06", "0.9").replace("0.10, 0.10", "0.6, 0.2"))
     pauses = pauses_of(robot, 3)
     for pause in pauses:
@@ -166,7 +166,7 @@ def test_a_camera_in_a_wall_sees_nothing(robot: RobotModel) -> None:
 
 
 def test_feet_that_do_not_fit_the_ground_are_measured() -> None:
-    """On a plane the body tilts with it; a foot 40 mm short hangs."""
+    """On an inclined plane the body tilts with it; a foot 40 mm short hangs."""
     ramp = "x = [-1.0, 3.0]\ny = [-0.8, 0.8]\n[[ramp]]\nx = 0.5\ny = 0.0\nsize = [2.0, 1.4]\nheight = 0.2\n"
     soles = np.array([[0.2, 0.2, -0.4], [0.2, -0.2, -0.4], [-0.2, 0.2, -0.4], [-0.2, -0.2, -0.4]])
     start = np.eye(4)
@@ -182,7 +182,7 @@ def test_feet_that_do_not_fit_the_ground_are_measured() -> None:
 
 @pytest.fixture
 def node(free_endpoint: str, world: Path) -> Iterator[ForkedProcess]:
-    """The command, as a developer starts it."""
+    """The command as a developer starts it."""
     arguments = ["run", "--simulated", "--gait", "external", "--world", str(world), "--listen", free_endpoint]
     process = ForkedProcess("-m", "guara_perception.app.main", *arguments, "--mode", "coarse")
     yield process
@@ -193,7 +193,7 @@ def node(free_endpoint: str, world: Path) -> Iterator[ForkedProcess]:
 def test_a_gait_in_another_process_drives_the_robot(
     node: ForkedProcess, free_endpoint: str, world: Path, robot: RobotModel
 ) -> None:
-    """Nothing walks by itself; grids show the world from where the gait stands; mistakes are told, and it goes on."""
+    """Grids show the world from where the gait stands; contradictions are reported, and the node continues."""
     with gp.TerrainClient(free_endpoint, timeout=PATIENCE) as client:
         with pytest.raises(gp.ReceiveTimeout):
             client.wait_for_step(0, timeout=3.0)
@@ -222,12 +222,12 @@ def test_a_gait_in_another_process_drives_the_robot(
 
 @pytest.mark.parametrize("more", [["--gait", "external"], ["--world", "sunlit"]])
 def test_a_real_robot_has_no_simulated_world(more: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    """Exit 2, and what to do."""
+    """Exit 2 with the remedy."""
     assert run(["run", *more]) == 2
     assert "--gait and --world require --simulated" in capsys.readouterr().err
 
 
 def test_a_world_that_is_not_there_is_named(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    """Exit 2, with the worlds that there are."""
+    """Exit 2 with the list of worlds."""
     assert run(["run", "--simulated", "--gait", "external", "--world", str(tmp_path / "no.toml")]) == 2
     assert "worlds that come with the package: demo" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Gravity that a walk without an IMU carries to its next scan."""
+"""Gravity carried by leg odometry to the next scan of a walk without an IMU."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_scans_are_level_by_the_gravity_of_their_walk(robot: RobotModel, calibration: gp.Calibration) -> None:
-    """That of leg odometry at the pause, before and after the map has it; none for another walk, or with an IMU."""
+    """Gravity of leg odometry at the pause, before and after the map has it; none for another walk or with an IMU."""
     random = Ground.random(0)
     ground = LevelGround(random.boxes[:0], random.dark[:0], random.phases)
     walk_map, odometry = WalkMap(robot, calibration), LegOdometry(robot)

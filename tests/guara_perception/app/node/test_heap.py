@@ -1,4 +1,4 @@
-"""Freed memory is given back to the system."""
+"""Freed memory is returned to the system."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ def resident_mb() -> float:
 
 
 def test_freed_memory_is_given_back_once_a_period(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pieces below others that are in use, which the C library keeps by itself."""
+    """Pieces below others that are still in use, which the C library would keep."""
     monkeypatch.setattr(module, "PERIOD_S", 3600.0)
     heap = Heap()
     pieces = [bytes(60_000) for _ in range(2000)]

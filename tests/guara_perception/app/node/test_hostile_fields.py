@@ -1,4 +1,4 @@
-"""Messages with extremes in every field, sent to a running node with a recorder and to a client: both go on."""
+"""Extreme values in every field of messages to a running node with a recorder and to a client: both keep working."""
 
 import dataclasses
 import time
@@ -54,7 +54,7 @@ BenchWith = Callable[..., AbstractContextManager[Bench]]
 
 @pytest.fixture
 def told() -> Iterator[list[Failure]]:
-    """Failures of threads and callbacks while a test runs."""
+    """Failures of threads and callbacks during a test."""
     failures: list[Failure] = []
     follow(failures.append)
     yield failures
@@ -62,7 +62,7 @@ def told() -> Iterator[list[Failure]]:
 
 
 def payloads_of(message: Any) -> Iterator[bytes]:
-    """The extremes of a message that fit the types of its fields."""
+    """Extreme values of a message that fit the types of its fields."""
     for _, changed in extremes(message):
         try:
             yield bytes(encode(changed))
@@ -73,14 +73,16 @@ def payloads_of(message: Any) -> Iterator[bytes]:
 def test_no_announcement_and_no_request_stops_a_node(
     bench_with: BenchWith, tmp_path: Path, calibration: gp.Calibration, free_endpoint: str, told: list[Failure]
 ) -> None:
-    """Each in a pause of its own kind; then a pause is scanned as before, no thread failed, the recording is whole."""
+    """Each is sent in its own pause; then a pause is scanned as before, no thread failed, and the recording is
+    complete.
+    """
     path = tmp_path / "walk.mcap"
     with (
         ScanRecorder(path, robot="guara", calibration=calibration) as recorder,
         bench_with(recorder) as bench,
         open_client(free_endpoint) as session,
     ):
-        # With the priority of the gait's own, so that none arrives after what the gait says at the end.
+        # With the gait's own priority, so that none arrives after the last announcement of the gait.
         announcements = Publisher(bench.gait.session, stance_key(), latched=False, priority=URGENT)
         ground = GroundPatch(outline=np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), height=0.0, sigma=0.01)
         count = 0
@@ -106,7 +108,7 @@ def test_no_announcement_and_no_request_stops_a_node(
             for changed in payloads_of(message):
                 session.raw.get(key, payload=changed, timeout=0.2)
                 count += 1
-        # Another walk: the steps of the one before reach to the largest number that there is.
+        # Another walk, because the steps of the previous one reach the largest integer.
         assert wait_until(lambda: bench.client.status() is not None)
         bench.gait.say(0, PausePhase.BEGIN, epoch="the next walk", stamp=time.time_ns() + 10**9)
         assert bench.client.wait_for_step(0, timeout=TIMEOUT).step == 0
@@ -124,7 +126,7 @@ def test_no_announcement_and_no_request_stops_a_node(
 def test_no_grid_status_or_summary_stops_a_client(
     paper_terrain: gp.TerrainGrid, free_endpoint: str, told: list[Failure]
 ) -> None:
-    """On the keys of a node that lives: the client raises what it documents, and no part of it fails."""
+    """Sent on the keys of a running node: the client raises documented errors only, and no part of it fails."""
     small = gp.TerrainGrid(
         layers={name: array[:2, :3] for name, array in paper_terrain.layers.items()},
         geometry=GridGeometry(paper_terrain.origin, paper_terrain.resolution, (2, 3)),

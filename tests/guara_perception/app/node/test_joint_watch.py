@@ -1,4 +1,4 @@
-"""Joints against ground that the gait declares at the first pause of a walk."""
+"""Joints checked against ground that the gait declares at the first pause of a walk."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from testbed.misread_joints import ERROR, misread, walk
 
 @pytest.mark.slow
 def test_declared_ground_is_held_against_the_joints(robot: RobotModel) -> None:
-    """Without an IMU, the wrong zero of a knee is told within a cycle where the gait declared the ground, else not."""
+    """Without an IMU, a wrong knee zero is found within a cycle if the gait declared the ground, and otherwise not."""
     wrong, pauses = "rf_kfe_joint", walk(robot, 5, 100, has_imu=False)
 
     def told(**changed: Any) -> tuple[str, ...]:
@@ -33,7 +33,7 @@ def test_declared_ground_is_held_against_the_joints(robot: RobotModel) -> None:
 
 
 def test_declared_ground_below_two_feet_is_not_compared(robot: RobotModel) -> None:
-    """Without an IMU the pose over two feet is not known from one pause."""
+    """Without an IMU, the pose on two feet is not known from a single pause."""
     pause = next(iter(walk(robot, 1, 1, has_imu=False)))
     assert pause.known_ground
     stance = Stance(pause.stance.joint_positions, ("lf", "rh"))

@@ -1,4 +1,4 @@
-"""The journal of a walk: a restarted node goes on from it where all fits, else a new walk begins."""
+"""Journal of a walk: a restarted node continues from it if everything fits; otherwise a new walk begins."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ LEGS = "lf", "lh", "rf", "rh"
 
 @dataclasses.dataclass(frozen=True)
 class Scanned:
-    """A pause and its scan."""
+    """Pause with its scan."""
 
     pause: WalkPause
     stance: Stance
@@ -50,7 +50,7 @@ class Scanned:
 
     @property
     def standing(self) -> dict[str, int]:
-        """Pauses since which each foot stands, whatever happened to the robot."""
+        """Number of pauses through which each foot has stood, regardless of what happened to the robot."""
         order = WaveGait.of(load_robot("guara")).lift_order
         return {leg: min((self.pause.step - 1 - n) % 4, self.pause.step) for n, leg in enumerate(order)}
 
@@ -72,7 +72,7 @@ def calibration(robot: RobotModel) -> gp.Calibration:
 
 @pytest.fixture(scope="module")
 def scan(robot: RobotModel, calibration: gp.Calibration) -> Callable[..., Scanned]:
-    """Scans a pause, also of a robot that was moved by a matrix (4, 4) in the world."""
+    """Scan a pause, also of a robot that was moved by a transform (4, 4) in the world."""
     rangefinder = SimulatedRangefinder(World(seed=1), calibration, robot, 1)
 
     def scan(
@@ -106,7 +106,7 @@ def seal(robot: RobotModel, calibration: gp.Calibration) -> Seal:
 
 @pytest.fixture
 def opened(tmp_path: Path, robot: RobotModel, calibration: gp.Calibration, seal: Seal) -> Callable[..., tuple]:
-    """A journal in `tmp_path` and the map of a node that was started with it."""
+    """Journal in `tmp_path`, and the map of a node that was started with it."""
 
     def opened(**changes: str) -> tuple[Journal, WalkMap]:
         journal = Journal(tmp_path / "state", robot, dataclasses.replace(seal, **changes))
@@ -117,7 +117,7 @@ def opened(tmp_path: Path, robot: RobotModel, calibration: gp.Calibration, seal:
 
 @pytest.fixture
 def killed(walk: list[Scanned], opened: Callable[..., tuple], monkeypatch: pytest.MonkeyPatch) -> list[Path]:
-    """Journals of a node that ended after pause 3, the older first; what is confirmed is in one of them at once."""
+    """Journals of a node killed after pause 3, the older first; a confirmed pause is in one of them at once."""
     monkeypatch.setattr("guara_perception.app.node.journal.CONFIRM_S", 60.0)
     journal, walk_map = opened()
     with journal:
@@ -136,34 +136,34 @@ def path_of(journal: Journal) -> Path:
 
 
 def is_copied(journal: Journal, step: int) -> bool:
-    """Whether two files hold a pause."""
+    """True if two files contain a pause."""
     heads = [path.read_bytes().split(b"\n", 2)[1] for path in path_of(journal).glob("guara-*.journal")]
     return [parse_json(head, "journal").integer("step") for head in heads].count(step) == 2
 
 
 def same(one: gp.TerrainGrid, other: gp.TerrainGrid) -> bool:
-    """Whether all layers are the same but the bounds of unknown ground, which no file holds."""
+    """True if all layers are equal, except the bounds of unknown ground, which no file stores."""
     layers = set(one.layers) - {"ceiling"}
     return all(np.array_equal(one.layer(name), other.layer(name), equal_nan=True) for name in layers)
 
 
 @pytest.fixture(scope="module")
 def uninterrupted(walk: list[Scanned], robot: RobotModel, calibration: gp.Calibration) -> gp.TerrainGrid:
-    """The map of pause 4 of a node that was not restarted."""
+    """Map of pause 4 of a node that was not restarted."""
     walk_map = WalkMap(robot, calibration)
     return [scanned.fuse(walk_map) for scanned in walk][-1]
 
 
 @pytest.fixture(scope="module")
 def fresh(walk: list[Scanned], robot: RobotModel, calibration: gp.Calibration) -> gp.TerrainGrid:
-    """The map of pause 4 of a node that begins there."""
+    """Map of pause 4 of a node that starts there."""
     return walk[-1].fuse(WalkMap(robot, calibration))
 
 
 def test_a_restarted_node_goes_on_as_if_it_had_not_been(
     walk: list[Scanned], killed: list[Path], opened: Callable[..., tuple], uninterrupted: gp.TerrainGrid
 ) -> None:
-    """The map of the next pause is that of an uninterrupted node, bit for bit; files are for their user alone."""
+    """The map of the next pause equals that of an uninterrupted node, bit for bit; only the user can read the files."""
     journal, walk_map = opened()
     assert "continues if the next pause fits" in journal.item().message
     assert same(walk[-1].fuse(walk_map), uninterrupted)
@@ -177,7 +177,7 @@ def test_a_restarted_node_goes_on_as_if_it_had_not_been(
 def test_a_copy_stands_in_for_a_journal_that_was_cut(
     walk: list[Scanned], killed: list[Path], opened: Callable[..., tuple], uninterrupted: gp.TerrainGrid
 ) -> None:
-    """Nothing is lost with one file, whichever it is and wherever it ends."""
+    """Nothing is lost if one file is truncated, whichever it is and wherever it ends."""
     content = killed[2].read_bytes()
     for number, length in enumerate((0, 5, 79, 4000, len(content) // 2, len(content) - 1)):
         damaged = killed[1 + number % 2]
@@ -194,7 +194,7 @@ def test_a_copy_stands_in_for_a_journal_that_was_cut(
 def test_the_journal_before_stands_in_for_one_that_was_cut_with_its_copy(
     walk: list[Scanned], killed: list[Path], opened: Callable[..., tuple], uninterrupted: gp.TerrainGrid
 ) -> None:
-    """Two swings lie between then and now; all ground of the walk is there."""
+    """Two swings have passed since then; all ground of the walk is kept."""
     for path in killed[1:]:
         path.write_bytes(path.read_bytes()[:4000])
     journal, walk_map = opened()
@@ -214,7 +214,7 @@ def test_a_scan_that_was_cut_short_judges_no_journal(
     calibration: gp.Calibration,
     uninterrupted: gp.TerrainGrid,
 ) -> None:
-    """Its own ground is handed out, nothing of before is, and the journal stays for the scan that follows."""
+    """Only its own ground is published, and the journal is kept for the next scan."""
     for path in killed[1:]:
         path.unlink()
     cut = scan(walk[LAST].pause, stripes=range(0, 40, 2))
@@ -226,7 +226,7 @@ def test_a_scan_that_was_cut_short_judges_no_journal(
             "cut short; the next scan decides if the journal fits" in why for why in fused.metadata["health"]["reasons"]
         )
         walk_map.keep()
-        # It must not take the place of the journal that waits.
+        # It must not replace the pending journal.
         assert walk_map.claim(BEGUN) is None
         following = walk[-1].fuse(walk_map)
     assert journal.item().message == "walk 'w' continues from step 2"
@@ -243,7 +243,7 @@ def test_after_a_scan_that_was_cut_short_a_carried_robot_is_refused(
     robot: RobotModel,
     calibration: gp.Calibration,
 ) -> None:
-    """The whole scan tells; the walk then goes on from the cut one, also as its journal."""
+    """The complete scan decides; the walk and its journal then continue from the short one."""
     pauses = [walk[LAST].pause, walk[-1].pause]
     moved = [aside(0.0, 0.02), aside(0.0, 0.02)]
     cut, whole = (
@@ -264,7 +264,7 @@ def test_after_a_scan_that_was_cut_short_a_carried_robot_is_refused(
 def test_that_a_walk_goes_on_is_logged(
     walk: list[Scanned], killed: list[Path], opened: Callable[..., tuple], caplog: pytest.LogCaptureFixture
 ) -> None:
-    """As an event, also where the log holds warnings only."""
+    """The event is logged even if the log level is WARNING."""
     _, walk_map = opened()
     walk[-1].fuse(walk_map)
     assert "walk 'w' continues from step 3" in caplog.text
@@ -273,7 +273,7 @@ def test_that_a_walk_goes_on_is_logged(
 def test_a_pause_that_is_scanned_again_goes_on_from_the_pause_before(
     walk: list[Scanned], killed: list[Path], opened: Callable[..., tuple]
 ) -> None:
-    """A node that is started within a pause hears its BEGIN once more."""
+    """A node started during a pause receives its BEGIN again."""
     journal, walk_map = opened()
     walk[LAST].fuse(walk_map)
     assert journal.item().message == "walk 'w' continues from step 2"
@@ -298,7 +298,7 @@ MISFITS = {
 def test_what_does_not_fit_begins_a_new_walk(
     kind: str, walk: list[Scanned], killed: list[Path], opened: Callable[..., tuple], fresh: gp.TerrainGrid
 ) -> None:
-    """Nothing of before is handed out; status and map say why, and the journal is gone."""
+    """No earlier ground is published; status and map state the reason, and the journal is removed."""
     changes, why = MISFITS[kind]
     journal, walk_map = opened()
     fused = walk[-1].fuse(walk_map, **changes)
@@ -349,7 +349,7 @@ def test_a_robot_that_was_carried_with_stiff_legs_begins_a_new_walk(
     robot: RobotModel,
     calibration: gp.Calibration,
 ) -> None:
-    """Its joints are those of before, the ground is level, and its gait claims that no foot was lifted."""
+    """Its joints are unchanged, the ground is level, and its gait claims that no foot was lifted."""
     pause = walk[LAST].pause
     moved = CARRIED[how](pause)
     base = pause.transform_base_to_world[:3, :3]
@@ -364,7 +364,7 @@ def test_a_robot_that_was_carried_with_stiff_legs_begins_a_new_walk(
 def test_a_walk_without_gravity_is_not_gone_on_with(
     walk: list[Scanned], killed: list[Path], opened: Callable[..., tuple]
 ) -> None:
-    """It cannot be shown that gravity agrees."""
+    """Agreement of gravity cannot be shown."""
     journal, walk_map = opened()
     stance = Stance(walk[-1].stance.joint_positions, walk[-1].stance.support_feet)
     walk[-1].fuse(walk_map, stance=stance)
@@ -379,7 +379,7 @@ def test_a_withdrawn_first_pause_proves_nothing(
     robot: RobotModel,
     calibration: gp.Calibration,
 ) -> None:
-    """Its ground is withdrawn with it, and the pause that follows is checked anew."""
+    """Its ground is withdrawn with it, and the next pause is checked again."""
     journal, walk_map = opened()
     walk[LAST].fuse(walk_map)
     nothing = gp.ScanProcessor(calibration, robot, walk[LAST].stance, "coarse", step=LAST).finish()
@@ -396,7 +396,7 @@ SEALS = {"instance": "other", "robot": "00", "calibration": "11", "boot": "22"}
 def test_a_journal_of_something_else_is_refused_by_name(
     what: str, killed: list[Path], opened: Callable[..., tuple]
 ) -> None:
-    """Of another robot's folder, calibration, or run of the machine; that of another instance has another name."""
+    """Journals of another robot folder, calibration or boot are refused; another instance uses another file name."""
     journal, _ = opened(**{what: SEALS[what]})
     assert journal.claims == ()
     if what == "instance":
@@ -409,7 +409,7 @@ def test_a_journal_of_something_else_is_refused_by_name(
 def test_damaged_and_foreign_journals_are_refused_by_name(
     killed: list[Path], robot: RobotModel, seal: Seal, opened: Callable[..., tuple]
 ) -> None:
-    """A flipped bit anywhere, another format or version, too long a file: an error that names the file."""
+    """A flipped bit, another format or version, and an oversized file each give an error that names the file."""
     content, path = killed[1].read_bytes(), killed[1]
     chance = np.random.default_rng(0)
     for at in [0, 20, 90, *chance.integers(0, len(content), 20).tolist()]:
@@ -434,7 +434,7 @@ def test_damaged_and_foreign_journals_are_refused_by_name(
 def test_a_pause_that_was_not_confirmed_leaves_no_journal(
     walk: list[Scanned], killed: list[Path], opened: Callable[..., tuple]
 ) -> None:
-    """It is written beside the journals, and the next node removes it; other files stay."""
+    """It stays in the temporary file, which the next node removes; other files are kept."""
     before = [path.read_bytes() for path in killed]
     journal, walk_map = opened()
     walk[-1].fuse(walk_map)
@@ -452,7 +452,7 @@ def test_a_pause_that_was_not_confirmed_leaves_no_journal(
 
 
 def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path, robot: RobotModel, seal: Seal) -> None:
-    """It says what is allowed."""
+    """The error states what is allowed."""
     taken = tmp_path / "file"
     taken.write_text("")
     with pytest.raises(InvalidInput, match="--state is .*; allowed: a folder of this user"):
@@ -460,7 +460,7 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path, robot: Robot
 
 
 def test_a_journal_that_cannot_be_written_stops_no_scan(walk: list[Scanned], opened: Callable[..., tuple]) -> None:
-    """The status says so until one is written again."""
+    """The status reports it until a journal is written again."""
     journal, walk_map = opened()
     walk[0].fuse(walk_map)
     path_of(journal).rmdir()
@@ -475,7 +475,7 @@ def test_a_journal_that_cannot_be_written_stops_no_scan(walk: list[Scanned], ope
 
 
 def test_a_journal_of_an_earlier_version_is_read(robot: RobotModel) -> None:
-    """Every version that was ever released, of which tests/data/journal has an example."""
+    """Every released version, each with an example in tests/data/journal."""
     for path in OLD.glob("*.journal"):
         head = path.read_bytes().split(b"\n", 2)[1]
         fields = parse_json(head, path.name)

@@ -1,4 +1,4 @@
-"""Live scans with the real driver over an emulated board, healthy and with every fault at several phases."""
+"""Live scans with the real driver over an emulated board, without faults and with every fault at several times."""
 
 import dataclasses
 import weakref
@@ -33,7 +33,7 @@ STATE_FAULTS = [FaultKind.LASER_STUCK_OFF, FaultKind.BLIND_SENSOR, FaultKind.JAM
 
 
 def scan_again_is_whole(rig: Rig) -> bool:
-    """Whether the next scan gives the grid of an undisturbed one."""
+    """True if the next scan gives the grid of an undisturbed scan."""
     rig.board.mend()
     rig.board.replug()
     rig.camera.faults.clear()
@@ -45,7 +45,7 @@ def scan_again_is_whole(rig: Rig) -> bool:
 
 
 def test_a_live_scan_gives_the_grid_of_the_recording(rig: Rig) -> None:
-    """Through driver, board and camera come the same bytes as from the folder."""
+    """Driver, board and camera deliver the same bytes as the folder."""
     processor = rig.processor()
     scan = live_scan(rig.rangefinder, processor, rig.firing_order, should_stop=lambda: False)
     assert (scan.failed, scan.stopped_early, scan.problems) == (False, False, ())
@@ -54,14 +54,14 @@ def test_a_live_scan_gives_the_grid_of_the_recording(rig: Rig) -> None:
 
 
 def test_a_bad_frame_costs_its_own_stripe_of_a_group(rig: Rig) -> None:
-    """Stripes that are handed over together are processed together, except those whose frame cannot be used."""
+    """Stripes of one group are processed together, except those with an unusable frame."""
     processor = rig.processor()
     real, reported = rig.camera.grab, []
 
     def grab(timeout: float) -> Frame:
         frame = real(timeout)
         seen.append(frame.counter)
-        # By the count of grabbed frames, since a busy machine skips numbers; several, since one may not be used.
+        # Counted by grabbed frames, since a busy machine skips numbers; several, since one may be unused.
         return dataclasses.replace(frame, image=frame.image[::2, ::2]) if 14 <= len(seen) < 20 else frame
 
     seen: list[int] = []
@@ -80,11 +80,11 @@ def test_a_bad_frame_costs_its_own_stripe_of_a_group(rig: Rig) -> None:
 
 
 def test_frames_are_given_back_before_the_next_group_is_awaited(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    """While sixteen frames are collected, of the sixteen before only one is held, to compare the next frame with it."""
+    """While 16 frames are collected, only one of the previous 16 is kept, for comparison with the next frame."""
     real_grab, real_groups = rig.camera.grab, StripeStream.groups
 
     def grab(timeout: float) -> Frame:
-        # The emulation may keep its own picture.
+        # The emulation may keep its own image.
         frame = real_grab(timeout)
         return dataclasses.replace(frame, image=frame.image.copy())
 
@@ -109,7 +109,7 @@ def test_frames_are_given_back_before_the_next_group_is_awaited(rig: Rig, monkey
 
 @pytest.mark.parametrize("stop_at", [0, 1, 17])
 def test_a_pause_that_ends_leaves_the_rest_unscanned(rig: Rig, stop_at: int) -> None:
-    """What was not fired is UNSCANNED and nothing becomes safer."""
+    """Stripes that were not fired are UNSCANNED, and no cell becomes safer."""
     processor = rig.processor()
     done: list[int] = []
     scan = live_scan(
@@ -133,7 +133,7 @@ def test_a_pause_that_ends_leaves_the_rest_unscanned(rig: Rig, stop_at: int) -> 
 @pytest.mark.parametrize("kind", TRANSFER_FAULTS, ids=lambda kind: kind.value)
 @pytest.mark.parametrize("skip", [0, *further(40)])
 def test_no_transfer_fault_makes_anything_safer(rig: Rig, kind: FaultKind, skip: int) -> None:
-    """A fault of the bus early or late in a scan: survived, and reported where it cost data."""
+    """USB faults early or late in a scan are survived, and reported if data were lost."""
     rig.board.inject(Fault(kind, skip=skip, count=4))
     processor = rig.processor()
     try:
@@ -148,7 +148,7 @@ def test_no_transfer_fault_makes_anything_safer(rig: Rig, kind: FaultKind, skip:
 
 @pytest.mark.parametrize("kind", STATE_FAULTS, ids=lambda kind: kind.value)
 def test_no_device_fault_makes_anything_safer(rig: Rig, kind: FaultKind) -> None:
-    """A device that does not do what it reports is detected, or shows nothing: never more than there is."""
+    """A device that does not do what it reports is detected, or loses returns; it never adds any."""
     rig.board.inject(Fault(kind, amount=95))
     processor = rig.processor()
     live_scan(rig.rangefinder, processor, rig.firing_order, should_stop=lambda: False)
@@ -157,7 +157,7 @@ def test_no_device_fault_makes_anything_safer(rig: Rig, kind: FaultKind) -> None
 
 
 def test_lost_steps_are_counted_when_the_mirror_comes_home(rig: Rig) -> None:
-    """A mirror that missed motor steps displaces the stripes; homing after the scan shows by how many."""
+    """Homing after the scan shows how many motor steps the mirror lost."""
     rig.board.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=10, amount=40))
     live_scan(rig.rangefinder, rig.processor(), rig.firing_order, should_stop=lambda: False)
     assert abs(rig.rangefinder.lost_steps(rig.firing_order)) == 40
@@ -168,7 +168,7 @@ def test_lost_steps_are_counted_when_the_mirror_comes_home(rig: Rig) -> None:
 CAMERA_FAULTS = ("drop", "repeat", "freeze", "silence", "resize", "brighten")
 
 
-# Each kind early or late in the scan; both of each are tried in `make test-heavy`.
+# Each kind early or late in the scan; `make test-heavy` tests both.
 @pytest.mark.parametrize(
     ("kind", "first"),
     [
@@ -178,7 +178,7 @@ CAMERA_FAULTS = ("drop", "repeat", "freeze", "silence", "resize", "brighten")
     ],
 )
 def test_no_camera_fault_makes_anything_safer(rig: Rig, kind: str, first: int) -> None:
-    """Frames that are lost, repeated, frozen, of another size or exposure cost their stripe and no more."""
+    """Lost, repeated or frozen frames, or frames of another size or exposure, affect their own stripe only."""
     rig.camera.faults.append(CameraFault(kind, first, 3))
     processor = rig.processor()
     live_scan(rig.rangefinder, processor, rig.firing_order, should_stop=lambda: False)
@@ -188,7 +188,7 @@ def test_no_camera_fault_makes_anything_safer(rig: Rig, kind: str, first: int) -
 
 @pytest.fixture(scope="module")
 def simulated() -> SimulatedRobot:
-    """Its picture brightens with exposure and gain; both are locked when it is opened."""
+    """Camera whose image brightens with exposure and gain; both are locked when it is opened."""
     return SimulatedRobot(fps=120.0)
 
 
@@ -200,7 +200,7 @@ def short_scan(simulated: SimulatedRobot) -> LiveScan:
 
 
 def test_settings_that_hold_and_good_light_are_not_reported(simulated: SimulatedRobot) -> None:
-    """Scan after scan."""
+    """In repeated scans."""
     with simulated.rangefinder:
         assert [short_scan(simulated).problems for _ in range(2)] == [(), ()]
 
@@ -219,7 +219,7 @@ def test_settings_that_hold_and_good_light_are_not_reported(simulated: Simulated
 def test_what_another_program_changes_is_reported_with_what_it_does_to_the_light(
     simulated: SimulatedRobot, changed: dict[str, float], expected_texts: tuple[str, str]
 ) -> None:
-    """The scan is taken all the same; the next one says it again."""
+    """The scan is taken, and the next one reports the change again."""
     with simulated.rangefinder as rangefinder:
         rangefinder.camera.lock(CameraSettings(**changed))
         for _ in range(2):
@@ -232,7 +232,7 @@ def test_what_another_program_changes_is_reported_with_what_it_does_to_the_light
 
 
 def test_a_camera_that_does_not_answer_is_reported(rig: Rig) -> None:
-    """Reading back fails: the camera's error is among the problems."""
+    """If reading back fails, the camera's error is among the problems."""
     rig.rangefinder.lock(CameraSettings(gain=1.0))
 
     def gone(locked: CameraSettings) -> None:

@@ -1,4 +1,4 @@
-"""A robot that moves during its pause: grids are provisional until the gait has confirmed them, and are taken back."""
+"""Robot that moves during its pause: grids are provisional until the gait confirms them, and otherwise withdrawn."""
 
 import time
 from collections.abc import Callable
@@ -37,7 +37,7 @@ def reported(bench: Bench, expected_text: str) -> bool:
 
 
 def is_withdrawn(terrain: gp.TerrainGrid) -> bool:
-    """All unknown, nothing free in any of its forms, and it says so."""
+    """True if all cells are unknown, none is free in any encoding, and the record says that the grid is withdrawn."""
     unknown = (terrain.hazard & UNKNOWN_MASK) != 0
     free = (
         (terrain.traversability > 0) | (terrain.to_occupancy(allow_stale=True) < 100) | np.isfinite(terrain.elevation)
@@ -46,7 +46,7 @@ def is_withdrawn(terrain: gp.TerrainGrid) -> bool:
 
 
 def wait_for_withdrawal(bench: Bench, extent: str = "footprint") -> gp.TerrainGrid:
-    """The newest grid, once it is one that takes another back."""
+    """Wait until the newest grid withdraws another, and return it."""
 
     def is_there() -> bool:
         received = bench.client._client.receiver(extent).latest()
@@ -61,7 +61,7 @@ def wait_for_withdrawal(bench: Bench, extent: str = "footprint") -> gp.TerrainGr
 
 
 def test_a_grid_is_provisional_until_end_has_confirmed_it(bench: Bench) -> None:
-    """END comes after the scan, as it does on every walk: before it the grid says provisional, after it not."""
+    """Before END the grid is provisional, afterwards confirmed."""
     bench.gait.say(0, PausePhase.BEGIN)
     for grid in both(bench, 0):
         assert grid.is_provisional and "provisional" in repr(grid.metadata)
@@ -73,7 +73,7 @@ def test_a_grid_is_provisional_until_end_has_confirmed_it(bench: Bench) -> None:
 
 
 def test_a_robot_that_stands_keeps_its_scans(bench: Bench) -> None:
-    """Joints with fresh noise in every message, BEGIN's too: every pause is confirmed, with and without HOLD."""
+    """With noise in every reading, including BEGIN, each pause is confirmed, with and without HOLD."""
     rng = np.random.default_rng(1)
     for step in range(8):
         bench.gait.say(step, PausePhase.BEGIN, fresh_reading(bench.gait.stance, rng))
@@ -100,7 +100,7 @@ ENDS: dict[str, Callable[[Bench], None]] = {
 
 @pytest.mark.parametrize("how", ENDS)
 def test_a_grid_that_the_pause_contradicts_is_withdrawn(bench: Bench, how: str) -> None:
-    """After the scan the gait says that the robot moved, or not that it stood: grid and map then know nothing."""
+    """The gait reports after the scan that the robot moved, or does not confirm it: grid and map are then unknown."""
     heard: list[tuple[str, gp.TerrainGrid]] = []
     for extent in ("footprint", "map"):
         bench.client.on_terrain(lambda grid, extent=extent: heard.append((extent, grid)), extent)
@@ -130,7 +130,7 @@ def assert_shows_the_same(one: gp.TerrainGrid, other: gp.TerrainGrid) -> None:
 
 
 def test_what_a_withdrawn_scan_gave_to_the_map_is_undone(bench: Bench) -> None:
-    """The map after it knows what the pause before saw, bit for bit and not a cell more; the next pause is whole."""
+    """The next map knows exactly what the previous pause saw, bit for bit; the pause after it is complete."""
     bench.gait.say(0, PausePhase.BEGIN)
     both(bench, 0)
     bench.gait.say(0, PausePhase.END)
@@ -156,12 +156,12 @@ def test_what_a_withdrawn_scan_gave_to_the_map_is_undone(bench: Bench) -> None:
 
 
 def test_a_hold_after_the_last_frame_confirms_and_one_before_it_does_not(bench: Bench) -> None:
-    """The robot still stands; nothing that comes after undoes what the scan gave to the map."""
+    """The robot still stands; later announcements do not undo what the scan added to the map."""
     bench.gait.say(0, PausePhase.BEGIN)
     assert wait_until(lambda: bench.rig.board.view().laser_on)
     bench.gait.say(0, PausePhase.HOLD)
     assert all(grid.is_provisional for grid in both(bench, 0))
-    # Joints that were read before the last frame and arrive late.
+    # Joints read before the last frame, which arrive late.
     bench.gait.say(0, PausePhase.HOLD, stamp=bench.gait.first_stamp)
     bench.gait.say(0, PausePhase.HOLD)
     footprint, fused = both(bench, 0, confirmed=True)
@@ -169,12 +169,12 @@ def test_a_hold_after_the_last_frame_confirms_and_one_before_it_does_not(bench: 
     assert bench.client.request_scan("coarse", timeout=TIMEOUT).is_provisional
     bench.gait.say(0, PausePhase.END, bench.gait.moved())
     assert is_withdrawn(wait_for_withdrawal(bench))
-    # The map holds the first scan alone, which was confirmed.
+    # The map contains only the first scan, which was confirmed.
     assert np.isfinite(bench.client.latest(extent="map").elevation).any()
 
 
 def test_a_movement_ends_the_scan_at_once(bench: Bench) -> None:
-    """A HOLD with other joints while the mirror turns: laser off, no grid, the next pause is served."""
+    """A HOLD with other joints during a sweep: laser off, no grid, and the next pause is scanned."""
     bench.gait.say(0, PausePhase.BEGIN)
     assert wait_until(lambda: bench.rig.board.view().laser_on)
     bench.gait.say(0, PausePhase.HOLD, bench.gait.moved())
@@ -188,7 +188,7 @@ def test_a_movement_ends_the_scan_at_once(bench: Bench) -> None:
 
 
 def test_a_pause_expires_when_its_gait_has_died(bench: Bench) -> None:
-    """After its available time and the grace its grid is withdrawn; after the time alone a scan is refused."""
+    """The grid is withdrawn after the available time and the grace; scans are refused after the available time."""
     bench.gait.say(0, PausePhase.BEGIN, time_available=8.0)
     assert bench.client.wait_for_step(0, timeout=TIMEOUT).is_provisional
     message = bench.client._client.receiver().latest().message
@@ -201,7 +201,7 @@ def test_a_pause_expires_when_its_gait_has_died(bench: Bench) -> None:
 
 
 def test_a_second_begin_with_the_same_joints_says_nothing_new(bench: Bench) -> None:
-    """A gait that repeats BEGIN for nodes that start late costs no scan."""
+    """A gait may repeat BEGIN for nodes that start late, at no cost to the scan."""
     bench.gait.say(0, PausePhase.BEGIN, epoch="walk-a")
     both(bench, 0)
     bench.gait.say(0, PausePhase.BEGIN, epoch="walk-a")
@@ -210,7 +210,7 @@ def test_a_second_begin_with_the_same_joints_says_nothing_new(bench: Bench) -> N
 
 
 def test_a_second_begin_of_a_gait_without_epochs_is_another_pause(bench: Bench) -> None:
-    """It died and counts anew, in the same posture: the robot may have been carried off meanwhile."""
+    """The gait restarted its count in the same posture: the robot may have been carried in between."""
     bench.gait.say(0, PausePhase.BEGIN)
     both(bench, 0)
     before = bench.node._pause
@@ -224,7 +224,7 @@ def test_a_second_begin_of_a_gait_without_epochs_is_another_pause(bench: Bench) 
     [(1e6, "is at 1e+06 rad, half a turn or more beyond its limits"), (3.0, "joints at impossible positions")],
 )
 def test_joints_that_no_robot_can_have_are_refused(bench: Bench, position: float, expected_text: str) -> None:
-    """At a million radians, or where no encoder is: reported in the status, not scanned, the next pause is served."""
+    """A million radians, and positions beyond all limits: reported in the status and not scanned; the next pause is."""
     wild = Stance(dict.fromkeys(bench.gait.stance.joint_positions, position), bench.gait.stance.support_feet, None)
     bench.gait.say(0, PausePhase.BEGIN, wild)
     assert reported(bench, expected_text)
@@ -233,7 +233,7 @@ def test_joints_that_no_robot_can_have_are_refused(bench: Bench, position: float
 
 
 def test_a_phase_that_is_not_known_changes_nothing(bench: Bench) -> None:
-    """A gait of a later version says more than this node understands: refused in words, the pause goes on."""
+    """An announcement of a later version is reported as unknown, and the pause continues."""
     bench.gait.say(0, PausePhase.BEGIN)
     both(bench, 0)
     stance = StanceMessage(joint_positions=bench.gait.stance.joint_positions, support_feet=("lf",))
@@ -246,7 +246,7 @@ def test_a_phase_that_is_not_known_changes_nothing(bench: Bench) -> None:
 
 
 def test_the_frame_of_a_footprint_ends_with_its_pause(bench: Bench) -> None:
-    """After the next BEGIN it is too old for whoever asks; the map goes on."""
+    """After the next BEGIN the footprint is stale for every client; the map remains valid."""
     bench.gait.say(0, PausePhase.BEGIN)
     both(bench, 0)
     bench.gait.say(0, PausePhase.END)
@@ -266,7 +266,7 @@ def test_the_frame_of_a_footprint_ends_with_its_pause(bench: Bench) -> None:
 
 @pytest.mark.parametrize("what", ["BEGIN with a foot that the robot has not", "END whose BEGIN was missed"])
 def test_a_pause_that_cannot_be_scanned_ends_the_use_of_the_one_before(bench: Bench, what: str) -> None:
-    """The robot is elsewhere, whether or not the node can scan there; a grid that was confirmed is not for there."""
+    """The robot is elsewhere, even if the node cannot scan there; the confirmed grid is not valid there."""
     for extent in ("footprint", "map"):
         bench.client.counts(extent)
     bench.gait.say(0, PausePhase.BEGIN)
@@ -294,7 +294,7 @@ def test_a_pause_that_cannot_be_scanned_ends_the_use_of_the_one_before(bench: Be
 def test_a_later_pause_of_the_same_number_ends_the_use_of_the_one_before(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, epoch: str
 ) -> None:
-    """A gait that died and counts from 0 again: the confirmed grid is of another place, though step and walk agree."""
+    """A gait that restarts at 0: the confirmed grid belongs to another place, although step and walk are equal."""
     bench.client.counts()
     bench.gait.say(0, PausePhase.BEGIN, epoch=epoch)
     bench.client.wait_for_step(0, timeout=TIMEOUT)
@@ -319,7 +319,7 @@ GROUND = [(0.5, -0.1), (0.6, -0.1), (0.6, 0.1)]
 
 
 def patches(count: int = 1, corners: int = 3, height: float = 0.0, sigma: float = 0.002, reach: float = 0.0) -> object:
-    """Known ground as the gait declares it."""
+    """Known ground as declared by the gait."""
     outline = [*GROUND, *[(0.5 - 0.001 * i - reach, 0.0) for i in range(corners - 3)]]
     return tuple(GroundPatch(outline=outline, height=height, sigma=sigma) for _ in range(count))
 
@@ -335,7 +335,7 @@ REFUSED_GROUND: dict[str, tuple[dict[str, object], str]] = {
 
 
 def test_ground_that_nobody_can_know_is_refused_in_words(bench: Bench) -> None:
-    """None of it goes into the map; each pause is scanned all the same, and the next one's ground is taken."""
+    """No patch is added to the map; each pause is scanned, and valid ground of the next pause is used."""
     for step, (what, (fields, expected_text)) in enumerate(REFUSED_GROUND.items()):
         bench.gait.say(step, PausePhase.BEGIN, **fields)
         assert reported(bench, expected_text), what
@@ -348,7 +348,7 @@ def test_ground_that_nobody_can_know_is_refused_in_words(bench: Bench) -> None:
 
 
 def test_the_node_is_not_moved_by_what_is_said_to_another_robot(bench: Bench) -> None:
-    """BEGIN for robot `other` on this robot's key: refused in words, not scanned; its END does not end the pause."""
+    """A BEGIN for robot `other` on this robot's key is reported and not scanned; its END does not end the pause."""
     key = bench.gait.publisher._publisher
     stance = StanceMessage(
         joint_positions=bench.gait.stance.joint_positions, support_feet=bench.gait.stance.support_feet
@@ -361,7 +361,7 @@ def test_the_node_is_not_moved_by_what_is_said_to_another_robot(bench: Bench) ->
 
 
 def test_walks_have_an_identity(bench: Bench) -> None:
-    """Grids name the epoch of BEGIN; without one, counting from 0 begins another walk; late messages are refused."""
+    """Grids have the epoch of BEGIN; without one, counting from 0 begins another walk; late messages are refused."""
     bench.gait.say(5, PausePhase.BEGIN, epoch="walk-a")
     assert {grid.metadata["epoch"] for grid in both(bench, 5)} == {"walk-a"}
     bench.gait.say(5, PausePhase.END, epoch="walk-a")
@@ -383,7 +383,7 @@ def test_walks_have_an_identity(bench: Bench) -> None:
 
 
 def test_no_frame_after_the_robot_moved_is_confirmed_by_an_end_that_comes_late(free_endpoint: str) -> None:
-    """Dim light, so that the frames themselves do not show it; all frames together hold many wrong free cells."""
+    """In dim light the frames do not show the motion; all frames together contain many wrong free cells."""
     found = scan_of_a_moved_robot(free_endpoint)
     assert found.wrong_in_all_frames > 100
     assert (found.confirmed_wrong, found.map_wrong) == (0, 0)
@@ -425,7 +425,7 @@ def test_frames_after_the_joints_of_end_leave_grid_and_map(
 
 
 def test_an_end_that_was_read_before_the_scan_withdraws_it(bench: Bench) -> None:
-    """Nothing is left of it: grid and map know nothing."""
+    """Nothing is left of the scan: grid and map are unknown."""
     bench.gait.say(0, PausePhase.BEGIN)
     both(bench, 0)
     bench.gait.say(0, PausePhase.END, stamp=bench.gait.first_stamp + 1)
@@ -436,7 +436,7 @@ def test_an_end_that_was_read_before_the_scan_withdraws_it(bench: Bench) -> None
 def test_without_the_gaits_clock_grids_stay_provisional_and_out_of_the_map(
     bench_with: Callable[..., AbstractContextManager[Bench]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The status says why and what to do; once the clock is told, the pause is confirmed."""
+    """The status states the reason and the remedy; once the clock is known, the pause is confirmed."""
     monkeypatch.setattr(StancePublisher, "_answer", lambda self, query: query.drop())
     with bench_with() as bench:
         bench.gait.say(0, PausePhase.BEGIN)
@@ -457,7 +457,7 @@ def test_without_the_gaits_clock_grids_stay_provisional_and_out_of_the_map(
 
 
 def test_a_movement_that_comes_to_light_after_end_withdraws_what_was_confirmed(bench: Bench) -> None:
-    """A HOLD that was held up, read before the END: scan and map are taken back; one of the swing changes nothing."""
+    """A delayed HOLD that was read before END withdraws scan and map; one read during the swing changes nothing."""
     bench.gait.say(0, PausePhase.BEGIN)
     both(bench, 0)
     held_up = time.time_ns()
@@ -470,8 +470,8 @@ def test_a_movement_that_comes_to_light_after_end_withdraws_what_was_confirmed(b
 
 
 def test_a_begin_that_comes_after_the_end_of_its_pause_turns_no_laser_on(bench: Bench) -> None:
-    """It was held up for longer than the pause lasts: no scan, and the status says so."""
-    # Until the gait's clock answers, a pause lasts from the arrival of its BEGIN.
+    """It was delayed for longer than the pause: no scan is started, and the status says so."""
+    # Until the gait's clock is known, a pause lasts from the arrival of its BEGIN.
     assert wait_until(
         lambda: (
             (status := bench.client.status()) is not None

@@ -1,4 +1,4 @@
-"""The node from end to end: real Zenoh, real driver over an emulated board, a gait and a planner as clients."""
+"""Node end to end: real Zenoh, the real driver over an emulated board, and gait and planner as clients."""
 
 import resource
 import threading
@@ -36,7 +36,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_each_pause_gives_a_grid_and_a_map(bench: Bench) -> None:
-    """Begin, scan, end, twice: the planner gets both extents of both steps, as the recording says."""
+    """Two pauses: the planner receives both extents of both steps, as in the recording."""
     for step in (0, 1):
         bench.gait.say(step, PausePhase.BEGIN)
         terrain = bench.client.wait_for_step(step, timeout=TIMEOUT)
@@ -47,7 +47,7 @@ def test_each_pause_gives_a_grid_and_a_map(bench: Bench) -> None:
         assert fused.extent == "map"
         assert not np.any((fused.traversability > 0) & ((fused.hazard & UNKNOWN_MASK) != 0))
     assert np.isfinite(fused.elevation).sum() >= np.isfinite(terrain.elevation).sum() * 0.95
-    # The status follows the grid.
+    # The status is published after the grid.
     expected = {
         "calibration",
         "drift",
@@ -61,12 +61,12 @@ def test_each_pause_gives_a_grid_and_a_map(bench: Bench) -> None:
     }
     assert wait_until(lambda: {item.name for item in bench.status.items()} == expected)
     levels = {item.name: item.level for item in bench.status.items() if item.level is not Health.OK}
-    # Two readings a pause are too few to see a millimetre.
+    # Two readings per pause are too few to detect a millimetre.
     assert levels == {"stillness": Health.WARN}
 
 
 def test_a_joint_that_jumps_between_two_pauses_is_told(bench: Bench) -> None:
-    """Status and health of the next grid name it; a new walk begins with nothing to compare."""
+    """Status and health of the next grid name the joint; a new walk begins without a reference."""
     wrong = "rh_kfe_joint"
     joints = dict(bench.gait.stance.joint_positions)
     joints[wrong] += 0.1
@@ -91,13 +91,13 @@ def test_a_joint_that_jumps_between_two_pauses_is_told(bench: Bench) -> None:
 
 
 def test_the_mirror_stands_at_the_first_stripe_before_the_first_pause(bench: Bench) -> None:
-    """The board is homed when nobody waits for it, not in the first pause."""
+    """The board is homed while nobody waits, not during the first pause."""
     _, first = bench.rig.firing_order[0]
     assert wait_until(lambda: abs(bench.rig.board.view().mirror_angle - first) < 1e-3)
 
 
 def test_views_get_points_and_picture_of_each_scan(bench: Bench, paper_scan: gp.Scan) -> None:
-    """With the stamp of its grid: what the stripes gave, and the frame of the median stripe."""
+    """With the stamp of the grid: the points of the stripes, and the frame of the median stripe."""
     session = bench.gait.session
     points = NewestReceiver(session, points_key(), lambda payload: decode(payload, POINT_CLOUD))
     pictures = NewestReceiver(session, picture_key(), lambda payload: decode(payload, COMPRESSED_IMAGE))
@@ -117,7 +117,7 @@ def test_views_get_points_and_picture_of_each_scan(bench: Bench, paper_scan: gp.
 
 
 def test_a_confirmed_scan_gives_its_range_images(bench: Bench) -> None:
-    """Three images with the stamp of the grid, from which its hazards come again; all unknown once it is withdrawn."""
+    """Three images with the stamp of the grid, which reproduce its hazards; all unknown after a withdrawal."""
     receivers = [
         NewestReceiver(bench.gait.session, perception_key(name), lambda payload: decode(payload, IMAGE))
         for name in RANGE_IMAGES
@@ -142,7 +142,7 @@ def test_a_confirmed_scan_gives_its_range_images(bench: Bench) -> None:
 
 
 def test_a_scan_is_refused_while_the_robot_walks_and_done_while_it_stands(bench: Bench) -> None:
-    """A request before the first pause fails with its reason; within a pause it gives a grid."""
+    """A request before the first pause fails with the reason; during a pause it gives a grid."""
     with pytest.raises(gp.ScanFailed, match="not in a stance pause"):
         bench.client.request_scan("coarse", timeout=TIMEOUT)
     bench.gait.say(0, PausePhase.BEGIN)
@@ -157,7 +157,7 @@ def test_a_scan_is_refused_while_the_robot_walks_and_done_while_it_stands(bench:
 
 
 def test_a_pause_that_ends_early_stops_the_scan(bench: Bench) -> None:
-    """The rest stays unknown, the health says why, and the next pause scans normally."""
+    """The remaining cells are unknown, health states the reason, and the next pause is scanned normally."""
     usual, bench.rig.camera._period = bench.rig.camera._period, 0.05
     _, middle = bench.rig.firing_order[len(bench.rig.firing_order) // 3]
     _, first = bench.rig.firing_order[0]
@@ -175,7 +175,7 @@ def test_a_pause_that_ends_early_stops_the_scan(bench: Bench) -> None:
 
 
 def test_automatic_exposure_that_is_on_again_shows_in_health_and_status(bench: Bench) -> None:
-    """By name, with what to do; once it is off again the next scan is good."""
+    """It is named with the remedy; once it is off again, the next scan is good."""
     bench.rig.rangefinder.lock(CameraSettings(exposure=0.004))
     bench.rig.camera.automatic.add("exposure")
     bench.gait.say(0, PausePhase.BEGIN)
@@ -192,7 +192,7 @@ def test_automatic_exposure_that_is_on_again_shows_in_health_and_status(bench: B
 
 
 def test_a_scan_during_which_the_camera_moved_is_not_published(bench: Bench) -> None:
-    """The stance at the end differs: the scan is rejected, the status says so, the next pause is served."""
+    """The stance at the end differs: the scan is rejected, the status says so, and the next pause is scanned."""
     joints = dict(bench.gait.stance.joint_positions)
     for joint in joints:
         if "kfe" in joint:
@@ -208,7 +208,7 @@ def test_a_scan_during_which_the_camera_moved_is_not_published(bench: Bench) -> 
 
 
 def test_a_stance_that_is_no_stance_is_not_scanned(bench: Bench) -> None:
-    """An unknown foot is reported in the status; nothing is published for that pause."""
+    """An unknown foot is reported in the status; no grid of this pause is published."""
     wrong = Stance(bench.gait.stance.joint_positions, ("lf", "xx", "rh"), None)
     bench.gait.say(0, PausePhase.BEGIN, wrong)
     assert wait_until(lambda: any("xx" in item.message for item in bench.status.items()))
@@ -217,8 +217,8 @@ def test_a_stance_that_is_no_stance_is_not_scanned(bench: Bench) -> None:
 
 
 def test_a_grid_scanned_with_a_slipped_mirror_is_withdrawn(bench: Bench) -> None:
-    """Lost steps come out at homing: a grid in which nothing is known follows, and the map gets nothing."""
-    # Subscribes: an extent is received from when it is first asked for.
+    """Homing detects the lost steps: an all-unknown grid follows, and the scan is not fused."""
+    # Subscribe now: an extent is received only from its first use.
     assert bench.client.counts()["received"] == 0
     bench.rig.board.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=10, amount=40))
     bench.gait.say(0, PausePhase.BEGIN)
@@ -239,7 +239,7 @@ def test_a_recording_can_be_processed_again(
     calibration: gp.Calibration,
     tmp_path: Path,
 ) -> None:
-    """What the node recorded gives the grids that it published."""
+    """The recording reproduces the grids that the node published."""
     path = tmp_path / "walk.mcap"
     recorder = ScanRecorder(path, robot="guara", calibration=calibration, scene=Scene(robot, calibration))
     with recorder, bench_with(recorder) as bench:
@@ -261,7 +261,7 @@ def test_a_recording_can_be_processed_again(
             occupancies = list(recording.messages(f"{prefix}occupancy"))
             assert len(grids) == len(occupancies) == len(list(recording.messages(f"{prefix}grid_map"))) > 1
             for grid, occupancy in zip(grids, occupancies, strict=True):
-                # One stamp everywhere: the end of the scan.
+                # All have the same stamp: the end of the scan.
                 assert grid.stamp == grid.scan_end == read_time(occupancy.header.stamp)
                 wanted = message_to_terrain(grid).to_occupancy()
                 np.testing.assert_array_equal(occupancy.data.reshape(wanted.shape), wanted)
@@ -277,7 +277,7 @@ def test_nothing_that_is_drawn_costs_a_scan(
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    """When what viewers draw cannot be made, log and status say so; grid and frames are published and recorded."""
+    """If messages for viewers cannot be made, log and status say so; grid and frames are published and recorded."""
 
     def fail(*_: object) -> None:
         raise ValueError("no cloud today")
@@ -304,7 +304,7 @@ def test_a_full_disk_costs_the_recording_and_not_the_scan(
     calibration: gp.Calibration,
     tmp_path: Path,
 ) -> None:
-    """The scan is published all the same, and the status says what could not be written."""
+    """The scan is published, and the status states what could not be written."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     recorder = ScanRecorder(tmp_path / "walk.mcap", robot="guara", calibration=calibration)
     with bench_with(recorder) as bench:
@@ -327,7 +327,7 @@ def test_a_failing_map_costs_the_map_of_that_pause_and_nothing_else(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The scan is published and its recording closed, the status says what failed; later pauses are whole."""
+    """The scan is published and its recording closed, the status names the failure, and later pauses are complete."""
     path = tmp_path / "walk.mcap"
     recorder = ScanRecorder(path, robot="guara", calibration=calibration, jpeg_quality=80)
     with recorder, bench_with(recorder) as bench:
@@ -357,7 +357,7 @@ def test_a_withdrawn_scan_is_not_replayed(
     calibration: gp.Calibration,
     tmp_path: Path,
 ) -> None:
-    """No grid is made of its frames: replay leaves it out, process and convert refuse it, all in words."""
+    """Replay skips the scan; process and convert refuse it with the reason."""
     both, moved = tmp_path / "both.mcap", tmp_path / "moved.mcap"
     for path, steps in ((both, (0, 1)), (moved, (1,))):
         recorder = ScanRecorder(path, robot="guara", calibration=calibration, jpeg_quality=80)
@@ -390,7 +390,7 @@ def test_a_map_is_confirmed_when_it_is_in_the_journal(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Also where joints have confirmed its scan before it is fused: a node that is killed then has not lost it."""
+    """Even if joints confirm its scan before it is fused, a node killed afterwards does not lose the map."""
     monkeypatch.setattr("guara_perception.app.node.journal.CONFIRM_S", 60.0)
     may_write, fuse, write = threading.Event(), WalkMap.update, Journal._replace
 

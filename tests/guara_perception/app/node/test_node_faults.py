@@ -1,4 +1,4 @@
-"""Faults around a running node: the router lost, pauses that end at any stripe, joints lost at the end of a pause."""
+"""Faults around a running node: a lost router, pauses that end at any stripe, and lost joints at the end of a pause."""
 
 import subprocess
 import sys
@@ -32,7 +32,7 @@ PEER = Path(__file__).parents[3] / "transport" / "peer.py"
 FPS = 200.0
 
 
-# A standard scan of 70 stripes, simulated once and then shown live: the same bytes every time.
+# A standard scan of 70 stripes, simulated once and replayed live: the same bytes every time.
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def standard_bench(
 
 
 def end_at(bench: Bench, stripe: int, step: int) -> Callable[[], None]:
-    """Let the gait end the pause when this number of stripes was fired; return a function that undoes this."""
+    """Make the gait end the pause after this number of fired stripes; return a function that undoes this."""
     rangefinder = bench.rig.rangefinder
     sweep = rangefinder.sweep
 
@@ -100,7 +100,7 @@ def end_at(bench: Bench, stripe: int, step: int) -> Callable[[], None]:
 
 @pytest.mark.parametrize("stripe", [34, *further(35, 69)])
 def test_a_standard_scan_cut_at_any_stripe_leaves_the_rest_unscanned(standard_bench: Bench, stripe: int) -> None:
-    """What was not fired is UNSCANNED, nothing unknown is free in grid or map, and the next pause is whole."""
+    """Stripes not fired are UNSCANNED, no unknown cell is free in grid or map, and the next pause is complete."""
     bench, whole = standard_bench, standard_bench.rig.reference
     undo = end_at(bench, stripe, step=0)
     bench.gait.say(0, PausePhase.BEGIN)
@@ -129,7 +129,7 @@ def test_a_standard_scan_cut_at_any_stripe_leaves_the_rest_unscanned(standard_be
 
 @pytest.mark.parametrize("stripe", [0, *further(1)])
 def test_a_scan_of_which_nothing_is_left_is_not_published(standard_bench: Bench, stripe: int) -> None:
-    """An END at its first stripes: the status says why there is no grid, and the next pause is whole."""
+    """END at its first stripes: the status states why there is no grid, and the next pause is complete."""
     bench = standard_bench
     undo = end_at(bench, stripe, step=0)
     bench.gait.say(0, PausePhase.BEGIN)
@@ -142,7 +142,7 @@ def test_a_scan_of_which_nothing_is_left_is_not_published(standard_bench: Bench,
 
 
 def bad_end(stance: Stance, what: str) -> bytes:
-    """The END of step 0 as another program may send it, joints lost."""
+    """END of step 0 as another program may send it, with lost joints."""
     message = make_stance_pause(
         StancePause(robot="guara", step=0, phase=PausePhase.END, stamp=1, stance=stance_to_message(stance))
     )
@@ -164,7 +164,9 @@ def bad_end(stance: Stance, what: str) -> bytes:
     "what", ["a joint is NaN", "all joints are NaN", "no joints", "a joint is missing", "gravity is NaN", "no message"]
 )
 def test_a_scan_whose_pause_ends_with_joints_lost_is_not_used(bench: Bench, what: str) -> None:
-    """Nobody knows whether the robot stood still: laser off, no grid, the status says why, the next pause is whole."""
+    """It is not known whether the robot stood still: laser off, no grid, the reason in the status, a complete next
+    pause.
+    """
     bench.gait.say(0, PausePhase.BEGIN)
     assert wait_until(lambda: bench.rig.board.view().laser_on)
     payload = b"\x00\x01nonsense" if what == "no message" else bad_end(bench.gait.stance, what)
@@ -186,7 +188,7 @@ def test_a_scan_whose_pause_ends_with_joints_lost_is_not_used(bench: Bench, what
 @pytest.mark.parametrize("phase", list(PausePhase))
 @pytest.mark.parametrize("is_usable", [True, False])
 def test_news_of_a_later_pause_end_the_one_under_way(bench: Bench, phase: PausePhase, is_usable: bool) -> None:
-    """Its own end was lost: the robot has moved on, the scan under way is not used."""
+    """The END of the pause was lost: the robot has moved on, and the current scan is not used."""
     legs = bench.gait.stance.support_feet if is_usable else ("lf", "xx", "rh")
     stance = Stance(bench.gait.stance.joint_positions, legs, bench.gait.stance.gravity_in_base)
     problems: list[str] = []
@@ -210,7 +212,7 @@ def test_news_of_a_later_pause_end_the_one_under_way(bench: Bench, phase: PauseP
 
 
 class Router:
-    """A Zenoh router in a process of its own, at one endpoint, that can die and come back."""
+    """Zenoh router in its own process at a fixed endpoint, which can be killed and restarted."""
 
     def __init__(self, endpoint: str) -> None:
         self._endpoint = endpoint
@@ -236,7 +238,7 @@ class Router:
 def test_a_router_that_dies_and_comes_back_costs_no_scan(
     rig: Rig, free_endpoint: str, bench_with: Callable[..., AbstractContextManager[Bench]]
 ) -> None:
-    """The scan under way ends well, its grid arrives later; then pauses, all planners and the status work as before."""
+    """The current scan is completed and its grid arrives later; then pauses, planners and status work as before."""
     router = Router(free_endpoint)
     try:
         with bench_with(has_router=True) as bench:
@@ -268,7 +270,7 @@ def test_a_router_that_dies_and_comes_back_costs_no_scan(
             def reported() -> dict[str, str]:
                 status = bench.client.status()
                 items = () if status is None else status.items
-                # Two readings a pause are few: `stillness` says what they cannot show.
+                # Two readings per pause are few: `stillness` states what they cannot detect.
                 assert all(item.level is Health.OK for item in items if item.name != "stillness")
                 return {name: value for item in items for name, value in item.values.items()}
 

@@ -1,4 +1,4 @@
-"""What the status says of the drift checks, and of the pause."""
+"""Status items of drift checks and of the pause."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from transport.server import PerceptionServer
 
 
 def checked(verdict: str) -> Drift:
-    """A drift check with this verdict."""
+    """Drift check with a given verdict."""
     reasons = ("the floor is at +9.0 mm relative to the soles",) if verdict == DRIFTING else ()
     return Drift(verdict, reasons, 0.8, 0.009, 0.001, 1e-5, 12, 1e-5)
 
 
 def test_drift_warns_when_pauses_agree_and_counts_those_without_a_floor() -> None:
-    """One scan that drifts is reported and no warning; two are; scans without a floor are counted."""
+    """One drifting scan is reported without a warning, two give a warning; scans without a floor are counted."""
     status = NodeStatus()
     said = []
     for verdict in (UNKNOWN, HOLDS, DRIFTING, UNKNOWN, DRIFTING):
@@ -34,7 +34,7 @@ def test_drift_warns_when_pauses_agree_and_counts_those_without_a_floor() -> Non
 
 
 def test_what_changes_is_sent_at_once(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not only with the status of every second: a problem, what a pause confirmed, a scan."""
+    """A problem, a confirmation and a scan are sent at once, not only with the periodic status."""
     sent: list[PerceptionServer] = []
     monkeypatch.setattr(PerceptionServer, "status_changed", lambda server: sent.append(server))
     bench.status.problem("scan", "the mirror jammed")
@@ -44,7 +44,7 @@ def test_what_changes_is_sent_at_once(bench: Bench, monkeypatch: pytest.MonkeyPa
 
 
 def test_a_client_is_told_where_the_robot_is_in_its_walk(bench: Bench) -> None:
-    """Nothing announced, standing without a further scan, on its way: when the next grid is to be expected."""
+    """Before the first pause, standing after the scan, and walking: when the next grid can be expected."""
 
     def reached(state: str) -> StatusItem:
         end = time.monotonic() + TIMEOUT
@@ -64,7 +64,7 @@ def test_a_client_is_told_where_the_robot_is_in_its_walk(bench: Bench) -> None:
     bench.gait.say(7, PausePhase.END)
     moving = reached("moving")
     assert moving.values["step"] == "7"
-    # Both clocks are this machine's.
+    # Both clocks are those of this machine.
     assert abs(float(moving.values["clock_ahead_s"])) <= float(moving.values["clock_bound_s"]) + 0.01
     (scanner,) = (item for item in bench.status.items() if item.name == "scanner")
     assert sum(float(value) for name, value in scanner.values.items() if name.startswith("seconds_")) > 0.0

@@ -1,4 +1,4 @@
-"""When a pause ends by itself, and what its readings confirm; no clock runs here."""
+"""When a pause expires, and which frames its readings confirm; no clock runs in these tests."""
 
 import math
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ LIMITS = PauseLimits(0.05, 0.2, 3, 0.0005, 0.001)
 
 @dataclass
 class Readings:
-    """Readings that carry the camera's true position in a joint."""
+    """Readings in which one joint encodes the true position of the camera."""
 
     motion: str = ""
     still_until: float = -math.inf
@@ -42,7 +42,7 @@ def _stance(position: float = 0.0) -> Stance:
 
 
 def _pause(time_available: float = 0.0, *, clock: ClockBound | None = None, stamp: int = 0) -> Pause:
-    """A pause whose BEGIN came at ARRIVED; the gait's clock shows 0 then, unless another one is given."""
+    """Pause whose BEGIN arrived at ARRIVED, when the gait's clock shows 0, unless another clock is given."""
     bound = clock or ClockBound(0.0, ARRIVED, ARRIVED)
     return Pause(
         step=0,
@@ -58,7 +58,7 @@ def _pause(time_available: float = 0.0, *, clock: ClockBound | None = None, stam
 
 
 def test_a_pause_of_unknown_length_ends_after_the_last_announcement_of_the_gait(robot: RobotModel) -> None:
-    """30 s and the grace after BEGIN, or after the last HOLD; that is the limit of robot.toml."""
+    """It ends 30 s and the grace after BEGIN or the last HOLD, as limited by robot.toml."""
     assert robot.pause_limits.time_limit == LIMIT
     pause = _pause()
     pause.hold(_stance(), 120.0, 20 * S)
@@ -69,7 +69,7 @@ def test_a_pause_of_unknown_length_ends_after_the_last_announcement_of_the_gait(
 
 
 def test_a_pause_of_known_length_is_not_made_longer_by_a_hold_without_a_time() -> None:
-    """It ends after its 2 s, unless a HOLD says how much time is left; an older HOLD says nothing of that."""
+    """It ends after its 2 s, unless a HOLD states the remaining time; an older HOLD changes nothing."""
     pause = _pause(2.0)
     pause.hold(_stance(), 101.0, 1 * S)
     assert pause.time_left(101.0) == pytest.approx(1.0)
@@ -94,7 +94,7 @@ def test_a_pause_of_known_length_is_not_made_longer_by_a_hold_without_a_time() -
     ],
 )
 def test_an_end_may_come_a_quarter_of_the_time_too_late(announced: float, late: float, is_used: bool) -> None:
-    """At least half a second, at most two; no frame is taken after the time itself."""
+    """The grace is at least half a second and at most two; no frame is taken after the planned end."""
     pause = _pause(announced)
     assert pause.time_left(ARRIVED + announced) == 0.0
     pause.expire(ARRIVED + announced + late)
@@ -106,7 +106,7 @@ def test_an_end_may_come_a_quarter_of_the_time_too_late(announced: float, late: 
 
 @pytest.mark.parametrize("delay", [0.0, 2.0, 3600.0])
 def test_a_begin_that_comes_late_moves_no_deadline(delay: float) -> None:
-    """The time counts from its stamp: one that was held up for an hour is over when it comes."""
+    """The time counts from the stamp: a BEGIN that was delayed for an hour is over on arrival."""
     pause = _pause(4.0, clock=ClockBound(0.0, ARRIVED - delay, ARRIVED - delay))
     assert pause.time_left(ARRIVED) == pytest.approx(max(4.0 - delay, 0.0), abs=0.01)
     without = _pause(4.0)
@@ -116,16 +116,16 @@ def test_a_begin_that_comes_late_moves_no_deadline(delay: float) -> None:
 
 @pytest.mark.parametrize("absurd", [-1.0, math.nan, math.inf, 1e10, 1e308])
 def test_no_length_of_a_pause_can_be_waited_for_too_long(absurd: float) -> None:
-    """Whatever a gait announces, all times stay such that threads can wait for them."""
+    """For any announced length, all times are short enough for threads to wait."""
     pause = _pause(absurd)
     pause.hold(_stance(), 101.0, 1 * S, absurd)
     assert 0.0 < pause.time_left(101.0) <= pause.deadline - 101.0 < 4000.0
 
 
 def test_joints_of_the_future_confirm_nothing() -> None:
-    """Stamps ahead of the clock that the gait tells are of another one, or it was set: their delay is unknown."""
+    """Stamps ahead of the gait's clock are from another clock, or it was set: their delay is unknown."""
     pause = _pause()
-    # The clock was asked at ARRIVED and set forward by 1 s since; the joints were read at 101.0.
+    # The clock was read at ARRIVED and then set forward by 1 s; the joints were read at 101.0.
     pause.hold(_stance(), 101.5, 2 * S)
     assert pause.still_until == -math.inf and not pause.is_clock_known
     pause.hold(_stance(), 102.0, 10**18)
@@ -133,7 +133,7 @@ def test_joints_of_the_future_confirm_nothing() -> None:
 
 
 def test_without_the_gaits_clock_nothing_is_confirmed() -> None:
-    """A stamp alone does not tell a late message from a clock that is off."""
+    """A stamp alone cannot distinguish a late message from a wrong clock."""
     pause = _pause()
     pause.earliest = lambda stamp: None
     pause.end(_stance(), 103.0, 2 * S)
@@ -141,7 +141,7 @@ def test_without_the_gaits_clock_nothing_is_confirmed() -> None:
 
 
 def test_a_begin_that_is_repeated_after_the_end_is_refused() -> None:
-    """A copy that was held up on its way must not turn the laser on under a robot that walks."""
+    """A delayed copy must not turn the laser on under a walking robot."""
     pause, walks = _pause(), Walks("guara", "run")
     message = StanceMessage(joint_positions={"camera": 0.0}, support_feet=("lf",))
     begin = StancePause(robot="guara", step=0, phase=PausePhase.BEGIN, stamp=0, stance=message)
@@ -153,7 +153,7 @@ def test_a_begin_that_is_repeated_after_the_end_is_refused() -> None:
 
 
 PHASES = st.sampled_from([PausePhase.BEGIN, PausePhase.HOLD, PausePhase.END])
-# Asked at some time, answered so much later, with the clock as it was after a share of that.
+# Time of a request, round trip, and the fraction of it after which the clock was read.
 ROUND_TRIP = st.tuples(st.floats(-10.0, 8.0), st.floats(0.0, 0.5), st.floats(0.0, 1.0))
 MESSAGES = st.lists(st.tuples(PHASES, st.floats(0.0, 6.0), st.floats(0.0, 2.0)), max_size=8)
 

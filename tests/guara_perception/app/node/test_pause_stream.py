@@ -1,4 +1,4 @@
-"""Stream of a pause: which pauses follow one, what it confirms, and what it says of instants."""
+"""Stream of a pause: which pauses use one, which frames it confirms, and how it dates flashes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ BEGIN = 10**18 + 100 * 10**9
 
 
 class Clock:
-    """The gait's clock as the node knows it: 1e9 s ahead, known to `doubt` either way."""
+    """The gait's clock as known to the node: 1e9 s ahead, within `doubt` either way."""
 
     def __init__(self, doubt: float = 0.0, known_after: int = 0) -> None:
         self._bound = ClockBound(1e9 + 100.0, 100.0 - doubt, 100.0 + doubt)
@@ -55,7 +55,7 @@ def stream_of(robot: RobotModel, clock: Clock | None = None, epoch: str = "") ->
 
 
 def watch_of(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> Watched:
-    """A watch whose clock stands, and that of the streams with it."""
+    """StreamWatch with a stopped clock, also for its streams."""
     watched = Watched(robot, monkeypatch)
     monkeypatch.setattr(pause_stream.clock, "now", lambda: watched.now)
     return watched
@@ -64,7 +64,7 @@ def watch_of(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> Watched:
 def test_a_pause_follows_a_stream_that_is_there_when_it_begins(
     robot: RobotModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With the samples of the second before; another walk's, a slow one and one that fell silent count for none."""
+    """With the samples of the last second; a stream of another walk, a slow one and a silent one are not used."""
     watched = watch_of(robot, monkeypatch)
     watch: StreamWatch = watched.watch
     assert watch.begin(lambda: stream_of(robot), "") is None
@@ -137,7 +137,7 @@ def test_samples_of_another_walk_or_of_the_past_are_left_out_and_joints_are_put_
 
 
 def test_an_instant_is_told_by_the_gaits_clock_with_what_is_not_known_of_it(robot: RobotModel) -> None:
-    """In whole nanoseconds, as a recording keeps it."""
+    """In whole nanoseconds, as they are recorded."""
     stream = stream_of(robot, Clock(doubt=0.006))
     instant, sigma = stream.instant(101.25, 0.002)
     assert instant == pytest.approx(1.25, abs=1e-6) and round(instant * 1e9) * 1e-9 == instant
@@ -165,11 +165,11 @@ class Readings:
     motion, still_until, undetectable = "the camera moved", -math.inf, ""
 
     def add(self, time: float, stance: Stance) -> None:
-        """Take one."""
+        """Add a reading."""
 
 
 def test_a_pause_with_a_stream_is_confirmed_by_its_samples_although_the_body_moves(robot: RobotModel) -> None:
-    """Until the stream is left: then the readings count, also those from before."""
+    """Until the stream is abandoned: then the readings decide, including earlier ones."""
     clock = Clock()
     shown = [(BEGIN, -math.inf)]
     stream = cast(PauseStream, SimpleNamespace(shown=shown[0]))

@@ -1,4 +1,4 @@
-"""The recorder never delays a scan: slow disks, full disks, scans that were never ended."""
+"""The recorder never delays a scan: slow disks, full disks, and scans that were never ended."""
 
 import errno
 import os
@@ -31,7 +31,7 @@ def _capture(index: int, off: np.ndarray | None = None) -> SimpleNamespace:
 def test_a_stalled_disk_holds_nothing_up(
     tmp_path: Path, calibration: gp.Calibration, paper_scan: gp.Scan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """While every write hangs, a whole scan is handed over; when the disk is back all of it is written."""
+    """While every write hangs, a whole scan is accepted; when the disk works again, all of it is written."""
     released, hung, write = threading.Event(), threading.Event(), os.write
 
     def stalled(descriptor: int, data: object) -> int:
@@ -48,7 +48,7 @@ def test_a_stalled_disk_holds_nothing_up(
             for index in range(70):
                 capture = _capture(index, off)
                 scan.add(capture)
-                # A camera may use its memory again.
+                # A camera may reuse its memory.
                 capture.on[:] = 0
             scan.finish((), None)
         assert hung.wait(PATIENCE) and not recorder.flush(0.1)
@@ -69,7 +69,7 @@ def test_a_stalled_disk_holds_nothing_up(
 def test_what_a_slow_disk_costs_is_said(
     tmp_path: Path, calibration: gp.Calibration, paper_scan: gp.Scan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """When more waits than memory allows, the scan's recording ends there, and the status says which scan it was."""
+    """If the waiting data exceed the memory limit, the recording of the scan ends, and the status names the scan."""
     monkeypatch.setattr(module, "MAXIMUM_WAITING", 100_000)
     with ScanRecorder(tmp_path / "walk.mcap", robot="guara", calibration=calibration) as recorder:
         scan = recorder.begin(7, "standard", paper_scan.stance)
@@ -88,7 +88,7 @@ def test_what_a_slow_disk_costs_is_said(
 def test_a_scan_that_was_never_ended_does_not_cost_the_next(
     tmp_path: Path, calibration: gp.Calibration, paper_scan: gp.Scan
 ) -> None:
-    """A scan whose processing died leaves nothing open."""
+    """A scan whose processing died leaves no scan open."""
     with ScanRecorder(tmp_path / "walk.mcap", robot="guara", calibration=calibration) as recorder:
         recorder.begin(1, "standard", paper_scan.stance).add(_capture(0))
         second = recorder.begin(2, "standard", paper_scan.stance)
@@ -108,7 +108,7 @@ def _scan(recorder: ScanRecorder, step: int, stance: object, stripes: int = 4) -
 
 
 def _steps(path: Path) -> list[int]:
-    """The whole scans of a file, which holds the calibration and the robot too, and whose frames are all there."""
+    """Steps of the complete scans of a file, which also contains calibration, robot and all frames."""
     with gp.open_recording(path) as recording:
         assert recording.calibration is not None and all(len(list(scan.frames())) == 4 for scan in recording.scans)
     with open_recording(path) as messages:
@@ -124,7 +124,7 @@ def test_each_file_of_a_recording_opens_by_itself(
     paper_scan: gp.Scan,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A full file ends before the next scan; over a second recorder all scans are there once, and the oldest go."""
+    """A full file ends before the next scan; after a restart all scans exist once, and the oldest are removed."""
     monkeypatch.setattr(recording_files, "FILE_SIZE", 600_000)
 
     def recorder(limit: int | None = None) -> ScanRecorder:
@@ -154,7 +154,7 @@ def test_each_file_of_a_recording_opens_by_itself(
 def test_a_full_disk_at_a_change_of_files_loses_nothing(
     tmp_path: Path, calibration: gp.Calibration, paper_scan: gp.Scan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The file goes on until what waits is written; a full disk at the start does not keep a node from its work."""
+    """The file continues until all waiting data are written; a full disk at the start does not stop a node."""
     monkeypatch.setattr(recording_files, "FILE_SIZE", 600_000)
     full, write = threading.Event(), os.write
 
@@ -186,7 +186,7 @@ def test_a_full_disk_at_a_change_of_files_loses_nothing(
 def test_a_folder_that_is_gone_keeps_the_file(
     tmp_path: Path, calibration: gp.Calibration, paper_scan: gp.Scan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No new file can be made: the scans go on into the old one, and the status says why."""
+    """No new file can be created: the scans continue in the old one, and the status states the reason."""
     monkeypatch.setattr(recording_files, "FILE_SIZE", 200_000)
     with ScanRecorder(tmp_path / "walks", robot="guara", calibration=calibration) as recorder:
         (tmp_path / "walks").rename(tmp_path / "away")
@@ -200,7 +200,7 @@ def test_a_folder_that_is_gone_keeps_the_file(
 
 
 def test_what_was_cut_stays_and_is_named(tmp_path: Path, calibration: gp.Calibration, paper_scan: gp.Scan) -> None:
-    """A recorder that ends without its end leaves a file that is recovered; the next one goes on beside it."""
+    """A killed recorder leaves a file that can be recovered; the next recorder starts another file."""
     dead = ScanRecorder(tmp_path / "w.mcap", robot="guara", calibration=calibration)
     _scan(dead, 0, paper_scan.stance)
     assert dead.flush(PATIENCE)
@@ -218,7 +218,7 @@ def test_what_was_cut_stays_and_is_named(tmp_path: Path, calibration: gp.Calibra
 def test_a_recording_may_begin_later(
     tmp_path: Path, calibration: gp.Calibration, robot: RobotModel, paper_scan: gp.Scan
 ) -> None:
-    """Neither frames, grids nor range images of earlier pauses are written, and they are not counted as lost."""
+    """Frames, grids and range images of earlier pauses are not written, and not counted as lost."""
     scene = Scene(robot, calibration)
     images: list[int] = []
     with ScanRecorder(tmp_path / "w.mcap", robot="guara", calibration=calibration, scene=scene, first=6) as recorder:

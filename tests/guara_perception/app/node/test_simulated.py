@@ -1,4 +1,4 @@
-"""The simulated robot under a running node: adaptive scans, the walk of `guara run --simulated`."""
+"""Simulated robot with a running node: adaptive scans, and the walk of `guara run --simulated`."""
 
 import threading
 from collections.abc import Iterator
@@ -31,7 +31,7 @@ from transport.stance_link import StancePublisher, StanceReceiver
 pytestmark = pytest.mark.slow
 
 TIMEOUT = 180.0
-# A quarter of the usual pixels: what is tested here does not depend on them.
+# A quarter of the usual pixels; the tests do not depend on them.
 SIZE = (320, 256)
 FLAT = """
 x = [-1.0, 3.0]
@@ -57,7 +57,7 @@ def walking(
 def test_the_simulated_board_reaches_every_angle_of_the_robot(
     make: type[SimulatedRobot] | type[SimulatedWorkshop], tmp_path: Path
 ) -> None:
-    """Also those of a robot whose mirror stands so far ahead that the emulated board's usual travel ends too early."""
+    """Also for a robot whose mirror is so far ahead that the default travel of the emulated board is too short."""
     folder = altered_guara(tmp_path, ("mirror_angle_first = -0.110", "mirror_angle_first = -0.310"))
     made = make(folder, size=SIZE)
     with made.rangefinder as rangefinder:
@@ -67,7 +67,7 @@ def test_the_simulated_board_reaches_every_angle_of_the_robot(
 
 
 def test_clear_ground_is_scanned_coarsely(free_endpoint: str, tmp_path: Path) -> None:
-    """With no obstacle in the corridor 35 stripes are enough."""
+    """Without an obstacle, 35 stripes are enough."""
     world = tmp_path / "flat.toml"
     world.write_text(FLAT)
     robot = SimulatedRobot(world=world, size=SIZE, fps=120.0)
@@ -79,7 +79,7 @@ def test_clear_ground_is_scanned_coarsely(free_endpoint: str, tmp_path: Path) ->
 
 
 def test_an_obstacle_brings_the_stripes_between_within_the_pause(free_endpoint: str, tmp_path: Path) -> None:
-    """The dark patch of the demo's terrain: a coarse grid, then 70 stripes, heights as in the world, all recorded."""
+    """The dark patch of the demo: a coarse grid, then 70 stripes with the true heights, all recorded."""
     robot = SimulatedRobot(size=SIZE, fps=120.0)
     path = tmp_path / "walk.mcap"
     recorder = ScanRecorder(path, robot="guara", calibration=robot.calibration)
@@ -98,16 +98,16 @@ def test_an_obstacle_brings_the_stripes_between_within_the_pause(free_endpoint: 
     with open_recording(path) as recording:
         first, second = recording.terrains("footprint")
         times = [read_time(stripe.header.stamp) for stripe in recording.messages("scan/stripe")]
-    # A planner had the coarse grid first, which said that a finer one follows.
+    # The planner received the coarse grid first, which announces a refinement.
     assert (first.mode, second.mode) == ("coarse", "standard") and first.provisional and second.provisional
     coarse, fine = message_to_terrain(first).metadata, message_to_terrain(second).metadata
     assert coarse["refinement_follows"] and not fine["refinement_follows"]
-    # The coarse stripes are recorded twice, and no topic's time goes back.
+    # The coarse stripes are recorded twice, and times within a topic do not decrease.
     assert len(times) == 35 + 70 and times == sorted(times)
 
 
 def test_the_simulated_walk_goes_on_until_it_is_stopped(free_endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Walk after walk, each with an epoch of its own, its pauses in order, and a map that begins anew."""
+    """Each walk has its own epoch, its pauses in order, and a new map."""
     monkeypatch.setattr("guara_perception.app.node.simulated_gaits.REST_S", 0.0)
     monkeypatch.setattr("guara_perception.app.node.simulated_gaits.CYCLES", 0.5)
     robot = SimulatedRobot(size=SIZE, fps=120.0)
@@ -134,7 +134,7 @@ def test_the_simulated_walk_goes_on_until_it_is_stopped(free_endpoint: str, monk
 def test_a_walk_that_finds_no_foothold_is_followed_by_another(
     free_endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The planner refuses once: why is told, and the next walk begins."""
+    """The planner finds no foothold once: the reason is reported, and the next walk begins."""
     monkeypatch.setattr("guara_perception.app.node.simulated_gaits.REST_S", 0.0)
     refusals = iter([None])
     planned = simulated_gaits.plan_swing
@@ -155,7 +155,7 @@ def test_a_walk_that_finds_no_foothold_is_followed_by_another(
 def test_a_scan_that_is_asked_for_ends_before_the_robot_goes_on(
     free_endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Though it takes longer than the robot rests."""
+    """The scan is completed although it takes longer than the robot rests."""
     monkeypatch.setattr("guara_perception.app.node.simulated_gaits.REST_S", 0.2)
     robot = SimulatedRobot(size=SIZE, fps=120.0)
     stop = threading.Event()

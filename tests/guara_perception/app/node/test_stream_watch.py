@@ -1,4 +1,4 @@
-"""Stream of the gait's joints in the node's status."""
+"""Joint stream of the gait in the node's status."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from transport import Health, MessageError, StanceStream
 
 
 class Watched:
-    """A watch whose clock stands where the test says."""
+    """StreamWatch with a clock that the test sets."""
 
     def __init__(self, robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now, self._robot, self._sequence = 100.0, robot, 0
@@ -23,7 +23,7 @@ class Watched:
         self._rng = np.random.default_rng(0)
 
     def batch(self, samples: int = 4, rate: float = 200.0) -> StanceStream:
-        """The next batch of a robot that stands, with noise; it comes when its last sample has been read."""
+        """Next batch of a standing robot with noise; it arrives when its last sample has been read."""
         posture = self._robot.posture("scan")
         noise = self._rng.normal(0.0, 1e-3, (samples, len(posture)))
         start, self.now = self.now, self.now + samples / rate
@@ -86,7 +86,7 @@ def test_a_hole_and_a_silence_are_gaps_that_are_told(watched: Watched) -> None:
 
 
 def test_a_flood_is_dropped_and_told(watched: Watched) -> None:
-    """Ten thousand samples a second: about one in ten is taken."""
+    """Of ten thousand samples a second, about one in ten is accepted."""
     taken = [watched.watch.add(watched.batch(100, 10_000.0)) for _ in range(300)]
     level, message = watched.said
     assert level is Health.WARN and "more than 1000 samples a second: batches are dropped" in message

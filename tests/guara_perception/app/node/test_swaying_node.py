@@ -1,4 +1,4 @@
-"""A robot that sways, its gait and its node in processes of their own: with the stream of its joints, and without."""
+"""Swaying robot, gait and node in separate processes, with and without a joint stream."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.heavy
 PATIENCE = 180.0
 SWAY = Sway(float(np.radians(0.5)), 0.005, 1.0)
 WRONG_M, P95_M = 0.005, 0.002
-# Cells of 9,720; of a still scan in pictures of this size some 9,300 are known.
+# Number of cells of 9,720; a still scan with images of this size knows some 9,300.
 LEAST_KNOWN = 7500
 
 
@@ -40,7 +40,7 @@ def node(free_endpoint: str, tmp_path: Path) -> Iterator[ForkedProcess]:
 
 
 def walked(endpoint: str, rate: float, pauses: int) -> tuple[dict[int, float], dict[str, list[gp.TerrainGrid]]]:
-    """Instants of BEGIN by step, and the grids of both extents that a planner was sent."""
+    """Times of BEGIN by step, and the grids of both extents received by a planner."""
     heard: dict[str, list[gp.TerrainGrid]] = {"footprint": [], "map": []}
     with gp.TerrainClient(endpoint, timeout=PATIENCE) as client:
         for extent, grids in heard.items():
@@ -54,7 +54,7 @@ def walked(endpoint: str, rate: float, pauses: int) -> tuple[dict[int, float], d
 
 
 def errors_of(grid: gp.TerrainGrid, robot: RobotModel, begun: float) -> np.ndarray:
-    """Errors of the heights [m], relative to the feet at BEGIN: without the tilt that its joints and IMU give it."""
+    """Height errors [m] relative to the feet at BEGIN, without the tilt caused by its joints and IMU."""
     assert grid.record.stance is not None
     pose = robot.stance_pose(grid.record.stance)
     to_world = standing(robot) @ SWAY.at(begun) @ np.linalg.inv(pose.transform_base_to_footprint)
@@ -70,10 +70,10 @@ def wrong(grid: gp.TerrainGrid, error: np.ndarray) -> int:
 def test_a_swaying_robot_with_a_stream_is_scanned_and_its_recording_gives_the_same(
     node: ForkedProcess, free_endpoint: str, robot: RobotModel, tmp_path: Path
 ) -> None:
-    """0.5 degrees, 5 mm, 1 Hz, 200 samples a second: confirmed, right, most of the ground; the same from the file."""
+    """0.5 degrees, 5 mm, 1 Hz, 200 samples a second: confirmed, correct, most cells known; also from the recording."""
     begun, heard = walked(free_endpoint, 200.0, 3)
     confirmed = [grid for grid in heard["footprint"] if not grid.is_provisional and np.isfinite(grid.elevation).any()]
-    # A busy machine may bring samples later than a scan waits for: it is then one without a stream, and withdrawn.
+    # On a busy machine samples may arrive too late for a scan, which then has no stream and is withdrawn.
     assert confirmed
     for grid in confirmed:
         error = errors_of(grid, robot, begun[grid.step])
@@ -99,7 +99,7 @@ def test_a_swaying_robot_with_a_stream_is_scanned_and_its_recording_gives_the_sa
 def test_without_a_stream_a_swaying_robot_is_refused(
     node: ForkedProcess, free_endpoint: str, robot: RobotModel
 ) -> None:
-    """What moved is left out, with its cause, and the readings of END withdraw the rest."""
+    """Moved stripes are left out with their cause, and the readings of END withdraw the rest."""
     begun, heard = walked(free_endpoint, 0.0, 2)
     grids = heard["footprint"]
     assert {grid.step for grid in grids} == {0, 1}

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.slow
 
 
 class Watched(ScanPolicy):
-    """Decides for no further stripe, and keeps the time that it was given for them."""
+    """Policy that fires no further stripe and stores the time it was offered."""
 
     time_left: float | None = -1.0
 
@@ -27,7 +27,7 @@ class Watched(ScanPolicy):
 def test_time_to_process_and_publish_is_left(
     rig: Rig, calibration: gp.Calibration, robot: RobotModel, left: float | None, tail: float
 ) -> None:
-    """What is given to further stripes ends a tail and a margin before the announced end; without one, all of it."""
+    """Further stripes get the time up to the announced end minus tail and margin; without an announcement, no limit."""
     policy, published = Watched(robot), list[Swept]()
     sweeper = Sweeper(calibration, rig.rangefinder, Settings.of(robot), policy)
     end = clock.now() + (left or 0.0)

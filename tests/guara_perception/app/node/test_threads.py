@@ -28,16 +28,16 @@ from transport.supervision import THREADS_NAME
 
 pytestmark = pytest.mark.slow
 BenchWith = Callable[..., AbstractContextManager[Bench]]
-# Threads of one task: each has its test.
+# Threads for single tasks; each has its own test.
 TASKS = {"scan", "transport-scan", "transport-deadline", "transport-outbox recording"}
 
 
 class Killed(BaseException):
-    """Not an `Exception`: loops that go on after any of those end by it."""
+    """Not an `Exception`, because loops that survive those must end too."""
 
 
 def kill(thread: threading.Thread) -> None:
-    """Raise `Killed` in a thread, wherever it is; a wait of it is ended, as waits may end at any time."""
+    """Raise `Killed` in a thread, wherever it is; a wait of the thread is ended, as waits may end at any time."""
     assert thread.ident is not None
     assert ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident), ctypes.py_object(Killed)) == 1
     frame = sys._current_frames().get(thread.ident)
@@ -51,7 +51,7 @@ def kill(thread: threading.Thread) -> None:
 
 
 def waits_for(thread: threading.Thread) -> str:
-    """Names of the conditions that its waits are for, from the innermost outwards."""
+    """Names of the conditions on which a thread waits, from the innermost outwards."""
     frame = sys._current_frames().get(thread.ident or 0)
     names = []
     while frame is not None:
@@ -61,9 +61,9 @@ def waits_for(thread: threading.Thread) -> str:
 
 
 def threads() -> list[threading.Thread]:
-    """Threads of the product in this process; the runner of the tests has some as well."""
+    """Threads of the product in this process, without those of the test runner."""
     ours = (thread for thread in threading.enumerate() if thread.name.startswith(("guara-", "transport-", "scan")))
-    # It waits for the end of the main thread in one call, so that nothing can be raised in it.
+    # It waits for the end of the main thread in a single call, in which nothing can be raised.
     return [thread for thread in ours if thread.name != "transport-exit-watcher"]
 
 
@@ -73,14 +73,14 @@ def item_of(bench: Bench, name: str) -> StatusItem | None:
 
 
 def is_over(bench: Bench) -> bool:
-    """Whether the node says that no pause is under way."""
+    """True if the node reports that no pause is under way."""
     item = item_of(bench, STATUS_NAME)
     return item is not None and item.values["standing"] == "false"
 
 
 @pytest.fixture
 def earlier_threads() -> set[threading.Thread]:
-    """Threads of clients that tests before this one left to end by themselves."""
+    """Client threads that earlier tests left to end by themselves."""
     return set(threads())
 
 
@@ -92,7 +92,7 @@ def slow_bench(
     calibration: gp.Calibration,
     request: pytest.FixtureRequest,
 ) -> Iterator[Bench]:
-    """A node with a recorder, whose scans take so long that each thread can be killed within one."""
+    """Node with a recorder, with scans slow enough for each thread to be killed during one."""
     monkeypatch.setattr(conftest, "FPS", 10.0)
     bench_with: BenchWith = request.getfixturevalue("bench_with")
     with (
@@ -103,7 +103,7 @@ def slow_bench(
 
 
 def test_each_thread_that_is_killed_is_told(slow_bench: Bench, earlier_threads: set[threading.Thread]) -> None:
-    """Laser off, the pause over, status ERROR with the thread's name, and the thread runs again."""
+    """Laser off, pause over, status ERROR with the thread's name, and the thread is restarted."""
     bench, board, names = slow_bench, slow_bench.rig.board, []
     bench.client.on_terrain(lambda terrain: None)
     killed: set[threading.Thread] = set()
@@ -130,13 +130,13 @@ def test_each_thread_that_is_killed_is_told(slow_bench: Bench, earlier_threads: 
         print(f"{thread.name:45} laser off after {dark_after:5.2f} s, ERROR, restarted")
     assert {"guara-scans", "transport-pulse", "transport-status"} < set(names)
     print(f"threads killed {len(killed)}, told {len(names)}")
-    # All of them do their work again.
+    # All threads work again.
     bench.gait.say(60, PausePhase.BEGIN)
     assert bench.client.wait_for_step(60, timeout=TIMEOUT).step == 60
 
 
 def test_a_scan_whose_thread_is_killed_is_told(slow_bench: Bench) -> None:
-    """The thread of the drivers that takes the frames: laser off, health failed, and the next pause is scanned."""
+    """The driver thread that grabs frames: laser off, health failed, and the next pause is scanned."""
     slow_bench.gait.say(0, PausePhase.BEGIN)
     assert wait_until(lambda: slow_bench.rig.board.view().laser_on)
     kill(next(thread for thread in threads() if thread.name == "scan"))
@@ -148,7 +148,7 @@ def test_a_scan_whose_thread_is_killed_is_told(slow_bench: Bench) -> None:
 
 @pytest.mark.parametrize("name", ["transport-scan", "transport-deadline"])
 def test_a_request_whose_thread_is_killed_is_told(slow_bench: Bench, name: str) -> None:
-    """The asker of a scan hears of it, or gets its grid all the same, and nobody is busy for ever."""
+    """The client gets an error or its grid, and the node does not stay busy."""
     bench, heard = slow_bench, []
 
     def ask() -> None:
@@ -176,7 +176,7 @@ def test_a_request_whose_thread_is_killed_is_told(slow_bench: Bench, name: str) 
 def test_a_scan_thread_that_hangs_is_told(
     slow_bench: Bench, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
-    """It sits in a call for longer than is allowed: laser off, status ERROR, though the thread lives."""
+    """It stays in a call for longer than allowed: laser off and status ERROR, although the thread is alive."""
     bench, release = slow_bench, threading.Event()
     request.addfinalizer(release.set)
     monkeypatch.setattr(node_module, "HANG_TIME_S", 1.0)
@@ -197,14 +197,14 @@ def test_a_scan_thread_that_hangs_is_told(
 def test_a_node_whose_thread_fails_again_and_again_ends_with_its_exit_code(
     free_endpoint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A service manager sees it."""
+    """So that a service manager can react."""
     over = threading.Event()
 
     def kill_again_and_again() -> None:
         deadline = time.monotonic() + TIMEOUT
         while not over.wait(0.05) and time.monotonic() < deadline:
             for thread in threads():
-                # Not while it waits for its restart: the supervision itself is not what is killed.
+                # Not while it waits for its restart, since that would kill the supervision itself.
                 if thread.name == "guara-scans" and "_has_work" in waits_for(thread):
                     kill(thread)
         if not over.is_set():

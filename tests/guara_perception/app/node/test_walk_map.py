@@ -1,4 +1,4 @@
-"""The map of a walk as the node keeps it: pictures hold it, and show how far standing feet slid."""
+"""Map of a walk as kept by the node: images correct it, and measure the slip of standing feet."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from kinematics import RobotModel
 
 @pytest.mark.slow
 def test_feet_that_all_slide_alike_are_seen(robot: RobotModel) -> None:
-    """They keep their distances, so no joint shows it: pictures do, and the map stays where the ground is."""
+    """Their distances stay the same, so joints cannot show it; images do, and the map stays aligned with the ground."""
     world, calibration = World(seed=1), specimen(robot, (640, 512), 1)
     rangefinder, walk_map = SimulatedRangefinder(world, calibration, robot, 1), WalkMap(robot, calibration)
     exact = WalkNoise(joint=0.0, contact=0.0, slip=0.0, imu=0.0, slide=0.08)

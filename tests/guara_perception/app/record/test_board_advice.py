@@ -1,4 +1,4 @@
-"""The advice about pictures of the board is true: zones, tilts, sharpness, light, stillness."""
+"""Advice on images of the board: zones, tilts, sharpness, light and stillness."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BOARD = BoardSpec(9, 7, 0.03)
 
 @pytest.fixture(scope="module")
 def show(robot):
-    """Pictures of a board by its position (shares of width and height), distance, tilts and turn."""
+    """Image of a board with a given position (fractions of width and height), distance, tilts and rotation."""
     camera = specimen(robot, (640, 512), 3).camera
     targets = TargetCamera.of(camera)
 
@@ -38,7 +38,7 @@ def show(robot):
     ("about_x", "about_y", "side"), [(0.5, 0, "bottom"), (-0.5, 0, "top"), (0, 0.5, "left"), (0, -0.5, "right")]
 )
 def test_the_side_that_leans_away_is_named(show, about_x, about_y, side):
-    """The side whose corners are farther from the camera, as its squares there look smaller."""
+    """The side whose corners are farther from the camera, where the squares look smaller."""
     view = find_board(show(0.5, 0.5, 0.5, about_x, about_y), BOARD)
     assert tilted_sides(view, BOARD, (512, 640)) == {side}
     grid = view.corners_px.reshape(7, 9, 2)
@@ -53,14 +53,14 @@ def test_the_side_that_leans_away_is_named(show, about_x, about_y, side):
 
 
 def test_a_flat_view_leans_nowhere(show):
-    """Nothing below TILT counts."""
+    """Tilts below TILT do not count."""
     view = find_board(show(0.5, 0.5, 0.5, 0.6 * TILT, 0.0), BOARD)
     assert tilted_sides(view, BOARD, (512, 640)) == set()
 
 
 @pytest.mark.slow
 def test_the_poses_of_the_workshop_complete_the_advice(show):
-    """All are needed: after three pictures it says what is missing."""
+    """All poses are needed: after three images the advice names what is missing."""
     advice = BoardAdvice(BOARD)
     for count, pose in enumerate(BOARD_POSES, start=1):
         picture = show(*pose)
@@ -76,7 +76,7 @@ def test_the_poses_of_the_workshop_complete_the_advice(show):
 
 @pytest.mark.slow
 def test_what_is_wrong_with_a_picture_is_reported(show):
-    """Blank, clipped, blurred, moving, shown before."""
+    """Blank, clipped, blurred, moving, and shown before."""
     advice = BoardAdvice(BOARD)
     good = show(0.5, 0.5, 0.45)
     assert "blank" in advice.judge(np.full_like(good, 90))[1]
@@ -92,6 +92,6 @@ def test_what_is_wrong_with_a_picture_is_reported(show):
 
 
 def test_a_picture_that_is_clipped_says_what_to_do():
-    """As `guara scan` does in the same light."""
+    """The same remedy as `guara scan` gives in this light."""
     _, reason = BoardAdvice(BOARD).judge(np.full((512, 640), 255, np.uint8))
     assert reason.startswith("too bright: 100 % of the picture is clipped; shade the scene or close the iris")

@@ -1,4 +1,4 @@
-"""The live page: over HTTP, and in a real browser."""
+"""Live page, over HTTP and in a real browser."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from tests.guara_perception.view.chromium import Chromium, find_chromium
 
 
 def get(address: str) -> bytes:
-    """What the page answers."""
+    """Response of the page."""
     with urllib.request.urlopen(address, timeout=10) as answer:
         return answer.read()
 
 
 @pytest.mark.slow
 def test_page_shows_task_advice_and_picture():
-    """State and picture are the last ones given; before the first picture there is none."""
+    """State and image are the latest; before the first image there is none."""
     with LivePage() as page:
         assert b"<img" in get(page.address)
         with pytest.raises(urllib.error.HTTPError, match="404"):
@@ -49,7 +49,7 @@ def test_page_shows_task_advice_and_picture():
 
 @pytest.mark.slow
 def test_a_taken_port_is_refused():
-    """The message says to give another port."""
+    """The message asks for another port."""
     with LivePage() as page:
         port = int(page.address.split(":")[2].strip("/"))
         with pytest.raises(gp.InvalidInput, match=f"port {port}: .*; give another --port"):
@@ -59,7 +59,7 @@ def test_a_taken_port_is_refused():
 def test_person_is_asked_task_by_task(
     robot: RobotModel, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    """Each request waits for a key, except for the board that is held up, whose advice is given once."""
+    """Each request waits for a key, except for the held board, whose advice is printed once."""
     waited: list[str] = []
     reported: list[str] = []
     monkeypatch.setattr("click.pause", waited.append)
@@ -80,7 +80,7 @@ def test_person_is_asked_task_by_task(
 @pytest.mark.slow
 @pytest.mark.view
 def test_page_in_a_browser_shows_what_is_reported(tmp_path):
-    """Chromium shows the advice and draws the picture; it asks no other machine for anything."""
+    """Chromium shows the advice and draws the image; the page contacts no other machine."""
     chromium = pytest.importorskip("websockets", reason="extra view") and find_chromium()
     if chromium is None:
         pytest.skip("no Chromium on this machine")

@@ -1,4 +1,4 @@
-"""Pictures of the live page while the operator is busy: they go on, and show what is found in them."""
+"""Images of the live page while the operator is busy: they are updated, and show what is detected."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ GREEN, RED = (0, 220, 0), (0, 0, 255)
 
 @pytest.fixture(scope="module")
 def workshop() -> SimulatedWorkshop:
-    """Robot and true camera; each test shows what it needs."""
+    """Robot and true camera; each test shows its own scene."""
     return SimulatedWorkshop()
 
 
 def near(picture: np.ndarray, pixel: np.ndarray, colour: tuple[int, int, int]) -> bool:
-    """Whether something of this colour is drawn within 20 px of a pixel."""
+    """True if this colour is drawn within 20 px of a pixel."""
     row, column = np.nonzero(np.all(picture == colour, axis=2))
     return bool(np.any(np.hypot(column - pixel[0], row - pixel[1]) < 20))
 
 
 def test_pictures_go_on_until_the_operator_has_answered():
-    """Three pictures are shown before the key is pressed; what the operator raises comes through."""
+    """Three images are shown before the key is pressed; an exception of the operator is raised."""
     pressed, shown = threading.Event(), []
 
     def watch(picture: np.ndarray, text: str) -> None:
@@ -55,13 +55,13 @@ def assert_waited(pressed: threading.Event) -> None:
 
 
 def interrupt() -> None:
-    """Press Ctrl-C."""
+    """Simulate Ctrl-C."""
     raise KeyboardInterrupt
 
 
 @pytest.mark.slow
 def test_crosses_that_are_seen_are_green_and_the_place_of_another_is_red(workshop: SimulatedWorkshop):
-    """The sentence counts them, and names the one that is missing."""
+    """The text counts the crosses, and names the missing one."""
     points, camera, to_footprint = cross_points(workshop.robot), workshop.truth.camera, workshop._camera_to_footprint
     look = crosses_look(camera, points, (to_footprint,))
     targets = TargetCamera.of(camera, seed=1)
@@ -75,7 +75,7 @@ def test_crosses_that_are_seen_are_green_and_the_place_of_another_is_red(worksho
 
 @pytest.mark.slow
 def test_corners_of_the_board_and_the_scanned_area_are_drawn(workshop: SimulatedWorkshop):
-    """A picture without the board says why; the outline on a plate lies above that on the floor."""
+    """Without a board the reason is shown; the outline on a plate is above that on the floor."""
     look = board_look(BOARD)
     workshop.lay_board(BOARD, "")
     with workshop.rangefinder as rangefinder:
@@ -101,7 +101,7 @@ def test_corners_of_the_board_and_the_scanned_area_are_drawn(workshop: Simulated
 def test_a_board_that_is_not_on_the_floor_is_asked_for_again_with_the_reason(
     workshop: SimulatedWorkshop, tmp_path, monkeypatch: pytest.MonkeyPatch
 ):
-    """First without a reason, then with that of the last picture, which the end says too."""
+    """Without a reason first, then with that of the last image, which is also in the final error."""
     asked, shown = [], []
 
     class Forgetful:

@@ -1,4 +1,4 @@
-"""From nothing to a first grid: `guara targets`, `record`, `calibrate`, `doctor`, `scan`, `process`, `run`."""
+"""From the targets to a first grid: `guara targets`, `record`, `calibrate`, `doctor`, `scan`, `process`, `run`."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from tests.made_once import made_once
 
 pytestmark = pytest.mark.slow
 
-# A whole session takes as long as the demo: what needs one is heavy.
+# A whole session takes as long as the demo, so tests that need one are heavy.
 
 
 def record_by_command(folder: Path, *arguments: str) -> None:
-    """Record with the command, in the simulated workshop."""
+    """Record with the command in the simulated workshop."""
     from guara_perception.app.main import run
 
     assert run(["record", str(folder), "--simulated", *arguments]) == 0
@@ -45,20 +45,20 @@ def record_by_command(folder: Path, *arguments: str) -> None:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A session that the command recorded; it is only read."""
+    """Session recorded by the command; read only."""
     return made_once(tmp_path_factory, "recorded-session", record_by_command)
 
 
 @pytest.fixture(scope="module")
 def recorded_with_charuco(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A session with a ChArUco board, held out to the edge of the picture."""
+    """Session with a ChArUco board held out to the edge of the image."""
     arguments = ("--pattern", "charuco")
     return made_once(tmp_path_factory, "charuco-session", lambda folder: record_by_command(folder, *arguments))
 
 
 @pytest.fixture
 def unfinished(recorded: Path, tmp_path: Path) -> Path:
-    """A copy without the crosses, one plate and the finished session.json."""
+    """Copy without the crosses, one plate and the finished session.json."""
     folder = Path(shutil.copytree(recorded, tmp_path / "session"))
     for name in ("session.json", CROSSES_PICTURE, "calibration.json"):
         (folder / name).unlink()
@@ -72,7 +72,7 @@ SESSIONS = ["recorded", "recorded_with_charuco"]
 @pytest.mark.heavy
 @pytest.mark.parametrize("session", SESSIONS)
 def test_recorded_session_calibrates_as_good(session: str, request: pytest.FixtureRequest):
-    """It ends with a good calibration; the mount is the workshop's to a millimetre and a fifth of a degree."""
+    """The verdict is good; the mount is correct to a millimetre and a fifth of a degree."""
     folder = request.getfixturevalue(session)
     made, truth = gp.load_calibration(folder / "calibration.json"), SimulatedWorkshop().truth
     assert made.quality["verdict"] == "good" and len(made.stripes) == 70
@@ -84,7 +84,7 @@ def test_recorded_session_calibrates_as_good(session: str, request: pytest.Fixtu
 
 @pytest.mark.heavy
 def test_parts_of_a_charuco_board_were_taken(recorded_with_charuco: Path):
-    """Some of its pictures do not show the whole board; session.json says which pattern it has."""
+    """Some images show only a part of the board; session.json names the pattern."""
     session = open_session(recorded_with_charuco)
     assert session.board == BoardSpec(9, 7, 0.03, "charuco")
     views = [find_board(session.read_picture(name), session.board, name) for name in session.board_images]
@@ -94,7 +94,7 @@ def test_parts_of_a_charuco_board_were_taken(recorded_with_charuco: Path):
 
 @pytest.mark.heavy
 def test_devices_are_measured_and_kept(recorded: Path):
-    """The exposure was metered and the lag is that of the emulated camera: exposure and transfer."""
+    """The exposure was metered, and the lag is that of the emulated camera: exposure and transfer."""
     devices = load_devices(recorded / "devices.toml")
     assert devices.source == "simulated" and devices.lag is not None
     camera = gp.load_calibration(recorded / "calibration.json").camera
@@ -107,7 +107,7 @@ def test_devices_are_measured_and_kept(recorded: Path):
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("session", SESSIONS)
 def test_commands_lead_to_a_first_grid(session: str, guara, tmp_path: Path, request: pytest.FixtureRequest):
-    """The commands of docs/first-grid.md, one after the other, with emulated devices."""
+    """The commands of docs/first-grid.md in order, with emulated devices."""
     folder: Path = request.getfixturevalue(session)
     pattern = open_session(folder).board.pattern
     assert guara("targets", "-o", tmp_path / "targets.pdf", "--pattern", pattern).code == 0
@@ -125,7 +125,7 @@ def test_commands_lead_to_a_first_grid(session: str, guara, tmp_path: Path, requ
 
 @pytest.fixture
 def devices_of_the_session(recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The session's devices.toml with a board on the USB bus and a camera given as a class, as with real devices."""
+    """The session's devices.toml with a board on the USB bus and a camera class, as with real devices."""
     truth, robot = SimulatedWorkshop().truth, load_robot("guara")
     view = SimulatedRangefinder(World(), truth, robot, seed=3)
     standing = Stance(robot.posture(robot.config.scan_posture), robot.legs, None)
@@ -150,7 +150,7 @@ def devices_of_the_session(recorded: Path, tmp_path: Path, monkeypatch: pytest.M
 def test_doctor_checks_camera_and_board_of_the_session(
     recorded: Path, devices_of_the_session: Path, guara, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):
-    """Board and camera answer, the metered exposure is held; the scan that follows is locked, and good."""
+    """Board and camera answer and the metered exposure is kept; the following scan is locked and good."""
     calibration, devices = recorded / "calibration.json", devices_of_the_session
     arguments = ["doctor", "-c", calibration, "--devices", devices, "--json"]
     arguments += ["--only", "board", "--only", "camera", "--only", "calibration"]
@@ -172,7 +172,7 @@ def test_doctor_checks_camera_and_board_of_the_session(
 
 
 def record_with(workshop: SimulatedWorkshop, session: Path, watched: list[str] | None = None) -> list[str]:
-    """Go on with a session in a workshop; returns what was told, and adds what was shown with pictures."""
+    """Resume a session in a workshop; return the reports, and collect the shown images."""
     board, crosses = parse_board("9x7", 0.03), cross_points(workshop.robot)
     plan = SessionPlan("guara", board, crosses, (0.0, 0.04, 0.08), workshop.stance)
     writer = SessionWriter(session, plan)
@@ -188,7 +188,7 @@ def record_with(workshop: SimulatedWorkshop, session: Path, watched: list[str] |
 
 @pytest.mark.heavy
 def test_an_interrupted_recording_goes_on(unfinished: Path):
-    """Only what is missing is taken; pictures that were there are not written again."""
+    """Only missing parts are recorded; existing images are not written again."""
     before = {path: path.stat().st_mtime_ns for path in unfinished.rglob("*.png") if path.parent.name != "report"}
     shown: list[str] = []
     told = record_with(SimulatedWorkshop(), unfinished, shown)
@@ -200,7 +200,7 @@ def test_an_interrupted_recording_goes_on(unfinished: Path):
 
 @pytest.mark.heavy
 def test_a_session_that_goes_on_is_locked_as_it_was_begun(unfinished: Path):
-    """The metered exposure and the lag come from its file; a plate is refused when the camera does not hold them."""
+    """Exposure and lag come from its file; a plate is refused if the camera does not keep them."""
     devices = load_devices(unfinished / "devices.toml")
 
     class Meddling(SimulatedWorkshop):
@@ -231,7 +231,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("refusal", "way"), REFUSED)
 def test_a_refusal_tells_the_way_on(tmp_path: Path, refusal: str, way: str):
-    """Only for sessions that were recorded here."""
+    """Only for sessions recorded by `guara record`."""
     with pytest.raises(gp.CalibrationRefused) as told, with_advice(tmp_path):
         raise gp.CalibrationRefused(refusal)
     assert str(told.value) == refusal
@@ -244,10 +244,10 @@ def test_a_refusal_tells_the_way_on(tmp_path: Path, refusal: str, way: str):
 
 @pytest.mark.heavy
 def test_a_part_is_recorded_again(recorded: Path, tmp_path: Path, guara):
-    """After a refusal `--redo` takes one part anew, with the options of the first time, and calibrates as good."""
+    """After a refusal, `--redo` records one part again with the earlier options, and the verdict is good."""
     folder = Path(shutil.copytree(recorded, tmp_path / "session"))
     shutil.rmtree(folder / "plate_80")
-    # The plate was forgotten: the bare floor was scanned.
+    # The plate was forgotten, so the bare floor was scanned.
     shutil.copytree(folder / "plate_0", folder / "plate_80")
     (folder / "calibration.json").unlink()
     refused = guara("calibrate", folder, "-o", folder / "calibration.json")
@@ -263,7 +263,7 @@ def test_a_part_is_recorded_again(recorded: Path, tmp_path: Path, guara):
 
 @pytest.mark.heavy
 def test_a_plate_in_light_that_clips_is_reported(tmp_path: Path):
-    """The scan is whole; one of its problems is the clipped light."""
+    """The scan is complete; one of its problems is the clipped light."""
     workshop = SimulatedWorkshop()
     workshop.lay_plate(0.04)
     with workshop.rangefinder as rangefinder:
@@ -276,7 +276,7 @@ def test_a_plate_in_light_that_clips_is_reported(tmp_path: Path):
 def test_crosses_that_are_not_there_are_asked_for_again(
     recorded: Path, unfinished: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    """With the reason; after MOST_TRIES the recording ends, and all pictures are kept."""
+    """With the reason; after MOST_TRIES the recording ends, and all images are kept."""
     shutil.copytree(recorded / "plate_40", unfinished / "plate_40")
     asked: list[str] = []
 
@@ -355,7 +355,7 @@ def test_wrong_options_are_refused(guara, tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_scan_refuses_two_targets(guara, tmp_path: Path):
-    """FOLDER and --out are the same thing."""
+    """FOLDER and --out are the same option."""
     said = guara("scan", tmp_path / "a", "-o", tmp_path / "b", "--simulated")
     assert said.code == 2 and "give one of them" in said.err
     said = guara("scan", tmp_path / "a", "--no-calibration", "-c", "c.json")

@@ -1,4 +1,4 @@
-"""A session folder is begun, continued, and never mixed with another."""
+"""A session folder is started and resumed, and never mixed with another session."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from guara_perception.calibration.board import BoardSpec
 
 @pytest.fixture
 def plan(robot) -> SessionPlan:
-    """Board, crosses and plates as `guara targets` prints them."""
+    """Board, crosses and plates as printed by `guara targets`."""
     stance = gp.Stance(robot.posture(robot.config.scan_posture), robot.legs, None)
     return SessionPlan("guara", BoardSpec(9, 7, 0.03), cross_points(robot), (0.0, 0.04), stance)
 
 
 def test_what_was_taken_is_there_when_it_goes_on(plan: SessionPlan, tmp_path: Path):
-    """Pictures stay, and are not asked for again."""
+    """Existing images are kept and not requested again."""
     first = SessionWriter(tmp_path / "s", plan)
     picture = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
     for name in ("board_00.png", "board_01.png", CROSSES_PICTURE):
@@ -37,7 +37,7 @@ def test_what_was_taken_is_there_when_it_goes_on(plan: SessionPlan, tmp_path: Pa
 
 
 def test_another_plan_is_refused(plan: SessionPlan, tmp_path: Path):
-    """The message names what differs."""
+    """The message names the differences."""
     SessionWriter(tmp_path / "s", plan)
     other = dataclasses.replace(plan, plates=(0.0, 0.05), board=BoardSpec(8, 7, 0.03))
     with pytest.raises(
@@ -47,7 +47,7 @@ def test_another_plan_is_refused(plan: SessionPlan, tmp_path: Path):
 
 
 def test_a_part_is_removed_when_it_is_recorded_again(plan: SessionPlan, tmp_path: Path):
-    """The plan may differ in that part alone, and comes back from the folder; nothing goes before `clear`."""
+    """The plan may differ in this part only, and is read from the folder; nothing is removed before `clear`."""
     writer = SessionWriter(tmp_path / "s", plan)
     for name in ("board_00.png", "board_floor.png", CROSSES_PICTURE):
         writer.write(name, np.zeros((4, 5), np.uint8))
@@ -67,7 +67,7 @@ def test_a_part_is_removed_when_it_is_recorded_again(plan: SessionPlan, tmp_path
 
 
 def test_folders_with_other_things_are_refused(plan: SessionPlan, tmp_path: Path, data: Path):
-    """A finished session, a file, a folder of something else."""
+    """A finished session, a file, and a folder with other contents."""
     with pytest.raises(gp.InvalidInput, match="contains a finished session"):
         SessionWriter(data / "calibration", plan)
     (tmp_path / "file").write_text("x")

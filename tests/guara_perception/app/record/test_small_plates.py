@@ -1,4 +1,4 @@
-"""Plates smaller than the view: stripes and columns beside them are left out, and missed steps are still told."""
+"""Plates smaller than the view: stripes and columns beside them are left out, and missed steps are still detected."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tests.made_once import made_once
 pytestmark = pytest.mark.heavy
 
 AREA, A3 = (0.45, 0.54), (0.297, 0.42)
-# Height [m], centre [m], size [m] and turn [rad] of plates as somebody lays them.
+# Height [m], centre [m], size [m] and rotation [rad] of plates as a user may place them.
 PLATES = {
     "floor": (0.0, 0.725, 0.0, AREA, 0.0),
     "area_40": (0.04, 0.725, 0.0, AREA, 0.0),
@@ -51,7 +51,7 @@ FITTING = {
 
 @pytest.fixture(scope="module")
 def scans(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Scans of all plates, with the laser's mirror and the camera's noise fresh in each."""
+    """Scans of all plates, each with new mirror and camera noise."""
 
     def make(folder: Path) -> None:
         folder.mkdir()
@@ -71,7 +71,7 @@ def scans(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def targets(tmp_path_factory: pytest.TempPathFactory) -> CalibrationSession:
-    """The recorded session, for its boards and crosses."""
+    """The recorded session, for its board and cross images."""
 
     def record(folder: Path) -> None:
         assert run(["record", str(folder), "--simulated"]) == 0
@@ -80,13 +80,13 @@ def targets(tmp_path_factory: pytest.TempPathFactory) -> CalibrationSession:
 
 
 def session_of(targets: CalibrationSession, scans: Path, names: tuple[str, ...]) -> CalibrationSession:
-    """The session with these plates in place of its own."""
+    """The session with these plates instead of its own."""
     plates = tuple(Plate(name, PLATES[name][0], open_scan_folder(scans / name)) for name in names)
     return dataclasses.replace(targets, plates=plates)
 
 
 def height_errors(result: CalibrationResult) -> np.ndarray:
-    """Heights of points on the floor and 60 mm above it, by the calibration of what the true camera sees [m]."""
+    """Height errors of points on the floor and 60 mm above it, for a calibration used with the true camera [m]."""
     truth, base = SimulatedWorkshop().truth, result.transform_base_to_footprint
     true_camera, camera = (base @ one.transform_camera_to_base for one in (truth, result.calibration))
     true_planes = {stripe.index: stripe.plane @ np.linalg.inv(true_camera) for stripe in truth.stripes}
@@ -106,7 +106,7 @@ def height_errors(result: CalibrationResult) -> np.ndarray:
 def test_small_plates_calibrate_as_good(
     targets: CalibrationSession, scans: Path, robot: RobotModel, names: tuple[str, ...]
 ) -> None:
-    """A plate of the scanned area, an A3 one that was moved, and plates of two sizes measure to 0.1 mm."""
+    """A plate of the scanned area, a moved A3 plate, and plates of two sizes measure to 0.1 mm."""
     result = calibrate_session(session_of(targets, scans, names), robot)
     assert result.verdict == "good", result.reasons
     assert np.nanmax(np.abs(height_errors(result))) < 1e-4
@@ -117,7 +117,7 @@ def test_small_plates_calibrate_as_good(
 def test_a_missed_step_is_told_from_a_stripe_beside_the_plate(
     targets: CalibrationSession, scans: Path, robot: RobotModel
 ) -> None:
-    """On the same small plates a mirror that stands still once is refused by name, not taken for the plate's edge."""
+    """On the same small plates, a mirror that misses a step is refused by name, not taken for the plate's edge."""
     broken = missed_step(session_of(targets, scans, FITTING["A3, moved"]), 1, 12)
     with pytest.raises(gp.CalibrationRefused) as refused:
         calibrate_session(broken, robot)
@@ -155,14 +155,14 @@ REFUSED = {
 def test_plates_that_cannot_serve(
     targets: CalibrationSession, scans: Path, robot: RobotModel, names: tuple[str, ...], reason: str
 ) -> None:
-    """Without the bare floor the two faults are both named; a plate that covers too little, or nothing, is refused."""
+    """Without the bare floor both faults are named; a plate that covers too little or nothing is refused."""
     with pytest.raises(gp.CalibrationRefused) as refused:
         calibrate_session(session_of(targets, scans, names), robot)
     assert reason in str(refused.value)
 
 
 def test_the_operator_is_told_the_size(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Size and place of a plate stand in the request."""
+    """The request contains size and position of the plate."""
     asked: list[str] = []
     monkeypatch.setattr("click.pause", lambda text: None)
     operator = TextOperator(asked.append, Settings.of(robot))

@@ -1,4 +1,4 @@
-"""`guara robot check`: what is wrong with a robot folder is named, with the exit code of its weight."""
+"""`guara robot check` names every fault of a robot folder, with the exit code of its severity."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ ROOT = Path(__file__).parents[4]
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A copy of the Guará's folder that a test may damage."""
+    """Copy of the Guará's folder that a test may damage."""
     return Path(shutil.copytree(ROOT / "robots" / "guara", tmp_path / "guara"))
 
 
-# What is changed in which file, and what is said about it; WRONG and more exits with 1, UNUSABLE with 2.
+# Edits of files and the resulting findings; WRONG exits 1, UNUSABLE exits 2.
 SPOILED = {
     "sole frame 20 mm too high": (
         "urdf/guara.urdf",
@@ -119,7 +119,7 @@ SPOILED = {
 
 @pytest.mark.parametrize("case", SPOILED)
 def test_what_is_wrong_is_found(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One thing spoiled in a sound folder: the check names it, with the exit code of its weight."""
+    """One fault in a sound folder: it is named, with the exit code of its severity."""
     file, old, new, message, weight = SPOILED[case]
     text, count = re.subn(old, new, (folder / file).read_text())
     assert count
@@ -130,7 +130,7 @@ def test_what_is_wrong_is_found(case: str, folder: Path, capsys: pytest.CaptureF
 
 
 def test_the_robots_of_this_repository_are_sound(folder: Path) -> None:
-    """The Guará has no finding; the tapir's round feet are off by 4 mm: frames along the shanks."""
+    """The Guará has no finding; the tapir's round feet are off by 4 mm, because its frames are along the shanks."""
     assert all(finding.weight is Weight.NOTE for finding in check_robot(folder)[1])
     _, found = check_robot(ROOT / "tests" / "robots" / "tapir")
     wrong = [finding for finding in found if finding.weight is not Weight.NOTE]
@@ -138,7 +138,7 @@ def test_the_robots_of_this_repository_are_sound(folder: Path) -> None:
 
 
 def test_a_pattern_beyond_the_travel_of_the_board_is_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """As of a mirror far ahead of the area: the folder is sound, and the firmware must be built for it."""
+    """For a mirror far ahead of the area: the folder is sound, but the firmware must be configured for it."""
     folder = altered_guara(tmp_path, ("mirror_angle_first = -0.110", "mirror_angle_first = -0.310"))
     assert run(["robot", "check", str(folder)]) == 0
     noted = [line for line in capsys.readouterr().out.splitlines() if "but the firmware of this project" in line]
@@ -151,14 +151,14 @@ def test_a_pattern_beyond_the_travel_of_the_board_is_noted(tmp_path: Path, capsy
 
 
 def test_a_folder_without_robot_is_unusable(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Exit 2, and the names of the robots there are."""
+    """Exit 2 with the names of the available robots."""
     assert run(["robot", "check", str(tmp_path)]) == 2
     assert "one of the names guara" in capsys.readouterr().out
 
 
 @pytest.mark.slow
 def test_findings_as_json(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One object with the verdict and every finding; the exit code is that of the text."""
+    """One object with the verdict and every finding; the exit code is the same as with text."""
     toml = folder / "robot.toml"
     toml.write_text(toml.read_text().replace("mirror_angle_last = 0.325", "mirror_angle_last = 0.200"))
     picture = folder.parent / "guara.png"
@@ -178,7 +178,7 @@ def test_findings_as_json(folder: Path, capsys: pytest.CaptureFixture[str]) -> N
 
 
 def test_all_that_makes_it_unusable_is_listed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Faults in settings of perception come together too, a line each."""
+    """Faults in the perception settings are listed together, one per line."""
     toml = folder / "robot.toml"
     toml.write_text(toml.read_text().replace("pauses = 40", "pauses = 0").replace("stripes = 70", "stripes = 1"))
     assert run(["robot", "check", str(folder)]) == 2
@@ -188,14 +188,14 @@ def test_all_that_makes_it_unusable_is_listed(folder: Path, capsys: pytest.Captu
 
 @pytest.mark.slow
 def test_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A picture of robot, area, camera and laser."""
+    """Picture of robot, area, camera and laser."""
     picture = tmp_path / "guara.png"
     assert run(["robot", "check", "guara", "--picture", str(picture)]) == 0
     assert picture.read_bytes().startswith(b"\x89PNG") and f"picture: {picture}" in capsys.readouterr().out
 
 
 def test_the_view_shows_the_area_the_cone_and_the_laser_planes() -> None:
-    """A grid of the scanned area, known where it is seen, and the lines from camera and mirror to its corners."""
+    """Grid of the scanned area, known where it is seen, and lines from camera and mirror to its corners."""
     robot = load_robot("guara")
     moment = robot_moment(robot)
     grid, lines = moment.grids["footprint"], moment.stripes()
@@ -209,7 +209,7 @@ def test_the_view_shows_the_area_the_cone_and_the_laser_planes() -> None:
 @pytest.mark.heavy
 @pytest.mark.slow
 def test_a_walk_of_two_pauses(guara_walk: TrialWalk) -> None:
-    """It scans, walks, and takes nothing unknown or hazardous for safe; a walk that fails gives findings."""
+    """It scans and walks, and treats nothing unknown or hazardous as safe; a failed walk gives findings."""
     assert guara_walk.pauses == 2 and guara_walk.feet >= 1 and guara_walk.known > 0.9
     assert list(walk_findings(guara_walk)) == []
     bad = dataclasses.replace(guara_walk, ended="OutOfReach: leg 'lf'", unknown_called_safe=3, feet_on_hazard=1)
@@ -218,5 +218,5 @@ def test_a_walk_of_two_pauses(guara_walk: TrialWalk) -> None:
 
 @pytest.fixture(scope="module")
 def guara_walk() -> TrialWalk:
-    """Two pauses of the Guará over its trial ground."""
+    """Two pauses of the Guará on its trial ground."""
     return trial_walk(load_robot("guara"), pauses=2)

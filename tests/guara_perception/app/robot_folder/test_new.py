@@ -26,7 +26,7 @@ SOURCES = {
 
 @pytest.fixture(scope="module", params=SOURCES)
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[RobotModel, RobotModel]:
-    """The robot that `robot new` makes of a URDF, and the one that was written by hand."""
+    """Robot made from a URDF by `robot new`, and the same robot written by hand."""
     folder = tmp_path_factory.mktemp("robots") / "mine"
     assert run(["robot", "new", str(SOURCES[request.param]), "-o", str(folder)]) == 0
     with warnings.catch_warnings():
@@ -38,7 +38,7 @@ def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 def test_it_loads_under_the_folder_s_name_and_is_sound(
     made: tuple[RobotModel, RobotModel], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Without a warning, by the name of its folder; `robot check` exits with 0 and lists what is to be measured."""
+    """Without a warning, under the name of its folder; `robot check` exits 0 and lists the values to measure."""
     robot, _ = made
     assert robot.name == "mine"
     assert sorted(path.name for path in robot.folder.iterdir()) == ["README.md", "robot.toml", "srdf", "urdf"]
@@ -50,7 +50,7 @@ def test_it_loads_under_the_folder_s_name_and_is_sound(
 
 @pytest.mark.slow
 def test_legs_are_those_written_by_hand(made: tuple[RobotModel, RobotModel]) -> None:
-    """The same joints from hip to foot, left and right, front and hind as they stand."""
+    """The same joints from hip to foot; left and right, front and hind are assigned correctly."""
     robot, by_hand = made
     found = {leg.joints for leg in robot.config.legs}
     assert found == {leg.joints for leg in by_hand.config.legs}
@@ -62,7 +62,7 @@ def test_legs_are_those_written_by_hand(made: tuple[RobotModel, RobotModel]) -> 
 
 @pytest.mark.slow
 def test_soles_lie_under_the_feet(made: tuple[RobotModel, RobotModel]) -> None:
-    """In the scan posture each sole frame is the lowest point of its foot, level, below the joint that swings it."""
+    """In the scan posture each sole frame is level, at the lowest point of its foot and below its pitch joint."""
     robot, _ = made
     state = robot.state(robot.posture("scan"))
     for leg in robot.tree.legs.values():
@@ -73,14 +73,14 @@ def test_soles_lie_under_the_feet(made: tuple[RobotModel, RobotModel]) -> None:
 
 @pytest.mark.slow
 def test_the_disc_is_a_quarter_of_the_sole(made: tuple[RobotModel, RobotModel]) -> None:
-    """As Guará's is by hand; three cells of 5 mm at least."""
+    """As for the Guará; at least three cells of 5 mm."""
     limits = Settings.of(made[0]).limits
     assert limits.disc_radius == pytest.approx(max(0.015, min(made[0].sole) / 4), abs=0.0005)
 
 
 @pytest.mark.slow
 def test_every_value_has_its_reason(made: tuple[RobotModel, RobotModel]) -> None:
-    """Each line of robot.toml below [stance] that gives a number says why; each assumed key names a value."""
+    """Each number of robot.toml has a comment with its reason; each assumed key names a value."""
     robot, _ = made
     text = (robot.folder / "robot.toml").read_text()
     content = tomllib.loads(text)
@@ -98,7 +98,7 @@ def test_every_value_has_its_reason(made: tuple[RobotModel, RobotModel]) -> None
 
 @pytest.mark.slow
 def test_the_pattern_sweeps_the_area_and_the_camera_sees_it(made: tuple[RobotModel, RobotModel]) -> None:
-    """By the rule that the hand-written folders are tested with: just before the area to just past it."""
+    """By the rule of the hand-written folders: from just before the area to just beyond it."""
     robot, _ = made
     state, settings = robot.state(robot.posture("scan")), Settings.of(robot)
     mirror = state.position_in_base(robot.config.laser_frame)
@@ -109,7 +109,7 @@ def test_the_pattern_sweeps_the_area_and_the_camera_sees_it(made: tuple[RobotMod
 
 
 def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A folder that holds something is refused, and stays as it was."""
+    """A folder that is not empty is refused and unchanged."""
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("mine")
     assert run(["robot", "new", str(SOURCES["guara"]), "-o", str(tmp_path / "mine")]) == 2
@@ -142,14 +142,14 @@ def test_a_urdf_that_is_no_walking_robot_is_refused(
 
 @pytest.mark.slow
 def test_the_next_command_can_be_copied(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Also where the folder's name has a space."""
+    """Also if the name of the folder contains a space."""
     folder = tmp_path / "my robot"
     assert run(["robot", "new", str(SOURCES["tapir"]), "-o", str(folder)]) == 0
     assert capsys.readouterr().out.endswith(f"next: guara robot check '{folder}'\n")
 
 
 def test_a_missing_urdf_and_a_bad_name_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Exit 2, saying what is allowed."""
+    """Exit 2 with what is allowed."""
     assert run(["robot", "new", str(tmp_path / "no.urdf"), "-o", str(tmp_path / "mine")]) == 2
     assert "no.urdf: cannot be read" in capsys.readouterr().err
     assert run(["robot", "new", str(SOURCES["guara"]), "-o", str(tmp_path / "mine"), "--name", "a b"]) == 2
@@ -157,7 +157,7 @@ def test_a_missing_urdf_and_a_bad_name_are_refused(tmp_path: Path, capsys: pytes
 
 
 def test_a_height_may_be_asked_for(tmp_path: Path) -> None:
-    """The hips stand where they were asked to."""
+    """The hips are at the requested height."""
     assert run(["robot", "new", str(SOURCES["tapir"]), "-o", str(tmp_path / "mine"), "--height", "0.30"]) == 0
     robot = load_robot(tmp_path / "mine")
     assert next(p.hip_height for p in robot.config.postures if p.name == "scan") == 0.30
@@ -166,7 +166,7 @@ def test_a_height_may_be_asked_for(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("stands", "expected_text"), [(False, "cannot stand level"), (True, "stands, but its feet")])
 def test_no_height_is_chosen_without_reach(monkeypatch: pytest.MonkeyPatch, stands: bool, expected_text: str) -> None:
-    """A robot that stands, but reaches no position of the gait, is not told that it cannot stand."""
+    """The error of a robot that can stand but reaches no position of the gait does not say that it cannot stand."""
     leg = SimpleNamespace(length=0.3, foot=SimpleNamespace(size=np.full(3, 0.04)))
     monkeypatch.setattr(postures, "stand", lambda legs, height: object() if stands else None)
     monkeypatch.setattr(postures, "reach_share", lambda leg, posture: 0.0)

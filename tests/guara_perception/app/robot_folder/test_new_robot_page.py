@@ -1,4 +1,4 @@
-"""docs/new-robot.md, followed word for word with stock robots; the tapir follows it in tests/test_docs.py."""
+"""docs/new-robot.md followed word by word with stock robots; tests/test_docs.py does the same with the tapir."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ pytestmark = [pytest.mark.robots, pytest.mark.slow]
 def test_the_page_leads_from_a_stock_urdf_to_a_walking_simulation(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A1: point feet, three joints a leg. ANYmal C: links and joints share names. Each line of the page works."""
+    """A1: point feet, three joints per leg. ANYmal C: links and joints share names. Each line of the page works."""
     try:
         (tmp_path / "my_robot.urdf").symlink_to(stock_urdf(name))
     except StockRobotsMissing as error:

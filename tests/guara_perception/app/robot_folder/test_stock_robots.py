@@ -1,4 +1,4 @@
-"""The stock quadrupeds of the package index, each from its URDF to a sound folder and a walk; extra `robots-test`."""
+"""Stock quadrupeds of the package index, each from its URDF to a sound folder and a walk; extra `robots-test`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ pytest.importorskip("yourdfpy", reason="the extra `robots-test` is not installed
 
 @pytest.fixture(scope="module", params=FILES)
 def result(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[StockResult, Path]:
-    """One stock robot and its folder."""
+    """Stock robot and its folder."""
     folder = tmp_path_factory.mktemp("stock") / request.param
     try:
         return stock_result(request.param, folder), folder
@@ -29,7 +29,7 @@ def result(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 
 def test_it_loads_and_is_sound(result: tuple[StockResult, Path]) -> None:
-    """`robot new` takes it as it is, `robot check` finds nothing to mend."""
+    """`robot new` accepts the URDF as it is, and `robot check` finds no fault."""
     assert result[0].is_passed, line(result[0])
 
 
@@ -40,16 +40,16 @@ def test_its_stance_pose_is_that_of_another_reader(result: tuple[StockResult, Pa
 
 @pytest.mark.slow
 def test_it_walks_and_takes_nothing_unknown_for_safe(result: tuple[StockResult, Path]) -> None:
-    """Ten pauses over boxes, a pit and a dark patch: no unknown cell traversable, no foot on a hazard."""
+    """Ten pauses over boxes, a pit and a dark patch: no unknown cell is traversable, no foot is on a hazard."""
     walk = trial_walk(load_robot(result[1]))
     assert not list(walk_findings(walk)) and walk.pauses == 10 and walk.feet >= 9, walk
 
 
 class RollingFoot:
-    """A ball foot that stands and rolls without slipping under a level body."""
+    """Ball foot that rolls without slipping under a level body."""
 
     def __init__(self, robot: RobotModel, leg: str, x: float, y: float) -> None:
-        """Set it down with its centre above x and y in the world."""
+        """Place it with its centre above x and y in the world."""
         self._robot, self._leg, self._radius = robot, leg, robot.config.sole_radius
         self._level = self._tilt(robot.posture("scan"))
         self.set_down(x, y)
@@ -62,11 +62,11 @@ class RollingFoot:
         return float(np.arctan2(-x[2], x[0]))
 
     def joints(self, body_x: float, height: float) -> dict[str, float]:
-        """Joints of its leg with the body at a place: the ball's centre goes by radius times angle."""
+        """Joints of its leg for a position of the body: the ball's centre moves by radius times angle."""
         names, posture = self._robot.tree.leg(self._leg).joints, self._robot.posture("scan")
         for _ in range(12):
             rolled = 0.0 if self._turned is None else self._radius * (self.turned - self._turned)
-            # The point that the frame marks turns aside of the lowest one.
+            # The point marked by the frame rotates away from the lowest one.
             x = self._x + rolled - self._radius * np.sin(self.turned) - body_x
             sole = np.array([x, self._y, -height])
             found = self._robot.reach(self._leg, sole).joint_positions.tolist()
@@ -77,12 +77,12 @@ class RollingFoot:
 
     @property
     def rolled(self) -> float:
-        """Way of its centre since it was set down [m]."""
+        """Distance by which its centre has rolled [m]."""
         return self._radius * (self.turned - (self._turned or 0.0))
 
 
 def test_odometry_takes_ball_feet_where_they_touch_the_ground(tmp_path: Path) -> None:
-    """Feet of Go2 roll by more than 4 % of the way while they stand; odometry errs by less than 0.5 %."""
+    """Standing feet of the Go2 roll by more than 4 % of the distance walked; odometry errs by less than 0.5 %."""
     try:
         new_robot(stock_urdf("go2"), tmp_path / "go2")
     except StockRobotsMissing as error:
@@ -106,13 +106,13 @@ def test_odometry_takes_ball_feet_where_they_touch_the_ground(tmp_path: Path) ->
     way = 16 * advance
     assert robot.config.sole_radius == pytest.approx(0.023, abs=1e-4)
     assert abs(np.mean(rolled[4:])) > 0.04 * (swing - advance)
-    # With the rubber flattened by a fifth of the radius, the contact stays within the sole.
+    # With rubber flattened by a fifth of the radius, the contact stays within the sole.
     assert np.abs(rolled).max() + 0.2 * robot.config.sole_radius < robot.sole[0] / 2
     assert abs(result.transform_footprint_to_odom[0, 3] - way) < 0.005 * way
 
 
 def test_nothing_of_theirs_is_in_the_repository() -> None:
-    """No stock URDF, or a part of one, lies here."""
+    """No stock URDF or part of one is in the repository."""
     root = Path(__file__).parents[4]
     files = [*(root / "robots").rglob("*.urdf"), *(root / "tests").rglob("*.urdf")]
     texts = [path.read_text() for path in files]

@@ -1,4 +1,4 @@
-"""Tests of what a node sends for views beside its grids."""
+"""Messages that a node sends to viewers in addition to its grids."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from transport.messages.codec import read_time
 
 
 class Sender:
-    """Keeps what is sent."""
+    """Sender that stores the messages."""
 
     def __init__(self) -> None:
         self.sent: list[Any] = []
@@ -31,7 +31,7 @@ def capture(index: int, level: int | None) -> Any:
 
 
 def shown(view: LiveView, sender: Sender) -> int | None:
-    """Grey level of the picture that is sent, None where none is."""
+    """Grey level of the image that is sent; None if there is none."""
     view.send({}, 7)
     if len(sender.sent) < 2:
         return None
@@ -42,7 +42,7 @@ def shown(view: LiveView, sender: Sender) -> int | None:
 
 
 def test_the_median_stripe_is_shown() -> None:
-    """Whatever the order; the first while no other is near; none of the scan before; lost frames are passed over."""
+    """In any order of stripes; the first stripe if none near the median was captured; lost frames are skipped."""
     sender = Sender()
     view = LiveView(sender, centre=35)  # type: ignore[arg-type]
     assert shown(view, sender) is None
@@ -53,7 +53,7 @@ def test_the_median_stripe_is_shown() -> None:
     assert shown(view, sender) == 34
     buffer = capture(35, 35)
     view.add(buffer)
-    # Cameras use their buffers again.
+    # Cameras reuse their buffers.
     buffer.on[:] = 200
     assert shown(view, sender) == 35
     view.begin()
@@ -64,7 +64,7 @@ def test_the_median_stripe_is_shown() -> None:
 
 
 def test_the_points_are_those_of_the_scan(paper_scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel) -> None:
-    """One in three, all finite, with the stamp of the scan."""
+    """Every third point, all finite, with the stamp of the scan."""
     sender = Sender()
     processor = run_scan(paper_scan, calibration, robot)
     LiveView(sender, centre=35).send(processor.points, 99)  # type: ignore[arg-type]

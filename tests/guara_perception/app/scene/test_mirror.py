@@ -1,4 +1,4 @@
-"""What `guara run --ros2` mirrors: each topic as ROS 2 would get it, over real Zenoh."""
+"""Topics of `guara run --ros2` as ROS 2 receives them over real Zenoh."""
 
 import signal
 import threading
@@ -72,7 +72,7 @@ def test_every_topic_arrives(
             send_terrain(server, terrain)
         server.flush(PATIENCE)
         with open_client(free_endpoint) as client, gp.TerrainClient(free_endpoint) as planner:
-            # Declared before the late ones' tokens are asked for: whoever comes is seen.
+            # Declared before the tokens of late subscribers are queried, so that every newcomer is seen.
             subscriber = zenoh.ext.declare_advanced_subscriber(
                 client.raw,
                 "5/**",
@@ -105,7 +105,7 @@ def test_every_topic_arrives(
 
 @pytest.mark.heavy
 def test_ctrl_c_while_the_robot_walks_is_no_error(free_endpoint: str) -> None:
-    """Exit code 0, and not a word on standard error."""
+    """Exit code 0 and no output on standard error."""
     arguments = ["run", "--simulated", "--ros2", "--ros2-tf", "--mode", "coarse", "--listen", free_endpoint]
     node = ForkedProcess("-m", "guara_perception.app.main", *arguments)
     try:
@@ -120,13 +120,13 @@ def test_ctrl_c_while_the_robot_walks_is_no_error(free_endpoint: str) -> None:
 
 @pytest.mark.parametrize("arguments", [["--ros2-tf"], ["--ros2-unknown", "-1"]])
 def test_choices_of_the_mirror_need_the_mirror(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    """Exit 2, and the message says what is missing."""
+    """Exit 2; the message names the missing option."""
     assert run(["run", "--simulated", *arguments]) == 2
     assert "require --ros2" in capsys.readouterr().err
 
 
 def test_the_launch_file_and_its_picture_name_topics_that_are_there(root: Path) -> None:
-    """Every topic that RViz is configured to draw is one of the mirror's."""
+    """Every topic in the RViz configuration is published by the bridge."""
     text = (root / "ros" / "guara_msgs" / "rviz" / "guara.rviz").read_text()
     named = {line.split()[-1].strip("/") for line in text.splitlines() if line.strip().startswith("Value: /")}
     assert named and named <= ALWAYS | OF_THE_ROBOT

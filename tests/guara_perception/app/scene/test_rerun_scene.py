@@ -1,4 +1,4 @@
-"""`guara view --rerun`: a recording becomes one file that Rerun opens as a scene; what cannot be shown is refused."""
+"""`guara view --rerun`: a recording becomes one file that Rerun opens as a scene; other files are refused."""
 
 import subprocess
 import sys
@@ -31,7 +31,7 @@ def walk(
     calibration: gp.Calibration,
     robot: RobotModel,
 ) -> Path:
-    """A recording of one pause, as the node writes it."""
+    """Recording of one pause as the node writes it."""
     path = tmp_path_factory.mktemp("walk") / "walk.mcap"
     pose = LegOdometry(robot).update(paper_scan.stance)
     fused = TerrainMap(robot).update(paper_terrain, PoseInOdom(pose.transform_footprint_to_odom, pose.covariance))
@@ -61,7 +61,7 @@ def _rerun(*arguments: object) -> str:
 
 @pytest.mark.heavy
 def test_a_recording_becomes_a_scene(walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Rerun itself checks the file and finds robot, coloured terrain, stripes, markers and pictures."""
+    """Rerun itself reads the file and finds robot, coloured terrain, stripes, markers and images."""
     pytest.importorskip("rerun", reason="extra `rerun` is not installed")
     out = tmp_path / "walk.rrd"
     assert run(["view", "--rerun", str(walk), "--save", str(out)]) == 0
@@ -85,7 +85,7 @@ def test_a_recording_becomes_a_scene(walk: Path, tmp_path: Path, capsys: pytest.
 
 @pytest.mark.heavy
 def test_rerun_finds_nothing_wrong_with_a_recording(walk: Path) -> None:
-    """No chunk out of order on any timeline."""
+    """No chunk is out of order on any timeline."""
     pytest.importorskip("rerun", reason="extra `rerun` is not installed")
     report = _rerun("mcap", "check", "--full", walk)
     assert "PROBLEM" not in report and "ros2_timestamp" in report
@@ -95,7 +95,7 @@ def test_rerun_finds_nothing_wrong_with_a_recording(walk: Path) -> None:
 def test_without_a_display_it_says_what_to_do(
     walk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Exit 1, one line."""
+    """Exit 1 with one line."""
     pytest.importorskip("rerun", reason="extra `rerun` is not installed")
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(name, raising=False)
@@ -107,7 +107,7 @@ def test_without_a_display_it_says_what_to_do(
 def test_without_rerun_one_line_says_what_to_install(
     walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Nothing is written."""
+    """No file is written."""
     monkeypatch.setitem(sys.modules, "rerun", None)
     assert run(["view", "--rerun", str(walk), "--save", str(tmp_path / "a.rrd")]) == 1
     assert "needs rerun: pip install 'guara-perception[rerun]'" in capsys.readouterr().err
@@ -115,7 +115,7 @@ def test_without_rerun_one_line_says_what_to_install(
 
 
 def test_files_without_a_scene_are_refused(tmp_path: Path, walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Other files, recordings of earlier versions, names that Rerun would not open: exit 2, and what to do."""
+    """Other files, recordings of earlier versions, and names that Rerun cannot open: exit 2 with the remedy."""
     pytest.importorskip("rerun", reason="extra `rerun` is not installed")
     bare = tmp_path / "bare.mcap"
     with RecordingWriter(bare, robot="guara"):
@@ -142,7 +142,7 @@ def test_files_without_a_scene_are_refused(tmp_path: Path, walk: Path, capsys: p
 
 
 def test_every_shape_of_the_robot_is_drawn_solid(robot: RobotModel) -> None:
-    """Under the names that Rerun's own URDF reader gives the visuals; a text that is no URDF gives no shapes."""
+    """With the entity names of Rerun's URDF importer; a text that is not a URDF gives no shapes."""
     pytest.importorskip("rerun", reason="extra `rerun` is not installed")
     from rerun.urdf import UrdfTree
 

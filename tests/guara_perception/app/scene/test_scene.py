@@ -1,4 +1,4 @@
-"""The scene of a pause: grids, clouds, transforms and markers say the same as grid, robot and calibration."""
+"""Scene of a pause: grids, clouds, transforms and markers agree with grid, robot and calibration."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -32,7 +32,7 @@ def fused(paper_terrain: gp.TerrainGrid, robot: RobotModel, paper_scan: gp.Scan)
 
 
 def _to_root(messages: list, frame: str) -> tuple[str, np.ndarray]:
-    """Root of the tree that TF messages span, and the transform of a frame to it."""
+    """Root of the TF tree, and the transform of a frame to it."""
     parents = {t.child_frame_id: t for message in messages for t in message.transforms}
     matrix = np.eye(4)
     while frame in parents:
@@ -53,7 +53,9 @@ def _to_root(messages: list, frame: str) -> tuple[str, np.ndarray]:
 def test_tf_says_where_camera_and_soles_are(
     scene: Scene, robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan
 ) -> None:
-    """Chained by ROS's rules the transforms give the calibrated camera and the feet on the ground, every link once."""
+    """Chained as ROS does, the transforms give the calibrated camera and the feet on the ground; every link occurs
+    once.
+    """
     static = dict(scene.unchanging(STAMP))["/tf_static"]
     moving = dict(scene.of_stance(paper_scan.stance, STAMP))["/tf"]
     children = [t.child_frame_id for message in (static, moving) for t in message.transforms]
@@ -68,7 +70,7 @@ def test_tf_says_where_camera_and_soles_are(
 
 
 def test_the_map_brings_odom(scene: Scene, fused: gp.TerrainGrid) -> None:
-    """With the map the robot stands in `odom`, where the map says."""
+    """With the map, the robot has the pose in `odom` that the map states."""
     data = {**fused.metadata, "transform_footprint_to_odom": (0.5 * np.eye(4) + 0.5 * np.diag([1, 1, 1, 1])).tolist()}
     named = list(scene.of_grid(terrain_to_message(_with(fused, data), robot="guara", sequence=1)))
     static = dict(scene.unchanging(STAMP))["/tf_static"]
@@ -84,7 +86,7 @@ def _with(terrain: gp.TerrainGrid, metadata: dict) -> gp.TerrainGrid:
 def test_every_message_fits_its_topic(
     scene: Scene, paper_terrain: gp.TerrainGrid, fused: gp.TerrainGrid, paper_scan: gp.Scan
 ) -> None:
-    """The recorder knows the topic and the type of all that a scene gives."""
+    """The recorder knows topic and type of every message of a scene."""
     named = [
         *scene.unchanging(STAMP),
         *scene.of_stance(paper_scan.stance, STAMP),
@@ -109,7 +111,7 @@ def test_every_message_fits_its_topic(
 
 
 def test_a_cloud_of_cells_draws_nothing_where_nothing_was_seen(paper_terrain: gp.TerrainGrid) -> None:
-    """One point per known cell, at its height, with its flags; none for an unknown one."""
+    """One point per known cell with its height and flags; none for an unknown cell."""
     cloud = cell_cloud(paper_terrain)
     known = (paper_terrain.hazard & UNKNOWN_MASK) == 0
     assert cloud["z"].size == known.sum() > 1000
@@ -123,7 +125,7 @@ def test_a_cloud_of_cells_draws_nothing_where_nothing_was_seen(paper_terrain: gp
 def test_a_cloud_of_stripes_holds_every_point_with_its_sigma(
     paper_scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel
 ) -> None:
-    """All columns that gave a point, none that did not."""
+    """Every column with a point, and no other."""
     points = run_scan(paper_scan, calibration, robot).points
     cloud = stripe_cloud(points)
     wanted = sum(int(np.isfinite(stripe.points).all(axis=1).sum()) for stripe in points.values())
@@ -133,7 +135,7 @@ def test_a_cloud_of_stripes_holds_every_point_with_its_sigma(
 
 
 def test_a_robot_whose_camera_has_another_name_has_the_frame_of_its_pictures(root) -> None:
-    """Pictures name `camera_optical_frame`; TF leads from there to the URDF's own."""
+    """Images are in `camera_optical_frame`; TF connects it to the camera frame of the URDF."""
     tapir = load_robot(root / "tests" / "robots" / "tapir")
     mounted: Any = SimpleNamespace(robot=tapir.name, transform_camera_to_base=tapir.transform_camera_to_base)
     frames = {item.child_frame_id for item in dict(Scene(tapir, mounted).unchanging(0))["/tf_static"].transforms}
@@ -141,6 +143,6 @@ def test_a_robot_whose_camera_has_another_name_has_the_frame_of_its_pictures(roo
 
 
 def test_another_robots_calibration_is_refused(root, calibration: gp.Calibration) -> None:
-    """A scene combines robot and calibration, which must belong together."""
+    """Robot and calibration of a scene must belong together."""
     with pytest.raises(gp.InvalidInput, match="calibration belongs to robot 'guara', not 'tapir'"):
         Scene(load_robot(root / "tests" / "robots" / "tapir"), calibration)

@@ -1,4 +1,4 @@
-"""`guara targets`: the PDF is opened and measured; everything on it has the size and position that it should have."""
+"""`guara targets`: every drawing in the PDF has the right size and position."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DOTS_PER_MM = 8.0
 
 @pytest.fixture(scope="module")
 def printed(robot, tmp_path_factory):
-    """The targets on A3: its pages, and each as grey pixels."""
+    """Targets on A3: the pages, and their grey pixels."""
     path = tmp_path_factory.mktemp("targets") / "targets.pdf"
     pages = write_targets(path, robot, paper="a3")
     document = pypdfium2.PdfDocument(path)
@@ -31,7 +31,7 @@ def printed(robot, tmp_path_factory):
 
 
 def sheet_position(page, picture, pixel):
-    """Where a pixel lies on the page's sheet [mm], from its bottom left."""
+    """Position of a pixel on the sheet of its page [mm], from the bottom left."""
     width, height = page.paper_mm
     left, bottom = (width - page.size_mm[0]) / 2, (height - page.size_mm[1]) / 2
     u, v = (np.asarray(pixel, float) + 0.5) / (picture.shape[1], picture.shape[0])
@@ -40,7 +40,7 @@ def sheet_position(page, picture, pixel):
 
 @pytest.mark.slow
 def test_pages_have_the_size_of_the_paper(printed):
-    """Rendered at a whole number of dots per millimetre, each page is A3 to a dot."""
+    """Rendered at a whole number of dots per millimetre, each page has the size of A3 to a dot."""
     for page, picture in zip(*printed, strict=True):
         assert sorted(page.paper_mm) == sorted(PAPERS_MM["a3"])
         assert np.allclose(picture.shape[::-1], np.array(page.paper_mm) * DOTS_PER_MM, atol=1.0)
@@ -48,7 +48,7 @@ def test_pages_have_the_size_of_the_paper(printed):
 
 @pytest.mark.slow
 def test_board_is_found_and_its_squares_measure_30_mm(printed):
-    """The calibration's own detector finds it on one page; every square has its size to a fiftieth of a millimetre."""
+    """The calibration's detector finds it on one page; every square is right to a fiftieth of a millimetre."""
     (index,) = [i for i, page in enumerate(printed[0]) if page.sheet.title.startswith("Checkerboard")]
     view = find_board(printed[1][index], BoardSpec(9, 7, 0.03))
     assert view.is_usable, view.reason
@@ -61,7 +61,7 @@ def test_board_is_found_and_its_squares_measure_30_mm(printed):
 @pytest.mark.heavy
 @pytest.mark.parametrize("paper", PAPERS_MM)
 def test_a_charuco_board_is_found_page_by_page(robot, tmp_path: Path, paper):
-    """Each page shows its part of the board: every corner on it is the right one and where the drawing has it."""
+    """Each page shows its part of the board: every detected corner is the right one, in the right position."""
     board = BoardSpec(9, 7, 0.03, CHARUCO)
     path = tmp_path / "targets.pdf"
     pages = write_targets(path, robot, board=board, paper=paper)
@@ -73,20 +73,20 @@ def test_a_charuco_board_is_found_page_by_page(robot, tmp_path: Path, paper):
         picture = np.asarray(rendered).reshape(rendered.shape[:2])
         view = find_board(picture, board)
         assert view.is_usable, view.reason
-        # From the top left of the drawing, a white border before the first square.
+        # From the top left of the drawing, with a white border before the first square.
         border = (page.sheet.width_mm - 300.0) / 2
         expected = view.points(board)[:, :2] * 1e3 + border + 30.0
         expected[:, 1] = page.sheet.height_mm - expected[:, 1]
         drawn = [sheet_position(page, picture, corner) for corner in view.corners_px]
         assert np.abs(drawn - expected).max() < 0.1
         found |= set(view.corners.tolist())
-    # Near the line along which two pages are joined neither shows the markers of a corner whole.
+    # Near the edge between two pages, neither shows all markers of a corner.
     assert len(found) == 63 if paper == "a3" else len(found) >= 40
 
 
 @pytest.mark.slow
 def test_crosses_of_the_mat_lie_where_they_are_said_to_lie(printed, robot):
-    """Ink at each cross: its centre to a tenth of a millimetre, arms and bars as the calibration expects them."""
+    """Ink at each cross: centre to a tenth of a millimetre, arms and bars as the calibration expects them."""
     found = []
     for page, picture in zip(*printed, strict=True):
         if not page.sheet.title.startswith("Floor mat"):
@@ -96,7 +96,7 @@ def test_crosses_of_the_mat_lie_where_they_are_said_to_lie(printed, robot):
             if stats[k, cv2.CC_STAT_WIDTH] > 20 * DOTS_PER_MM:
                 assert np.allclose(stats[k, 2:4] / DOTS_PER_MM, 2e3 * ARM_M, atol=0.2)
                 area = 4e6 * ARM_M * BAR_M * 2 - (2e3 * BAR_M) ** 2
-                # Bars are rastered to whole dots, 24 across.
+                # Bars are rasterized to whole dots, 24 across.
                 assert stats[k, cv2.CC_STAT_AREA] / DOTS_PER_MM**2 == pytest.approx(area, rel=0.05)
                 found.append(sheet_position(page, picture, centres[k]))
     sheet = mat(robot)
@@ -110,7 +110,7 @@ def test_crosses_of_the_mat_lie_where_they_are_said_to_lie(printed, robot):
 
 
 def test_soles_on_the_mat_are_those_of_the_scan_posture(robot):
-    """Mean of the soles is the origin: `base_footprint` is drawn below the body, as the stance pose defines it."""
+    """Their mean is the origin: `base_footprint` is below the body, as the stance pose defines it."""
     pose = robot.stance_pose(gp.Stance(robot.posture(robot.config.scan_posture), robot.legs, None))
     assert np.abs(pose.soles_in_footprint[:, 2]).max() < 1e-9
     assert mat(robot).height_mm == pytest.approx(
@@ -120,7 +120,7 @@ def test_soles_on_the_mat_are_those_of_the_scan_posture(robot):
 
 @pytest.mark.slow
 def test_ruler_is_150_mm_both_ways(printed):
-    """Its first and last tick are 150 mm apart, across and along."""
+    """The first and the last mark are 150 mm apart, along and across."""
     index = next(i for i, page in enumerate(printed[0]) if page.sheet.title == "Ruler")
     ink = printed[1][index] < 200
     rows, columns = np.flatnonzero(ink.mean(axis=1) > 0.3), np.flatnonzero(ink.mean(axis=0) > 0.2)
@@ -134,7 +134,7 @@ def test_ruler_is_150_mm_both_ways(printed):
 
 @pytest.mark.parametrize("paper", PAPERS_MM)
 def test_pages_of_a_sheet_cover_it_and_overlap(paper, robot):
-    """Each page fits the paper, neighbours share the overlap, and together they cover the whole drawing."""
+    """Each page fits the paper, adjacent pages share the overlap, and together they cover the drawing."""
     for sheet in (mat(robot), calibration_board(BoardSpec(9, 7, 0.03))):
         pages = pages_of(sheet, paper)
         assert max(page.corner_mm[0] + page.size_mm[0] for page in pages) == pytest.approx(sheet.width_mm)
@@ -148,7 +148,7 @@ def test_pages_of_a_sheet_cover_it_and_overlap(paper, robot):
 
 @pytest.mark.slow
 def test_command_says_what_it_printed(guara, tmp_path: Path):
-    """Pages by drawing, and where the crosses belong."""
+    """Number of pages per drawing, and positions of the crosses."""
     said = guara("targets", "-o", tmp_path / "t.pdf", "--board", "6x5", "--square", "0.025")
     assert said.code == 0 and "Checkerboard, 6 x 5 inner corners, 25 mm squares: 1 page\n" in said.out
     assert "(0.520, 0.250), (0.520, -0.250)" in said.out and (tmp_path / "t.pdf").read_bytes().startswith(b"%PDF")
