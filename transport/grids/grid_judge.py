@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from numbers import Real
 from typing import Any, TypedDict, cast
 
 from transport import clock
@@ -45,7 +46,7 @@ class Terms:
         confirmed_only: True = reject provisional grids.
 
     Raises:
-        MessageError: `max_age` is negative or NaN, which no grid could meet.
+        MessageError: `max_age` is negative, NaN or no number, which no grid could meet.
     """
 
     max_age: float | None = None
@@ -54,8 +55,8 @@ class Terms:
 
     def __post_init__(self) -> None:
         """Check the fields."""
-        if self.max_age is not None and not self.max_age >= 0.0:
-            raise MessageError(f"max_age is {self.max_age:g}; allowed: 0 s or more, or None for the grid's validity")
+        if self.max_age is not None and not (isinstance(self.max_age, Real) and self.max_age >= 0.0):
+            raise MessageError(f"max_age is {self.max_age!r}; allowed: 0 s or more, or None for the grid's validity")
 
 
 TERMS = Terms()
@@ -203,10 +204,10 @@ class GridJudge:
             ScannerGone: no accepted message arrived, and the node has disappeared.
             ScannerUnavailable: no accepted message arrived, and no node was ever seen.
             SessionClosed: the receiver is closed.
-            MessageError: the timeout is NaN, which would never end.
+            MessageError: the timeout is NaN, which would never end, or no number.
         """
-        if timeout is not None and math.isnan(timeout):
-            raise MessageError("timeout is nan; allowed: a number of seconds, or None for no limit")
+        if timeout is not None and (not isinstance(timeout, Real) or math.isnan(timeout)):
+            raise MessageError(f"timeout is {timeout!r}; allowed: a number of seconds, or None for no limit")
         deadline = math.inf if timeout is None else clock.now() + timeout
         stale: StaleTerrain | None = None
         while True:
