@@ -54,7 +54,7 @@ def extract_precise(band: Band) -> StripeProfile:
         reason = "the stripe is darker than its surroundings: laser-on and laser-off frames are swapped"
         return bad_frame(n, reason)
     if doubts == CHANGED:
-        change = f"{found.told[2]:+.0f} of {most:.0f}"
+        change = f"{found.figures[2]:+.0f} of {most:.0f}"
         remark = f"brightness beside the stripe changed by {change} between laser off and on"
         return replace(extract_in_any_light(band, is_changed=True), remark=remark)
     return extract_in_any_light(band, found.top.copy(), found.masks[0].copy())
@@ -76,13 +76,13 @@ def extract_in_any_light(
     factor = 1
     if second is not None and has_colour(band.on) and band.on.itemsize == 1 and rows >= SHRUNK_ROWS:
         factor = next((factor for least, factor in SHRUNK_FROM if n >= least), 1)
-    profile, status, told = np.empty((3, n), np.float32), np.empty(n, np.uint8), np.empty(3)
+    profile, status, fault = np.empty((3, n), np.float32), np.empty(n, np.uint8), np.empty(3)
     weak = (None, None) if weak_row is None or is_weak is None else addresses(weak_row, is_weak)
 
     def extract(factor: int, *, is_changed: bool) -> tuple[int, Array]:
         work = memory(kernel().any_light_size(rows, n, channels, factor, second is not None))
         given = (first, second, factor, is_changed, band.first_row, *weak)
-        return kernel().extract_any_light(*given, *addresses(work, profile, status, told)), work
+        return kernel().extract_any_light(*given, *addresses(work, profile, status, fault)), work
 
     doubts, work = extract(factor, is_changed=is_changed)
     if doubts == EVERY_COLUMN:
@@ -90,7 +90,7 @@ def extract_in_any_light(
             second = None
         doubts, work = extract(1, is_changed=False)
     doubtful = work[: 4 * n].view(np.float32).copy() if doubts else None
-    return profile_of(profile, status, doubtful, REMARKS[int(told[0])].format(*told[1:]))
+    return profile_of(profile, status, doubtful, REMARKS[int(fault[0])].format(*fault[1:]))
 
 
 class ClearStripe:
@@ -101,7 +101,7 @@ class ClearStripe:
         self._work, self._n = work, n
 
     @property
-    def told(self) -> Float:
+    def figures(self) -> Float:
         """Numbers (8,): judgement of the frame pair (5), sigma of the stripe [px], noise of a response, one unused."""
         return self._work[:64].view(float)
 

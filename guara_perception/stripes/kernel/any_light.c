@@ -58,9 +58,10 @@ static void expand(const Found *f, int64_t count, int64_t n, Parts *w) {
 // the light changed so much that `off` is used only if it shows the same view. weak_row, is_weak: (n,) rows of weak peaks and
 // mask of the columns that have one, or NULL; where no stripe is found, they are doubtful returns. memory: receives the rows
 // (n,) of doubtful returns at its beginning. profile, status: (3, n) and (n,), position, its standard deviation, peak, and
-// status. told: fault of `off`, and its numbers. Returns the number of doubtful columns, or EVERY_COLUMN.
+// status. fault: receives the fault of `off` (OTHER_EXPOSURE, OTHER_SCENE) or USED, and the numbers of its message. Returns the
+// number of doubtful columns, or EVERY_COLUMN.
 int64_t extract_any_light(const Picture *on, const Picture *off, int64_t factor, int64_t is_changed, int64_t first_row,
-    const int64_t *weak_row, const uint8_t *is_weak, char *memory, float *profile, uint8_t *status, double *told) {
+    const int64_t *weak_row, const uint8_t *is_weak, char *memory, float *profile, uint8_t *status, double *fault) {
     Parts parts, *w = &parts;
     Scene *s = &w->scene;
     Found *found;
@@ -70,8 +71,8 @@ int64_t extract_any_light(const Picture *on, const Picture *off, int64_t factor,
     s->rows = on->rows, s->width = count, s->channels = on->channels, s->shrunk = factor, s->has_dark = off != NULL;
     planes(on, factor, w->line, s->on);
     if (off) planes(off, factor, w->line, s->off);
-    told[0] = (double)find_path(s, is_changed, &w->any, &found);
-    for (int i = 0; i < 2; i++) told[1 + i] = s->remark_numbers[i];
+    fault[0] = (double)find_path(s, is_changed, &w->any, &found);
+    for (int i = 0; i < 2; i++) fault[1 + i] = s->remark_numbers[i];
     if (s->remark == OTHER_SCENE && factor > 1) return EVERY_COLUMN;
     if (!s->has_dark) off = NULL;
     expand(found, count, n, w);

@@ -5,8 +5,8 @@
 enum { IN_DOUBT = -1, SWAPPED = -2, CHANGED = -3 };
 
 // Stripe in every column (n,): row and light of the peak, row of a doubtful return, masks of the columns with a peak, with a
-// clipped core and with an uncertain peak. told: judgement (5 numbers), sigma of the stripe, noise of a response.
-typedef struct { double *told; int64_t *top; float *height, *doubtful; uint8_t *is_peak, *is_clipped, *is_unsure; } Columns;
+// clipped core and with an uncertain peak. figures: judgement (5 numbers), sigma of the stripe, noise of a response.
+typedef struct { double *figures; int64_t *top; float *height, *doubtful; uint8_t *is_peak, *is_clipped, *is_unsure; } Columns;
 
 // Work memory of the judgement and the search, smoothed light, filters and their responses.
 typedef struct { char *judge, *find, *smooth; float *filters, *responses, *work, *window; } Memory;
@@ -25,7 +25,7 @@ static int64_t carve(Memory *parts, char *memory, int64_t rows, int64_t columns,
 }
 
 static int64_t carve_columns(Columns *found, char *memory, int64_t n) {
-    found->told = (double *)memory, found->top = (int64_t *)(memory + 64);
+    found->figures = (double *)memory, found->top = (int64_t *)(memory + 64);
     found->height = (float *)(found->top + n), found->doubtful = found->height + n;
     found->is_peak = (uint8_t *)(found->doubtful + n);
     found->is_clipped = found->is_peak + n, found->is_unsure = found->is_clipped + n;
@@ -51,7 +51,7 @@ int64_t extract_clean(const Picture *on, const Picture *off, int64_t first_row, 
     const int64_t n = on->columns, rows = on->rows;
     carve(&parts, memory + carve_columns(&f, memory, n), rows, n, on->channels);
     judge(on, off, (float *)parts.judge, &seen);
-    memcpy(f.told, &seen, sizeof seen);
+    memcpy(f.figures, &seen, sizeof seen);
     if (seen.is_swapped != 0) return SWAPPED;
     if (fabs(seen.change) > most_change) return CHANGED;
     const int64_t is_fused = seen.is_core_clipped != 0 && on->channels == 3, is_float = is_fused || on->size == 2;
@@ -70,7 +70,7 @@ int64_t extract_clean(const Picture *on, const Picture *off, int64_t first_row, 
         responses(parts.smooth, is_float, rows, n, f.top, parts.filters, taps, parts.responses);
     }
     const double noise = found[1];
-    f.told[5] = found[0], f.told[6] = noise;
+    f.figures[5] = found[0], f.figures[6] = noise;
     for (int64_t c = 0; c < n; c++) profile[2 * n + c] = f.height[c] / SCALE;
     return measure(f.top, f.height, f.is_peak, f.is_clipped, f.is_unsure, parts.responses, off, channel, n, rows, first_row,
         found[0], noise, parts.work, profile, profile + n, status, f.doubtful);

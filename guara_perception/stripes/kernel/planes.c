@@ -104,9 +104,9 @@ static void block_means(const Scene *s, const uint16_t *plane, int64_t ny, int64
     }
 }
 
-// Fit the exposure of one channel of the laser-off picture. Returns the fault of that picture, or USED. is_told: 1 if a channel
+// Fit the exposure of one channel of the laser-off picture. Returns the fault of that picture, or USED. was_unlike: 1 if a channel
 // before showed that the exposures differ.
-static int64_t fit_channel(Scene *s, int64_t k, int64_t is_changed, int64_t is_told, Any *w) {
+static int64_t fit_channel(Scene *s, int64_t k, int64_t is_changed, int64_t was_unlike, Any *w) {
     const int64_t rows = s->rows, width = s->width, most = ((rows + FIT_ROWS - 1) / FIT_ROWS) * ((width + FIT_COLUMNS - 1) / FIT_COLUMNS);
     float *work = w->samples;
     uint16_t *dark = (uint16_t *)(work + 2 * most), *bright = dark + most;
@@ -142,8 +142,8 @@ static int64_t fit_channel(Scene *s, int64_t k, int64_t is_changed, int64_t is_t
     const int used = sums[0] < FITTED_OF_PLAIN * sums[1] ? 0 : 1;
     s->gain[k] = factors[used], s->offset[k] = offsets[used];
     const double ratio = used ? 1 : gain;
-    const int64_t is_unlike = !(1 / MOST_GAIN <= ratio && ratio <= MOST_GAIN) || is_told;
-    if (is_unlike && !is_told) s->remark_numbers[0] = 1 / ratio;
+    const int64_t is_unlike = !(1 / MOST_GAIN <= ratio && ratio <= MOST_GAIN) || was_unlike;
+    if (is_unlike && !was_unlike) s->remark_numbers[0] = 1 / ratio;
     const int is_left = lefts[used] > MOST_LEFT * MAX(ratio, 1) || !(1 / MOST_USED_GAIN <= ratio && ratio <= MOST_USED_GAIN);
     if ((is_unlike || is_changed) && is_left) {
         s->has_dark = 0;

@@ -74,12 +74,12 @@ def found_in(on: np.ndarray, off: np.ndarray) -> precise.ClearStripe:
 
 def check(stripe: precise.ClearStripe, light: np.ndarray) -> None:
     """Compare rows, heights, threshold, noise and width with those of plain array operations."""
-    told_sigma, told_noise = stripe.told[5:7]
+    found_sigma, found_noise = stripe.figures[5:7]
     is_peak, _, is_unsure = stripe.masks
     smooth = smooth_light(light)
     sigma = plain_sigma(smooth)
     # Once found, a wide stripe is measured again, without the light beside it.
-    assert told_sigma == sigma or (sigma > 2.5 and told_sigma == pytest.approx(sigma, abs=0.6))
+    assert found_sigma == sigma or (sigma > 2.5 and found_sigma == pytest.approx(sigma, abs=0.6))
     searched, every = smooth, np.arange(light.shape[1])
     height = searched.max(axis=0)
     if sigma <= 2.5:
@@ -94,9 +94,9 @@ def check(stripe: precise.ClearStripe, light: np.ndarray) -> None:
     strong = np.sort(height[height > 5 * noise])
     threshold = max(5 * noise, 0.05 * strong[strong.size // 2])
     np.testing.assert_array_equal(is_peak, height > threshold)
-    told = noise_of_columns(light) * noise_gain(sigma_of_filter(told_sigma), 3)
+    noise = noise_of_columns(light) * noise_gain(sigma_of_filter(found_sigma), 3)
     # Levels of 8 bits are whole numbers, and so are the medians of deviations.
-    assert told_noise == pytest.approx(told, rel=1e-5) or (sigma > 2.5 and 0.4 < told_noise / told < 2.5)
+    assert found_noise == pytest.approx(noise, rel=1e-5) or (sigma > 2.5 and 0.4 < found_noise / noise < 2.5)
     assert not is_unsure.any()
 
 
