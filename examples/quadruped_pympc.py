@@ -81,8 +81,8 @@ def main(grid: str) -> None:
     footholds, _ = adaptation.get_footholds_adapted(dict(asked))
     for leg in LEGS:
         x, y, z = footholds[leg]
-        said = "returns, no safe foothold" if leg in adaptation.refused else f"z {1e3 * z:.1f} mm"
-        print(f"{leg}: reference {references[leg]} -> ({x:.3f}, {y:.3f}), {said}")
+        result = "returns, no safe foothold" if leg in adaptation.refused else f"z {1e3 * z:.1f} mm"
+        print(f"{leg}: reference {references[leg]} -> ({x:.3f}, {y:.3f}), {result}")
 
 
 if __name__ == "__main__":

@@ -28,24 +28,24 @@ def main() -> int:
     configuration = zenoh.Config()
     configuration.insert_json5("mode", '"client"')
     configuration.insert_json5("connect/endpoints", f'["{options.endpoint}"]')
-    told: queue.Queue[bytes] = queue.Queue()
-    asking = threading.Lock()
+    clock_answers: queue.Queue[bytes] = queue.Queue()
+    one_query = threading.Lock()
     gait = subprocess.Popen(options.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert gait.stdin is not None and gait.stdout is not None
     lines = gait.stdin
 
     def answer(query: zenoh.Query) -> None:
-        with asking:
+        with one_query:
             lines.write("clock\n")
             lines.flush()
-            query.reply(CLOCK, told.get(timeout=5.0))
+            query.reply(CLOCK, clock_answers.get(timeout=5.0))
 
     with zenoh.open(configuration) as session:
         session.declare_queryable(CLOCK, answer)
         for line in gait.stdout:
             key, payload = line.split()
             if key == CLOCK:
-                told.put(bytes.fromhex(payload))
+                clock_answers.put(bytes.fromhex(payload))
             else:
                 session.put(key, bytes.fromhex(payload))
     return gait.wait()

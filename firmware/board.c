@@ -11,7 +11,7 @@
 enum {
     REPORTS_KEPT = 4,
     TICK_US = 1000,
-    /* Dark within the time that the identity names, although the tick checks only once a millisecond. */
+    /* The laser is off within the time that the identity states, although the tick checks only once a millisecond. */
     WATCHDOG_US = WATCHDOG_MS * 1000 - 2 * TICK_US,
 };
 
@@ -22,7 +22,7 @@ static struct {
     uint16_t faults_reported;
 
     bool answer_waits;
-    bool see_it_out;          /* wait all of SENSE_US, even when the photodiode agrees at once */
+    bool see_it_out;          /* wait the whole SENSE_US, even when the photodiode agrees at once */
     uint8_t waiting_request, waiting_result;
     uint64_t answer_due;
 

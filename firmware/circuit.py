@@ -1,6 +1,6 @@
 """The circuit of the rangefinder: every part, every pin and its net, in one table.
 
-`wiring.py` draws it and lists what to buy, `kicad.py` writes it for KiCad; `head.py` has the parts without wires.
+`wiring.py` draws it and lists what to buy, `kicad.py` writes it for KiCad; `head.py` has the unwired parts.
 """
 
 from __future__ import annotations

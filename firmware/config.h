@@ -1,4 +1,4 @@
-/* What may differ from board to board: geometry, motion, limits. README.md says where each value comes from. */
+/* Values that may differ between boards: geometry, motion, limits. README.md gives their sources. */
 #pragma once
 
 enum {
@@ -19,12 +19,12 @@ enum {
     SETTLE_US = 3000,
 
     OVERSHOOT = 8,          /* steps by which a move down goes too far, to take up backlash */
-    HOME_LEVELS = 4,        /* how far up the ramp the search for the home switch may go */
+    HOME_LEVELS = 4,        /* highest level of the ramp in the search for the home switch */
     HOME_TRAVEL = 1700,     /* steps after which that search is given up */
 
     LASER_REST_MS = 50,
     LASER_LIMIT_MS = 10000,
-    WATCHDOG_MS = 400,      /* at the latest; the monostable on the board waits 450 */
+    WATCHDOG_MS = 400,      /* at most; the monostable on the board waits 450 */
     SENSE_US = 5000,        /* the photodiode answers within this */
     TOO_HOT = 600,          /* 0.1 degrees Celsius */
     COOL_ENOUGH = 550,

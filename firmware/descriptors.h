@@ -1,4 +1,4 @@
-/* What the device says of itself to the host. */
+/* USB descriptors of the device. */
 #pragma once
 #include <stdint.h>
 

@@ -1,4 +1,4 @@
-/* The number that the Pico's flash chip was given when it was made: the board's serial number. */
+/* The factory id of the Pico's flash chip, used as the board's serial number. */
 #pragma once
 
 enum { FLASH_ID_DIGITS = 16 };

@@ -1,4 +1,4 @@
-/* What the logic asks of the hardware. chip.c answers on the RP2040, host.c in the tests. */
+/* Hardware functions that the logic needs: chip.c implements them on the RP2040, host.c in the tests. */
 #pragma once
 #include <stdbool.h>
 #include <stdint.h>

@@ -81,7 +81,7 @@ LENS_TO_AXIS, MIRROR, WINDOW = 0.015, 0.020, (0.015, 0.032)
 
 
 def photodiode(irradiance: float = 1000.0) -> dict[str, float]:
-    """Calculate the photodiode's current [A] by the laser and, with the laser off, by the sun.
+    """Calculate the photodiode's current [A] from the laser and, with the laser off, from the sun.
 
     Args:
         irradiance: on the window of the black box, which looks down [W/m^2]: 1000 by full sun, 400 by a bright floor.
@@ -113,7 +113,7 @@ def field(focal_length: float = 3.2, width: float = 3.84, height: float = 2.40) 
 
 
 def places() -> dict[str, tuple[float, float]]:
-    """Return x and z in base_link [m] of mirror axis and camera, as the robot's URDF has them."""
+    """Return x and z in base_link [m] of mirror axis and camera, from the robot's URDF."""
     tree = ElementTree.parse(ROBOT / "urdf" / "guara.urdf")
     found = {}
     for joint, name in (("laser_joint", "mirror"), ("camera_joint", "camera")):

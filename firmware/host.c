@@ -1,4 +1,4 @@
-/* The world around the logic in the tests: a motor, a home switch, a laser with its photodiode, a monostable, a camera,
+/* Simulated hardware around the logic in the tests: a motor, a home switch, a laser with its photodiode, a monostable, a camera,
  * and the time. Compiled with the logic into a library that the tests load. */
 #include "board.h"
 #include "config.h"
@@ -13,7 +13,7 @@ typedef struct {
     int32_t position;         /* of the mirror, steps from the home switch */
     int16_t temperature;
     bool laser, supply, lit, seen, trigger, exposure;
-    /* What the tests set. */
+    /* Set by the tests. */
     bool stuck_on, dead, no_home, no_exposure, wired;
     uint32_t exposure_delay_us, exposure_us;
     uint32_t triggers, beats, switchings;
@@ -78,7 +78,7 @@ static void toggle_exposure(void) {
     board_exposure(world.exposure);
 }
 
-/* Let this time pass; stops early when the laser changes, if asked to. Returns the time that passed. */
+/* Let this time pass; stops early when the laser switches, if requested. Returns the elapsed time. */
 uint64_t host_run(uint64_t us, bool until_switching) {
     uint64_t begun = world.now, end = world.now + us;
     uint32_t switchings = world.switchings;

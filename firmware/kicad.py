@@ -1,4 +1,4 @@
-"""The circuit as a KiCad schematic (format of KiCad 7; later ones open it), with symbols of its own in the file."""
+"""The circuit as a KiCad schematic (format of KiCad 7; later ones open it), which includes its own symbols."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ static struct {
     uint64_t dark_since;
     uint64_t run_us;      /* time lit since the last rest, up to on_since */
     int16_t temperature;
-    uint8_t disagreeing;  /* milliseconds for which the photodiode has contradicted */
+    uint8_t disagreeing;  /* milliseconds for which the photodiode has contradicted the command */
 } light;
 
 static void update_supply(void) {

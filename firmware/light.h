@@ -5,7 +5,7 @@
 
 void light_power_up(uint64_t now);
 
-bool light_on(uint64_t now, bool goes_on);  /* goes_on: a further flash of one sweep; false when a fault forbids it */
+bool light_on(uint64_t now, bool goes_on);  /* goes_on: a further flash of the same sweep; false if a fault forbids it */
 void light_off(uint64_t now);
 bool light_is_on(void);
 uint32_t light_run_us(uint64_t now);        /* time lit since the last rest; of a sweep, the sum of its flashes */
@@ -16,6 +16,6 @@ void light_fault(uint16_t fault, uint64_t now);
 bool light_clear(uint16_t faults, uint64_t now); /* true: the supply was closed again, so wait before the answer */
 
 bool light_agrees(void);                    /* the photodiode sees what was commanded */
-void light_judge(uint64_t now);             /* its time to agree is over: set a fault if it does not */
+void light_judge(uint64_t now);             /* the photodiode must agree by now: set a fault if it does not */
 void light_tick(uint64_t now, bool answer_waits);
 int16_t light_temperature(void);

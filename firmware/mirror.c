@@ -101,7 +101,7 @@ static void settle(void) {
     hal_step_in(mirror.motion.settle_us);
 }
 
-/* The last approach goes upwards: what lies below is passed and approached again. */
+/* The last approach goes upwards: a target below is passed and approached again. */
 static void aim(int32_t step) {
     mirror.target = step;
     mirror.has_target = true;

@@ -14,11 +14,11 @@ void mirror_power_up(void);
 
 bool mirror_set_motion(const motion_t *motion); /* false: out of range, nothing changed */
 const motion_t *mirror_motion(void);
-void mirror_reset_motion(void);                 /* as built */
+void mirror_reset_motion(void);                 /* to the values of config.h */
 
 uint8_t mirror_home(void);                      /* these two return a result of the protocol */
 uint8_t mirror_go_to(int32_t step);
-void mirror_sweep_to(int32_t step);             /* no new motion in the count: a leg of a sweep */
+void mirror_sweep_to(int32_t step);             /* a leg of a sweep, which does not count as a motion */
 void mirror_count_motion(void);
 void mirror_halt(void);                         /* along the ramp, so that no step is lost */
 

@@ -1,4 +1,4 @@
-"""Turns the linked image into what a Pico takes: its second stage sealed, cut into UF2 blocks.
+"""Converts the linked image for a Pico: adds the checksum of the second stage and divides it into UF2 blocks.
 
 `python pack.py IMAGE.bin FIRMWARE.uf2`
 """
@@ -17,7 +17,7 @@ FAMILY_PRESENT = 0x2000
 
 
 def boot_checksum(data: bytes) -> int:
-    """Return the CRC-32 that the boot ROM wants (RP2040 data sheet 2.8.1.3.1): 0x04C11DB7, not reflected."""
+    """Return the CRC-32 that the boot ROM requires (RP2040 data sheet 2.8.1.3.1): 0x04C11DB7, not reflected."""
     crc = 0xFFFFFFFF
     for byte in data:
         crc ^= byte << 24
@@ -27,7 +27,7 @@ def boot_checksum(data: bytes) -> int:
 
 
 def sealed(image: bytes) -> bytes:
-    """Return the image with the checksum of its first 252 bytes behind them.
+    """Return the image with the checksum of its first 252 bytes after them.
 
     Raises:
         ValueError: the second stage is too long.
@@ -59,7 +59,7 @@ def to_uf2(image: bytes) -> bytes:
 
 
 def from_uf2(uf2: bytes) -> bytes:
-    """Return the image that UF2 blocks hold, from the flash's beginning.
+    """Return the image in UF2 blocks, from the beginning of the flash.
 
     Raises:
         ValueError: not UF2, or not in order.

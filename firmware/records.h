@@ -1,4 +1,4 @@
-/* The records that the board sends, as drivers/PROTOCOL.md lays them down. */
+/* The records that the board sends, as specified in drivers/PROTOCOL.md. */
 #pragma once
 #include <stdbool.h>
 #include <stdint.h>

@@ -35,7 +35,7 @@ static struct {
     uint8_t offs_due;  /* further off frames before the next stripe */
     bool shot_open;    /* its record is not written yet */
     bool has_shone;
-    bool has_waited;   /* the time that the table gives for its place */
+    bool has_waited;   /* for the time that the table gives for its place */
     uint64_t triggered, lit_since, dark_since, ready_since;
     stripe_record_t shot;
 
@@ -237,7 +237,7 @@ static void fire(uint64_t now) {
     }
 }
 
-/* The shot is over: the mirror turns on, and what comes next is prepared. */
+/* The shot is over: start the mirror, and prepare the next shot. */
 static void next_shot(uint64_t now) {
     hal_trigger(false);
     if (!sweep.shot_is_off) {
@@ -282,7 +282,7 @@ static void darken(uint64_t now) {
 static void try_to_fire(uint64_t now) {
     if (!sweep.shot_is_off && mirror_is_moving()) {
         hal_sweep_in(0);
-        return; /* called again when it is still */
+        return; /* called again when the mirror is still */
     }
     if (!sweep.shot_is_off && !sweep.has_waited) {
         sweep.has_waited = true;

@@ -14,8 +14,8 @@ uint8_t sweep_begin(uint32_t argument, uint64_t now);
 
 void sweep_end(uint64_t now);                /* dark, mirror halted; does nothing when none runs */
 bool sweep_is_running(void);
-void sweep_go_on(uint64_t now);              /* the mirror is still, or the time asked for has come */
+void sweep_go_on(uint64_t now);              /* the mirror is still, or the requested time has come */
 void sweep_exposure(bool begins, uint64_t now); /* the camera's shutter */
 bool sweep_take_ended(void);                 /* true once after the last stripe */
 
-bool sweep_report(uint8_t *report);          /* the oldest record that was not fetched */
+bool sweep_report(uint8_t *report);          /* the oldest record not yet fetched */

@@ -87,7 +87,7 @@ static void send_packet(void) {
 }
 
 static void answer(const uint8_t *data, uint16_t length) {
-    /* A data stage as long as was asked for ends by itself; a shorter one with a short packet. */
+    /* A data stage of the requested length ends by itself; a shorter one with a short packet. */
     bool is_whole = length >= usb.limit;
     usb.data = data;
     usb.left = is_whole ? usb.limit : length;
@@ -210,7 +210,7 @@ static void on_setup(void) {
         .length = (uint16_t)(bytes[6] | bytes[7] << 8),
     };
     REG(USB + SIE_STATUS) = STATUS_SETUP;
-    /* The host has given up what was under way. */
+    /* The host has abandoned the transfer that was under way. */
     take_back(EP0_IN, EP0_IN_BIT);
     take_back(EP0_OUT, EP0_OUT_BIT);
     board_forget_answer();
@@ -298,5 +298,5 @@ void usb_start(void) {
     REG(USB + SIE_CTRL) = 1 << 29;
     REG(USB_RAM + EP1_IN_SETUP) = 1u << 31 | 1 << 29 | 3 << 26 | EP1_BUFFER;
     REG(USB + INTE) = ON_BUFFER | ON_RESET | ON_SUSPEND | ON_SETUP;
-    SET(USB + SIE_CTRL) = 1 << 16; /* pull-up: here is a device */
+    SET(USB + SIE_CTRL) = 1 << 16; /* pull-up: announces the device */
 }

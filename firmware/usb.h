@@ -2,5 +2,5 @@
 #pragma once
 
 void usb_start(void);
-void usb_poll(void); /* every millisecond: answers that waited, reports */
+void usb_poll(void); /* every millisecond: sends pending answers and reports */
 void isr_usb(void);

@@ -1,4 +1,4 @@
-"""Draws the circuit of `circuit.py` and lists what to buy.
+"""Draws the circuit of `circuit.py` and lists the parts to buy.
 
 `python wiring.py` writes docs/images/wiring.svg, docs/images/head.svg, docs/hardware/bom.csv and guara_board.kicad_sch.
 """
@@ -38,7 +38,7 @@ class Place:
         return (len(self.part.pins) + 1) // 2
 
     def ends(self) -> Iterator[tuple[int, str, str | None, int, int, bool]]:
-        """Number, name and net of each pin, where its end is, and True on the left side."""
+        """Number, name and net of each pin, the position of its end, and True on the left side."""
         count = len(self.part.pins)
         for number, (name, net) in enumerate(self.part.pins, 1):
             left = number <= self.rows
@@ -48,7 +48,7 @@ class Place:
 
 
 def sheet() -> tuple[list[tuple[str, int, int]], list[Place]]:
-    """Return the headings (text, x, y) and the places of all parts."""
+    """Return the headings (text, x, y) and the boxes of all parts."""
     headings, places = [], []
     for number, groups in enumerate(COLUMNS):
         y = 4
@@ -130,7 +130,7 @@ def shopping() -> str:
 
 
 def files() -> dict[Path, str]:
-    """Return the text of every file that is made of the tables."""
+    """Return the text of every file that is made from the tables."""
     from kicad import schematic
 
     return {
