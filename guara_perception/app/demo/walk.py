@@ -91,7 +91,7 @@ def demo_walk(
         robot_name: name or folder of the robot.
         world: name of a world of the package, or a world file.
         is_course: True to fit strides to the ground; the walk then also ends beyond all features, where the planner
-            finds no step, or after two cycles in which the feet gained next to nothing.
+            finds no step, or after two cycles in which the feet hardly advanced.
 
     Yields:
         One DemoPause per stance pause.

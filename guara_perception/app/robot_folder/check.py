@@ -151,7 +151,7 @@ def _reach(robot: RobotModel, state: RobotState) -> Iterator[Finding]:
             x, y, z = (1e3 * value for value in missed[0])
             yield wrong(
                 f"legs.{name}",
-                f"does not reach {len(missed)} of {len(FOOT_OFFSETS)} positions that the gait asks for around the "
+                f"does not reach {len(missed)} of {len(FOOT_OFFSETS)} positions of the gait around the "
                 f"standing foot, such as {x:+.0f} mm ahead, {y:+.0f} mm to the left, {z:+.0f} mm up: choose "
                 "another scan height",
             )

@@ -83,7 +83,7 @@ SPOILED = {
         "urdf/guara.urdf",
         r'lower="0" upper="2.2"',
         'lower="0.7" upper="1.2"',
-        "positions that the gait asks for",
+        "positions of the gait around the standing foot",
         Weight.WRONG,
     ),
     "a heavy camera": (
