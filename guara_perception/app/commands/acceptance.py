@@ -96,7 +96,7 @@ def scan(rig: Rig, kept: Path, show: Progress) -> dict[str, str]:
             processor,
             order,
             should_stop=lambda: False,
-            on_stripe=lambda capture: show(len(processor.profiles), len(order)),
+            on_stripe=lambda *_: show(len(processor.profiles), len(order)),
         )
         facts = device_facts(rangefinder, calibration, picture)
     with_problems(processor.finish(), taken).save(kept)

@@ -98,7 +98,7 @@ def command(
         with rig.rangefinder, progress("Scanning") as show:
             done, dark_after = itertools.count(1), list[int]()
 
-            def keep(capture: StripeCapture) -> None:
+            def keep(capture: StripeCapture, _: float) -> None:
                 show(next(done), len(order))
                 if capture.is_dark_due:
                     dark_after.append(capture.index)

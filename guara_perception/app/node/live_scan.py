@@ -48,7 +48,7 @@ def live_scan(
     firing_order: FiringOrder,
     *,
     should_stop: Callable[[], bool],
-    on_stripe: Callable[[StripeCapture], None] | None = None,
+    on_stripe: Callable[[StripeCapture, float], None] | None = None,
     flash: Callable[[float], tuple[float, float]] | None = None,
 ) -> LiveScan:
     """Take a scan. If a device fails, the scan ends early and the stripes up to then are kept.
@@ -64,7 +64,8 @@ def live_scan(
         processor: processor of the stripes, created for the stance of this pause.
         firing_order: (index, mirror angle [rad]) of each stripe in firing order.
         should_stop: function that returns True to end the scan, for instance because the pause has ended.
-        on_stripe: called after each stripe, for recording and progress.
+        on_stripe: called after each stripe with the capture and the instant at which its frames had arrived
+            [s on `transport.clock`], for recording and progress.
         flash: function that returns `FramePair.instant` and its sigma for the stamp of a frame; None = no instants.
     """
     start = time.time_ns()
@@ -89,7 +90,7 @@ def live_scan(
             processor.add_all(pairs)
         if on_stripe is not None:
             for capture in group:
-                on_stripe(capture)
+                on_stripe(capture, instants[capture.index])
 
     stripes = rangefinder.sweep(firing_order, processor.band, should_stop)
     processor.expect_dark(stripes.dark_after)

@@ -31,6 +31,7 @@ from transport import (
     StanceStream,
     StatusItem,
     TerrainMessage,
+    clock,
 )
 from transport.exceptions import RecordingError
 from transport.recording import FlashRecord, FrameRecord, FrameReference, RecordingWriter, ScanRecord, StripeRecord
@@ -310,12 +311,13 @@ class ScanRecording:
         self._stripes: list[StripeRecord] = []
         self._post(self._begin)
 
-    def add(self, capture: StripeCapture, flash: FlashRecord | None = None) -> None:
+    def add(self, capture: StripeCapture, flash: FlashRecord | None = None, *, instant: float | None = None) -> None:
         """Record one stripe without blocking. A laser-off frame shared by several stripes is written once.
 
         Args:
             capture: the stripe.
             flash: time of the stripe's flash if its pose comes from a joint stream, else None.
+            instant: when the host had received the frames, on `transport.clock` [s]; None = now.
         """
         if self._is_full:
             return
@@ -327,7 +329,7 @@ class ScanRecording:
             mirror_angle=capture.mirror_angle,
             on=None,
             off=None,
-            stamp=time.time_ns(),
+            stamp=time.time_ns() - (0 if instant is None else round((clock.now() - instant) * 1e9)),
             is_dark_due=capture.is_dark_due or dark is not None,
             flash=flash,
         )

@@ -218,11 +218,12 @@ class Sweeper:
             self._rangefinder.keep_time()
             flash = partial(self._flash, stream, clock.now() - time.monotonic())
 
-        def on_stripe(capture: StripeCapture) -> None:
+        def on_stripe(capture: StripeCapture, instant: float) -> None:
             if job.progress is not None:
                 job.progress(len(processor.profiles), done + len(order))
             if job.recording is not None:
-                job.recording.add(capture, None if stream is None else stream.record(processor.flash(capture.index)))
+                known = None if stream is None else stream.record(processor.flash(capture.index))
+                job.recording.add(capture, known, instant=instant)
             if job.on_stripe is not None:
                 job.on_stripe(capture)
 

@@ -71,7 +71,7 @@ def test_a_bad_frame_costs_its_own_stripe_of_a_group(rig: Rig) -> None:
         processor,
         rig.firing_order,
         should_stop=lambda: False,
-        on_stripe=lambda capture: reported.append(capture.index),
+        on_stripe=lambda capture, _: reported.append(capture.index),
     )
     assert reported == [index for index, _ in rig.firing_order]
     bad = [index for index, profile in processor.profiles.items() if profile.is_frame_bad]
@@ -117,7 +117,7 @@ def test_a_pause_that_ends_leaves_the_rest_unscanned(rig: Rig, stop_at: int) -> 
         processor,
         rig.firing_order,
         should_stop=lambda: len(done) >= stop_at,
-        on_stripe=lambda capture: done.append(capture.index),
+        on_stripe=lambda capture, _: done.append(capture.index),
     )
     terrain = processor.finish()
     assert scan.stopped_early or len(done) == len(rig.firing_order)

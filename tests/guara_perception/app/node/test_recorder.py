@@ -3,6 +3,7 @@
 import errno
 import os
 import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,7 +16,7 @@ from guara_perception.app.node import recorder as module
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.scene.scene import Scene
 from kinematics import RobotModel
-from transport import Health
+from transport import Health, clock
 from transport.recording import open_recording, recover_recording
 
 pytestmark = pytest.mark.slow
@@ -98,6 +99,20 @@ def test_a_scan_that_was_never_ended_does_not_cost_the_next(
         assert recorder.status_item().values["recorded"] == "1"
     with open_recording(tmp_path / "walk.mcap") as recording:
         assert [scan.step for scan in recording.scans] == [1, 2]
+
+
+def test_stripes_have_the_time_of_their_frames(
+    tmp_path: Path, calibration: gp.Calibration, paper_scan: gp.Scan
+) -> None:
+    """A scan that is processed from its recording ends when its last frame arrived, as the grid of the node says."""
+    with ScanRecorder(tmp_path / "walk.mcap", robot="guara", calibration=calibration) as recorder:
+        scan = recorder.begin(1, "standard", paper_scan.stance)
+        scan.add(_capture(0), instant=clock.now() - 60.0)
+        added = time.time_ns()
+        scan.finish((), None)
+        assert recorder.flush(PATIENCE)
+    with open_recording(tmp_path / "walk.mcap") as recording:
+        assert recording.scans[0].stripes[0].stamp <= added - 60 * 10**9
 
 
 def _scan(recorder: ScanRecorder, step: int, stance: object, stripes: int = 4) -> None:
