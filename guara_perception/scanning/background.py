@@ -197,11 +197,6 @@ def _seen_of(found: Float) -> _Seen:
     return _Seen(found[:ends], sigma, float(found[-1]), float(sigma.max()))
 
 
-def _rows(values: Sequence[Float]) -> Float:
-    """Arrays (k,) as the rows of one; `np.array` takes several times as long."""
-    return np.concatenate(values).reshape(len(values), -1)
-
-
 def _middle(values: Float) -> Float:
     """Median (k,) of values (n, k) over n; `np.median` takes several times as long for so few."""
     ordered, count = np.sort(values, axis=0), len(values)
@@ -496,7 +491,7 @@ class BackgroundWitness:
         is_motion = bool(lost)
         if found:
             seen = found.values()
-            rises, sigmas = _rows([each.rise for each in seen]), _rows([each.sigma for each in seen])
+            rises, sigmas = np.array([each.rise for each in seen]), np.array([each.sigma for each in seen])
             middle = _middle(rises)
             if places is not None:
                 # All motion is relative to the camera pose of the reference image, which is unknown.
@@ -516,7 +511,7 @@ class BackgroundWitness:
     def _reference_sigma(self) -> Float:
         """Sigma (4,) of the rises due to the noise of the reference image, taken as that of a typical other image."""
         sigmas = [look.sigma for looks in self._seen.values() for look in looks] or [np.zeros(len(self._ends))]
-        return _middle(_rows(sigmas))
+        return _middle(np.array(sigmas))
 
     def _displaced(self, transform_camera_to_footprint: Float) -> Float:
         """Displacement (4, 3) of the corners of the scanned area for a pose of the camera [m]."""

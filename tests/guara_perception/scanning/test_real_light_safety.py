@@ -55,7 +55,8 @@ def test_a_height_that_is_not_there_would_be_counted() -> None:
     assert made_up(terrain, scan.truth) == 0
     layers = {name: np.array(terrain.layer(name)) for name in terrain.layers}
     iy, ix = np.argwhere(np.asarray(terrain.traversability) > 0)[0]
-    layers["elevation"][iy, ix] += 0.01
+    for name in ("elevation_min", "elevation", "elevation_max"):
+        layers[name][iy, ix] += 0.01
     spoiled = gp.TerrainGrid(
         layers=layers, geometry=terrain.geometry, record=ScanRecord.from_json(dict(terrain.metadata))
     )
