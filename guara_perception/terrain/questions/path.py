@@ -65,9 +65,10 @@ def check_path(
     plus the confidence, a multiple of sigma; where observations disagree, the highest of all observations counts. Every
     cell within `clearance` of the path, seen from above, must be known and not STALE, or have a ceiling, which then
     bounds the ground. Near the ends of the path, where a foot stands, less is required: at a distance d from the nearer
-    end at most d - 5 mm - confidence, which is the clearance of a vertical lift. If the path starts at a sole that
-    carried the body when the grid was made, cells wholly under that sole may be unknown, because they are no higher
-    than the sole.
+    end at most d - 5 mm - confidence, which is the clearance of a vertical lift, and at most d - 5 mm from the highest
+    samples without confidence, so that a path is never accepted because heights are uncertain. If the path starts at a
+    sole that carried the body when the grid was made, cells wholly under that sole may be unknown, because they are no
+    higher than the sole.
 
     A path without z is a track on the ground: every cell within `clearance` must be known and free of hazards other
     than EDGE.
@@ -99,20 +100,29 @@ def check_over(ground: SwingGround, path: Float, clearance: float) -> PathVerdic
     least = np.nan
     if not reasons:
         top, confidence = top_heights(ground, cells)
-        over = samples[:, 2:3] - top
-        distance = np.where(over >= 0, np.hypot(cells.aside, over), np.where(cells.aside > 0, cells.aside, over))
-        distance = np.where(cells.used, distance, np.inf)
         from_ends = np.minimum(*(np.linalg.norm(samples - end, axis=1) for end in (path[0], path[-1])))
+        vertical_lift = from_ends[:, None] - TOUCH_M
         # The clearance of a vertical lift is smaller over less certain ground, so a rounded variance is taken as the
         # least value that it may have had before rounding.
         least_confidence = confidence / np.sqrt(1 + ground.rounding)
-        wanted = np.minimum(clearance, from_ends[:, None] - TOUCH_M - least_confidence)
+        distance, wanted = _distance(samples, top, cells), np.minimum(clearance, vertical_lift - least_confidence)
+        # Heights that are uncertain must not reduce the clearance beside a wall: as measured, they are tested too.
+        as_measured, then_wanted = _distance(samples, top - confidence, cells), np.minimum(clearance, vertical_lift)
+        is_nearer = then_wanted - as_measured > wanted - distance
+        distance, wanted = np.where(is_nearer, as_measured, distance), np.where(is_nearer, then_wanted, wanted)
         lack = np.where(cells.used, wanted - distance, -np.inf)
         reasons = list(_too_near(samples, distance, wanted, lack))
         free = (~cells.used | (wanted >= clearance)).all(axis=1)
         if free.any():
             least = float(distance[free].min())
     return PathVerdict(not reasons, least, tuple(reasons))
+
+
+def _distance(samples: Float, top: Float, cells: Corridor) -> Float:
+    """Distances of samples (n, 3) of a path from its corridor's cells [m]: negative in the ground, inf if unused."""
+    over = samples[:, 2:3] - top
+    distance = np.where(over >= 0, np.hypot(cells.aside, over), np.where(cells.aside > 0, cells.aside, over))
+    return np.where(cells.used, distance, np.inf)
 
 
 def check_clearance(clearance: float) -> None:

@@ -136,6 +136,10 @@ def _over(
     cells = corridor_of(ground.geometry, line, clearance)
     # Least heights of the path above the samples of the track.
     heights = np.where(cells.used, top_heights(ground, cells)[0], -np.inf).max(axis=1) + clearance
+    if (highest := float(heights.max())) > LONGEST_PATH_M:
+        return _none(
+            (Reason("clearance", highest, LONGEST_PATH_M, "m", "height of a swing over such uncertain ground"),)
+        )
     refused: tuple[Reason, ...] = ()
     for rise in RISES_M:
         for course in (_hull(line, heights), np.full(len(line), heights.max())):

@@ -124,6 +124,30 @@ def test_uncertain_heights_take_clearance_away() -> None:
     assert verdict.clearance < 0.06 - 0.008 + 1e-6
 
 
+@pytest.mark.parametrize("sigma", [0.003, 0.010, 0.045, 0.3])
+def test_no_path_is_accepted_because_heights_are_uncertain(sigma: float) -> None:
+    """Of 900 swings over and beside random boxes, none that is refused where the same heights are exact."""
+    accepted = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        heights = np.zeros((100, 100))
+        for _ in range(4):
+            iy, ix = rng.integers(10, 80, 2)
+            heights[iy : iy + rng.integers(2, 12), ix : ix + rng.integers(2, 12)] = rng.choice([0.03, 0.06, 0.12])
+        exact = gp.assess_terrain(heights, 0.005)
+        unsure = gp.assess_terrain(heights, 0.005, variance=np.full(heights.shape, sigma**2))
+        for _ in range(15):
+            start = rng.uniform(0.1, 0.4, 2)
+            end = start + rng.uniform(-0.12, 0.12, 2)
+            top, clearance = rng.choice([0.03, 0.06, 0.1, 0.2]), rng.choice([0.01, 0.02, 0.03])
+            low, high = (np.array([*at, np.nan_to_num(exact.height_at(*at))]) for at in (start, end))
+            path = [low, low + (0, 0, top), high + (0, 0, top), high]
+            if unsure.check_path(path, clearance).ok:
+                accepted += 1
+                assert exact.check_path(path, clearance).ok, (seed, path)
+    assert accepted > 100
+
+
 def test_beside_a_wall_the_distance_counts_sideways() -> None:
     """A path 20 mm beside a higher box has a clearance of 20 mm."""
     heights = np.zeros((100, 100))

@@ -62,6 +62,15 @@ def test_over_a_box_it_goes_as_high_as_it_must() -> None:
     assert swing.clearance >= 0.02
 
 
+@pytest.mark.parametrize("variance", [1e3, 1e6, 1e38])
+def test_over_ground_of_any_uncertainty_it_ends_in_words(variance: float) -> None:
+    """A wall whose height is unsure by kilometres is too high; the search for a way over it took all memory."""
+    heights, unsure = np.zeros((100, 100)), np.zeros((100, 100))
+    heights[:, 45:55], unsure[:, 45:55] = 0.15, variance
+    found = gp.assess_terrain(heights, 0.005, variance=unsure).swing([0.15, 0.25, 0.0], [0.35, 0.25, 0.0], 0.02)
+    assert not found.ok and "height of a swing over such uncertain ground" in str(found.reasons[0])
+
+
 def test_around_unknown_ground_it_goes_aside() -> None:
     """The swing goes around a patch without returns; there is none if the patch extends across."""
     heights = np.zeros((100, 100))
