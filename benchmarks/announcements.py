@@ -11,17 +11,19 @@ from __future__ import annotations
 import dataclasses
 import json
 import logging
+import queue
 import statistics
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from logging.handlers import QueueHandler
 
 import numpy as np
 
 from benchmarks.command import options
 from benchmarks.node import listening
-from benchmarks.peers import Peer, free_endpoint, peers, say
+from benchmarks.peers import Peer, free_endpoint, peers, report
 from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.simulated import SimulatedRobot
@@ -38,17 +40,6 @@ ROUNDS = 3
 TIMEOUT = 60.0
 # Lines that the log may get per second, whatever is sent.
 ALLOWED_LINES = 1.0
-
-
-class _Counter(logging.Handler):
-    """Counter of log lines."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.INFO)
-        self.lines = 0
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.lines += 1
 
 
 def _payload(kind: str, hold: StancePause) -> bytes | bytearray:
@@ -73,7 +64,7 @@ def run_gait(endpoint: str) -> None:
         latched = Publisher(session, stance_key("guara"))
         plain = Publisher(session, stance_key("guara"), latched=False)
         latched.put(encode_stance_pause(begin))
-        say(ready=True)
+        report(ready=True)
         for line in sys.stdin:
             command = json.loads(line)
             start, count = time.monotonic(), 0
@@ -85,7 +76,7 @@ def run_gait(endpoint: str) -> None:
                 hold = dataclasses.replace(begin, phase=PausePhase.HOLD, stamp=time.time_ns(), stance=read)
                 plain.put(_payload(command["kind"], hold))
                 count += 1
-            say(sent=count)
+            report(sent=count)
 
 
 @contextmanager
@@ -114,10 +105,9 @@ def measure(seconds: float) -> dict[str, tuple[int, float, float]]:
     Raises:
         SystemExit: the first pause gave no grid, or HOLD did not confirm it.
     """
-    counter = _Counter()
-    root = logging.getLogger()
-    threshold = root.level
-    root.addHandler(counter)
+    log, root = queue.SimpleQueue[logging.LogRecord](), logging.getLogger()
+    handler, threshold = QueueHandler(log), root.level
+    root.addHandler(handler)
     root.setLevel(logging.INFO)
     rounds: dict[str, list[tuple[int, float, float]]] = {}
     try:
@@ -128,16 +118,16 @@ def measure(seconds: float) -> dict[str, tuple[int, float, float]]:
                         name = f"{kind} at {rate:g} Hz"
                         begun = time.process_time()
                         time.sleep(seconds)
-                        silence, lines = time.process_time() - begun, counter.lines
-                        gait.tell(kind=kind, rate=rate, seconds=seconds)
-                        count = gait.hear()["sent"]
+                        silence, lines = time.process_time() - begun, log.qsize()
+                        gait.send(kind=kind, rate=rate, seconds=seconds)
+                        count = gait.receive()["sent"]
                         spent = 1e3 * (time.process_time() - begun - 2 * silence) / count
-                        rounds.setdefault(name, []).append((count, spent, (counter.lines - lines) / seconds))
+                        rounds.setdefault(name, []).append((count, spent, (log.qsize() - lines) / seconds))
                 (scanner,) = [item for item in status.items() if item.name == "scanner"]
                 if scanner.values["provisional"] != "false":
                     raise SystemExit("HOLD did not confirm the grid: the scanner's status still says provisional")
     finally:
-        root.removeHandler(counter)
+        root.removeHandler(handler)
         root.setLevel(threshold)
     columns = {name: tuple(zip(*each, strict=True)) for name, each in rounds.items()}
     return {name: (sum(sent), statistics.median(spent), max(lines)) for name, (sent, spent, lines) in columns.items()}

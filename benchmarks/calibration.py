@@ -1,4 +1,4 @@
-"""Calibrations: errors against the truth, drift, misplaced crosses, mirrored pictures, a moved mount.
+"""Calibrations: errors against the truth, drift, misplaced crosses, a moved mount.
 
 `python -m benchmarks calibration PART ...`; without a part: a list of them.
 """
@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 
 import guara_perception as gp
-from benchmarks import drift_check, mirrored, misplaced_crosses, mounting
+from benchmarks import drift_check, misplaced_crosses, mounting
 from benchmarks.accuracy import scans_with_truth
-from benchmarks.command import options, run_part
+from benchmarks.command import Table, options, run_part
 from guara_perception.app.files.calibration_session import open_session
 from guara_perception.calibration.calibrate_session import calibrate_session
 from guara_perception.terrain.map.fuse_scan import pose_variance
@@ -53,6 +53,10 @@ def report(data: Path, scans: str) -> None:
         rms, index = worst_rms(errors)
         overall = 1e3 * np.sqrt(np.mean(np.concatenate(list(errors.values())) ** 2))
         print(f"  height error at {name}: worst stripe {rms:.3f} mm rms (index {index}), all {overall:.3f}")
+    table = Table(
+        "scan:<20 | error mm:.4f | true calibration's:.4f | ratio:.2f | error / sigma, std:.2f | mean:+.2f | "
+        "true calibration's, std:.2f | mean:+.2f"
+    )
     for name, scan, reference, _ in scans_with_truth([data], scans):
         rows = []
         for calibration in (estimate, true):
@@ -62,12 +66,9 @@ def report(data: Path, scans: str) -> None:
             sigma = np.sqrt(terrain.variance.astype(np.float64) - of_pose.reshape(terrain.shape))
             used = reference.interior & np.isfinite(terrain.elevation)
             ratio = ((terrain.elevation - reference.mean) / sigma)[used]
-            rows.append((figures(terrain, reference).mean, float(np.std(ratio)), float(np.mean(ratio))))
-        print(
-            f"  scan {name:<7} error {rows[0][0]:.4f} mm, with the true calibration {rows[1][0]:.4f}: ratio "
-            f"{rows[0][0] / rows[1][0]:.2f}; error / sigma: std {rows[0][1]:.2f} mean {rows[0][2]:+.2f} "
-            f"(true calibration {rows[1][1]:.2f} {rows[1][2]:+.2f})"
-        )
+            rows.append((figures(terrain, reference).mean, np.std(ratio), np.mean(ratio)))
+        (own, *normalised), (best, *of_best) = rows
+        table.row(name, own, best, own / best, *normalised, *of_best)
 
 
 def errors() -> None:
@@ -95,7 +96,7 @@ def truth() -> None:
 def main() -> None:
     """Command line."""
     parts = {"errors": errors, "drift": drift_check.main, "crosses": misplaced_crosses.main, "truth": truth}
-    run_part("calibration", {**parts, "mirrored": mirrored.main, "mount": mounting.main})
+    run_part("calibration", {**parts, "mount": mounting.main})
 
 
 if __name__ == "__main__":

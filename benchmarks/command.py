@@ -6,6 +6,7 @@ import argparse
 import re
 import sys
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 
@@ -59,24 +60,25 @@ def columns_of(text: str) -> list[tuple[str, str]]:
 class Table:
     """Table that is printed row by row, in columns or as Markdown."""
 
-    def __init__(self, columns: str, *, markdown: bool = False) -> None:
-        """Print the head; `columns` are as in `columns_of`."""
+    def __init__(self, columns: str, *, markdown: bool = False, write: Callable[[str], object] | None = None) -> None:
+        """Print the head; `columns` are as in `columns_of`, `write` takes each line."""
         self._columns = columns_of(columns)
-        self._markdown = markdown
+        self._markdown, self._write = markdown, write or partial(print, flush=True)
         self._print([name for name, _ in self._columns])
         if markdown:
             self._print(["---"] * len(self._columns))
 
     def row(self, *values: Any) -> None:
-        """Print a row."""
-        self._print([f"{value:{form}}" for value, (_, form) in zip(values, self._columns, strict=True)])
+        """Print a row; None as "-"."""
+        pairs = zip(values, self._columns, strict=True)
+        self._print(["-" if value is None else f"{value:{form}}" for value, (_, form) in pairs])
 
     def _print(self, cells: list[str]) -> None:
         if self._markdown:
-            print(f"| {' | '.join(cell.strip() for cell in cells)} |", flush=True)
+            self._write(f"| {' | '.join(cell.strip() for cell in cells)} |")
             return
         padded = []
         for cell, (name, form) in zip(cells, self._columns, strict=True):
             width = max(len(name), int("0" + re.sub(r"\..*|\D", "", form)))
             padded.append(cell.ljust(width) if "<" in form else cell.rjust(width))
-        print("  ".join(padded).rstrip(), flush=True)
+        self._write("  ".join(padded).rstrip())

@@ -1,7 +1,7 @@
-"""Crossings of a Go2 or a Guará in MuJoCo: by what it sees, how many it crosses, and how near to an edge it trod.
+"""Crossings of a Go2 or a Guará in MuJoCo: success by what the robot sees, and distance of its soles from edges.
 
-Courses are fixed by kind and seed. A kind that the blind robot crosses in more than 30 % is told but needs no sight.
-With --json the last line is the list of all walks. Needs the extras `sim` and `robots-test`.
+Courses are fixed by kind and seed. A kind that the blind robot crosses in more than 30 % is reported but needs no
+sight. With --json the last line is the list of all walks. Needs the extras `sim` and `robots-test`.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import json
 from collections.abc import Sequence
 
 import cv2
+import numpy as np
 
 from benchmarks.command import Table, options
 from testbed.crossing.courses import KINDS
@@ -45,7 +46,7 @@ def main() -> None:
 
 
 def table(done: Sequence[Crossing]) -> None:
-    """Walks by arm and kind of ground, then what the laser is worth where sight is needed."""
+    """Walks by arm and kind of ground, then the crossings by laser where sight is needed."""
     rows = Table(
         "ground:<10 | arm:<12 | crossed:7d | stopped:7d | fell:4d | by the ground:13d | targets over a gap:18d | "
         "nearest edge mm:15.0f | badly supported:15d | standing s:10.1f | cpu s:5.0f",
@@ -57,10 +58,7 @@ def table(done: Sequence[Crossing]) -> None:
             ends = [sum(each.result == end for each in walks) for end in ("crossed", "stopped", "fell")]
             sums = [sum(each.fell_by_ground for each in walks), sum(each.targets_over_gap for each in walks)]
             worst, bad = min(each.worst_edge_m for each in walks), sum(each.soles_badly_supported for each in walks)
-            means = (
-                sum(each.standing_s for each in walks) / len(walks),
-                sum(each.cpu_s for each in walks) / len(walks),
-            )
+            means = np.mean([(each.standing_s, each.cpu_s) for each in walks], axis=0)
             rows.row(kind, arm, *ends, *sums, 1e3 * worst, bad, *means)
     blind = {kind: crossed(done, kind, "blind") for kind in KINDS}
     needy = [kind for kind, (share, walks) in blind.items() if walks and share <= NEEDS_NO_SIGHT * walks]

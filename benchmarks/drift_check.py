@@ -1,18 +1,17 @@
 """Detection rate and false alarms of the drift check: true scans, moved mounts and lost motor steps in simulation.
 
-`python -m benchmarks calibration drift [--scans N] [--walks N] [--jobs N] [--json]`; about ten
-minutes of processor time.
+`python -m benchmarks calibration drift [--scans N] [--walks N] [--json]`; about ten minutes of
+processor time.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, field
-from functools import partial
+from typing import Any
 
-from benchmarks.command import options
+from benchmarks.command import Table, options
 from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift, DriftWatch
 from testbed.moved_mount import PAUSES, walk
 
@@ -52,49 +51,43 @@ class Tally:
         self.walks, self.warned = self.walks + 1, self.warned + warned
 
 
-def tally(pool: Executor, walks: int, first_seed: int, kind: str = "", size: float = 0.0, **options: bool) -> Tally:
+def tally(walks: int, first_seed: int, kind: str = "", size: float = 0.0, *, is_rough: bool = False) -> Tally:
     """Judge many walks; with a `kind`, each has a drift of that kind in a direction of its own."""
     result = Tally()
-    for checks in pool.map(partial(walk, kind=kind, size=size, **options), range(first_seed, first_seed + walks)):
-        result.add(checks)
+    for seed in range(first_seed, first_seed + walks):
+        result.add(walk(seed, kind=kind, size=size, is_rough=is_rough))
     return result
 
 
-def _show(name: str, result: Tally) -> None:
-    scans = ", ".join(f"{count} {verdict}" for verdict, count in result.scans.items())
-    print(f"{name}: {sum(result.scans.values())} scans, {scans}; {result.warned} of {result.walks} walks warned")
-    print("".join(f"    {reason}\n" for reason in result.reasons), end="", flush=True)
-
-
 def main() -> None:
-    """Detection rate and false alarms of the drift check [--scans N, --walks N, --jobs N, --json]."""
+    """Detection rate and false alarms of the drift check [--scans N, --walks N, --json]."""
     asked = options(
         __doc__,
         scans=(201, "true scans of a flat floor"),
         walks=(20, "walks of three pauses for each drift that must be found"),
         curve_walks=(5, "walks for each smaller drift"),
-        jobs=(1, "processes"),
         json=(False, "one JSON object as the last line"),
     )
     curves: dict[str, list[dict[str, float]]] = {kind: [] for kind in SIZES}
-    with ProcessPoolExecutor(asked.jobs) as pool:
-        true_walks = -(-asked.scans // PAUSES)
-        true = tally(pool, true_walks, 0)
-        _show("true, flat floor", true)
-        rough = tally(pool, -(-true_walks // 5), 5000, is_rough=True)
-        _show("true, rough ground", rough)
-        for kind, (unit, sizes) in SIZES.items():
-            for size in sizes:
-                walks = asked.walks if size == sizes[-1] else asked.curve_walks
-                result = tally(pool, walks, 1000, kind, size)
-                by_one = result.scans[DRIFTING] / sum(result.scans.values())
-                found = result.warned / result.walks
-                curves[kind].append({"level": size, "walks": walks, "found": found, "found_by_one": by_one})
-                print(
-                    f"{kind} {size:g} {unit}: {walks} walks, found {found:.0%} within {PAUSES} pauses, "
-                    f"{by_one:.0%} by one scan",
-                    flush=True,
-                )
+    table = Table("drift:<24 | scans:d | holds:d | drifting:d | unknown:d | walks:d | warned in three pauses:.0%")
+
+    def counted(name: str, walks: int, first_seed: int, *kind: Any, is_rough: bool = False) -> Tally:
+        result = tally(walks, first_seed, *kind, is_rough=is_rough)
+        verdicts = (result.scans[verdict] for verdict in (HOLDS, DRIFTING, UNKNOWN))
+        table.row(name, sum(result.scans.values()), *verdicts, result.walks, result.warned / result.walks)
+        print("".join(f"    {reason}\n" for reason in result.reasons), end="", flush=True)
+        return result
+
+    true_walks = -(-asked.scans // PAUSES)
+    true = counted("none, flat floor", true_walks, 0)
+    rough = counted("none, rough ground", -(-true_walks // 5), 5000, is_rough=True)
+    for kind, (unit, sizes) in SIZES.items():
+        for size in sizes:
+            walks = asked.walks if size == sizes[-1] else asked.curve_walks
+            result = counted(f"{kind} {size:g} {unit}", walks, 1000, kind, size)
+            by_one = result.scans[DRIFTING] / sum(result.scans.values())
+            found = result.warned / result.walks
+            curves[kind].append({"level": size, "walks": walks, "found": found, "found_by_one": by_one})
     with_floor = true.scans[HOLDS] + true.scans[DRIFTING]
     alarms = (true.scans[DRIFTING] + rough.scans[DRIFTING]) / max(with_floor + rough.scans[DRIFTING], 1)
     passed = alarms <= 0.01 and all(points[-1]["found"] >= 0.9 for points in curves.values())

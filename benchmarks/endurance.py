@@ -1,11 +1,11 @@
 """Endurance test: hours of a walking gait, a recording node with a journal, two planners and a viewer, with faults.
 
-`python -m benchmarks endurance [--minutes 240] [--period 20] [--large]`, after `make install-extras`. Each is a process
+`python -m benchmarks endurance [--minutes 240] [--period 20]`, after `make install-extras`. Each is a process
 of its own over real Zenoh; robot and devices are simulated, the devices on an emulated clock, so that a pause takes no
 longer than it is computed. Frames are small, cells 10 mm wide, and there is no indirect light. Node and second planner
 are killed or stopped for some seconds; the node's disk takes no more for some seconds; the node is ended and finds
 journals of another version, as after an upgrade or a downgrade. Router, gait, first planner and viewer run throughout.
-In the second half the node is not restarted, so that its own growth shows.
+In the second half the node is not restarted, so that its own growth shows. At the end every recording is opened.
 A contradiction is a footprint grid handed out more than 4 s after its planner heard of a later pause, or a map with
 scans of another walk.
 """
@@ -23,21 +23,18 @@ import threading
 import time
 import urllib.request
 from collections import Counter
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from statistics import median
 from typing import NamedTuple
 
 import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import options
-from benchmarks.peers import PATIENCE, ROOT, ended, free_endpoint, free_port, say
+from benchmarks.peers import PATIENCE, ROOT, Child, ended, free_endpoint, free_port, report, wait_for_map
 from benchmarks.rounds import resident_mb
-from benchmarks.soak import Child
-from guara_perception.app.files.recording_files import LEAST_LIMIT
+from guara_perception.app.files.recording_files import LEAST_LIMIT, RecordingFiles
 from guara_perception.app.node.claim import FORMAT
 from guara_perception.app.node.simulated import SimulatedGait
 from guara_perception.simulation.walk import simulate_walk
@@ -47,14 +44,15 @@ from testbed.journalled_node import Walk, start
 from testbed.random_world import random_world
 from transport import PausePhase, StancePause, open_client
 from transport.grids.evidence import SILENT
+from transport.recording import recover_recording
 from transport.stance_link import StancePublisher, StanceReceiver
 
 # [s] Transfer of a message on a busy machine, and detection of a silent link or node (docs/safety.md).
 GRACE_S = 1.0 + SILENT
-# [s] Between two looks of a planner; longest stop of a process, and of the wait for a scan.
+# [s] Between two requests of a planner; longest stop of a process, and of the wait for a scan.
 LOOK_S, STOP_S, FIRST_S = 0.2, 6.0, 300.0
-# Size of frames [px] without --large, and cycles of a walk, after which the robot is carried back.
-SMALL, LARGE, CYCLES = (320, 256), (640, 512), 10
+# Size of frames [px], and cycles of a walk, after which the robot is carried back.
+SIZE, CYCLES = (320, 256), 10
 # Edge of a cell [m]. With cells of 5 mm, a pause takes twice as long.
 CELL = 0.010
 # [byte] Largest file while the disk takes no more: a journal has more.
@@ -96,9 +94,7 @@ class Outcome:
         faults: number of each.
         counts: of planners and gait.
         sizes: of processes that live on, once warm.
-        recorded, journals: [byte] of both folders at each look.
-        answers: seconds from BEGIN to the map, of each pause in which no fault was.
-        scrapes: seconds of each read of the metrics.
+        recorded, journals: [byte] of both folders at each sample.
         restarts: how each run of the node began: "goes on", or why not.
     """
 
@@ -107,12 +103,10 @@ class Outcome:
     sizes: dict[str, list[Size]] = field(default_factory=dict)
     recorded: list[int] = field(default_factory=list)
     journals: list[int] = field(default_factory=list)
-    answers: list[float] = field(default_factory=list)
-    scrapes: list[float] = field(default_factory=list)
     restarts: Counter[str] = field(default_factory=Counter)
 
     def ends(self, name: str) -> tuple[Size, Size]:
-        """Median sizes of a process in the first and in the last third of its looks."""
+        """Median sizes of a process in the first and in the last third of its samples."""
         sizes = self.sizes[name]
         third = max(len(sizes) // 3, 1)
         first, last = (Size(*np.median(part, axis=0).tolist()) for part in (sizes[:third], sizes[-third:]))
@@ -125,7 +119,7 @@ class Outcome:
 
     @property
     def is_flat(self) -> bool:
-        """True if no process that lived on has grown, but for what caches take."""
+        """True if no process that lived on has grown by more than its caches."""
         growths = {name: np.subtract(*self.ends(name)[::-1]) for name in self.sizes}
         return all((growths[name] <= (MOST_MB[name], MOST_HANDLES, MOST_THREADS)).all() for name in growths)
 
@@ -143,7 +137,7 @@ def run_planner(endpoint: str) -> None:
     stop = ended()
     with open_client(endpoint, timeout=PATIENCE) as session, gp.TerrainClient(endpoint, timeout=PATIENCE) as client:
         StanceReceiver(session, robot="guara", on_pause=on_pause, on_refused=lambda _: None)
-        say(ready=True)
+        report(ready=True)
         taken: dict[str, int] = {}
         while not stop.wait(LOOK_S):
             for extent in ("footprint", "map"):
@@ -164,7 +158,7 @@ def run_planner(endpoint: str) -> None:
                     counts["contradictions"] += 1
                     late = time.monotonic() - next(at for at, _, step in heard if step > terrain.step)
                     print(f"contradiction: step {terrain.step} {late:.2f} s after the next", file=sys.stderr)
-            say(counts=counts)
+            report(counts=counts)
 
 
 class Gait(threading.Thread):
@@ -174,8 +168,6 @@ class Gait(threading.Thread):
         """Connect; `start` begins the first walk."""
         super().__init__(daemon=True)
         self._endpoint, self._walk, self._outcome, self._ended = endpoint, walk, outcome, threading.Event()
-        # Number of faults so far. Answers are timed only in pauses without one.
-        self.struck = 0
 
     def run(self) -> None:
         """Walk until `end` is called. All walks are the same; the robot is carried back between them."""
@@ -185,13 +177,11 @@ class Gait(threading.Thread):
             for number in itertools.count():
                 gait = SimulatedGait(publisher, "guara", seed=number)
                 for pause in self._walk.pauses:
-                    struck, begun = self.struck, time.monotonic()
                     gait.begin(pause)
-                    fused = self._map_of(client, gait, pause.step)
+                    fused = wait_for_map(client, pause.step, FIRST_S, self._is_ended, epoch=gait.epoch)
                     if fused is None:
+                        counts["walks that ended"] += not self._ended.is_set()
                         return
-                    if struck == self.struck:
-                        self._outcome.answers.append(time.monotonic() - begun)
                     counts["pauses"] += 1
                     counts["contradictions"] += fused.metadata["scans"] > pause.step + 1
                     run = fused.metadata["run"]
@@ -200,14 +190,8 @@ class Gait(threading.Thread):
                     before = run
                     gait.end(pause)
 
-    def _map_of(self, client: gp.TerrainClient, gait: SimulatedGait, step: int) -> gp.TerrainGrid | None:
-        until = time.monotonic() + FIRST_S
-        while time.monotonic() < until and not self._ended.is_set():
-            with suppress(gp.StaleTerrain, gp.ScannerUnavailable, gp.ReceiveTimeout, gp.ScannerGone):
-                return client.wait_for_step(step, LOOK_S, "map", epoch=gait.epoch)
-            self._ended.wait(LOOK_S / 10)
-        self._outcome.counts["walks that ended"] += not self._ended.is_set()
-        return None
+    def _is_ended(self) -> bool:
+        return self._ended.wait(LOOK_S / 10)
 
     def end(self) -> None:
         """End the walk, within the pause."""
@@ -216,7 +200,7 @@ class Gait(threading.Thread):
 
 
 def _how(fused: gp.TerrainGrid, step: int) -> str:
-    """How a restarted node began, according to its first map: it resumed the walk, or the reason why not."""
+    """Start of a restarted node, by its first map: the walk goes on, or the reason why not."""
     if fused.metadata["scans"] > 1:
         return "goes on"
     return "begins with the walk" if step == 0 else (*fused.metadata["restarts"], "no journal")[0].split(":")[0]
@@ -225,7 +209,7 @@ def _how(fused: gp.TerrainGrid, step: int) -> str:
 class Machine:
     """The processes of a run, in a folder."""
 
-    def __init__(self, folder: Path, size: tuple[int, int], outcome: Outcome) -> None:
+    def __init__(self, folder: Path, outcome: Outcome) -> None:
         """Start all of them."""
         self.folder, self._endpoint, self.port = folder, free_endpoint(), free_port()
         self._log = (folder / "log.txt").open("w")
@@ -233,7 +217,7 @@ class Machine:
         # Indirect light costs an eighth of the time, and only the simulation knows of it.
         world = replace(world, light=replace(world.light, bounce=0.0))
         robot = altered_guara(folder, ("resolution = 0.005 ", f"resolution = {CELL} "))
-        walk = Walk(world, 0, tuple(simulate_walk(world, load_robot(robot), cycles=CYCLES, seed=0)), size, robot)
+        walk = Walk(world, 0, tuple(simulate_walk(world, load_robot(robot), cycles=CYCLES, seed=0)), SIZE, robot)
         walk.save(folder / "walk")
         self.router = Child("router", self._endpoint)
         self.node = self.start_node()
@@ -280,18 +264,16 @@ class Machine:
         return {name: Size.of(pid) for name, pid in living.items()}
 
     def look(self, outcome: Outcome) -> None:
-        """Record the disk usage and the time for reading the metrics."""
+        """Record the disk usage, and read the metrics."""
         for name, noted in (("recorded", outcome.recorded), ("state", outcome.journals)):
             total = 0
             for path in (self.folder / name).glob("*"):
                 with suppress(FileNotFoundError):
                     total += path.stat().st_size
             noted.append(total)
-        begun = time.monotonic()
         # A node that is just starting serves no metrics yet.
         with suppress(OSError), urllib.request.urlopen(f"http://127.0.0.1:{self.port}/metrics", timeout=5.0) as answer:
             outcome.counts["metrics read"] += b"guara_journal_written" in answer.read()
-            outcome.scrapes.append(time.monotonic() - begun)
 
     def close(self) -> None:
         """End all."""
@@ -308,7 +290,8 @@ def _strike(machine: Machine, fault: str, chance: random.Random, counts: Counter
     if fault in ("node killed", "other version"):
         machine.restart_node(is_clean=fault == "other version")
     elif fault == "planner killed":
-        counts += machine.other.kill()
+        machine.other.end()
+        counts += machine.other.counts
         machine.other = machine.start_planner()
     elif fault == "disk full":
         machine.fill_disk(chance.uniform(1.0, STOP_S))
@@ -319,24 +302,36 @@ def _strike(machine: Machine, fault: str, chance: random.Random, counts: Counter
         process.send_signal(signal.SIGCONT)
 
 
+def opened_files(folder: Path) -> Counter[str]:
+    """Counts of finished recordings, of cut ones that were recovered, and of scans whose frames were all read.
+
+    Raises:
+        FileFormatError, RecordingError: a file cannot be opened or recovered.
+    """
+    counts, cut = Counter[str](), RecordingFiles(folder, "guara").cut()
+    for path in sorted(folder.iterdir()):
+        whole = path
+        if path in cut:
+            whole = folder.parent / path.name
+            recover_recording(path, whole)
+        counts["files recovered" if path in cut else "files opened"] += 1
+        with gp.open_recording(whole) as recording:
+            counts["scans in files"] += sum(len(list(scan.frames())) > 0 for scan in recording.scans)
+    return counts
+
+
 # The faults that end the node come first.
 FAULTS = "node killed", "other version", "node stopped", "disk full", "planner killed", "planner stopped"
 
 
-def endure(
-    minutes: float,
-    period: float,
-    seed: int = 0,
-    size: tuple[int, int] = SMALL,
-    tell: Callable[[str], None] = lambda _: None,
-) -> Outcome:
-    """Run all processes for some minutes, with a fault about every `period` seconds."""
+def endure(minutes: float, period: float, seed: int = 0) -> Outcome:
+    """Run all processes for some minutes, with a fault about every `period` seconds; print a line at each."""
     chance, outcome = random.Random(seed), Outcome()
     with tempfile.TemporaryDirectory() as folder:
-        machine = Machine(Path(folder), size, outcome)
+        machine = Machine(Path(folder), outcome)
         try:
             waiting = time.monotonic() + FIRST_S
-            while not machine.lasting.last.get("counts", {}).get("new maps") and time.monotonic() < waiting:
+            while not machine.lasting.counts["new maps"] and time.monotonic() < waiting:
                 time.sleep(LOOK_S)
             begin = time.monotonic()
             while (gone := time.monotonic() - begin) < 60.0 * minutes:
@@ -347,20 +342,18 @@ def endure(
                     if share >= (NODE_WARM if name == "node" else WARM):
                         outcome.sizes.setdefault(name, []).append(each)
                 machine.look(outcome)
-                heard = machine.lasting.last.get("counts", {})
                 drawn = chance.choice(FAULTS if share < KILLS_END else FAULTS[2:])
                 # Each fault once, in order, then at random.
                 fault = next((each for each in FAULTS if not outcome.faults[each]), drawn)
                 outcome.faults[fault] += 1
-                machine.gait.struck += 1
                 _strike(machine, fault, chance, outcome.counts)
-                wrong = outcome.counts["contradictions"] + heard.get("contradictions", 0)
+                wrong = outcome.counts["contradictions"] + machine.lasting.counts["contradictions"]
                 pauses = f"{outcome.counts['pauses']} pauses, {wrong} contradictions"
-                tell(f"{gone:6.0f} s  {pauses}  {fault:<16} {'; '.join(f'{n}: {s}' for n, s in sizes.items())}")
-            outcome.counts += Counter(machine.lasting.last.get("counts", {}))
-            outcome.counts += Counter(machine.other.last.get("counts", {}))
+                of_processes = "; ".join(f"{name}: {size}" for name, size in sizes.items())
+                print(f"{gone:6.0f} s  {pauses}  {fault:<16} {of_processes}", flush=True)
         finally:
             machine.close()
+        outcome.counts += machine.lasting.counts + machine.other.counts + opened_files(machine.folder / "recorded")
     return outcome
 
 
@@ -370,23 +363,17 @@ def main() -> None:
         __doc__,
         minutes=(240.0, "how long"),
         period=(20.0, "[s] between two faults, on average"),
-        large=(False, "frames of 640 x 512 px"),
     )
-    size = LARGE if asked.large else SMALL
-    outcome = endure(asked.minutes, asked.period, size=size, tell=lambda line: print(line, flush=True))
+    outcome = endure(asked.minutes, asked.period)
     print(f"faults: {dict(outcome.faults)}; {outcome.counts['pauses']} pauses in {asked.minutes:g} minutes")
     print(f"{outcome.restarts.total()} restarts survived: {dict(outcome.restarts)}")
     print("counts:", ", ".join(f"{name} {count}" for name, count in sorted(outcome.counts.items())))
     for name, sizes in outcome.sizes.items():
         most = max(each.memory for each in sizes)
         first, last = outcome.ends(name)
-        print(f"{name}: {first}, {last} in the first and last third of {len(sizes)} looks; at most {most:.0f} MB")
+        print(f"{name}: {first}, {last} in the first and last third of {len(sizes)} samples; at most {most:.0f} MB")
     recorded, journals = max(outcome.recorded) / 1e6, max(outcome.journals) / 1e6
     print(f"disk: recordings {recorded:.0f} MB at most (limit {LEAST_LIMIT / 1e6:.0f}), journals {journals:.1f} MB")
-    third = max(len(outcome.answers) // 3, 1)
-    first_s, last_s = (median(each or [0.0]) for each in (outcome.answers[:third], outcome.answers[-third:]))
-    print(f"BEGIN to map: median {first_s:.2f} s in the first third of the pauses, {last_s:.2f} s in the last")
-    print(f"metrics: {1e3 * median(outcome.scrapes or [0.0]):.1f} ms to read, median of {len(outcome.scrapes)}")
     print(f"contradictions: {outcome.counts['contradictions']}, out of order: {outcome.counts['out of order']}")
     is_sound = outcome.is_flat and outcome.is_bounded and not outcome.counts["walks that ended"]
     is_sound &= not outcome.counts["contradictions"] and not outcome.counts["out of order"]

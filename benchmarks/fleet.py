@@ -1,13 +1,13 @@
 """Many robots with a planner each on one router: delays, traffic, processor time and memory.
 
-Usage: python -m benchmarks transport fleet [--sizes 1,5,20,50,100] [--seconds 15] [--held 10] [--bursts 5]
+Usage: python -m benchmarks transport fleet [--sizes 1 5 20 50 100] [--seconds 15] [--held 10]
 
 Each robot publishes what a node does, footprint and fused map among it, every 3 s from a random instant on; each
 planner receives both extents of its own robot. All over TCP on one machine, without shared memory; each process holds
-up to ten robots or planners. A delay is from the call that publishes to the grid in the planner's callback. Below each
-line of the table is the processor time: while nothing is published (idle), and the additional time of one pause. Then
-follow bursts in which 20 robots publish at the same instant, a restart of their router, and 20 robots over mutual TLS
-with the configuration that `guara security router` writes.
+up to ten robots or planners. A delay is from the call that publishes to the grid in the planner's callback. Processor
+time is that of a robot and second while nothing is published (idle), and the additional time of one pause. Then 20
+robots, over TCP and over mutual TLS with the configuration that `guara security router` writes, publish in turns, at
+the same instant, and after a restart of their router.
 """
 
 from __future__ import annotations
@@ -20,19 +20,16 @@ import tempfile
 import threading
 import time
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import transport
-from benchmarks.command import options
-from benchmarks.peers import PATIENCE, Pauses, Peer, free_endpoint, free_port, peers, say
+from benchmarks.command import Table, options
+from benchmarks.peers import PATIENCE, Pauses, Peer, free_endpoint, free_port, peers, percentiles, report
 from benchmarks.rounds import resident_mb
 from guara_perception.arrays import Float
-from transport.configuration import router_configuration
-from transport.links.session import listen_with
 from transport.security.folder import CONFIGURATION
 from transport.security.router_folder import make_router
 
@@ -43,23 +40,14 @@ HELD = 10
 MAP_SHAPE = (140, 320)
 # Time between two pauses of a robot, and duration of the measurement of the idle processor time [s].
 PERIOD, IDLE = 3.0, 6.0
-# Robots of the comparison with TLS and of the router's restart.
-COMPARED = 20
+# Robots of the comparison with TLS, of the router's restart, and of the bursts; number of these.
+COMPARED, BURSTS = 20, 5
 # Limits with the largest fleet, met at the limit itself: the longest delay, and the 99th percentile of delays [ms].
 WORST_MS, HIGH_MS = 100.0, 50.0
 EXTENTS = ("footprint", "map")
 COUNTS = ("missed", "fetched")
+PERCENTS = (50, 99, 100)
 TICKS = os.sysconf("SC_CLK_TCK")
-
-
-def run_router(at: str) -> None:
-    """A Zenoh router with the file that `guara security router` wrote, or at an endpoint with the same but TLS."""
-    import zenoh
-
-    is_file = at.endswith(CONFIGURATION)
-    with zenoh.open(zenoh.Config.from_file(at)) if is_file else listen_with(router_configuration([at]), (at,)):
-        say(ready=True)
-        sys.stdin.read()
 
 
 def run_robots(endpoint: str, security: str, *names: str) -> None:
@@ -69,7 +57,7 @@ def run_robots(endpoint: str, security: str, *names: str) -> None:
         folder = f"{security}/{name}" if security else None
         session = transport.open_node(connect=endpoint, security=folder, timeout=PATIENCE)
         servers.append(transport.PerceptionServer(session, robot=name, name_timeout=PATIENCE))
-    say(ready=True)
+    report(ready=True)
     for line in sys.stdin:
         seconds, count = json.loads(line)["seconds"], 0
         start = time.monotonic()
@@ -87,7 +75,7 @@ def run_robots(endpoint: str, security: str, *names: str) -> None:
         if seconds:
             for server in servers:
                 server.flush(PATIENCE)
-        say(published=count)
+        report(published=count)
 
 
 def run_planners(endpoint: str, security: str, *names: str) -> None:
@@ -109,11 +97,11 @@ def run_planners(endpoint: str, security: str, *names: str) -> None:
         for extent in EXTENTS:
             receivers.append(client.receiver(extent))
             receivers[-1].on_newest(lambda received: take(received.message))
-    say(ready=True)
+    report(ready=True)
     for _ in sys.stdin:
         with lock:
             taken, arrived[:] = list(arrived), []
-        say(
+        report(
             delays_ms={extent: [delay for each, _, delay, _ in taken if each == extent] for extent in EXTENTS},
             newest={robot: instant for _, robot, _, instant in taken},
             bytes=sum(sizes[extent] for extent, *_ in taken),
@@ -134,7 +122,7 @@ class Fleet:
             held: robots of one process.
         """
         self.names = [f"r{number}" for number in range(size)]
-        self._peer = partial(stack.enter_context(peers()), module="fleet")
+        self._peer = stack.enter_context(peers())
         endpoint, folder = free_endpoint(), ""
         self._router_at = endpoint
         if keys is not None:
@@ -144,8 +132,10 @@ class Fleet:
             self._router_at = str(made / CONFIGURATION)
         self.start_router()
         groups = [self.names[first : first + held] for first in range(0, size, held)]
-        self.robots = [self._peer("robots", endpoint, folder, *group) for group in groups]
-        self.planners = [self._peer("planners", endpoint, folder, *group) for group in groups]
+        self.robots, self.planners = (
+            [self._peer(role, endpoint, folder, *group, module="fleet") for group in groups]
+            for role in ("robots", "planners")
+        )
         self._counts = dict.fromkeys(COUNTS, 0)
 
     def start_router(self) -> None:
@@ -155,24 +145,23 @@ class Fleet:
     def publish(self, seconds: float = 0.0) -> int:
         """Let all robots publish for this long, at once and once if 0; return the number of pauses."""
         for peer in self.robots:
-            peer.tell(seconds=seconds)
-        return sum(int(peer.hear()["published"]) for peer in self.robots)
+            peer.send(seconds=seconds)
+        return sum(int(peer.receive()["published"]) for peer in self.robots)
 
     def arrived(self) -> dict[str, Any]:
         """Figures of the grids that arrived since the last call: delays by extent, newest instants, bytes, counts."""
         for peer in self.planners:
-            peer.tell()
-        reports = [peer.hear() for peer in self.planners]
-        found: dict[str, Any] = {"newest": {}, "bytes": sum(report["bytes"] for report in reports)}
+            peer.send()
+        reports = [peer.receive() for peer in self.planners]
+        found: dict[str, Any] = {"newest": {}, "bytes": sum(each["bytes"] for each in reports)}
         for extent in EXTENTS:
-            delays = [delay for report in reports for delay in report["delays_ms"][extent]]
+            delays = [delay for each in reports for delay in each["delays_ms"][extent]]
             found[f"{extent}_arrived"] = len(delays)
-            for name, percent in (("p50", 50), ("p99", 99), ("worst", 100)):
-                found[f"{extent}_{name}_ms"] = float(np.percentile(delays, percent)) if delays else np.inf
-        for report in reports:
-            found["newest"] |= report["newest"]
+            found[f"{extent}_ms"] = percentiles(delays, *PERCENTS)
+        for each in reports:
+            found["newest"] |= each["newest"]
         for name in COUNTS:
-            total = sum(report[name] for report in reports)
+            total = sum(each[name] for each in reports)
             found[name], self._counts[name] = total - self._counts[name], total
         return found
 
@@ -214,7 +203,7 @@ def measure(fleet: Fleet, seconds: float) -> dict[str, Any]:
         "ms_per_pause": 1e3 * (spent - idle * took) / max(pauses, 1),
     }
     figures = {"robots": size, "pauses": pauses, "mb_per_s": found["bytes"] / 1e6 / seconds}
-    return figures | found | by_role | {"machine_busy": 100 * spent.sum() / took / (os.cpu_count() or 1)}
+    return figures | found | by_role | {"machine_busy": spent.sum() / took / (os.cpu_count() or 1)}
 
 
 def bursts(fleet: Fleet, count: int) -> dict[str, Any]:
@@ -244,71 +233,50 @@ def storm(fleet: Fleet) -> dict[str, Any]:
     return {"robots": len(fleet.names), "came": len(came), **newest}
 
 
-def show(name: str, row: dict[str, Any]) -> None:
-    """Two lines of the table."""
-    delays = "  ".join(
-        f"{extent} " + " ".join(f"{row[f'{extent}_{statistic}_ms']:5.1f}" for statistic in ("p50", "p99", "worst"))
-        for extent in EXTENTS
+def table_row(figures: dict[str, Any]) -> tuple[Any, ...]:
+    """Pauses, delays, grids that did not arrive at first, and cost by router, robot and planner."""
+    delays = [delay for extent in EXTENTS for delay in figures[f"{extent}_ms"]]
+    costs = (
+        " / ".join(f"{each:.2f}" for each in figures[key]) for key in ("processor", "idle_ms_per_s", "ms_per_pause")
     )
-    by_role = {
-        figure: " / ".join(f"{value:.{digits}f}" for value in row[figure])
-        for figure, digits in (("processor", 3), ("mb", 1), ("idle_ms_per_s", 2), ("ms_per_pause", 2))
-    }
-    print(
-        f"{name:<8} {row['pauses']:>5} pauses  {delays}  missed {row['missed']} fetched {row['fetched']}  "
-        f"{row['mb_per_s']:.1f} MB/s\n"
-        f"  router / robot / planner: {by_role['processor']} % of a core, {by_role['mb']} MB a process, "
-        f"{by_role['idle_ms_per_s']} ms a second idle for each robot, {by_role['ms_per_pause']} ms for a pause; "
-        f"together {row['machine_busy']:.1f} % of the machine",
-        flush=True,
-    )
-
-
-def show_storm(name: str, row: dict[str, Any]) -> None:
-    """One line on a router's restart."""
-    print(
-        f"{name}: {row['came']} of {row['robots']} planners had the newest grid, half of them "
-        f"{row['newest_p50_s']:.2f} s and the last {row['newest_worst_s']:.2f} s after the router was back"
-    )
+    counts = figures["missed"], figures["fetched"], figures["mb_per_s"], figures["mb"][0]
+    return figures["pauses"], *delays, *counts, *costs, figures["machine_busy"]
 
 
 def main() -> None:
-    """Many robots and planners on one router [--sizes N,N, --seconds S, --held N, --bursts N]."""
+    """Many robots and planners on one router [--sizes N N, --seconds S, --held N]."""
     asked = options(
         __doc__,
-        sizes=(",".join(map(str, SIZES)), "numbers of robots"),
+        sizes=([*SIZES], "numbers of robots"),
         seconds=(15.0, "each fleet publishes for this long; at most 60"),
         held=(HELD, "robots, or planners, of one process; 1 takes 65 MB each"),
-        bursts=(5, "how often 20 robots publish at once; at most 50"),
     )
-    seconds = min(max(asked.seconds, 1.0), 60.0)
-    held = min(max(asked.held, 1), 100)
-    rows = []
-    print("delays p50, p99, worst [ms]")
-    for size in map(int, asked.sizes.split(",")):
+    seconds, held = min(max(asked.seconds, 1.0), 60.0), min(max(asked.held, 1), 100)
+    print("delays [ms] at the median, 99th percentile and worst; the rest by router / robot / planner")
+    table = Table(
+        "robots:<8 | pauses:d | footprint:9.1f | p99:5.1f | worst:5.1f | map:5.1f | p99:5.1f | worst:5.1f | missed:d | "
+        "fetched:d | MB/s:5.1f | router MB:.0f | % of a core:<20 | idle ms a second:<20 | ms a pause:<20 | machine:.0%"
+    )
+    for size in sorted(asked.sizes):
         with ExitStack() as stack:
-            rows.append(measure(Fleet(stack, size, held=held), seconds))
-        show(str(size), rows[-1])
-    with ExitStack() as stack:
-        plain = Fleet(stack, COMPARED, held=held)
-        count = min(max(asked.bursts, 1), 50)
-        row = bursts(plain, count)
-        print(
-            f"bursts: {row['map_arrived']} of {COMPARED * count} maps, 99th percentile {row['map_p99_ms']:.1f} ms, "
-            f"worst {row['map_worst_ms']:.1f} ms; {row['fetched']} grids did not arrive at first and were fetched"
-        )
-        show_storm("storm", storm(plain))
-    with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        secured = Fleet(stack, COMPARED, folder, held=held)
-        show(f"{COMPARED} tls", measure(secured, seconds))
-        show_storm("storm, tls", storm(secured))
-    largest = max(rows, key=lambda row: int(row["robots"]))
-    is_met = all(
-        largest[f"{extent}_p99_ms"] <= HIGH_MS and largest[f"{extent}_worst_ms"] <= WORST_MS for extent in EXTENTS
-    )
-    print(
-        f"{'ok  ' if is_met else 'FAIL'} with {largest['robots']} robots: the newest of each within {HIGH_MS:g} ms at "
-        f"the 99th percentile, {WORST_MS:g} ms at worst"
-    )
+            largest = measure(Fleet(stack, size, held=held), seconds)
+        table.row(str(size), *table_row(largest))
+    lines = []
+    for is_secured in (False, True):
+        with ExitStack() as stack:
+            keys = Path(stack.enter_context(tempfile.TemporaryDirectory())) if is_secured else None
+            fleet, name = Fleet(stack, COMPARED, keys, held=held), f"{COMPARED} {'TLS' if is_secured else 'TCP'}"
+            table.row(name, *table_row(measure(fleet, seconds)))
+            row = bursts(fleet, BURSTS)
+            lines.append(
+                f"{name}, all at once: {row['map_arrived']} of {COMPARED * BURSTS} maps, 99th percentile and worst "
+                f"{row['map_ms'][1]:.1f} and {row['map_ms'][2]:.1f} ms; {row['fetched']} grids were fetched"
+            )
+            row = storm(fleet)
+            lines.append(
+                f"{name}, router restarted: {row['came']} of {COMPARED} planners had the newest grid, half of them "
+                f"{row['newest_p50_s']:.2f} s and the last {row['newest_worst_s']:.2f} s after it was back"
+            )
+    print(*lines, sep="\n")
+    is_met = all(high <= HIGH_MS and worst <= WORST_MS for _, high, worst in (largest[f"{e}_ms"] for e in EXTENTS))
     sys.exit(not is_met)

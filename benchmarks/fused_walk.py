@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -19,14 +19,16 @@ from testbed.true_ground import TrueGround
 FIRST_JUDGED_STEP = 4
 # From the near edge of the scanned area to the hind feet, to the fore feet, and a place there on either side.
 PAUSES_BETWEEN, PAUSES_TO_FORE = 21, 6
+# Samples of the bootstrap over walks.
+SAMPLES = 300
 SEEN_AT = np.array([[0.5, -0.18, 0.0, 1.0], [0.5, 0.18, 0.0, 1.0]])
 
 
-Pause = TypeVar("Pause", bound=WalkedPause)
+Pause = TypeVar("Pause", bound=WalkedPause | ScannedPause)
 
 
 def fused_pauses(
-    terrain_map: gp.TerrainMap, robot: RobotModel, pauses: Sequence[Pause], *, registered: bool
+    terrain_map: gp.TerrainMap, robot: RobotModel, pauses: Iterable[Pause], *, registered: bool = True
 ) -> Iterator[tuple[Pause, gp.TerrainGrid]]:
     """Pauses with their maps; without registration of the scans the map follows odometry alone."""
     odometry = LegOdometry(robot)
@@ -49,6 +51,18 @@ def drift_aside(pauses: Sequence[WalkedPause], poses: Sequence[Float], between: 
     return 1e3 * np.array(aside)
 
 
+def rms(values: Iterable[float]) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square([*values]))))
+
+
+def bootstrap(walks: Float, statistic: Callable[[Float], Float | float]) -> tuple[Float, Float]:
+    """Interval of 95 % of a statistic of walks (n, ...), by bootstrap over the walks."""
+    drawn = np.random.default_rng(0).integers(len(walks), size=(SAMPLES, len(walks)))
+    low, high = np.quantile([statistic(walks[rows]) for rows in drawn], [0.025, 0.975], axis=0)
+    return low, high
+
+
 @dataclass(frozen=True)
 class JudgedPause:
     """One pause of a walk with its map and the truth.
@@ -68,18 +82,17 @@ class JudgedPause:
     from_world: Float
 
 
-def fused_scans(robot: RobotModel, pauses: Iterable[ScannedPause]) -> Iterator[tuple[ScannedPause, gp.TerrainGrid]]:
-    """Pauses of a walk with their maps, whose poses come from odometry, scans and pictures, as in the node."""
-    terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
-    for item in pauses:
-        pose, declared = odometry.update(item.pause.stance), item.pause.known_ground
-        yield item, terrain_map.update(item.scan, pose, known_ground=declared, picture=item.picture)
-
-
 def judged_walk(robot: RobotModel, truth: TrueGround, pauses: Iterable[ScannedPause]) -> Iterator[JudgedPause]:
     """Fuse the scans and pictures of a walk; yields pauses from FIRST_JUDGED_STEP on with map and truth."""
-    for item, fused in fused_scans(robot, pauses):
+    for item, fused in fused_pauses(gp.TerrainMap(robot), robot, pauses):
         if item.pause.step >= FIRST_JUDGED_STEP:
-            stance = {name: fused.metadata[name] for name in ("stance", "transform_base_to_footprint")}
-            oracle, dark = truth.grid(item.to_world, map_geometry(robot), robot, **stance)
+            oracle, dark = oracle_of(robot, truth, fused, item.to_world)
             yield JudgedPause(item, fused, oracle, dark, inverse(item.to_world))
+
+
+def oracle_of(
+    robot: RobotModel, truth: TrueGround, fused: gp.TerrainGrid, to_world: Float
+) -> tuple[gp.TerrainGrid, Mask]:
+    """A map as it would be if every cell were known exactly, and cells (ny, nx) that absorb the laser."""
+    stance = {name: fused.metadata[name] for name in ("stance", "transform_base_to_footprint")}
+    return truth.grid(to_world, map_geometry(robot), robot, **stance)

@@ -15,8 +15,8 @@ from __future__ import annotations
 import copy
 import math
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Callable, Sequence
 from statistics import NormalDist
 from unittest.mock import patch
 
@@ -33,25 +33,13 @@ CYCLES = (4, 8)
 WALKED_SLIP, WALKED_SINK = CREEP / math.sqrt(2.0), 1e-4
 
 
-@dataclass(slots=True)
-class Told:
-    """Detections of one joint, after each of `CYCLES` on each walk.
-
-    Attributes:
-        sigmas, walked: sigma of its zero by the stated noise, and by that of the walks [rad].
-        zeros: True for each wrong zero that was detected.
-        jumps: True for each jump that was detected.
-        named: number of joints named together with it.
-    """
-
-    sigmas: dict[int, list[float]] = field(default_factory=lambda: {cycle: [] for cycle in CYCLES})
-    walked: dict[int, list[float]] = field(default_factory=lambda: {cycle: [] for cycle in CYCLES})
-    zeros: dict[int, list[bool]] = field(default_factory=lambda: {cycle: [] for cycle in CYCLES})
-    jumps: list[bool] = field(default_factory=list)
-    named: list[int] = field(default_factory=list)
+# Values of a joint by kind and pause: True for each "zero" that was detected by then; "sigma" of its zero by the stated
+# noise, and as "walked" by that of the walks [rad]. Of all pauses: True for each "jump" that was detected; number of
+# joints "named" together with a zero.
+Told = dict[tuple[str, int], list[float]]
 
 
-def jumps_told(robot: RobotModel, pauses: Sequence[WalkPause], found: dict[str, Told]) -> None:
+def detect_jumps(robot: RobotModel, pauses: Sequence[WalkPause], found: dict[str, Told]) -> None:
     """Let each joint jump at each pause after the first cycle in which its foot stands."""
     check = JointCheck(robot)
     for before, pause in zip((None, *pauses), pauses, strict=False):
@@ -60,11 +48,11 @@ def jumps_told(robot: RobotModel, pauses: Sequence[WalkPause], found: dict[str, 
                 for joint in robot.tree.leg(leg).joints if leg != before.next_leg else ():
                     for error in (ERROR, -ERROR):
                         report = copy.copy(check).update(misread(pause.stance, joint, error))
-                        found[joint].jumps.append(is_named(report.faults, joint, "jump"))
+                        found[joint]["jump", 0].append(is_named(report.faults, joint, "jump"))
         check.update(pause.stance, ground_of(pause))
 
 
-def zeros_told(robot: RobotModel, pauses: Sequence[WalkPause], found: dict[str, Told]) -> None:
+def detect_zeros(robot: RobotModel, pauses: Sequence[WalkPause], found: dict[str, Told]) -> None:
     """Give each joint a wrong zero from the start of a walk."""
     for joint, of_joint in found.items():
         for error in (ERROR, -ERROR):
@@ -73,17 +61,17 @@ def zeros_told(robot: RobotModel, pauses: Sequence[WalkPause], found: dict[str, 
                 faults = check.update(misread(pause.stance, joint, error), ground_of(pause)).faults
                 if not told and is_named(faults, joint, "offset"):
                     told = True
-                    of_joint.named += [len(fault.joints) for fault in faults if joint in fault.joints]
+                    of_joint["named", 0] += [len(fault.joints) for fault in faults if joint in fault.joints]
                 if pause.step in CYCLES:
-                    of_joint.zeros[pause.step].append(told)
+                    of_joint["zero", pause.step].append(told)
 
 
 def measured(robot: RobotModel, walks: Sequence[list[WalkPause]]) -> dict[str, Told]:
     """Errors of every joint on some walks."""
-    found = {joint: Told() for joint in robot.joint_names}
+    found: dict[str, Told] = {joint: defaultdict(list) for joint in robot.joint_names}
     for pauses in walks:
-        jumps_told(robot, pauses[:9], found)
-        zeros_told(robot, pauses, found)
+        detect_jumps(robot, pauses[:9], found)
+        detect_zeros(robot, pauses, found)
         check = JointCheck(robot)
         for pause in pauses[: CYCLES[-1] + 1]:
             check.update(pause.stance, ground_of(pause))
@@ -92,8 +80,8 @@ def measured(robot: RobotModel, walks: Sequence[list[WalkPause]]) -> dict[str, T
                 with patch.multiple(joint_check, SLIP_SIGMA=WALKED_SLIP, SINK_SIGMA=WALKED_SINK):
                     walked = check.sigmas
                 for joint, told in found.items():
-                    told.sigmas[pause.step].append(sigmas[joint])
-                    told.walked[pause.step].append(walked[joint])
+                    told["sigma", pause.step].append(sigmas[joint])
+                    told["walked", pause.step].append(walked[joint])
     return found
 
 
@@ -102,9 +90,9 @@ def attainable(sigmas: Sequence[float]) -> float:
     return 100.0 * float(np.mean([NormalDist().cdf(ERROR / sigma - joint_check.STATED_SIGMAS) for sigma in sigmas]))
 
 
-def shown(values: Sequence[str]) -> str:
+def shown(told: Told, what: str, form: Callable[[list[float]], str]) -> str:
     """One word for each cycle."""
-    return " ".join(f"{value:>5}" for value in values)
+    return " ".join(f"{form(told[what, cycle]):>5}" for cycle in CYCLES)
 
 
 def main() -> None:
@@ -127,18 +115,18 @@ def main() -> None:
                 f"{sum(alarms(robot, pauses) for pauses in clean)} alarms in {sum(map(len, clean))} clean pauses"
             )
             table = Table(
-                "joint:<15 | sigma:<12 | attainable %:<12 | of these walks %:<16 | zeros told:<12 | named:.1f | jumps:8"
+                "joint:<15 | sigma:<12 | attainable %:<12 | of these walks %:<16 | zeros:<12 | named:.1f | jumps:8"
             )
             walks = [walk(robot, 13, 100 + seed, **walking) for seed in range(asked.walks)]
             for joint, told in measured(robot, walks).items():
-                sigma = np.median(list(told.sigmas.values()), axis=1).tolist()
+                jumps, named = told["jump", 0], told["named", 0]
                 table.row(
                     joint,
-                    shown([f"{each:.3f}" if each < 1 else "-" for each in sigma]),
-                    *(shown([f"{attainable(each):.0f}" for each in of.values()]) for of in (told.sigmas, told.walked)),
-                    shown([f"{sum(each)}/{len(each)}" for each in told.zeros.values()]),
-                    float(np.mean(told.named)) if told.named else 0.0,
-                    f"{sum(told.jumps)}/{len(told.jumps)}",
+                    shown(told, "sigma", lambda each: f"{np.median(each):.3f}" if np.median(each) < 1 else "-"),
+                    *(shown(told, what, lambda each: f"{attainable(each):.0f}") for what in ("sigma", "walked")),
+                    shown(told, "zero", lambda each: f"{sum(each)}/{len(each)}"),
+                    np.mean(named or [0]),
+                    f"{sum(jumps)}/{len(jumps)}",
                 )
 
 

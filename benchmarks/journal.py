@@ -18,22 +18,21 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Iterator
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import options, run_part
-from benchmarks.peers import free_endpoint
+from benchmarks.fused_walk import oracle_of
+from benchmarks.peers import free_endpoint, wait_for_map
 from benchmarks.usable_ground import UNSAFE, cells
 from guara_perception.app.node.claim import Seal
 from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.simulated import SimulatedGait
 from guara_perception.app.node.walk_map import WalkMap
 from guara_perception.arrays import Float
-from guara_perception.ground_picture import GroundPicture
 from guara_perception.settings import Settings
 from guara_perception.simulation import SimulatedRangefinder, specimen
 from guara_perception.simulation.gait import WaveGait
@@ -46,7 +45,7 @@ from kinematics.transforms import translation
 from testbed.journalled_node import Walk, start
 from testbed.moved_mount import moved_about
 from testbed.random_world import random_world
-from testbed.scanned_walk import map_geometry, scanned_walk
+from testbed.scanned_walk import ScannedPause, footprint_to_world, scanned_walk, swept
 from testbed.true_ground import TrueGround
 from transport import clock, open_node
 from transport.stance_link import StancePublisher
@@ -61,70 +60,41 @@ FIRST_KILL = 3
 CUT_EVERY = 4
 
 
-@dataclass(frozen=True)
-class Scanned:
-    """Scan of a pose.
+def scan(rangefinder: SimulatedRangefinder, pause: WalkPause, moved: Float | None = None) -> ScannedPause:
+    """Scan from a pause, or from its pose (4, 4) multiplied from the left by `moved`."""
+    pose = pause.transform_base_to_world if moved is None else moved @ pause.transform_base_to_world
+    rangefinder.set_pose(pose, pause.joint_positions)
+    robot = rangefinder.robot
+    processor = gp.ScanProcessor(rangefinder.calibration, robot, pause.stance, "coarse", step=pause.step)
+    processor, wide, _ = swept(processor, rangefinder, Settings.of(robot).pattern("coarse"), None)
+    return ScannedPause(pause, wide, processor.ground_picture, rangefinder.world, np.empty((0, 2), np.intp))
 
-    Attributes:
-        stance: stance as reported.
-        wide: grid that the map fuses.
-        picture: laser-off picture.
+
+def fuse(walk_map: WalkMap, item: ScannedPause, time: float | None = None) -> gp.TerrainGrid:
+    """Fuse a scan of the walk "w"; according to the gait, all feet stood since the previous pause.
+
+    The scan ended at `time` of `transport.clock` [s]; None = now.
     """
-
-    stance: Stance
-    wide: gp.TerrainGrid
-    picture: GroundPicture | str
-
-
-class Scanner:
-    """Rangefinder over a world."""
-
-    def __init__(self, robot: RobotModel, world: World, seed: int) -> None:
-        """Build it with the specimen of a seed."""
-        self.robot, self.calibration = robot, specimen(robot, (640, 512), seed)
-        self._rangefinder = SimulatedRangefinder(world, self.calibration, robot, seed)
-
-    def scan(self, pause: WalkPause, step: int, stance: Stance, moved: Float | None = None) -> Scanned:
-        """Scan from a pause, or from its pose (4, 4) multiplied from the left by `moved`."""
-        pose = pause.transform_base_to_world if moved is None else moved @ pause.transform_base_to_world
-        self._rangefinder.set_pose(pose, pause.joint_positions)
-        processor = gp.ScanProcessor(self.calibration, self.robot, stance, "coarse", step=step)
-        for index, on, off in self._rangefinder.frames(Settings.of(self.robot).pattern("coarse")):
-            processor.add(index, on, off)
-        picture = processor.ground_picture
-        return Scanned(stance, processor.finish("wide"), picture)
-
-    def fuse(
-        self, walk_map: WalkMap, pause: WalkPause, step: int, scanned: Scanned, time: float | None = None
-    ) -> gp.TerrainGrid:
-        """Fuse a scan of a pause of the walk "w"; according to the gait, all feet stood since the previous pause.
-
-        The scan ended at `time` of `transport.clock` [s]; None = now.
-        """
-        standing = dict.fromkeys(scanned.stance.support_feet, 1)
-        ground = pause.known_ground if step == pause.step else ()
-        fused = walk_map.update(
-            step,
-            scanned.stance,
-            scanned.wide,
-            ground,
-            epoch="w",
-            time=clock.now() if time is None else time,
-            picture=scanned.picture,
-            standing_pauses=standing,
-        )
-        walk_map.keep()
-        return fused
+    pause = item.pause
+    fused = walk_map.update(
+        pause.step,
+        pause.stance,
+        item.scan,
+        pause.known_ground,
+        epoch="w",
+        time=clock.now() if time is None else time,
+        picture=item.picture,
+        standing_pauses=dict.fromkeys(pause.stance.support_feet, 1),
+    )
+    walk_map.keep()
+    return fused
 
 
 def judged(robot: RobotModel, truth: TrueGround, pause: WalkPause, fused: gp.TerrainGrid) -> Counter[str]:
     """Counts of a map: cells against the oracle, and places for all feet."""
-    to_footprint = np.array(fused.metadata["transform_base_to_footprint"])
-    to_world = pause.transform_base_to_world @ np.linalg.inv(to_footprint)
-    stated = {name: fused.metadata[name] for name in ("stance", "transform_base_to_footprint")}
-    oracle, dark = truth.grid(to_world, map_geometry(robot), robot, **stated)
     counts: Counter[str] = Counter()
-    cells(counts, robot, fused, oracle, dark)
+    to_world = footprint_to_world(pause.transform_base_to_world, fused)
+    cells(counts, robot, fused, *oracle_of(robot, truth, fused, to_world))
     gait = WaveGait.of(robot)
     for leg in gait.lift_order:
         counts["footholds"] += plan_foothold(fused, leg, gait.landing(leg), robot=robot) is not None
@@ -198,15 +168,12 @@ class Gait:
 
     def map_of(self, pause: WalkPause, patience: float) -> gp.TerrainGrid | None:
         """Stand until the map of a pause is confirmed; None if none was in time [s]."""
-        until = time.monotonic() + patience
-        while (left := until - time.monotonic()) > 0.0:
-            with suppress(gp.StaleTerrain, gp.ScannerUnavailable, gp.ReceiveTimeout, gp.ScannerGone):
-                fused = self.client.wait_for_step(pause.step, min(left, HOLD_S), "map")
-                if not fused.is_provisional:
-                    return fused
+
+        def hold() -> None:
             self.gait.hold(pause)
-            time.sleep(min(left, HOLD_S))
-        return None
+            time.sleep(HOLD_S)
+
+        return wait_for_map(self.client, pause.step, patience, hold, confirmed_only=True)
 
 
 def killed() -> None:
@@ -217,15 +184,15 @@ def killed() -> None:
     seed = asked.first
     while kills < asked.kills:
         world, items = scanned_walk(robot, seed, cycles=asked.cycles)
-        pauses, truth, scanner = [item.pause for item in items], TrueGround.of(world), Scanner(robot, world, seed)
-        whole = WalkMap(robot, scanner.calibration)
-        scans = deque(scanner.scan(p, p.step, p.stance) for p in pauses)
+        truth, left = TrueGround.of(world), deque(items)
+        whole = WalkMap(robot, specimen(robot, (640, 512), seed))
         with tempfile.TemporaryDirectory() as place:
-            gait = Gait(Walk(world, seed, tuple(pauses)), Path(place), chance)
+            gait = Gait(Walk(world, seed, tuple(item.pause for item in items)), Path(place), chance)
             try:
                 for pause, fused in gait.maps_after_kills(asked.kills - kills):
-                    for step in range(len(pauses) - len(scans), pause.step + 1):
-                        one = scanner.fuse(whole, pauses[step], step, scans.popleft(), gait.begun[step])
+                    while left and left[0].pause.step <= pause.step:
+                        item = left.popleft()
+                        one = fuse(whole, item, gait.begun[item.pause.step])
                     now, then = (judged(robot, truth, pause, each) for each in (fused, one))
                     total, without, maps = total + now, without + then, maps + 1
                     unsafe = [now[name] - then[name] for name in UNSAFE]
@@ -275,13 +242,14 @@ def carried() -> None:
     for number in range(asked.cases):
         # Level ground with texture is the hardest: no height shows a motion.
         world = World(seed=number) if number % 2 else random_world(number)
-        scanner = Scanner(robot, world, number)
+        calibration = specimen(robot, (640, 512), number)
+        rangefinder = SimulatedRangefinder(world, calibration, robot, number)
         with tempfile.TemporaryDirectory() as place:
-            seal = Seal.of("guara", robot, scanner.calibration)
+            seal = Seal.of("guara", robot, calibration)
             with Journal(Path(place), robot, seal) as journal:
-                walk_map = WalkMap(robot, scanner.calibration, journal)
+                walk_map = WalkMap(robot, calibration, journal)
                 for pause in simulate_walk(world, robot, cycles=asked.before / 4, seed=number):
-                    scanner.fuse(walk_map, pause, pause.step, scanner.scan(pause, pause.step, pause.stance))
+                    fuse(walk_map, scan(rangefinder, pause))
                 journal.write(walk_map.claim(clock.now()))
                 journal.confirm()
             what, motion = carried_by(number, chance, pause)
@@ -292,12 +260,11 @@ def carried() -> None:
                     base = pause.transform_base_to_world[:3, :3]
                     gravity = (moved[:3, :3] @ base).T @ base @ gravity
                 stance = Stance(stance.joint_positions, stance.support_feet, tuple(gravity.tolist()))
-                step = pause.step + 1
-                scanned = scanner.scan(pause, step, stance, moved)
+                scanned = scan(rangefinder, replace(pause, step=pause.step + 1, stance=stance), moved)
                 with Journal(Path(place), robot, seal) as journal:
-                    fused = scanner.fuse(WalkMap(robot, scanner.calibration, journal), pause, step, scanned)
+                    fused = fuse(WalkMap(robot, calibration, journal), scanned)
                     item = journal.item()
-                fresh = scanner.fuse(WalkMap(robot, scanner.calibration), pause, step, scanned)
+                fresh = fuse(WalkMap(robot, calibration), scanned)
                 is_new = all(np.array_equal(fused.layer(n), fresh.layer(n), equal_nan=True) for n in fresh.layers)
                 if moved is None:
                     went_on += item.values["resumed"] == "1" and not is_new

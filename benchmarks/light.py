@@ -1,4 +1,4 @@
-"""Effects of real light on scans: stripes found, wrong and invented, and errors of the heights.
+"""Effects of real light on scans: stripes found, wrong and made up, and errors of the heights.
 
 `python -m benchmarks light effects [--strengths 0.5 1] [--effects NAME ...]`: a scene of boxes, a
 pit and a dark patch, rendered with each effect alone and with all together (at a third of each). A strength of 1 is
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache, partial, wraps
@@ -25,10 +25,9 @@ import guara_perception as gp
 from benchmarks import mosaics
 from benchmarks.command import Table, options, run_part
 from benchmarks.contenders import REFERENCE, over, reference
-from benchmarks.memory import memory
 from benchmarks.photographs import RIGHT_PX, Counts
-from benchmarks.rounds import Ratio, alternate
-from benchmarks.scans import LATENCY, one_scan, process
+from benchmarks.rounds import alternate
+from benchmarks.scans import delay, process
 from guara_perception.arrays import Float
 from guara_perception.ranging.scan_geometry import StripeRanger
 from guara_perception.scanning import scan_processor
@@ -106,36 +105,13 @@ def judge(scan: ScanInMemory, light: Light, *, with_off: bool) -> tuple[Counts, 
     return counts, processor.finish()
 
 
-def lights(strengths: Sequence[float], names: Sequence[str]) -> Iterator[tuple[str, float, Light]]:
-    """Name of the effect, strength and light of every case."""
-    yield "none", 0.0, Light()
-    for name, strength in itertools.product(names, strengths):
-        of_each = dict.fromkeys(EFFECTS, strength * ALL_STRENGTH) if name == ALL else {name: strength}
-        yield name, strength, real_light(of_each)
-
-
-def measure(strengths: Sequence[float], names: Sequence[str]) -> Iterator[tuple[Any, ...]]:
-    """Figures of every case, with and without laser-off pictures.
+def effects() -> None:
+    """Each effect of real light on a scan: stripes found, wrong and made up [--strengths, --effects].
 
     Found and gross are shares of the stripes' columns, filled of the columns without one, known of the interior cells.
     Unsafe cells are traversable although they are dark or out of view; made-up cells are traversable and more than 5 mm
     outside their true heights.
     """
-    for name, strength, light in lights(strengths, names):
-        scan = simulated(SIZE, STRIPES, light)
-        assert scan.truth is not None
-        for with_off in (True, False):
-            counts, terrain = judge(scan, light, with_off=with_off)
-            errors = figures(terrain, scan.truth)
-            reasons = terrain.metadata["health"]["reasons"]
-            shares = counts.coverage, counts.gross_share, counts.filled_share, errors.known / 100
-            wrong = errors.unsafe, made_up(terrain, scan.truth)
-            health = reasons[-1] if reasons else ""
-            yield name, strength, str(with_off), *shares, errors.mean, errors.p95, *wrong, health
-
-
-def effects() -> None:
-    """Each effect of real light on a scan: stripes found, wrong and made up [--strengths, --effects]."""
     names = [*EFFECTS, ALL]
     asked = options(
         __doc__, strengths=([0.5, 1.0], "strengths of each"), effects=(names, ", ".join(names), {"choices": names})
@@ -145,8 +121,16 @@ def effects() -> None:
         "effect:<12 | strength:.2f | off:<5 | found:6.3f | gross:6.3f | filled:6.3f | known:6.3f | mm:6.3f | "
         "p95:6.3f | unsafe:6d | made up:7d | health:<"
     )
-    for found in measure(asked.strengths, asked.effects):
-        table.row(*found)
+    for name, strength in [("none", 0.0), *itertools.product(asked.effects, asked.strengths)]:
+        of_each = dict.fromkeys(EFFECTS, strength * ALL_STRENGTH) if name == ALL else {name: strength}
+        light = Light() if name == "none" else real_light(of_each)
+        scan = simulated(SIZE, STRIPES, light)
+        assert scan.truth is not None
+        for with_off in (True, False):
+            counts, terrain = judge(scan, light, with_off=with_off)
+            errors, reasons = figures(terrain, scan.truth), terrain.metadata["health"]["reasons"]
+            numbers = *counts.shares, errors.known / 100, errors.mean, errors.p95, errors.unsafe
+            table.row(name, strength, str(with_off), *numbers, made_up(terrain, scan.truth), (["", *reasons])[-1])
 
 
 def cost() -> None:
@@ -159,7 +143,7 @@ def cost() -> None:
         pairs = scan.bands()[::2]
         ours, theirs = over(lambda on, off: extract_precise(Band(on, off)), pairs), over(reference, pairs)
         timings = alternate({"ours": ours, REFERENCE: theirs}, asked.rounds)
-        table.row(name, *size, str(timings.ratio("ours", REFERENCE)))
+        table.row(name, *size, timings.ratio("ours", REFERENCE))
 
 
 @contextmanager
@@ -195,7 +179,7 @@ def noting_parts() -> Iterator[dict[str, float]]:
 
 
 def scans() -> None:
-    """Processor time of whole scans beside the reference on their bands, where it goes, and memory [--rounds]."""
+    """Processor time of whole scans beside the reference on their bands, and where it goes [--rounds]."""
     asked = options(scans.__doc__, rounds=(5, "interleaved rounds; of their ratios: median, smallest and largest"))
     cv2.setNumThreads(1)
     table = Table(
@@ -209,10 +193,8 @@ def scans() -> None:
             REFERENCE: over(reference, scan.bands()),
         }
         timings = alternate(runs, asked.rounds)
-        frame_s = timings.milliseconds(REFERENCE, per=len(scan.frames)) / 1e3
-        last = [one_scan(scan, time.process_time)[LATENCY] / frame_s for _ in range(asked.rounds)]
-        told = str(timings.ratio("scan", REFERENCE)), str(Ratio(float(np.median(last)), min(last), max(last)))
-        table.row(name, *size, *told)
+        frame_ms = timings.milliseconds(REFERENCE, per=len(scan.frames))
+        table.row(name, *size, timings.ratio("scan", REFERENCE), delay(scan, frame_ms, asked.rounds))
         with noting_parts() as seconds:
             timings = alternate(runs, asked.rounds)
         reference_s = sum(timings.seconds[REFERENCE].values())
@@ -221,9 +203,6 @@ def scans() -> None:
         parts = {part: spent * per_scan for part, spent in seconds.items()}
         parts["the rest"] = timings.ratio("scan", REFERENCE).median - sum(parts.values())
         shares[f"{name} {size[0]}"] = parts
-        if (name, size) == ("clean", (1280, 1024)):
-            (_, first), (_, second), *_ = memory(scan).rows
-    print(f"memory of a clean scan of 1280 x 1024: {first:.1f} MB, the next {second:.1f}")
     print("parts of a scan / reference:", *(f"{case:>12s}" for case in shares))
     for part in (*PARTS, "the rest"):
         print(f"{part:28s}", *(f"{parts[part]:12.2f}" for parts in shares.values()))

@@ -7,28 +7,29 @@ machine drops out; R1 is the time of one of its stripes.
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import cv2
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.command import options
+from benchmarks.command import Table, options
+from benchmarks.contenders import over, reference
+from benchmarks.rounds import timed
 from benchmarks.usable_ground import CLEARANCE_M, up_over_down
-from benchmarks.yardstick import REFERENCE_STRIPE_S, Yardstick
 from guara_perception.ground_picture import GroundPicture
 from guara_perception.scanning.pictures import with_pictures
 from guara_perception.settings import Settings
 from guara_perception.terrain.map.seen_texture import GroundView, seen_after, view_of, visual_motion
 from kinematics import LegOdometry, PoseInOdom, RobotModel, load_robot
 from testbed.analytic_walk import Ground, scan, walk
+from testbed.scenes import recorded
 from testbed.truth import truth_calibration
 
-Result = TypeVar("Result")
+# Time of the reference for a stripe on the machine on which the limits were set. The product took 1.75 times as long.
+REFERENCE_STRIPE_S = 0.34e-3
 REGION_RADIUS_M = 0.15
 REGIONS_ASKED = 40
 # Ends of a swing of the left fore foot.
@@ -40,34 +41,32 @@ def main() -> None:
     asked = options(__doc__, DATA=(Path, "data folder with scans/paper"), rounds=(5, "rounds"))
     cv2.setNumThreads(1)
     robot = load_robot("guara")
-    yardstick = Yardstick(asked.data / "scans" / "paper")
+    bands = recorded(asked.data / "scans" / "paper").bands()
     taken: dict[str, list[float]] = {}
     terrain = walked_map(robot)
     for _ in range(asked.rounds):
         # Speed of the machine on which the limits were set, over the present speed of this one.
-        scale = REFERENCE_STRIPE_S * yardstick.stripes / yardstick.seconds()
+        scale = REFERENCE_STRIPE_S * len(bands) / timed(over(reference, bands))[1]
         for name, seconds in (ends_of_scans(asked.data, robot) | questions(terrain, robot)).items():
             taken.setdefault(name, []).append(scale * seconds)
     print(f"processor time at the speed at which the reference takes {1e3 * REFERENCE_STRIPE_S:.2f} ms a stripe")
+    table = Table("work:<46 | ms:7.2f | least:7.2f | most:7.2f | R1:7.1f")
     for name, each in taken.items():
-        print(
-            f"  {name:46} {1e3 * np.median(each):7.2f} ms  {1e3 * min(each):7.2f} ... {1e3 * max(each):.2f}"
-            f" {np.median(each) / REFERENCE_STRIPE_S:7.1f} R1"
-        )
+        table.row(name, 1e3 * np.median(each), 1e3 * min(each), 1e3 * max(each), np.median(each) / REFERENCE_STRIPE_S)
 
 
 def ends_of_scans(data: Path, robot: RobotModel) -> dict[str, float]:
     """Times of the work after the last frame [s]: footprint grid, wide grid, and update of a map by each."""
-    recorded, calibration = gp.open_scan(data / "scans" / "paper"), truth_calibration(data)
-    processor = gp.ScanProcessor(calibration, robot, recorded.stance, recorded.mode)
-    for stripe, on, off in recorded.frames():
+    paper, calibration = gp.open_scan(data / "scans" / "paper"), truth_calibration(data)
+    processor = gp.ScanProcessor(calibration, robot, paper.stance, paper.mode)
+    for stripe, on, off in paper.frames():
         processor.add(stripe.index, on, off)
     result = {}
     terrain, result["grid of the footprint"] = timed(processor.finish)
     wide, result["wide grid beside it"] = timed(lambda: processor.finish("wide", record=terrain.scan_record))
     result["range images, 512 x 640, both"] = timed(lambda: with_pictures(terrain, processor))[1]
     for name, grid in (("footprint", terrain), ("wide grid", wide)):
-        result[f"map from a {name}, laid onto it"] = update_again(robot, grid)
+        result[f"map from a {name}, registered"] = update_again(robot, grid)
     return result | texture_again(view_of(processor.ground_picture, wide), wide, processor.ground_picture)
 
 
@@ -108,7 +107,7 @@ def walked_map(robot: RobotModel) -> gp.TerrainGrid:
 
 
 def questions(terrain: gp.TerrainGrid, robot: RobotModel) -> dict[str, float]:
-    """Layers of two grids, footholds, one region about a wished position (the median of many), and all of a map."""
+    """Layers of two grids, footholds, one region about a desired position (the median of many), and all of a map."""
     free = np.argwhere(np.asarray(terrain.traversability) > 0)
     x, y = terrain.geometry.centres()
     each = [
@@ -141,10 +140,3 @@ def questions(terrain: gp.TerrainGrid, robot: RobotModel) -> dict[str, float]:
         "obstacles": terrain.obstacles,
     }
     return result | {name: timed(question)[1] for name, question in asked.items()}
-
-
-def timed(run: Callable[[], Result]) -> tuple[Result, float]:
-    """A result and the processor time that it took [s]."""
-    begun = time.process_time()
-    result = run()
-    return result, time.process_time() - begun

@@ -5,11 +5,10 @@ from __future__ import annotations
 import ctypes
 import gc
 import multiprocessing
-from pathlib import Path
 
 import numpy as np
 
-from benchmarks.rounds import resident_mb
+from benchmarks.rounds import peak_growth, resident_mb
 from benchmarks.section import Section
 from guara_perception import FramePair, ScanProcessor
 from guara_perception.app.node.rangefinder import STRIPES_TOGETHER
@@ -36,7 +35,7 @@ def memory(scan: ScanInMemory) -> Section:
         "Growth of the peak resident memory of a fresh process that has everything loaded and has scanned one stripe. "
         f"A node holds more than one frame: up to {STRIPES_TOGETHER} that it processes at once for a third less "
         "processor time, and one laser-off picture; the target is for what is scanned stripe by stripe.",
-        "what: | MB:.1f",
+        "what:<64 | MB:5.1f",
         [
             (BY_STRIPE, first),
             ("the next scan, above the peak of the first", second),
@@ -78,10 +77,7 @@ def growth(off: Image, bands: list[tuple[int, Image]], together: int) -> tuple[f
     release = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if release is not None:
         release(0)
-    # Reset Linux's record of the peak.
-    Path("/proc/self/clear_refs").write_text("5")
-    peaks = [resident_mb()]
-    for _ in range(2):
-        scan(len(bands))
-        peaks.append(resident_mb(field="VmHWM"))
-    return peaks[1] - peaks[0], peaks[2] - peaks[1]
+    _, first = peak_growth(lambda: scan(len(bands)))
+    before = resident_mb(field="VmHWM")
+    scan(len(bands))
+    return first, resident_mb(field="VmHWM") - before

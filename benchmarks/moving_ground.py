@@ -6,7 +6,7 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import Table, options
-from benchmarks.fused_walk import drift_aside, fused_pauses
+from benchmarks.fused_walk import drift_aside, fused_pauses, rms
 from guara_perception.arrays import Float, Float32
 from kinematics import RobotModel, load_robot
 from kinematics.transforms import transform_points
@@ -37,14 +37,13 @@ def figures(robot: RobotModel, pauses: list[MovingPause], *, registered: bool) -
         unsafe += wrongly_free(fused, pause)
         if pause.scan.step % BOUNDS_EVERY == 0:
             exceeded += broken_bounds(fused.ceiling, fused, pause)
-    x, y, _ = np.sqrt(np.mean(drift_aside(pauses, poses) ** 2, axis=0))
-    claimed = 1e3 * float(np.sqrt(np.mean(np.square(sigmas))))
+    x, y, _ = map(rms, drift_aside(pauses, poses).T)
     counts = {"unsafe": unsafe, "exceeded": exceeded, "refused": refused, "conflicts": conflicts}
-    return {"x": float(x), "y": float(y), "claimed": claimed, **counts}
+    return {"x": x, "y": y, "claimed": 1e3 * rms(sigmas), **counts}
 
 
 def wrongly_free(fused: gp.TerrainGrid, pause: MovingPause) -> int:
-    """Free cells whose ground was dark, higher or lower when they were last seen."""
+    """Number of free cells whose ground was dark, higher or lower when they were last seen."""
     iy, ix = np.nonzero(fused.hazard == 0)
     x, y = (axis[index] for axis, index in zip(fused.geometry.centres(), (ix, iy), strict=True))
     ages, count = fused.layers["age"][iy, ix], 0

@@ -1,6 +1,6 @@
 """Running node: duration of a scan, latency of its grid, processor time; rates at which it keeps up with a camera.
 
-`python -m benchmarks.node DATA [--scans N] [--rates FPS ...] [--lights NAME ...] [--size W H]`: scans of a recorded
+`python -m benchmarks.node DATA [--scans N] [--rates FPS ...] [--lights NAME ...]`: scans of a recorded
 scene at 30 frames per second; then for each rate and light two of the simulated scene, of which the second counts.
 """
 
@@ -10,7 +10,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -20,18 +20,18 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import Table, options
-from benchmarks.peers import free_endpoint, peers
-from benchmarks.yardstick import Yardstick, beside
+from benchmarks.peers import free_endpoint, peers, standing
 from drivers import CameraSettings, Image, LaserBoard, StripeCapture, timing
 from drivers.emulator import ExposureView
 from drivers.sweep.acquisition import StripeStream
-from guara_perception.app.messages import message_to_terrain, stance_to_message, terrain_to_message
+from guara_perception.app.messages import message_to_terrain, terrain_to_message
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause_scanner import PauseScanner
 from guara_perception.app.node.rangefinder import Rangefinder
+from guara_perception.app.node.simulated import SimulatedGait
 from guara_perception.simulation import real_light
-from guara_perception.simulation.walk import fresh_reading
+from guara_perception.simulation.walk import WalkPause
 from kinematics import RobotModel, Stance, load_robot
 from testbed import scenes
 from testbed.bench_board import BenchBoard, BenchCamera, bench_backend
@@ -39,8 +39,6 @@ from testbed.emulated_sweeps import view_of
 from testbed.recorded_view import RecordedView
 from testbed.truth import truth_calibration
 from transport import (
-    PausePhase,
-    StancePause,
     StancePublisher,
     StanceReceiver,
     decode_terrain,
@@ -52,34 +50,29 @@ from transport.server import PerceptionServer
 
 TIMEOUT_S = 120.0
 FPS = 30.0
-
-# Noise of the joints, fresh in every message.
-RNG = np.random.default_rng(0)
+SIZE = (640, 512)
 
 
 @dataclass
 class Bench:
     """A running node over a scan."""
 
-    stance: Stance
+    standing: WalkPause
+    gait: SimulatedGait
     node: PerceptionNode
     status: NodeStatus
     endpoint: str
 
     def pause(self, step: int) -> tuple[float, float, float]:
         """One pause: seconds of the sweep, milliseconds from last frame to published, processor seconds."""
-        before = time.process_time()
-        self._say(step, PausePhase.BEGIN)
+        before, pause = time.process_time(), replace(self.standing, step=step)
+        self.gait.begin(pause)
         if not self.node.wait_for_step(step, TIMEOUT_S):
             raise SystemExit(f"step {step} gave no grid within {TIMEOUT_S:.0f} s")
         spent = time.process_time() - before
         values = next(item for item in self.status.items() if item.name == "scanner").values
-        self._say(step, PausePhase.END)
+        self.gait.end(pause)
         return float(values["duration_s"]), float(values["latency_ms"]), spent
-
-    def _say(self, step: int, phase: PausePhase) -> None:
-        message = stance_to_message(fresh_reading(self.stance, RNG))
-        self.node.on_pause(StancePause(robot="guara", step=step, phase=phase, stamp=time.time_ns(), stance=message))
 
 
 def showing(
@@ -114,9 +107,7 @@ def running(
         listening(robot, calibration, rangefinder, mode, endpoint) as (node, status),
         open_client(endpoint, timeout=TIMEOUT_S) as session,
     ):
-        # It announces the clock of the stamps.
-        StancePublisher(session)
-        yield Bench(stance, node, status, endpoint)
+        yield Bench(standing(robot, stance), SimulatedGait(StancePublisher(session), "guara"), node, status, endpoint)
 
 
 def print_way_to_planner(bench: Bench, first: int, scans: int) -> None:
@@ -135,9 +126,9 @@ def print_way_to_planner(bench: Bench, first: int, scans: int) -> None:
         planner = start("waiter", bench.endpoint)
         for step in range(first, first + scans):
             made.clear()
-            planner.tell(step=step)
+            planner.send(step=step)
             bench.pause(step)
-            waits.append(planner.hear()["at"] - made[0][0])
+            waits.append(planner.receive()["at"] - made[0][0])
             before = time.thread_time()
             message = terrain_to_message(made[0][1], robot="guara", sequence=step)
             message_to_terrain(decode_terrain(encode_terrain(message)))
@@ -149,45 +140,37 @@ def print_way_to_planner(bench: Bench, first: int, scans: int) -> None:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Turn:
-    """Work on a group of stripes: when all frames of each had arrived, and when the work ended [s]."""
-
-    arrived: tuple[float, ...]
-    ended: float
-
-
 @contextmanager
-def noting_turns() -> Iterator[list[Turn]]:
-    """Turns of the work on stripes, while the block lasts."""
-    turns: list[Turn] = []
+def noting_turns() -> Iterator[list[tuple[list[float], float]]]:
+    """Work on groups of stripes while the block lasts: when all frames of each stripe had arrived, and its end [s]."""
+    turns: list[tuple[list[float], float]] = []
     groups = StripeStream.groups
 
     def noted(stream: StripeStream) -> Iterator[tuple[StripeCapture, ...]]:
         for group in groups(stream):
             yield group
             stamps = [(c.on_stamp, c.off_stamp, c.dark_stamp) for c in group]
-            turns.append(Turn(tuple(float(np.nanmax(each)) for each in stamps), timing.monotonic()))
+            turns.append((np.nanmax(stamps, axis=1).tolist(), timing.monotonic()))
 
     with patch.object(StripeStream, "groups", noted):
         yield turns
 
 
-def most_waiting(turns: list[Turn]) -> int:
-    """Largest number of stripes of which all frames had come while others were worked on."""
-    arrived = np.array([stamp for turn in turns for stamp in turn.arrived])
-    done = np.cumsum([len(turn.arrived) for turn in turns])
-    return max(int(np.count_nonzero(arrived[n:] <= turn.ended)) for n, turn in zip(done, turns, strict=True))
+def most_waiting(turns: list[tuple[list[float], float]]) -> int:
+    """Largest number of stripes of which all frames had arrived while others were worked on."""
+    arrived = np.concatenate([stamps for stamps, _ in turns])
+    done = np.cumsum([len(stamps) for stamps, _ in turns])
+    return max(int(np.count_nonzero(arrived[n:] <= end)) for n, (_, end) in zip(done, turns, strict=True))
 
 
-def print_rates(rates: list[float], lights: list[str], size: tuple[int, int]) -> None:
+def print_rates(rates: list[float], lights: list[str]) -> None:
     """Print how well the node keeps up with fast cameras, in clean and in hard light at strength 1."""
     table = Table(
         "light:<9 | frames/s:8.0f | stripes:7d | sweep s:7.3f | frame periods a stripe:22.2f | most waiting:12d | "
         "share of a core:15.2f | last frame to grid ms:21.1f"
     )
     for light, fps in itertools.product(lights, rates):
-        scan = scenes.simulated(size, 70, real_light({} if light == "clean" else {light: 1.0}))
+        scan = scenes.simulated(SIZE, 70, real_light({} if light == "clean" else {light: 1.0}))
         rangefinder = showing(view_of(scan), exposure=0.4 / fps, latency=0.4 / fps, fps=fps)
         node_over_it = running(scan.robot, scan.calibration, rangefinder, scan.mode, scan.stance)
         with noting_turns() as turns, node_over_it as bench:
@@ -206,12 +189,11 @@ def main() -> None:
         scans=(7, "timed scans at 30 frames per second; 0: none"),
         rates=([120.0], "frames per second of the cameras that the node has to keep up with"),
         lights=(["clean", "clipping", "ambient"], "clean, or effects of real light at strength 1"),
-        size=([640, 512], "width and height of the pictures of the simulated scene [px]"),
     )
     cv2.setNumThreads(1)
     if asked.scans:
         print_scans(asked.data, asked.scans)
-    print_rates(asked.rates, asked.lights, (asked.size[0], asked.size[1]))
+    print_rates(asked.rates, asked.lights)
 
 
 def print_scans(data: Path, scans: int) -> None:
@@ -221,32 +203,19 @@ def print_scans(data: Path, scans: int) -> None:
     rangefinder = showing(RecordedView(recorded).render, exposure=0.008, latency=0.008)
     robot, calibration = load_robot("guara"), truth_calibration(data)
     with running(robot, calibration, rangefinder, recorded.mode, recorded.stance) as bench:
-        yardstick = Yardstick(folder)
-        # Not timed: both make things at their first use.
-        bench.pause(0), yardstick.seconds()
-        pauses, references = [], [yardstick.seconds()]
-        for step in range(1, scans + 1):
-            pauses.append(bench.pause(step))
-            references.append(yardstick.seconds())
-        rows = np.array(pauses)
+        # The first one is not timed: it makes things at their first use.
+        rows = np.array([bench.pause(step) for step in range(scans + 1)])[1:]
         frames = len(recorded.stripes) + 1
         needed = frames / FPS
         print(f"{frames - 1} stripes and one off frame at {FPS:.0f} frames per second; {len(rows)} scans")
-        print(f"sweep        {np.median(rows[:, 0]):7.3f} s   frames need {needed:.3f} s: {_over(rows[:, 0], needed)}")
-        print(
-            f"last frame -> grid handed over   median {np.median(rows[:, 1]):5.1f} ms, worst {rows[:, 1].max():5.1f} ms"
-        )
-        print(
-            f"processor time per scan          median {1e3 * np.median(rows[:, 2]):5.0f} ms "
-            "(driver, emulated devices, grid, map, messages)"
-        )
-        print(*beside(rows[:, 2].tolist(), references, yardstick.stripes), sep="\n")
+        table = Table("of a scan:<60 | median:8.3f | worst:8.3f")
+        for name, values in (
+            (f"sweep over the {needed:.3f} s that its frames need", rows[:, 0] / needed),
+            ("last frame to the grid handed over [ms]", rows[:, 1]),
+            ("processor time [ms]: driver, devices, grid, map, messages", 1e3 * rows[:, 2]),
+        ):
+            table.row(name, np.median(values), values.max())
         print_way_to_planner(bench, scans + 1, scans)
-
-
-def _over(seconds: np.ndarray, needed: float) -> str:
-    share = 100 * (seconds / needed - 1)
-    return f"median {np.median(share):+.1f} %, worst {share.max():+.1f} %"
 
 
 if __name__ == "__main__":

@@ -105,11 +105,11 @@ def with_regions(terrain: gp.TerrainGrid, flight: gp.Stairs) -> int:
     """Number of the treads on which a steppable region lies."""
     places = [(*region.centre, region.vertices[:, 2].mean()) for region in terrain.steppable_regions()]
     return sum(
-        any(abs(tread.plane @ (x, y, 1.0) - z) < ON_TREAD_M and _is_near(tread, x, y) for x, y, z in places)
+        any(
+            # No farther from the tread's middle than its cells may be.
+            abs(tread.plane @ (x, y, 1.0) - z) < ON_TREAD_M
+            and np.hypot(*(tread.centre[:2] - (x, y))) < np.sqrt(tread.area)
+            for x, y, z in places
+        )
         for tread in flight.treads
     )
-
-
-def _is_near(tread: gp.Tread, x: float, y: float) -> bool:
-    """Test if a place is no farther from a tread's middle than its cells may be."""
-    return bool(np.hypot(*(tread.centre[:2] - (x, y))) < np.sqrt(tread.area))

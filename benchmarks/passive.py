@@ -8,17 +8,15 @@ cells away from edges; known counts these cells. Memory is what the process grew
 from __future__ import annotations
 
 import multiprocessing
-import time
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import cv2
 import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import Table, options
-from benchmarks.rounds import resident_mb
+from benchmarks.rounds import peak_growth, timed
 from guara_perception.arrays import Float
 from guara_perception.settings import Settings
 from testbed.gravel_scene import SIZES, Scene, rays, truth
@@ -107,11 +105,8 @@ def measured(way: str, size: tuple[int, int]) -> tuple[Float, float, float]:
     """Heights, processor time [ms] and memory [MB] of one way."""
     cv2.setNumThreads(1)
     compute = WAYS[way](Scene(size))
-    # Reset Linux's record of the peak.
-    Path("/proc/self/clear_refs").write_text("5")
-    before, start = resident_mb(field="VmHWM"), time.process_time()
-    heights = compute()
-    return heights, 1e3 * (time.process_time() - start), resident_mb(field="VmHWM") - before
+    (heights, seconds), megabytes = peak_growth(partial(timed, compute))
+    return heights, 1e3 * seconds, megabytes
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Scans confirmed within the time that a gait announces, on a loaded machine, and scans that must not be.
+"""Scans confirmed within the time that a gait announces, on a loaded machine.
 
 Usage: python -m benchmarks pauses [--pauses 20] [--quick]
 
@@ -9,29 +9,25 @@ send HOLD at 50 Hz or never, and END later than announced by the time in the tab
 
 from __future__ import annotations
 
+import os
 import statistics
 import subprocess
 import sys
-import threading
 import time
-import uuid
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import Table, options
 from benchmarks.node import listening, showing
-from benchmarks.peers import Peer, free_endpoint, peers, say
-from guara_perception.app.messages import stance_to_message
-from guara_perception.simulation.walk import fresh_reading
-from kinematics import Stance, load_robot
+from benchmarks.peers import free_endpoint, peers, report, standing
+from guara_perception.app.node.simulated import SimulatedGait
+from kinematics import load_robot
 from testbed.emulated_sweeps import view_of
-from testbed.moved_robot import WRONG_M, scan_of_a_moved_robot
-from testbed.scenes import simulated
-from transport import PausePhase, StancePause, StancePublisher, open_client
+from testbed.scenes import scan_stance, simulated
+from transport import StancePublisher, open_client
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "gait_side.py"
 TIMEOUT = 60.0
@@ -55,7 +51,7 @@ def run_node(endpoint: str) -> None:
     scan = simulated((640, 512), 70, is_uncertain=False)
     rangefinder = showing(view_of(scan), exposure=0.004, latency=0.002)
     with listening(scan.robot, scan.calibration, rangefinder, "adaptive", endpoint):
-        say(ready=True)
+        report(ready=True)
         sys.stdin.read()
 
 
@@ -64,7 +60,7 @@ def run_planner(endpoint: str) -> None:
     with gp.TerrainClient(endpoint, timeout=TIMEOUT) as client:
 
         def take(grid: gp.TerrainGrid) -> None:
-            say(
+            report(
                 step=grid.step,
                 epoch=grid.metadata["epoch"],
                 stripes=grid.metadata["stripes_used"],
@@ -73,52 +69,31 @@ def run_planner(endpoint: str) -> None:
                 follows=bool(grid.metadata.get("refinement_follows")),
             )
 
-        say(ready=True)
+        report(ready=True)
         client.on_terrain(take)
         sys.stdin.read()
 
 
-def run_gait(endpoint: str, pauses: str, announced: str, late: str, *, holds: bool = False) -> None:
-    """Gait that sends END `late` [s] after the time that it announced."""
-    seconds = float(announced)
-    robot = load_robot("guara")
-    stance, rng = Stance(robot.posture(robot.config.scan_posture), robot.legs, None), np.random.default_rng()
-    epoch = uuid.uuid4().hex
+def run_gait(endpoint: str, pauses: str, announced: str, late: str, kind: str) -> None:
+    """Gait that sends END `late` [s] after the time that it announced, and HOLD if that is its kind."""
+    robot, seconds = load_robot("guara"), float(announced)
+    stood = standing(robot, scan_stance(robot))
     with open_client(endpoint, timeout=TIMEOUT) as session:
         publisher = StancePublisher(session)
-        say(ready=True)
-
-        def announce(step: int, phase: PausePhase, time_available: float = 0.0) -> None:
-            message = stance_to_message(fresh_reading(stance, rng, robot.noise.encoder_noise))
-            publisher.publish(
-                StancePause(
-                    robot="guara",
-                    step=step,
-                    phase=phase,
-                    stamp=time.time_ns(),
-                    stance=message,
-                    time_available=time_available,
-                    epoch=epoch,
-                )
-            )
-
+        gait = SimulatedGait(publisher, "guara", seconds, seed=os.getpid())
+        report(ready=True)
         for step in range(int(pauses)):
-            end = time.monotonic() + seconds + float(late)
-            announce(step, PausePhase.BEGIN, seconds)
+            pause, end = replace(stood, step=step), time.monotonic() + seconds + float(late)
+            gait.begin(pause)
             while (left := end - time.monotonic()) > 0:
-                time.sleep(min(HOLD_PERIOD, left) if holds else left)
-                if holds:
-                    announce(step, PausePhase.HOLD)
-            announce(step, PausePhase.END)
+                time.sleep(min(HOLD_PERIOD, left) if kind == "HOLD" else left)
+                if kind == "HOLD":
+                    gait.hold(pause)
+            gait.end(pause)
             time.sleep(SWING)
         publisher.flush(TIMEOUT)
         # The process must outlast the confirmation of its last END.
         time.sleep(1.0)
-
-
-def run_holding_gait(*arguments: str) -> None:
-    """The same, with HOLD at 50 Hz."""
-    run_gait(*arguments, holds=True)
 
 
 def measure(pauses: int, cases: tuple[tuple[float, str, float], ...]) -> None:
@@ -135,8 +110,7 @@ def measure(pauses: int, cases: tuple[tuple[float, str, float], ...]) -> None:
         start = stack.enter_context(peers())
         start("node", endpoint, module="pauses")
         planner = start("planner", endpoint, module="pauses")
-        reader = threading.Thread(target=lambda: _listen(planner, heard), daemon=True)
-        reader.start()
+        planner.follow(heard.append)
         for announced, gait, late in cases:
             known = {grid["epoch"] for grid in heard}
             limit = pauses * (announced + late + SWING) + TIMEOUT
@@ -145,15 +119,9 @@ def measure(pauses: int, cases: tuple[tuple[float, str, float], ...]) -> None:
                 subprocess.run([sys.executable, *command], timeout=limit, check=True, stdout=subprocess.DEVNULL)
                 time.sleep(1.0)
             else:
-                role = "holding_gait" if gait == "HOLD" else "gait"
-                start(role, endpoint, str(pauses), str(announced), str(late), module="pauses").popen.wait(limit)
+                start("gait", endpoint, str(pauses), str(announced), str(late), gait, module="pauses").popen.wait(limit)
             found = _figures([grid for grid in heard if grid["epoch"] not in known])
             table.row(announced, gait, 1e3 * late, pauses, *found)
-
-
-def _listen(planner: Peer, heard: list[dict[str, Any]]) -> None:
-    while grid := planner.hear():
-        heard.append(grid)
 
 
 def _figures(grids: list[dict[str, Any]]) -> tuple[float, ...]:
@@ -176,13 +144,6 @@ def main() -> None:
         __doc__,
         pauses=(20, "pauses of each case; at most 100"),
         quick=(False, "three of the cases"),
-    )
-    moved = scan_of_a_moved_robot(free_endpoint())
-    print(
-        f"body moved by 6 mm at stripe 20 of 70, joints read before, END at stripe 58: free cells wrong by more than "
-        f"{1e3 * WRONG_M:g} mm: {moved.wrong_in_all_frames} with all frames, {moved.confirmed_wrong} in the confirmed "
-        f"grid ({moved.confirmed} known cells), {moved.map_wrong} in the map",
-        flush=True,
     )
     measure(min(asked.pauses, 100), QUICK if asked.quick else CASES)
 

@@ -15,19 +15,28 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import guara_perception as gp
 import transport
+from guara_perception.simulation.walk import WalkPause, simulate_walk
+from guara_perception.simulation.world import World
+from kinematics import RobotModel, Stance
 from testbed.terrain_message import make_terrain
+from transport.configuration import router_configuration
+from transport.links.session import listen_with
+from transport.security.folder import CONFIGURATION
 
 ROOT = Path(__file__).resolve().parents[1]
 SHAPE = (108, 90)
-PATIENCE = 60.0
+# Longest wait for a process, and of one attempt to get a grid [s].
+PATIENCE, ATTEMPT = 60.0, 0.2
 
 
 class Peer:
@@ -49,18 +58,27 @@ class Peer:
             cwd=cwd,
             env={**os.environ, **environment},
         )
-        self.hear()
+        self.receive()
 
-    def tell(self, **command: Any) -> None:
+    def send(self, **command: Any) -> None:
         """Send a command."""
         assert self.popen.stdin is not None
         self.popen.stdin.write(json.dumps(command) + "\n")
         self.popen.stdin.flush()
 
-    def hear(self) -> dict[str, Any]:
+    def receive(self) -> dict[str, Any]:
         """Read the next line; empty after the end of the process."""
         assert self.popen.stdout is not None
         return dict(json.loads(self.popen.stdout.readline() or "{}"))
+
+    def follow(self, take: Callable[[dict[str, Any]], object]) -> None:
+        """Pass each further line to a function, in a thread."""
+
+        def read() -> None:
+            while line := self.receive():
+                take(line)
+
+        threading.Thread(target=read, daemon=True).start()
 
     def end(self) -> None:
         """Kill it."""
@@ -68,9 +86,27 @@ class Peer:
         self.popen.wait()
 
 
-def peer_command(module: str, *arguments: str) -> list[str]:
-    """Command line of a peer: the function `run_ROLE` of a module of `benchmarks`; its role is the first argument."""
-    return [sys.executable, "-m", "benchmarks.peers", module, *arguments]
+class Role(Peer):
+    """A process that runs the function `run_ROLE` of a module of `benchmarks`."""
+
+    def __init__(self, *arguments: str, module: str = "peers") -> None:
+        """Start it; the role is the first argument."""
+        super().__init__([sys.executable, "-m", "benchmarks.peers", module, *arguments])
+
+
+class Child(Role):
+    """A process with its last report."""
+
+    def __init__(self, *arguments: str, module: str = "peers") -> None:
+        """Start it and wait until it is ready."""
+        super().__init__(*arguments, module=module)
+        self._last: dict[str, Any] = {}
+        self.follow(self._last.update)
+
+    @property
+    def counts(self) -> Counter[str]:
+        """Counts of its last report."""
+        return Counter(self._last.get("counts", {}))
 
 
 @contextmanager
@@ -79,7 +115,7 @@ def peers() -> Iterator[Callable[..., Peer]]:
     started: list[Peer] = []
 
     def start(*arguments: str, module: str = "peers") -> Peer:
-        started.append(Peer(peer_command(module, *arguments)))
+        started.append(Role(*arguments, module=module))
         return started[-1]
 
     try:
@@ -99,11 +135,6 @@ def free_port() -> int:
 def free_endpoint() -> str:
     """Free Zenoh endpoint of this machine."""
     return f"tcp/127.0.0.1:{free_port()}"
-
-
-def is_whole(terrain: transport.TerrainMessage, value: int) -> bool:
-    """True if every cell of `variance` has this value."""
-    return bool(np.all(terrain.layers["variance"] == value))
 
 
 class Pauses:
@@ -127,9 +158,40 @@ class Pauses:
         return made[0]
 
 
-def say(**reply: Any) -> None:
+def wait_for_map(
+    client: gp.TerrainClient, step: int, patience: float, give_up: Callable[[], object], **accepted: Any
+) -> gp.TerrainGrid | None:
+    """Map of a pause from a node that may restart meanwhile; None after `patience` [s].
+
+    Args:
+        client: connected client.
+        step: number of the pause.
+        patience: longest wait [s].
+        give_up: called between attempts; ends the wait if its result is true.
+        accepted: keywords of `TerrainClient.wait_for_step`.
+    """
+    until = time.monotonic() + patience
+    while (left := until - time.monotonic()) > 0.0:
+        with suppress(gp.StaleTerrain, gp.ScannerUnavailable, gp.ReceiveTimeout, gp.ScannerGone):
+            return client.wait_for_step(step, min(left, ATTEMPT), "map", **accepted)
+        if give_up():
+            break
+    return None
+
+
+def percentiles(values: Sequence[float], *percent: float) -> list[float]:
+    """Percentiles of some values; infinite without values."""
+    return np.percentile(values, percent).tolist() if values else [np.inf] * len(percent)
+
+
+def standing(robot: RobotModel, stance: Stance) -> WalkPause:
+    """Pause of a robot that stands and has not walked yet, as `SimulatedGait` announces it."""
+    return dataclasses.replace(next(simulate_walk(World(), robot, cycles=0)), stance=stance, known_ground=())
+
+
+def report(**values: Any) -> None:
     """Send a line of JSON to the benchmark."""
-    print(json.dumps(reply), flush=True)
+    print(json.dumps(values), flush=True)
 
 
 def ended() -> threading.Event:
@@ -144,10 +206,13 @@ def ended() -> threading.Event:
     return event
 
 
-def run_router(endpoint: str) -> None:
-    """A Zenoh router and nothing else."""
-    with transport.open_node(listen=endpoint):
-        say(ready=True)
+def run_router(at: str) -> None:
+    """A Zenoh router with the file that `guara security router` wrote, or at an endpoint with the same but TLS."""
+    import zenoh
+
+    is_file = at.endswith(CONFIGURATION)
+    with zenoh.open(zenoh.Config.from_file(at)) if is_file else listen_with(router_configuration([at]), (at,)):
+        report(ready=True)
         sys.stdin.read()
 
 
@@ -158,19 +223,17 @@ def run_scanner(endpoint: str, mode: str, rows: str, columns: str, security: str
     with transport.open_node(**options) as session:
         server = transport.PerceptionServer(session)
         server.serve_scans(lambda _: pauses.publish(server))
-        say(ready=True)
+        report(ready=True)
         sys.stdin.read()
 
 
 def run_waiter(endpoint: str) -> None:
     """A planner that waits for the pause of each {"step": n} by `gp.TerrainClient`; reports when it had its grid."""
-    import guara_perception as gp
-
     with gp.TerrainClient(endpoint, timeout=2 * PATIENCE) as client:
-        say(ready=True)
+        report(ready=True)
         for line in sys.stdin:
             client.wait_for_step(json.loads(line)["step"], timeout=2 * PATIENCE)
-            say(at=time.monotonic())
+            report(at=time.monotonic())
 
 
 if __name__ == "__main__":

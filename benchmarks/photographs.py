@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-from benchmarks.command import options
+from benchmarks.command import Table, options
 from benchmarks.photograph_peers import PEERS, read
 from guara_perception.arrays import Float, Image
 from testbed.run_ends import run_ends
@@ -64,6 +64,11 @@ class Counts:
     def filled_share(self) -> float:
         """Share of the gaps in which a position was returned; NaN without gaps."""
         return self.filled / self.gaps if self.gaps else float("nan")
+
+    @property
+    def shares(self) -> tuple[float, float, float]:
+        """Shares found, gross and filled."""
+        return self.coverage, self.gross_share, self.filled_share
 
     @property
     def rms_px(self) -> float:
@@ -121,8 +126,7 @@ def judge(folder: Path, method: Method, *, with_off: bool) -> dict[str, Counts]:
 
 def means(families: dict[str, Counts]) -> tuple[float, float, float]:
     """Mean coverage, gross share and filled share of the families."""
-    shares = [(counts.coverage, counts.gross_share, counts.filled_share) for counts in families.values()]
-    coverage, gross, filled = np.nanmean(shares, axis=0).tolist()
+    coverage, gross, filled = np.nanmean([counts.shares for counts in families.values()], axis=0).tolist()
     return coverage, gross, filled
 
 
@@ -132,15 +136,12 @@ def report(folder: Path) -> None:
     for with_off in (False, True):
         print(f"\n{'with' if with_off else 'without'} laser-off pictures: coverage / gross / gaps filled")
         judged = {name: judge(folder, method, with_off=with_off) for name, method in methods.items()}
-        print(f"{'family':8s} {'rms px':>6s} {'ms':>6s} " + " ".join(f"{name:>20s}" for name in judged))
+        table = Table(" | ".join(["family:<8", "rms px:.2f", "ms:6.1f", *(f"{name}:>20" for name in judged)]))
+        shares = "{:.3f} / {:.3f} / {:.2f}".format
         for family, own in judged["product"].items():
-            cells = (
-                f"{c.coverage:.3f} / {c.gross_share:.3f} / {c.filled_share:.2f}"
-                for c in (counts[family] for counts in judged.values())
-            )
-            print(f"{family:8s} {own.rms_px:6.2f} {own.band_ms:6.1f} " + " ".join(f"{cell:>20s}" for cell in cells))
-        cells = ("{:.3f} / {:.3f} / {:.2f}".format(*means(families)) for families in judged.values())
-        print(f"{'mean':22s} " + " ".join(f"{cell:>20s}" for cell in cells))
+            cells = (shares(*counts[family].shares) for counts in judged.values())
+            table.row(family, own.rms_px, own.band_ms, *cells)
+        table.row("mean", None, None, *(shares(*means(families)) for families in judged.values()))
 
 
 def fitted_plane(points: Float) -> tuple[Float, float]:

@@ -8,18 +8,19 @@ those of Go2 `robots-test`. With --floors the same walks in MuJoCo see floors of
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.command import options
-from benchmarks.fused_walk import PAUSES_BETWEEN, PAUSES_TO_FORE, SEEN_AT, drift_aside
-from benchmarks.sigmas import SAMPLES
+from benchmarks.command import Table, options
+from benchmarks.fused_walk import PAUSES_BETWEEN, PAUSES_TO_FORE, SEEN_AT, bootstrap, drift_aside
 from guara_perception.arrays import Float
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
 from kinematics import LegOdometry, RobotModel, load_robot
@@ -27,9 +28,12 @@ from testbed.erring_walk import CRAWLS, pictured
 from testbed.physics.robot import go2
 from testbed.scanned_walk import WalkedPause
 
-# Pauses until feet come to ground seen at the near edge, axes of the drift, and textures of floors.
+# Pauses until feet come to ground seen at the near edge; textures and slides of walks; textures of floors.
 FEET = {"fore": PAUSES_TO_FORE, "hind": PAUSES_BETWEEN}
-AXES = ("x", "y", "yaw")
+KINDS = (
+    *((1.0, slide) for slide in (0.0, 0.04, 0.08, -0.04)),
+    *((texture, 0.04) for texture in (3.0, 0.5, 0.2, 0.0)),
+)
 FLOORS = (3.0, 1.0, 0.5, 0.2, 0.0)
 
 
@@ -38,6 +42,7 @@ class Held:
     """Figures of a walk.
 
     Attributes:
+        pauses: number of them.
         drift: by `FEET`, (n, 3) drift while ground comes from the near edge to them: x, y [mm], yaw [mrad].
         sigmas: (n, 3) sigmas that the map claims for it.
         end: error of the pose at the end, x, y [mm] and yaw [mrad].
@@ -46,6 +51,7 @@ class Held:
         seconds: processor time of the map a pause, median [s].
     """
 
+    pauses: int
     drift: dict[str, Float]
     sigmas: dict[str, Float]
     end: Float
@@ -78,7 +84,7 @@ def held(robot: RobotModel, pauses: list[WalkedPause], *, with_pictures: bool) -
     end = 1e3 * np.array([*off[:2, 3], np.arctan2(off[1, 0], off[0, 0])])
     drift = {feet: drift_aside(pauses, poses, between) for feet, between in FEET.items()}
     claims = {feet: np.array(each) for feet, each in sigmas.items()}
-    return Held(drift, claims, end, refused, unsafe, float(np.median(seconds)))
+    return Held(len(pauses), drift, claims, end, refused, unsafe, float(np.median(seconds)))
 
 
 def claimed(drift: SidewaysDrift, pause: int, poses: list[Float], between: int) -> list[Float]:
@@ -90,66 +96,34 @@ def claimed(drift: SidewaysDrift, pause: int, poses: list[Float], between: int) 
     return list(1e3 * np.sqrt(np.vstack((sideways, np.full(len(SEEN_AT), yaw)))).T)
 
 
-def normalised(walks: list[Held], feet: str) -> str:
+def normalised(walks: Sequence[Held], feet: str) -> str:
     """Mean square error by sigma, its interval by bootstrap over walks, and the share within 2 sigma, by axis."""
     squares = [(each.drift[feet] / each.sigmas[feet]) ** 2 for each in walks]
     means = np.array([each.mean(axis=0) for each in squares])
-    rows = np.random.default_rng(0).integers(len(means), size=(SAMPLES, len(means)))
-    low, high = np.quantile(means[rows].mean(axis=1), [0.025, 0.975], axis=0)
+    low, high = bootstrap(means, lambda some: some.mean(axis=0))
     inside = (np.concatenate(squares) < 4).mean(axis=0)
-    axes = zip(AXES, means.mean(axis=0), low, high, 100 * inside, strict=True)
-    return ", ".join(f"{name} {mean:.2f} [{a:.2f} {b:.2f}], {share:.0f} %" for name, mean, a, b, share in axes)
+    axes = zip("x y yaw".split(), means.mean(axis=0), low, high, 100 * inside, strict=True)
+    return ", ".join(f"{name} {mean:.2f} [{a:.2f} {b:.2f}] {share:.0f} %" for name, mean, a, b, share in axes)
 
 
-def show(name: str, robot: RobotModel, walks: Iterator[list[WalkedPause]]) -> None:
-    """Print a kind of walk without and with pictures."""
-    both = [
-        (held(robot, each, with_pictures=False), held(robot, each, with_pictures=True), len(each)) for each in walks
-    ]
-    pauses = sum(count for _, _, count in both)
-    for label, found in (("without", [each[0] for each in both]), ("with", [each[1] for each in both])):
-        tell(f"{name}, {label:7} pictures", found, pauses)
-
-
-def show_floors(name: str, robot: RobotModel, walks: list[list[WalkedPause]]) -> None:
-    """Print walks without pictures, and with those of each of the `FLOORS`."""
-    pauses, slips = (
-        sum(map(len, walks)),
-        1e3 * np.array([slip for walk in walks for each in walk for slip in each.slips]),
-    )
-    print(
-        f"{name}: {len(walks)} walks of {pauses} pauses; a standing foot slid by {slips.mean():.2f} mm a pause, "
-        f"95 % by at most {np.quantile(slips, 0.95):.2f}, worst {slips.max():.2f}",
-        flush=True,
-    )
-    tell(f"{name}, no picture", [held(robot, walk, with_pictures=False) for walk in walks], pauses)
-    for number, texture in enumerate(FLOORS):
-        on_floor = [[replace(each, picture=each.floors[number]) for each in walk] for walk in walks]
-        tell(f"{name}, texture {texture:g}", [held(robot, walk, with_pictures=True) for walk in on_floor], pauses)
-
-
-def tell(name: str, found: list[Held], pauses: int) -> None:
-    """Print figures of walks."""
-    for feet in FEET:
-        drift, sigmas = (np.concatenate([each[feet] for each in part]) for part in _parts(found))
-        rms, worst, mean = np.sqrt((drift**2).mean(axis=0)), np.abs(drift).max(axis=0), sigmas.mean(axis=0)
-        print(
-            f"{name}, {feet} feet: x y {rms[0]:.2f} {rms[1]:.2f} mm, yaw {rms[2]:.2f} mrad rms, worst {worst[0]:.2f} "
-            f"{worst[1]:.2f} mm {worst[2]:.2f} mrad; claimed {mean[0]:.2f} {mean[1]:.2f} {mean[2]:.2f}; normalised, "
-            f"within 2 sigma: {normalised(found, feet)}"
-        )
+def print_rows(table: Table, name: str, found: Sequence[Held]) -> None:
+    """Print a row for fore and for hind feet."""
     end = np.abs([each.end for each in found]).max(axis=0)
     refused = sum((each.refused for each in found), Counter[str]())
     unsafe, milliseconds = sum(each.unsafe for each in found), 1e3 * np.median([each.seconds for each in found])
-    print(
-        f"    at the end at most x {end[0]:.1f} y {end[1]:.1f} mm yaw {end[2]:.1f} mrad; {unsafe} cells unsafe; "
-        f"{milliseconds:.0f} ms a pause; of {pauses} pauses not held: {dict(refused.most_common()) or 'none'}",
-        flush=True,
-    )
+    of_walk = triple(end), unsafe, milliseconds, ", ".join(f"{n} {why}" for why, n in refused.most_common()) or "none"
+    for feet in FEET:
+        drift = np.concatenate([each.drift[feet] for each in found])
+        sigmas = np.concatenate([each.sigmas[feet] for each in found])
+        errors = np.sqrt((drift**2).mean(axis=0)), np.abs(drift).max(axis=0), sigmas.mean(axis=0)
+        table.row(
+            name, feet, sum(each.pauses for each in found), *map(triple, errors), normalised(found, feet), *of_walk
+        )
 
 
-def _parts(found: list[Held]) -> tuple[list[dict[str, Float]], list[dict[str, Float]]]:
-    return [each.drift for each in found], [each.sigmas for each in found]
+def triple(values: Float) -> str:
+    """Values of x, y and yaw."""
+    return " ".join(f"{value:6.2f}" for value in values)
 
 
 def main() -> None:
@@ -166,32 +140,43 @@ def main() -> None:
     )
     guara, cycles = load_robot("guara"), asked.cycles
     cv2.setNumThreads(1)
+    print("x and y [mm], yaw [mrad]; normalised: mean square by sigma, its interval, share within 2 sigma")
+    table = Table(
+        "walks:<40 | feet:<4 | pauses:d | rms:<20 | worst:<20 | claimed:<20 | normalised:<70 | "
+        "at the end at most:<20 | unsafe:d | ms:.0f | pauses not held:<"
+    )
 
-    def seeds(count: int) -> range:
-        return range(asked.first, asked.first + count)
+    def walks(robot: RobotModel, count: int, *kind: float, **how: Any) -> Iterator[list[WalkedPause]]:
+        """Walks with a texture and a slide, or that draw them."""
+        for seed in range(asked.first, asked.first + count):
+            yield list(pictured(robot, seed, cycles, *(kind or (None, None)), **how))
 
-    def walks(
-        robot: RobotModel,
-        count: int,
-        texture: float | None = None,
-        slide: float | None = None,
-        *,
-        crawl: str | None = None,
-        floors: Sequence[float] = (),
-    ) -> Iterator[list[WalkedPause]]:
-        for seed in seeds(count):
-            yield list(pictured(robot, seed, cycles, texture, slide, crawl=crawl, floors=floors))
+    def show(name: str, robot: RobotModel, found: Iterator[list[WalkedPause]]) -> None:
+        """Print walks without and with their pictures."""
+        both = [[held(robot, each, with_pictures=used) for used in (False, True)] for each in found]
+        for label, of_label in zip(("without", "with"), zip(*both, strict=True), strict=False):
+            print_rows(table, f"{name}, {label} pictures", of_label)
 
-    kinds = [(1.0, slide) for slide in (0.0, 0.04, 0.08, -0.04)] + [(each, 0.04) for each in (3.0, 0.5, 0.2, 0.0)]
-    for texture, slide in kinds if asked.walks else []:
+    for texture, slide in KINDS:
         show(f"texture {texture:g}, slide {100 * slide:+.0f} %", guara, walks(guara, asked.walks, texture, slide))
-    if asked.drawn:
-        show("drawn", guara, walks(guara, asked.drawn))
+    show("drawn", guara, walks(guara, asked.drawn))
     if asked.go2:
         show("Go2, drawn", go2(), walks(go2(), asked.go2))
-    for crawl in CRAWLS:
-        for robot in (guara, go2()) if asked.physics else ():
-            show(f"{robot.name}, {crawl}", robot, walks(robot, asked.physics, crawl=crawl))
-        for robot in (guara, go2()) if asked.floors else ():
-            found = list(walks(robot, asked.floors, 1.0, 0.0, crawl=crawl, floors=FLOORS))
-            show_floors(f"{robot.name}, {crawl}", robot, found)
+    for robot, crawl in itertools.product((guara, go2()) if asked.physics or asked.floors else (), CRAWLS):
+        name = f"{robot.name}, {crawl}"
+        show(name, robot, walks(robot, asked.physics, crawl=crawl))
+        found = list(walks(robot, asked.floors, 1.0, 0.0, crawl=crawl, floors=FLOORS))
+        if found:
+            slips = 1e3 * np.array([slip for each in found for pause in each for slip in pause.slips])
+            print_rows(table, f"{name}, no picture", [held(robot, each, with_pictures=False) for each in found])
+        for number, texture in enumerate(FLOORS if found else ()):
+            on_floor = [[replace(pause, picture=pause.floors[number]) for pause in each] for each in found]
+            print_rows(
+                table, f"{name}, texture {texture:g}", [held(robot, each, with_pictures=True) for each in on_floor]
+            )
+        if found:
+            print(
+                f"  a standing foot slid by {slips.mean():.2f} mm a pause, 95 % by at most "
+                f"{np.quantile(slips, 0.95):.2f}, worst {slips.max():.2f}",
+                flush=True,
+            )

@@ -11,7 +11,7 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import Table
-from benchmarks.fused_walk import FIRST_JUDGED_STEP, fused_scans
+from benchmarks.fused_walk import FIRST_JUDGED_STEP, fused_pauses
 from guara_perception.arrays import Array, Codes, Float, Index, Mask
 from guara_perception.settings import Settings, TraversabilityLimits
 from guara_perception.simulation.world import World
@@ -96,7 +96,7 @@ def walk_counts(robot: RobotModel, kind: str, seed: int, mode: str, cycles: int)
     states = course(kind, seed)
     firsts, truths = [first for first, _ in states], [TrueGround.of(world) for _, world in states]
     seen, counts = Seen(states[0][1]), Counter[str]()
-    for item, fused in fused_scans(robot, scanned(robot, states, seed, mode, cycles)):
+    for item, fused in fused_pauses(gp.TerrainMap(robot), robot, scanned(robot, states, seed, mode, cycles)):
         pause, to_world = item.pause, item.to_world
         seen.add(item)
         if pause.step < FIRST_JUDGED_STEP:
@@ -122,10 +122,16 @@ def walk_counts(robot: RobotModel, kind: str, seed: int, mode: str, cycles: int)
         counts["since"] += int((free & (now.relief | now.dark) & ~then.relief & ~then.dark).sum())
         lost = lane & ~free
         for beside, window in (("", sole), ("beside ", np.pad(sole, BESIDE_CELLS, constant_values=1))):
-            for name, mask in causes(fused, window).items():
-                counts[f"lost: {beside}{name}"] += int((lost & mask).sum())
-                lost &= ~mask
+            lost = count_lost(counts, lost, fused, window, beside)
     return counts
+
+
+def count_lost(counts: Counter[str], lost: Mask, fused: gp.TerrainGrid, sole: Codes, prefix: str = "") -> Mask:
+    """Count lost cells by the first of the `causes` that fits; return those of other causes."""
+    for name, mask in causes(fused, sole).items():
+        counts[f"lost: {prefix}{name}"] += int((lost & mask).sum())
+        lost = lost & ~mask
+    return lost
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import Table
-from benchmarks.fused_walk import fused_scans
+from benchmarks.fused_walk import fused_pauses
 from guara_perception.arrays import Float
 from guara_perception.simulation import World
 from guara_perception.simulation.features import Pit
@@ -38,7 +38,7 @@ def trenches(seeds: int, mode: str, cycles: int) -> None:
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in PLACES}
     for seed in range(seeds):
         world, middles = trenched(seed)
-        for item, fused in fused_scans(go2(), scanned(go2(), ((0, world),), seed, mode, cycles)):
+        for item, fused in fused_pauses(gp.TerrainMap(go2()), go2(), scanned(go2(), ((0, world),), seed, mode, cycles)):
             for middle in middles - item.to_world[0, 3]:
                 for name, (low, high) in PLACES.items():
                     if low <= middle < high:

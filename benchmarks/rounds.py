@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 Clock = Callable[[], float]
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,9 +23,9 @@ class Ratio:
     low: float
     high: float
 
-    def __str__(self) -> str:
+    def __format__(self, form: str) -> str:
         """As in the tables: median [min max]."""
-        return f"{number(self.median)} [{number(self.low)} {number(self.high)}]"
+        return format(f"{number(self.median)} [{number(self.low)} {number(self.high)}]", form)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +51,15 @@ class Timings:
         return Ratio(float(np.median(ratios)), min(ratios), max(ratios))
 
 
+def in_turns(names: Iterable[str], rounds: int) -> Iterator[tuple[int, str]]:
+    """Number of the round and name of each run; who begins changes from round to round."""
+    order = list(names)
+    for number in range(rounds):
+        shift = number % len(order)
+        for name in order[shift:] + order[:shift]:
+            yield number, name
+
+
 def alternate(
     contenders: Mapping[str, Callable[[], object]],
     rounds: int,
@@ -59,7 +69,7 @@ def alternate(
     slow_rounds: int = 1,
     warm: bool = True,
 ) -> Timings:
-    """Run every contender once per round; who begins changes from round to round.
+    """Run every contender once per round, in turns.
 
     Args:
         contenders: by name.
@@ -69,18 +79,13 @@ def alternate(
         slow_rounds: number of rounds in which these take part.
         warm: whether each is run once before the first round.
     """
-    names = list(contenders)
-    seconds: dict[str, dict[int, float]] = {name: {} for name in names}
+    seconds: dict[str, dict[int, float]] = {name: {} for name in contenders}
     results: dict[str, Any] = {}
-    if warm:
-        for name in names:
-            if name not in slow:
-                contenders[name]()
-    for round_number in range(rounds):
-        shift = round_number % len(names)
-        for name in names[shift:] + names[:shift]:
-            if name in slow and round_number >= slow_rounds:
-                continue
+    for name in contenders if warm else ():
+        if name not in slow:
+            contenders[name]()
+    for round_number, name in in_turns(contenders, rounds):
+        if name not in slow or round_number < slow_rounds:
             gc.collect()
             start = clock()
             results[name] = contenders[name]()
@@ -102,3 +107,18 @@ def resident_mb(process: int | str = "self", field: str = "VmRSS") -> float:
     """Resident memory of a process, now ("VmRSS") or at its peak ("VmHWM") [MB of 2^20 bytes]."""
     lines = Path(f"/proc/{process}/status").read_text().splitlines()
     return next(float(line.split()[1]) for line in lines if line.startswith(field)) / 1024
+
+
+def peak_growth(run: Callable[[], Result]) -> tuple[Result, float]:
+    """A result, and growth of this process's peak memory while it was computed [MB of 2^20 bytes]."""
+    # Reset Linux's record of the peak.
+    Path("/proc/self/clear_refs").write_text("5")
+    before = resident_mb(field="VmHWM")
+    return run(), resident_mb(field="VmHWM") - before
+
+
+def timed(run: Callable[[], Result]) -> tuple[Result, float]:
+    """A result and the processor time that it took [s]."""
+    begun = time.process_time()
+    result = run()
+    return result, time.process_time() - begun

@@ -12,7 +12,7 @@ from collections import Counter
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.command import options
+from benchmarks.command import Table, options
 from benchmarks.usable_ground import UNSAFE, cells
 from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.app.node.sweep import Sweeper, SweepJob
@@ -28,7 +28,7 @@ def main() -> None:
     asked = options(
         __doc__, specimens=(10, "rangefinders"), pauses=(2, "pauses of each specimen, on other ground each")
     )
-    stood = {}
+    stood, table = {}, Table("ground:<22 | pauses:d | refined:d | unsafe cells:d | standing s a pause:.2f")
     for name, with_box in (("empty floor", False), ("a box in the corridor", True)):
         refined, unsafe, seconds = 0, 0, list[float]()
         for seed in range(asked.specimens):
@@ -38,11 +38,7 @@ def main() -> None:
                 unsafe += free
                 seconds.append(taken)
         stood[name] = float(np.mean(seconds))
-        print(
-            f"{name:22} {refined:3d} of {len(seconds)} pauses refined, unsafe cells {unsafe}, "
-            f"standing {stood[name]:.2f} s a pause",
-            flush=True,
-        )
+        table.row(name, len(seconds), refined, unsafe, stood[name])
     empty, box = stood.values()
     print(f"an empty floor saves {box - empty:.2f} s of {box:.2f} s, {100 * (1 - empty / box):.0f} %")
 

@@ -1,31 +1,30 @@
-"""Whole scans: time and errors of contenders, stages of the product's scan, and latency from the last frame."""
+"""Whole scans: time and errors of contenders, and delay from the last frame to the grid."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 import guara_perception as gp
 from benchmarks.contenders import OURS, USER, Extract, opencv_user, over, reference
-from benchmarks.rounds import Clock, Timings, alternate, number
+from benchmarks.rounds import Ratio, alternate, number
 from benchmarks.section import Effort, Section
 from guara_perception.app.node.live_scan import STRIPES_AFTER
 from guara_perception.arrays import Float
 from guara_perception.settings import Settings
-from testbed.grid_truth import Truth
+from testbed.grid_truth import figures
 from testbed.scenes import ScanInMemory
 
 REFERENCE = "reference extraction of the same frames"
 CELL_M = 0.005
 # Window of slope and step height, as the grids of this project have it: 30 mm.
 WINDOW_CELLS = 7
-OVERALL, LATENCY, FRAME = "whole scan", "last frame to grid", "reference extraction of one frame"
-STAGES = ("prepare", "extract", "triangulate", "raster", "finish")
+LATENCY = "ours: last frame to grid, by one frame"
 
 
 def process(scan: ScanInMemory, method: str) -> gp.TerrainGrid:
@@ -39,7 +38,7 @@ def by_opencv_user(scan: ScanInMemory) -> Float:
     """Whole frames, centre of gravity, griddata straight onto the cells, layers by cv2."""
     from scipy.interpolate import griddata
 
-    points, _ = scan_points(scan, opencv_user)
+    points = scan_points(scan, opencv_user)
     settings = Settings.of(scan.robot)
     cx, cy = (np.arange(low + CELL_M / 2, high, CELL_M) for low, high in (settings.footprint_x, settings.footprint_y))
     elevation = griddata(points[:, :2], points[:, 2], tuple(np.meshgrid(cx, cy)), method="linear")
@@ -50,8 +49,8 @@ def by_opencv_user(scan: ScanInMemory) -> Float:
     return np.asarray(elevation)
 
 
-def scan_points(scan: ScanInMemory, extract: Extract) -> tuple[Float, Float]:
-    """Points (n, 3) of all stripes and the camera's optical centre (3,), in base_footprint [m].
+def scan_points(scan: ScanInMemory, extract: Extract) -> Float:
+    """Points (n, 3) of all stripes in base_footprint [m].
 
     Args:
         scan: frames of one scan.
@@ -74,17 +73,14 @@ def scan_points(scan: ScanInMemory, extract: Extract) -> tuple[Float, Float]:
         points = rays * (-plane[3] / (rays @ plane[:3]))[:, None]
         clouds.append(points @ transform[:3, :3].T + transform[:3, 3])
     cloud = np.concatenate(clouds)
-    return cloud[(cloud[:, 2] > settings.minimum_height) & (cloud[:, 2] < settings.maximum_height)], transform[:3, 3]
+    return np.asarray(cloud[(cloud[:, 2] > settings.minimum_height) & (cloud[:, 2] < settings.maximum_height)])
 
 
 def contenders(scan: ScanInMemory) -> dict[str, Callable[[], Any]]:
     """Whole scans by name; the reference extracts only."""
-    bands = scan.bands()
-    found: dict[str, Callable[[], Any]] = {REFERENCE: over(reference, bands)}
-    for name, method in OURS.items():
-        found[name] = lambda method=method: process(scan, method).elevation  # type: ignore[misc]
-    found[USER] = lambda: by_opencv_user(scan)
-    return found
+    found: dict[str, Callable[[], Any]] = {REFERENCE: over(reference, scan.bands())}
+    ours = {name: partial(process, scan, method) for name, method in OURS.items()}
+    return found | ours | {USER: partial(by_opencv_user, scan)}
 
 
 def whole_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
@@ -97,68 +93,39 @@ def whole_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
             ratios = timings.ratio(name, REFERENCE), number(timings.ratio(name, next(iter(OURS))).median)
             error: tuple[float | None, ...] = (None,) * 4
             if name != REFERENCE and scan.truth is not None:
-                error = grid_errors(timings.results[name], scan.truth)
+                result = timings.results[name]
+                grid = result if isinstance(result, gp.TerrainGrid) else gp.assess_terrain(result, CELL_M)
+                found = figures(grid, scan.truth)
+                error = found.mean, found.p95, 100 - found.known, found.unseen_known
             rows.append((scan.name, name, timings.milliseconds(name), *ratios, *error))
+        frame_ms = timings.milliseconds(REFERENCE, per=len(scan.frames))
+        ratio = delay(scan, frame_ms, effort.rounds)
+        rows.append((scan.name, LATENCY, frame_ms * ratio.median, ratio, *(None,) * 5))
     return Section(
         "whole_scans",
         "Whole scans",
         "Frames in memory to heights and traversability on cells of 5 mm, preparation included, decoding not. CPU "
-        "time, and its ratio to the reference extraction of the same frames in the same round. Errors in mm on "
-        "interior cells; missed: interior cells left unknown; false: cells that camera or laser cannot see but that "
-        "were filled.",
-        "scan: | contender: | ms CPU:.0f | x reference: | x ours: | mean mm:.3f | p95 mm:.2f | missed %:.2f"
+        "time, and its ratio to the reference extraction of the same frames in the same round; from the last frame to "
+        "the grid, to that of one frame. Errors in mm on interior cells; missed: interior cells left unknown; false: "
+        "cells that camera or laser cannot see but that were filled.",
+        "scan:<38 | contender:<39 | ms CPU:.0f | x reference:<18 | x ours:>6 | mean mm:.3f | p95 mm:.2f | missed %:.2f"
         " | false %:.2f",
         rows,
     )
 
 
-def grid_errors(elevation: npt.NDArray[Any], truth: Truth) -> tuple[float, float, float, float]:
-    """Mean and 95 % error [mm], missed interior and false unseen cells [%]."""
-    known = np.isfinite(elevation)
-    error = np.abs(np.asarray(elevation, np.float64) - truth.mean)[known & truth.interior] * 1e3
-    error = error if error.size else np.array([np.nan])
-    missed = 100 * float((truth.interior & ~known).sum()) / max(int(truth.interior.sum()), 1)
-    false = 100 * float((truth.unseen & known).sum()) / max(int(truth.unseen.sum()), 1)
-    return float(error.mean()), float(np.percentile(error, 95)), missed, false
-
-
-def stages(scan: ScanInMemory, effort: Effort) -> Section:
-    """Wall time of each stage of a scan, and from the last frame to the grid."""
-    bands, taken = scan.bands(), list[dict[str, float]]()
-    runs = {REFERENCE: over(reference, bands), OVERALL: lambda: taken.append(one_scan(scan))}
-    whole = alternate(runs, effort.rounds, clock=time.perf_counter).seconds[REFERENCE]
-    # The first one warmed up.
-    seconds = {name: {n: each[name] for n, each in enumerate(taken[1:])} for name in (*STAGES, LATENCY)}
-    seconds |= {OVERALL: {n: sum(each[stage] for stage in STAGES) for n, each in enumerate(taken[1:])}}
-    timings = Timings({**seconds, REFERENCE: whole, FRAME: {n: each / len(bands) for n, each in whole.items()}})
-    rows: list[tuple[Any, ...]] = [
-        (stage, timings.milliseconds(stage), timings.ratio(stage, REFERENCE), timings.ratio(stage, OVERALL).median)
-        for stage in STAGES
-    ]
-    rows.append((LATENCY, timings.milliseconds(LATENCY), timings.ratio(LATENCY, FRAME), None))
-    return Section(
-        "stages",
-        f"Stages of a scan ({scan.name})",
-        "Wall time of one scan as this project reports it, and its ratio to the reference extraction of the same "
-        "frames in the same round; latency from handing over the last frame to the finished grid, against the "
-        "reference extraction of one frame.",
-        "stage: | ms:.1f | x reference: | share:.0%",
-        rows,
-    )
-
-
-def one_scan(scan: ScanInMemory, clock: Clock = time.perf_counter) -> dict[str, float]:
-    """Seconds of each of STAGES of a scan, and by `clock` from its last frame to the grid (LATENCY)."""
-    start = time.perf_counter()
-    processor = scan.processor()
-    prepared = time.perf_counter() - start
-    # As the node does: what is there is judged while the last stripes are still to come.
-    scan.add_to(processor, but_last=STRIPES_AFTER)
-    processor.work_ahead()
-    for frames in scan.frames[-STRIPES_AFTER:-1]:
-        processor.add(*frames)
-    start = clock()
-    processor.add(*scan.frames[-1])
-    terrain = processor.finish()
-    latency = clock() - start
-    return {"prepare": prepared, **terrain.metadata["seconds"], LATENCY: latency}
+def delay(scan: ScanInMemory, frame_ms: float, rounds: int) -> Ratio:
+    """Processor time from the last frame to the grid over that of the reference for one frame [ms]."""
+    taken = []
+    for _ in range(rounds):
+        processor = scan.processor()
+        # As the node does: what is there is judged while the last stripes are still to come.
+        scan.add_to(processor, but_last=STRIPES_AFTER)
+        processor.work_ahead()
+        for frames in scan.frames[-STRIPES_AFTER:-1]:
+            processor.add(*frames)
+        start = time.process_time()
+        processor.add(*scan.frames[-1])
+        processor.finish()
+        taken.append(1e3 * (time.process_time() - start) / frame_ms)
+    return Ratio(float(np.median(taken)), min(taken), max(taken))

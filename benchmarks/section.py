@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.command import columns_of
+from benchmarks.command import Table, columns_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,14 +31,13 @@ class Section:
         """Names of the columns."""
         return tuple(name for name, _ in columns_of(self.columns))
 
-    @property
-    def cells(self) -> list[tuple[str, ...]]:
-        """Rows as printed."""
-        forms = [form for _, form in columns_of(self.columns)]
-        return [
-            tuple("-" if value is None else f"{value:{form}}" for value, form in zip(row, forms, strict=True))
-            for row in self.rows
-        ]
+    def table(self, *, markdown: bool = False) -> str:
+        """The table as text, in columns or as Markdown."""
+        lines: list[str] = []
+        table = Table(self.columns, markdown=markdown, write=lines.append)
+        for row in self.rows:
+            table.row(*row)
+        return "\n".join(lines)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +49,6 @@ class Effort:
         slow_rounds: number of rounds for contenders that take seconds.
         size, stripes: picture size and number of stripes of the simulated scan.
         synthetic_stripes: number of synthetic stripes per kind of light.
-        faulty_sweeps: number of sweeps with faulty triggers.
     """
 
     rounds: int
@@ -58,8 +56,7 @@ class Effort:
     size: tuple[int, int]
     stripes: int
     synthetic_stripes: int
-    faulty_sweeps: int
 
 
-FULL = Effort(9, 3, (1280, 1024), 70, 70, 200)
-QUICK = Effort(3, 1, (1280, 1024), 70, 10, 20)
+FULL = Effort(9, 3, (1280, 1024), 70, 70)
+QUICK = Effort(3, 1, (1280, 1024), 70, 10)

@@ -8,43 +8,39 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
-from functools import partial
-from pathlib import Path
 
 import cv2
 import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import Table, options
+from benchmarks.fused_walk import bootstrap
 from guara_perception.arrays import Float, Index
 from guara_perception.settings import Settings
 from guara_perception.simulation.gait import OutOfReach
 from guara_perception.simulation.walk import WalkPause
-from guara_perception.simulation.world import World
 from kinematics import RobotModel, load_robot
 from kinematics.transforms import inverse, transform_points
 from testbed.erring_walk import fused, leaning_world, scans, sloping_world, true_heights, walked
-from testbed.scanned_walk import kept_in
 from testbed.true_ground import CELL_M, TrueGround
 
-# Cells of a grid that are judged, and samples of the bootstrap over walks.
-JUDGED, SAMPLES = 400, 300
+# Cells of a grid that are judged.
+JUDGED = 400
 # Margin of the truth about a grid whose frame leans [cells].
 BESIDE_CELLS = 10
+MODE = "coarse"
 # Robust scale of a normal distribution over its median absolute value.
 MEDIAN = 1.4826
 
 
 def sigmas() -> None:
-    """Errors of heights and height differences by sigmas, scans and maps [--walks, --first, --mode, --grounds]."""
+    """Errors of heights and height differences by sigmas, scans and maps [--walks, --first, --grounds]."""
     asked = options(
         __doc__,
         walks=(100, "over each ground"),
         grounds=(["smooth", "rough"], "grounds"),
         first=(0, "first seed"),
-        mode=("coarse", "scan mode"),
         cycles=(1.0, "cycles of each walk"),
-        kept=(Path, "folder that keeps the scans from run to run"),
     )
     robot = load_robot("guara")
     apart = round(Settings.of(robot).limits.disc_radius / Settings.of(robot).resolution)
@@ -59,9 +55,9 @@ def sigmas() -> None:
             side, rng = round(Settings.of(robot).resolution / CELL_M), np.random.default_rng(seed)
             means = np.asarray(cv2.blur(TrueGround.of(world).heights, (side, side)), np.float32)
             of_walk: dict[tuple[str, str, str], list[Float]] = defaultdict(list)
-            file = asked.kept and asked.kept / f"erring-{ground}-{seed}-{asked.mode}-{asked.cycles:g}.pickle"
-            for seen in kept_in(file, partial(scanned, robot, world, seed, asked.mode, asked.cycles)):
-                for pause, *both in fused(robot, seen):
+            walk = walked(robot, world, seed, MODE, asked.cycles)
+            for has_imu in (True, False):
+                for pause, *both in fused(robot, scans(robot, walk, MODE, has_imu=has_imu)):
                     for name, grid in zip(("scan", "map"), both, strict=True):
                         source = str(grid.record.attitude_source)
                         for what, ratios in judged(grid, true_heights(robot, world, means, pause, grid), apart, rng):
@@ -70,14 +66,6 @@ def sigmas() -> None:
                 found[key].append(np.concatenate(parts))
         for key, walks in sorted(found.items()):
             table.row(ground, *key, *scale_and_share(walks))
-
-
-def scanned(
-    robot: RobotModel, world: World, seed: int, mode: str, cycles: float
-) -> list[list[tuple[WalkPause, gp.TerrainGrid]]]:
-    """Pauses of a walk and their scans, with the IMU and without."""
-    walk = walked(robot, world, seed, mode, cycles)
-    return [list(scans(robot, walk, mode, has_imu=has_imu)) for has_imu in (True, False)]
 
 
 def judged(grid: gp.TerrainGrid, heights: Float, apart: int, rng: np.random.Generator) -> Iterator[tuple[str, Float]]:
@@ -103,10 +91,8 @@ def scale_and_share(walks: list[Float]) -> tuple[float, float, float, float]:
     """Robust scale of errors by sigma, its interval of 95 % by bootstrap over walks, and the share within 2 sigma."""
     rng = np.random.default_rng(0)
     values = np.abs(np.array([rng.choice(each, JUDGED) for each in walks]))
-    drawn_walks = rng.integers(len(values), size=(SAMPLES, len(values)))
-    scales = [MEDIAN * float(np.median(values[rows])) for rows in drawn_walks]
-    low, high = np.quantile(scales, [0.025, 0.975]).tolist()
-    return MEDIAN * float(np.median(values)), low, high, float((values < 2).mean())
+    low, high = bootstrap(values, lambda some: MEDIAN * np.median(some))
+    return MEDIAN * float(np.median(values)), float(low), float(high), float((values < 2).mean())
 
 
 def truly(
@@ -137,7 +123,6 @@ def slopes() -> None:
         __doc__,
         walks=(20, "walks"),
         first=(0, "first seed"),
-        mode=("coarse", "scan mode"),
         cycles=(3.0, "of each walk"),
     )
     robot = load_robot("guara")
@@ -150,13 +135,13 @@ def slopes() -> None:
     for seed in range(asked.first, asked.first + asked.walks):
         world = sloping_world(seed)
         try:
-            walk = walked(robot, world, seed, asked.mode, asked.cycles)
+            walk = walked(robot, world, seed, MODE, asked.cycles)
         except OutOfReach as error:
             print(f"walk {seed} ends: {error}")
             continue
         truth, ground = TrueGround.of(world), "slope" if seed % 2 else "boxes"
         for attitude in ("IMU", "no IMU"):
-            for pause, *both in fused(robot, scans(robot, walk, asked.mode, has_imu=attitude == "IMU")):
+            for pause, *both in fused(robot, scans(robot, walk, MODE, has_imu=attitude == "IMU")):
                 for name, grid in zip(("scan", "map"), both, strict=True):
                     free = np.nonzero(grid.hazard == 0)
                     safe, steep = truly(robot, truth, pause, grid, free, limit)

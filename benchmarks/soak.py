@@ -1,22 +1,20 @@
 """Long run of real processes: a router, a node and planners; node and planners are killed repeatedly.
 
-`python -m benchmarks.soak [--minutes 20] [--period 15]`
+`python -m benchmarks.soak [--minutes 20] [--period 15]`. `endurance` shows that no process grows.
 """
 
 from __future__ import annotations
 
 import random
 import sys
-import threading
 import time
 from collections import Counter
-from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 import transport
 from benchmarks.command import options
-from benchmarks.peers import PATIENCE, SHAPE, Peer, ended, free_endpoint, is_whole, peer_command, say
-from benchmarks.rounds import resident_mb
+from benchmarks.peers import PATIENCE, SHAPE, Child, ended, free_endpoint, report
 
 
 def run_planner(endpoint: str) -> None:
@@ -28,14 +26,14 @@ def run_planner(endpoint: str) -> None:
 
         def take(terrain: transport.TerrainMessage) -> None:
             counts["grids"] += 1
-            counts["of other values than sent"] += not is_whole(terrain, 1)
+            counts["of other values than sent"] += bool(np.any(terrain.layers["variance"] != 1))
             # A node that was started again counts from 1 again; its scans are later all the same.
             counts["out of order"] += terrain.scan_end < newest.get(terrain.extent, 0)
             newest[terrain.extent] = terrain.scan_end
 
         for extent in ("footprint", "map"):
             client.on_terrain(take, extent=extent)
-        say(ready=True)
+        report(ready=True)
         stop = ended()
         while not stop.wait(0.5):
             try:
@@ -43,29 +41,7 @@ def run_planner(endpoint: str) -> None:
                 counts["scans"] += 1
             except transport.TransportError as error:
                 counts[type(error).__name__] += 1
-            descriptors = len(list(Path("/proc/self/fd").iterdir()))
-            say(counts=counts, memory_mb=resident_mb(), descriptors=descriptors)
-
-
-class Child(Peer):
-    """A process with its first and its last report."""
-
-    def __init__(self, *arguments: str, module: str = "peers") -> None:
-        """Start it and wait until it is ready."""
-        super().__init__(peer_command(module, *arguments))
-        self.last: dict[str, Any] = {}
-        self.first: dict[str, Any] = {}
-        threading.Thread(target=self._read, daemon=True).start()
-
-    def _read(self) -> None:
-        while report := self.hear():
-            self.last = report
-            self.first = self.first or report
-
-    def kill(self) -> Counter[str]:
-        """End it with kill -9; what it had counted."""
-        self.end()
-        return Counter(self.last.get("counts", {}))
+            report(counts=counts)
 
 
 def main() -> None:
@@ -78,7 +54,6 @@ def main() -> None:
     node = Child(*scanner)
     # The first planner is never killed.
     lasting, other = (Child("planner", endpoint, module="soak") for _ in range(2))
-    memory: list[float] = []
     end = time.monotonic() + 60.0 * min(asked.minutes, 120.0)
     try:
         while time.monotonic() < end:
@@ -86,25 +61,19 @@ def main() -> None:
             victim = chance.choice(["node", "node", "planner"])
             kills[victim] += 1
             if victim == "node":
-                memory.append(lasting.last["memory_mb"])
-                node.kill()
+                node.end()
                 node = Child(*scanner)
             else:
-                counts += other.kill()
+                other.end()
+                counts += other.counts
                 other = Child("planner", endpoint, module="soak")
         time.sleep(2.0)
     finally:
-        first, last = lasting.first, lasting.last
         for child in (lasting, other, node, router):
-            counts += child.kill()
+            child.end()
+            counts += child.counts
     print(f"kill -9: {dict(kills)}")
     print("counts of all planners:", ", ".join(f"{name} {count}" for name, count in sorted(counts.items())))
-    print(
-        f"the planner that lived on: {first['memory_mb']:.1f} to {last['memory_mb']:.1f} MB, "
-        f"{first['descriptors']} to {last['descriptors']} descriptors over {kills['node']} restarts of the node"
-    )
-    series = [f"{restarts}: {megabytes:.1f}" for restarts, megabytes in enumerate(memory) if restarts % 5 == 0]
-    print("its memory [MB] by restarts of the node before:", ", ".join(series))
     for name in ("out of order", "of other values than sent"):
         print(f"{'ok  ' if not counts[name] else 'FAIL'} {name}: {counts[name]}")
     sys.exit(1 if counts["out of order"] or counts["of other values than sent"] or not counts["scans"] else 0)

@@ -7,7 +7,7 @@ sink, or the left ones slide outwards once a cycle, by as much as the row says.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections import Counter
 
 import numpy as np
 
@@ -23,49 +23,41 @@ CASES_M = ((0.0, 0.0), *((depth, 0.0) for depth in (0.008, 0.012, 0.020, 0.030))
 CYCLES = 10
 
 
-@dataclass
-class Alarms:
-    """Counts of walks.
+def add_walk(
+    counts: Counter[str], heights: list[float], ground: Ground, robot: RobotModel, seed: int, *, has_imu: bool
+) -> None:
+    """Count what is reported on one walk.
 
-    Attributes:
-        pauses, alarmed: pauses, and those at which a foot was said to have sunk or slid on hard ground.
-        landings, found: soles on the patch at a pause that could be compared with the map, or that slid, and those
-            said to have.
-        free: cells of the patch that the maps called free within reach of a foot that was said to have sunk there.
-        heights: of landing feet on hard ground against the map [m].
+    Args:
+        counts: pauses; false alarms, pauses at which a foot was said to have sunk or slid on hard ground; landings,
+            soles on the patch that could be compared with the map, or that slid; found, those of them that were
+            reported; free cells of the patch within reach of a foot that was said to have sunk there.
+        heights: heights of landing feet on hard ground against the map [m], appended to.
+        ground: ground of the walk.
+        robot: the robot.
+        seed: seed of the walk.
+        has_imu: True for stances with gravity.
     """
-
-    pauses: int = 0
-    alarmed: int = 0
-    landings: int = 0
-    found: int = 0
-    free: int = 0
-    heights: list[float] = field(default_factory=list)
-
-    def add(self, ground: Ground, robot: RobotModel, seed: int, cycles: int, *, has_imu: bool) -> None:
-        """Walk once."""
-        terrain_map, odometry, sank = gp.TerrainMap(robot), LegOdometry(robot), list[Float]()
-        last: Pause | None = None
-        for pause in walk(robot, ground, cycles, seed, has_gravity=has_imu):
-            terrain = scan(robot, ground, pause, seed, odometry.carried_gravity(pause.stance))
-            pose = odometry.update(pause.stance)
-            fused = terrain_map.update(terrain, pose)
-            record = fused.record
-            assert isinstance(record, gp.MapRecord) and record.support_residuals is not None
-            told = {*(record.sunk_feet or {}), *(record.slid_feet or {})}
-            slid = () if last is None else _slid(ground, last, pause.step)
-            bad = {leg: leg in slid or ground.sink(*pause.soles_in_world[leg][:2].tolist()) > 0 for leg in robot.legs}
-            for leg, height in record.support_residuals.items():
-                if bad[leg] and (height is not None or leg in slid):
-                    self.landings += 1
-                    self.found += leg in told
-                if height is not None and not bad[leg] and leg not in pose.stayed_feet:
-                    self.heights.append(height)
-            sank += [pause.soles_in_world[leg] for leg in told if bad[leg]]
-            false, last = any(not bad[leg] for leg in told), pause
-            self.pauses += 1
-            self.alarmed += false
-            self.free += free_soft_cells(ground, pause.transform_base_to_world, fused, sank)
+    terrain_map, odometry, sank = gp.TerrainMap(robot), LegOdometry(robot), list[Float]()
+    last: Pause | None = None
+    for pause in walk(robot, ground, CYCLES, seed, has_gravity=has_imu):
+        terrain = scan(robot, ground, pause, seed, odometry.carried_gravity(pause.stance))
+        pose = odometry.update(pause.stance)
+        fused = terrain_map.update(terrain, pose)
+        record = fused.record
+        assert isinstance(record, gp.MapRecord) and record.support_residuals is not None
+        told = {*(record.sunk_feet or {}), *(record.slid_feet or {})}
+        slid = () if last is None else _slid(ground, last, pause.step)
+        bad = {leg: leg in slid or ground.sink(*pause.soles_in_world[leg][:2].tolist()) > 0 for leg in robot.legs}
+        for leg, height in record.support_residuals.items():
+            if bad[leg] and (height is not None or leg in slid):
+                counts.update(landings=1, found=leg in told)
+            if height is not None and not bad[leg] and leg not in pose.stayed_feet:
+                heights.append(height)
+        sank += [pause.soles_in_world[leg] for leg in told if bad[leg]]
+        free = free_soft_cells(ground, pause.transform_base_to_world, fused, sank)
+        counts.update(pauses=1, alarms=any(not bad[leg] for leg in told), free=free)
+        last = pause
 
 
 def _slid(ground: Ground, last: Pause, step: int) -> tuple[str, ...]:
@@ -84,29 +76,14 @@ def soft() -> None:
     )
     for imu in asked.imu:
         for depth, slide in CASES_M:
-            alarms = Alarms()
+            counts, heights = Counter[str](), list[float]()
             for seed in range(asked.walks):
                 base = Ground.random(seed)
                 ground = CompliantGround(base.boxes, base.dark, base.phases, soft=PATCH, depth=depth, slide=slide)
                 try:
-                    alarms.add(ground if depth or slide else base, robot, seed, CYCLES, has_imu=imu == "yes")
+                    add_walk(counts, heights, ground if depth or slide else base, robot, seed, has_imu=imu == "yes")
                 except gp.InvalidInput as error:
                     print(f"walk {seed} ends: {error}")
-            heights = 1e3 * np.array(alarms.heights)
-            found = alarms.found / max(alarms.landings, 1)
-            table.row(
-                imu,
-                1e3 * depth,
-                1e3 * slide,
-                alarms.pauses,
-                alarms.alarmed,
-                alarms.landings,
-                found,
-                alarms.free,
-                heights.mean(),
-                heights.std(),
-            )
-
-
-if __name__ == "__main__":
-    soft()
+            found = counts["found"] / max(counts["landings"], 1)
+            numbers = counts["pauses"], counts["alarms"], counts["landings"], found, counts["free"]
+            table.row(imu, 1e3 * depth, 1e3 * slide, *numbers, 1e3 * np.mean(heights), 1e3 * np.std(heights))

@@ -19,7 +19,10 @@ import numpy.typing as npt
 
 from benchmarks.command import Table, options
 from guara_perception.app.robot_folder.new_robot import new_robot
-from kinematics import RobotModel, Stance, Stillness, load_robot
+from guara_perception.simulation.specimen import rotation
+from guara_perception.simulation.sway import joints_of
+from kinematics import Stance, Stillness, load_robot
+from testbed.moved_mount import moved_about
 from testbed.stock_robots import StockRobotsMissing, stock_urdf
 
 Float = npt.NDArray[np.float64]
@@ -44,24 +47,6 @@ CASES = [
 ]
 
 
-class Geometry:
-    """Joints to soles and back, linear about the scan posture: a motion is a thousandth of a leg."""
-
-    def __init__(self, robot: RobotModel) -> None:
-        """Take Jacobians at the scan posture."""
-        self.robot = robot
-        self.joints = np.array([robot.posture("scan")[name] for name in robot.joint_names])
-        state = robot.state(self.joints)
-        self.camera = robot.transform_camera_to_base[:3, 3]
-        self.soles = np.asarray(state.soles_in_base())
-        self.jacobians = np.array([state.jacobian(robot.tree.leg(leg).sole)[:3] for leg in robot.legs])
-
-    def changes(self, motion: Float) -> Float:
-        """Changes of the joints when the camera moves, (n,): the soles stay on the ground."""
-        moved = -(motion[:3] + np.cross(motion[3:], self.soles - self.camera))
-        return np.sum([np.linalg.pinv(j) @ by for j, by in zip(self.jacobians, moved, strict=True)], axis=0)
-
-
 def shape_over_time(shape: str, times: Float, rng: np.random.Generator) -> Float:
     """Share of a motion at each reading, begun at a random instant; a step or ramp is still there at the end."""
     end = float(times[-1])
@@ -80,10 +65,11 @@ def row(source: Path | str, encoder: str, case: int, pauses: int) -> tuple[str, 
 
     Returns:
         Description of the case; number of pauses; share of them that `Stillness` reports as moved; processor time of
-        one reading, median [us]; what `Stillness` says that it cannot tell, at the last pause.
+        one reading, median [us]; motions that `Stillness` cannot detect, by its own account at the last pause.
     """
     robot = load_robot(source)
-    geometry, rng = Geometry(robot), np.random.default_rng([case, list(ENCODERS).index(encoder)])
+    rng, camera = np.random.default_rng([case, list(ENCODERS).index(encoder)]), robot.transform_camera_to_base[:3, 3]
+    still = joints_of(robot, np.eye(4))
     with_hold, shape, sizes = CASES[case]
     white, step = ENCODERS[encoder]
     if with_hold and shape != "none":
@@ -91,15 +77,17 @@ def row(source: Path | str, encoder: str, case: int, pauses: int) -> tuple[str, 
     times = np.arange(0.0, PAUSE_S + 0.5 / RATE_HZ, 1.0 / RATE_HZ) if with_hold else np.array([0.0, PAUSE_S])
     moved, spent, stillness = 0, [], None
     for _ in range(pauses):
-        readings = np.tile(geometry.joints + rng.normal(0.0, BIAS, len(geometry.joints)), (len(times), 1))
+        readings = np.tile(still + rng.normal(0.0, BIAS, len(still)), (len(times), 1))
         if shape != "none":
-            direction, motion, is_turn = rng.normal(size=3), np.zeros(6), int(rng.integers(2))
-            motion[3 * is_turn : 3 * is_turn + 3] = sizes[is_turn] * direction / np.linalg.norm(direction)
-            readings = readings + np.outer(shape_over_time(shape, times, rng), geometry.changes(motion))
+            direction, (shift, turn) = rng.normal(size=3), sizes * np.eye(2)[rng.integers(2)]
+            direction /= np.linalg.norm(direction)
+            moved_body = moved_about(rotation(turn * direction), camera, shift * direction)
+            # A motion is a thousandth of a leg: joints change in proportion.
+            readings += np.outer(shape_over_time(shape, times, rng), joints_of(robot, moved_body) - still)
         readings = readings + white * rng.standard_normal(readings.shape)
         if step:
             readings = step * np.round(readings / step)
-        stances = [Stance(dict(zip(robot.joint_names, at.tolist(), strict=True)), robot.legs) for at in readings]
+        stances = [Stance(dict(zip(robot.tree.joint_names, at.tolist(), strict=True)), robot.legs) for at in readings]
         stillness = Stillness(robot, stances[0], 0.0)
         start, taken = time.thread_time(), 0
         while taken + 1 < len(times) and not stillness.motion:

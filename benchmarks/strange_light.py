@@ -20,14 +20,14 @@ from benchmarks.command import Table, options
 from drivers.emulator import ExposureView
 from guara_perception.app.node import rangefinder
 from guara_perception.arrays import Image
-from testbed.grid_truth import made_up
+from testbed.grid_truth import figures, made_up
 from testbed.scenes import FLOOR, OWN_DATA, ScanInMemory, recorded, simulated
 from testbed.strange_cases import cases, measure
 from testbed.strange_light import Fault, Scene, take
 from testbed.two_robots import FacingRobots
 
 RECORDED = ("paper", "dark", "tilt")
-SIMULATED = "floor"
+SIMULATED, RECORDINGS = "floor", OWN_DATA / "scans"
 SIZE, SMALL = (640, 512), (320, 256)
 # What dark flashes may cost a clean scan: known cells [%], and time [%] or frames, whichever is more.
 MOST_LOST, MOST_TIME, MOST_FRAMES = 0.5, 6.0, 4
@@ -36,12 +36,8 @@ MOST_LOST, MOST_TIME, MOST_FRAMES = 0.5, 6.0, 4
 def scenes(names: list[str]) -> Iterator[Scene]:
     """The scans, by name."""
     for name in names:
-        scan = (
-            simulated(SIZE, 70, world=FLOOR, is_uncertain=False)
-            if name == SIMULATED
-            else recorded(OWN_DATA / "scans" / name)
-        )
-        yield Scene(scan)
+        is_own = name == SIMULATED
+        yield Scene(simulated(SIZE, 70, world=FLOOR, is_uncertain=False) if is_own else recorded(RECORDINGS / name))
 
 
 def facing_robots(pauses: int, size: tuple[int, int] = SMALL, seed: int = 0) -> str:
@@ -53,8 +49,7 @@ def facing_robots(pauses: int, size: tuple[int, int] = SMALL, seed: int = 0) -> 
     for _ in range(pauses):
         for outcome in robots.pause(float(rng.uniform(0, 1.0))):
             terrain = outcome.processor.finish()
-            free = np.asarray(terrain.traversability) > 0
-            unsafe += int((free & (truth.unseen | truth.dark)).sum())
+            unsafe += figures(terrain, truth).unsafe
             wrong += made_up(terrain, truth)
             grids += not outcome.processor.refused
             sweeps += outcome.sweeps
@@ -152,8 +147,7 @@ def main() -> None:
         print_clean(asked.scans, asked.clean)
         return
     table = Table("scan:<10 | devices:<10 | fault:<52 | free:6 | unsafe:6 | wrong:6 | known %:.1f | health:<")
-    for scene in scenes(asked.scans):
-        name = scene.scan.name.split(",")[1 if scene.scan.name.startswith("rec") else 0].strip()
+    for name, scene in zip(asked.scans, scenes(asked.scans), strict=True):
         for case in cases(scene):
             found = measure(scene, case)
             how, fault = "triggered" if case.triggered else "stepwise", f"{case.group}: {case.fault.name}"

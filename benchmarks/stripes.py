@@ -34,7 +34,8 @@ def synthetic(effort: Effort) -> Section:
         "and numpy reference in the same round, and over reading the band's bytes once; errors in pixels, missed "
         "and false columns in per cent. Saturated stripes, clipped over several rows, are in doubt for `precise`: they "
         "are followed as in any light, which costs many times as much.",
-        "light: | contender: | x reference: | x floor: | mean px:.3f | p95 px:.3f | missed %:.2f | false %:.2f",
+        "light:<9 | contender:<28 | x reference:<18 | x floor:>7 | mean px:.3f | p95 px:.3f | missed %:.2f"
+        " | false %:.2f",
         rows,
     )
 
@@ -54,6 +55,6 @@ def frames_of_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
         "Stripe extraction, frames of scans",
         "The same on the frames of scans. The reference and this project look at the row band in which the stripe can "
         "appear, the others at the whole frame; the resulting errors of the heights are in the table of whole scans.",
-        "scan: | contender: | ms per frame:.2f | x reference: | x floor:",
+        "scan:<38 | contender:<28 | ms per frame:.2f | x reference:<18 | x floor:>7",
         rows,
     )

@@ -8,8 +8,7 @@ Errors are relative to the feet at BEGIN, without the tilt that the joints or th
 whose background moved. Streams: `clock` with all instants of a scan off by up to 20 ms, `IMU` with gravity of 0.1
 degrees of white noise, `IMU, bias` with a bias of 0.1 degrees too. Rows: `must` and `guara` coarse scans, `dim` the
 same at 10 of 255 on white, `standard` all 70 stripes, `swept` 60 stripes a second while the mirror turns on, `physical`
-a body in MuJoCo whose servos are told to sway, `go2` that robot. Some eight seconds for a scan, four in pictures of
-half the width.
+a body in MuJoCo whose servos are told to sway, `go2` that robot. Some eight seconds for a scan.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ from testbed.stock_robots import StockRobotsMissing
 SIZE = (640, 512)
 # [s] By how much all instants of a scan are off together in the rows `clock`, at the most.
 CLOCK_ERROR = 0.020
-P95_M, KEPT = 0.002, 0.90
+P95_M = 0.002
 STILL = Sway(0.0, 0.0, 1.0)
 # The row that must hold: a stream of 200 Hz.
 MUST = Sway(math.radians(0.5), 0.005, 1.0)
@@ -67,10 +66,8 @@ CASES: Cases = (
     (Sway(math.radians(1.0), 0.010, 1.0), BOTH),
     (WALKS, BOTH),
 )
-# Share of the cells that a sway of little keeps without a stream.
-LITTLE_KEPT = 0.90
-# Least share of the cells of a still scan with a stream that one without keeps.
-STILL_KEPT = 0.95
+# Least share of the cells of the first still scan that is kept, by sway and stream.
+LEAST_KEPT = {(MUST, "200"): 0.90, (STILL, "-"): 0.95, (LITTLE, "-"): 0.90}
 # Level [of 255] of the ambient light on white in dim rows.
 DIM_LEVEL = 10.0
 # Of swept rows: interval of the stripes [s], at 120 frames a second with a laser-off picture each, and share of it that
@@ -177,13 +174,13 @@ class Block:
                 p95, wrong, kept = figures(made, still)
                 within = float(np.concatenate([each.within for each in made]).mean()) if kept else math.nan
                 table.row(name, motion, stream, len(seeds), 1e3 * p95, within, wrong, kept)
-                if wrong or kept < self.least(sway, stream) or (stream == "200" and sway == MUST and p95 > P95_M):
+                if (
+                    wrong
+                    or kept < LEAST_KEPT.get((sway, stream), 0.0)
+                    or (stream == "200" and sway == MUST and p95 > P95_M)
+                ):
                     short.append(f"{name}: {motion}, stream {stream}")
         return short
-
-    def least(self, sway: Sway, stream: str) -> float:
-        """Share of the cells of the still scan that must be kept."""
-        return {(MUST, "200"): KEPT, (STILL, "-"): STILL_KEPT, (LITTLE, "-"): LITTLE_KEPT}.get((sway, stream), 0.0)
 
 
 FEW: Cases = ((STILL, BOTH), (MUST, BOTH), (WALKS, BOTH))
@@ -205,20 +202,16 @@ def main() -> None:
     asked = options(
         __doc__,
         scans=(10, "scans of a row"),
-        first=(0, "seed of the first scan"),
         rows=(list(BLOCKS)[1:], "blocks of rows: " + ", ".join(BLOCKS)),
-        width=(SIZE[0], "columns of a picture [px]"),
     )
     table = Table(
         "rows:<12 | sway [deg, mm, Hz]:<20 | stream [Hz]:<14 | scans:d | p95 [mm]:10.2f | within 2:.3f | "
         "free cells wrong:d | cells kept:.1%"
     )
-    size = asked.width, round(asked.width * SIZE[1] / SIZE[0])
-    seeds = range(asked.first, asked.first + asked.scans)
     short = []
     for name in asked.rows:
         try:
-            short += BLOCKS[name].print(table, name, seeds, size)
+            short += BLOCKS[name].print(table, name, range(asked.scans), SIZE)
         except (MissingExtra, StockRobotsMissing) as error:
             print(f"without {name}: {error}")
     print(f"rows that must hold: {'all hold' if not short else 'SHORT: ' + '; '.join(short)}")

@@ -6,15 +6,13 @@ the host is taken to be quick; only the work on the pictures is measured, as pro
 
 from __future__ import annotations
 
+import itertools
 import json
 import time
-from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.command import options
-from benchmarks.section import Section
-from benchmarks.sweep_faults import FAULTY_SWEEPS, faults
+from benchmarks.command import Table, options
 from drivers import AcquireOptions, StripeCapture, SweepOptions
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.app.node.live_scan import STRIPES_AFTER
@@ -29,12 +27,14 @@ from testbed.emulated_sweeps import (
     triggered_on_chip,
     view_of,
 )
+from testbed.faulty_triggers import faults
 from testbed.triggered_camera import EmulatedTriggeredCamera
 from transport.messages.terrain_message import encode_terrain
 
 STRIPES = (35, 70)
 RATES = (30, 60, 120, 200)
-SIZE = (640, 512)
+SIZE, FAULTY_SWEEPS = (640, 512), 200
+BOARD = "emulated board, 7 rad/s at once"
 Times = tuple[float, float, float, float]
 
 
@@ -76,58 +76,53 @@ def _worked_on(scan: scenes.ScanInMemory, taken: list[StripeCapture], begun: flo
     return free + after - begun, free + after - last, float(np.median(spent)), after
 
 
-def by_rate(say: Callable[[str], object] = print) -> list[dict[str, float]]:
+def by_rate() -> list[dict[str, float]]:
     """Free-running and triggered sweeps with cameras of each rate, beside the bound; returns the free-running ones."""
-    say(f"sweeps by emulated time [s], {1e3 * FLASH:g} ms of light; triggered by the emulated board (7 rad/s at once)")
-    say("stripes  frames/s  free-running  triggered  bound of move, settle and flash  proved")
+    print(f"sweeps by emulated time [s], {1e3 * FLASH:g} ms of light; triggered by the emulated board")
+    table = Table(
+        "stripes:d | frames/s:d | free-running:.3f | triggered:.3f | bound of move, settle and flash:.3f | proved:d"
+    )
     free: list[dict[str, float]] = []
-    for stripes in STRIPES:
-        for fps in RATES:
-            seconds, row = free_running(fps, stripes), triggered(stripes, FLASH, fps)
-            free.append({"fps": fps, "stripes": stripes, "seconds": round(seconds, 4)})
-            say(
-                f"{stripes:7d}  {fps:8d}  {seconds:12.3f}  {row.seconds:9.3f}  {row.bound:31.3f}  "
-                f"{row.proved} of {stripes}"
-            )
+    for stripes, fps in itertools.product(STRIPES, RATES):
+        seconds, row = free_running(fps, stripes), triggered(stripes, FLASH, fps)
+        free.append({"fps": fps, "stripes": stripes, "seconds": round(seconds, 4)})
+        table.row(stripes, fps, seconds, row.seconds, row.bound, row.proved)
     return free
 
 
-def by_light(say: Callable[[str], object] = print) -> list[Triggered]:
-    """Triggered sweeps beside their bound, by the emulated board, which are returned, and by the firmware's ramp."""
+def by_light() -> Triggered:
+    """Triggered sweeps beside their bound, by the emulated board and by the firmware.
+
+    Returns:
+        The sweep of 70 stripes with 4 ms of light each, by the emulated board.
+    """
     from testbed.chip import ChipMissing
 
-    rows: dict[str, list[Triggered]] = {}
-    for name, sweep in (
-        ("emulated board, 7 rad/s at once", triggered),
-        ("firmware on its chip, with its ramp", triggered_on_chip),
-    ):
-        try:
-            rows[name] = [sweep(stripes, flash) for stripes in STRIPES for flash in (0.002, FLASH)]
-        except ChipMissing as missing:
-            say(str(missing))
-        for row in rows.get(name, ()):
-            say(
-                f"{name}: {row.stripes} stripes at {1e3 * row.flash:g} ms of light in {row.seconds:.3f} s, "
-                f"{row.seconds / row.bound:.2f} of the bound {row.bound:.3f} s; {row.proved} of {row.stripes} proved"
-            )
-    return next(iter(rows.values()))
+    table = Table("triggered by:<35 | stripes:d | light ms:g | sweep s:.3f | of the bound:.2f | bound s:.3f | proved:d")
+    found: dict[tuple[str, int, float], Triggered] = {}
+    devices = {BOARD: triggered, "firmware on its chip, with its ramp": triggered_on_chip}
+    try:
+        for name, stripes, flash in itertools.product(devices, STRIPES, (0.002, FLASH)):
+            row = found[name, stripes, flash] = devices[name](stripes, flash)
+            table.row(name, stripes, 1e3 * flash, row.seconds, row.seconds / row.bound, row.bound, row.proved)
+    except ChipMissing as missing:
+        print(missing)
+    return found[BOARD, STRIPES[-1], FLASH]
 
 
-def measure(say: Callable[[str], object] = print, faulty_sweeps: int = FAULTY_SWEEPS) -> dict[str, object]:
+def measure(faulty_sweeps: int = FAULTY_SWEEPS) -> dict[str, object]:
     """Everything; returns what `--json` prints."""
-    rows = by_light(say)
-    free = by_rate(say)
+    standard, free = by_light(), by_rate()
     seconds, tail, per_stripe, after = end_to_end(scenes.simulated(SIZE, 70))
-    say(
+    print(
         f"first trigger to encoded grid {seconds:.3f} s: {1e3 * tail:.1f} ms after the last frame; "
         f"{1e3 * per_stripe:.2f} ms of processor time a stripe, {1e3 * after:.1f} ms for the grid"
     )
     counts = faults(faulty_sweeps)
-    say(
+    print(
         f"{counts['sweeps']} sweeps with triggers missed, doubled, late: {counts['injected']} injected, "
         f"{counts['found']} found, {counts['wrong_stripes']} wrong stripes"
     )
-    standard = rows[-1]
     return {
         "triggered": {
             "stripes": standard.stripes,
@@ -140,14 +135,6 @@ def measure(say: Callable[[str], object] = print, faulty_sweeps: int = FAULTY_SW
         "free_running": free,
         "faults": counts,
     }
-
-
-def section(faulty_sweeps: int) -> Section:
-    """The table for the suite."""
-    lines: list[str] = []
-    measure(lines.append, faulty_sweeps)
-    description = "Emulated devices in emulated time; processor time for the work on pictures. The chip is emulated."
-    return Section("sweeps", "Sweeps", description, "what was found:", [(line,) for line in lines])
 
 
 def main() -> None:

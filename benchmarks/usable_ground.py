@@ -20,7 +20,7 @@ import guara_perception as gp
 from benchmarks.command import options
 from benchmarks.fused_walk import JudgedPause, judged_walk
 from benchmarks.others_maps import judge_maps
-from benchmarks.recall import DANGEROUS_RELIEF_M, causes, recall_of_kinds, relief_under, sole_window
+from benchmarks.recall import DANGEROUS_RELIEF_M, count_lost, recall_of_kinds, relief_under, sole_window
 from benchmarks.rims import trenches
 from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
@@ -114,11 +114,7 @@ def cells(counts: Counter[str], robot: RobotModel, fused: gp.TerrainGrid, oracle
     counts["safe"] += int(safe.sum())
     counts["free"] += int(free.sum())
     counts["free and safe"] += int((free & safe).sum())
-    lost = safe & ~free
-    for name, mask in causes(fused, sole).items():
-        counts[f"lost: {name}"] += int((lost & mask).sum())
-        lost &= ~mask
-    counts["lost: other margins"] += int(lost.sum())
+    counts["lost: other margins"] += int(count_lost(counts, safe & ~free, fused, sole).sum())
     beyond = free & ~safe
     relief = relief_under(oracle.elevation_min, oracle.elevation_max, oracle.layers["slope"], sole, limits)
     dark_sole = cv2.dilate(dark.astype(np.uint8), sole) > 0
@@ -200,7 +196,7 @@ def on_true_ground(way: Float, oracle: gp.TerrainGrid) -> Float:
 
 
 def lack(verdict: PathVerdict) -> float:
-    """By how much a path is nearer to the ground than it must be [m]; infinite where it leaves the grid."""
+    """Largest shortfall of the clearance of a path [m]; infinite where it leaves the grid."""
     each = [abs(r.limit - r.value) if r.test in ("depth", "clearance") else np.inf for r in verdict.reasons]
     return max(each, default=0.0)
 

@@ -13,16 +13,14 @@ import random
 import sys
 import tempfile
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import transport
 from benchmarks.command import Table, options
-from benchmarks.peers import free_endpoint, peers, say
+from benchmarks.peers import free_endpoint, peers, percentiles, report
 from testbed.slow_link import SlowLink
 from transport.security.folder import init_security
 
@@ -31,7 +29,8 @@ RATES = (0.0, 2.0, 5.0, 20.0)
 # Rows and columns of the fused map: 2.3 MB with all layers.
 MAP_SHAPE = ("240", "260")
 EXTENTS = ("footprint", "map")
-Delays = dict[str, Any]
+# Delays of the grids by extent [ms], and messages of the requests that "failed".
+Delays = dict[str, list[Any]]
 # Number of scans before the viewer changes: it joins, asks for what it missed, stays and leaves.
 SCANS_PER_VIEWER = 10
 # Time between two scans, and time limit of a request [s].
@@ -45,9 +44,9 @@ def run_planner(endpoint: str, security: str) -> None:
     session = transport.open_client(endpoint, security=security or None, timeout=PATIENCE)
     with transport.PerceptionClient(session) as client:
         client.receiver("map")
-        say(ready=True)
+        report(ready=True)
         for line in sys.stdin:
-            found = nothing_seen()
+            found: Delays = {"footprint": [], "map": [], "failed": []}
             for _ in range(json.loads(line)["scans"]):
                 time.sleep(PERIOD)
                 try:
@@ -60,16 +59,15 @@ def run_planner(endpoint: str, security: str) -> None:
                         )
                         found[extent].append((received.arrival_stamp - received.message.scan_end) * 1e-6)
                 except transport.TransportError as error:
-                    print(f"failed: {error}", file=sys.stderr, flush=True)
-                    found["failed"] += 1
-            say(**found)
+                    found["failed"].append(str(error))
+            report(**found)
 
 
 def run_viewer(_: str, security: str) -> None:
     """Viewer that joins at each endpoint that it reads, and leaves when it reads an empty one."""
     counts = Counter(received=0, missed=0)
     client: transport.PerceptionClient | None = None
-    say(ready=True)
+    report(ready=True)
     for line in sys.stdin:
         if client is not None:
             for receiver in map(client.receiver, EXTENTS):
@@ -82,17 +80,12 @@ def run_viewer(_: str, security: str) -> None:
             client = transport.PerceptionClient(session)
             for extent in EXTENTS:
                 client.receiver(extent)
-        say(**counts)
-
-
-def nothing_seen() -> Delays:
-    """Delays of the grids by extent [ms] and number of failed requests, before the first scan."""
-    return {"footprint": [], "map": [], "failed": 0}
+        report(**counts)
 
 
 def measure(scans: int, folders: dict[str, str]) -> tuple[dict[float, Delays], dict[float, dict[str, int]]]:
     """Delays and the viewer's counts by the rate of its link [Mbit/s]; `folders` of the roles, empty without TLS."""
-    found = {rate: nothing_seen() for rate in RATES}
+    found: dict[float, Delays] = {rate: defaultdict(list) for rate in RATES}
     seen = {rate: {"received": 0, "missed": 0} for rate in RATES if rate}
     chance = random.Random(0)
     endpoint = free_endpoint()
@@ -105,33 +98,23 @@ def measure(scans: int, folders: dict[str, str]) -> tuple[dict[float, Delays], d
         viewers = {rate: start("viewer", endpoint, folders.get("viewer", ""), module="viewers") for rate in seen}
         links = {rate: stack.enter_context(SlowLink(endpoint, rate * 1e6 / 8)) for rate in seen}
         # Not measured: the first scans include what is done only once.
-        planner.tell(scans=3)
-        planner.hear()
+        planner.send(scans=3)
+        planner.receive()
         left = dict.fromkeys(RATES, scans)
         while any(left.values()):
             for rate in chance.sample(RATES, len(RATES)):
                 count = min(SCANS_PER_VIEWER, left[rate])
                 left[rate] -= count
                 if rate:
-                    viewers[rate].tell(endpoint=links[rate].endpoint)
-                    viewers[rate].hear()
-                planner.tell(scans=count)
-                for name, value in planner.hear().items():
+                    viewers[rate].send(endpoint=links[rate].endpoint)
+                    viewers[rate].receive()
+                planner.send(scans=count)
+                for name, value in planner.receive().items():
                     found[rate][name] += value
                 if rate:
-                    viewers[rate].tell(endpoint="")
-                    seen[rate] = viewers[rate].hear()
+                    viewers[rate].send(endpoint="")
+                    seen[rate] = viewers[rate].receive()
     return found, seen
-
-
-def summary(delays: Delays) -> dict[str, float]:
-    """Figures of one row."""
-    figures: dict[str, float] = {"scans": len(delays["footprint"]), "failed": delays["failed"]}
-    for extent in EXTENTS:
-        for name, percent in (("p50", 50), ("p95", 95), ("worst", 100)):
-            values = delays[extent] or [np.inf]
-            figures[f"{extent}_{name}_ms"] = round(float(np.percentile(values, percent)), 1)
-    return figures
 
 
 def main() -> None:
@@ -145,13 +128,13 @@ def main() -> None:
             keys = init_security(Path(folder) / "keys") if link == "tls" else None
             folders = {role: str(keys / role) for role in ("node", "planner", "viewer")} if keys else {}
             found, seen = measure(min(max(asked.scans, 1), 1000), folders)
-        rows = {rate: summary(delays) for rate, delays in found.items()}
-        for rate, row in rows.items():
-            above = row["footprint_p95_ms"] - rows[0.0]["footprint_p95_ms"]
-            is_met = is_met and not row["failed"] and above <= ALLOWED_MS
+        for rate, delays in found.items():
+            local, fused = (percentiles(delays[extent], 50, 95, 100) for extent in EXTENTS)
+            above = local[1] - percentiles(found[0.0]["footprint"], 95)[0]
+            is_met = is_met and not delays["failed"] and above <= ALLOWED_MS
             got = "{received}, missed {missed}".format(**seen[rate]) if rate else ""
             beside = f"{rate:g} Mbit/s" if rate else "no viewer"
-            local, fused = ([row[f"{extent}_{name}_ms"] for name in ("p50", "p95", "worst")] for extent in EXTENTS)
-            table.row(link, beside, f"{row['failed']:.0f} of {asked.scans}", *local, above, *fused, got)
+            print(*(f"failed: {message}\n" for message in delays["failed"]), sep="", end="")
+            table.row(link, beside, f"{len(delays['failed'])} of {asked.scans}", *local, above, *fused, got)
     print(f"{'ok  ' if is_met else 'FAIL'} no request fails, p95 at most {ALLOWED_MS:g} ms above that without a viewer")
     sys.exit(not is_met)

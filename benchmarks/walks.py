@@ -9,16 +9,16 @@ the area, when the hind feet come to it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import guara_perception as gp
 from benchmarks import map_cost, moving_ground, pictures, scan_modes, sigmas, soft_ground
-from benchmarks.command import options, run_part
-from benchmarks.fused_walk import PAUSES_BETWEEN, drift_aside, fused_pauses
+from benchmarks.command import Table, options, run_part
+from benchmarks.fused_walk import PAUSES_BETWEEN, drift_aside, fused_pauses, rms
 from guara_perception.arrays import Float
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from kinematics import RobotModel, load_robot
@@ -29,95 +29,68 @@ from testbed.scanned_walk import WalkedPause, analytic_pauses, framed_pauses
 FIRST_HIND_PAUSE = 24
 # Pauses after which cells hidden in a scan are counted in the map.
 HIDDEN_AFTER = (0, 4, 8, 12)
-
-
-@dataclass(frozen=True)
-class WalkFigures:
-    """Figures of a walk.
-
-    Attributes:
-        x, y, worst: drift aside: rms by axis, and the largest [mm].
-        feet, bias, claimed: height under the hind feet's next footholds: rms, mean, rms of the map's own sigma [mm].
-        refused: scans that were not registered.
-        hidden: share of a scan's area that is hidden in the map HIDDEN_AFTER pauses after it.
-        unknown, dark: cells called traversable that are unknown, and that return no light.
-    """
-
-    x: float
-    y: float
-    worst: float
-    feet: float
-    bias: float
-    claimed: float
-    refused: int
-    hidden: tuple[float, ...]
-    unknown: int
-    dark: int
-
-    @property
-    def sideways(self) -> float:
-        """Mean of x and y."""
-        return (self.x + self.y) / 2
+Figures = dict[str, float]
 
 
 def drift() -> None:
     """Drift of the map and heights under the hind feet [--first, --walks, --flat, --frames, --cycles, --kept]."""
-    arguments = options(
+    asked = options(
         __doc__,
         first=(20, "first seed; the settings were chosen on 0 to 9"),
         walks=(10, "over mixed analytic ground"),
         flat=(3, "over level ground"),
-        frames=(0, "through simulated frames; slow where no file is kept"),
+        frames=(0, "through simulated frames, from seed 0; slow where no file is kept"),
         cycles=(10, "cycles of each walk"),
         kept=(Path, "folder that keeps the scans of frames from run to run"),
     )
-    robot, cycles, kept = load_robot("guara"), arguments.cycles, arguments.kept
-    kinds: tuple[tuple[str, int, int, Callable[[int], Iterator[WalkedPause]]], ...] = (
-        ("mixed ground", arguments.first, arguments.walks, lambda seed: analytic_pauses(robot, seed, cycles)),
-        (
-            "level ground",
-            arguments.first,
-            arguments.flat,
-            lambda seed: analytic_pauses(robot, seed, cycles, level=True),
-        ),
-        ("frames", 0, arguments.frames, lambda seed: framed_pauses(robot, seed, cycles, kept)),
-    )
-    for name, first, count, pauses_of in kinds:
-        if count:
-            compare(name, robot, {seed: list(pauses_of(seed)) for seed in range(first, first + count)})
-
-
-def compare(name: str, robot: RobotModel, walks: dict[int, list[WalkedPause]]) -> None:
-    """Print walks without and with registration, each as soon as it is done."""
-    pairs = []
-    print(f"{name}: sideways drift over {PAUSES_BETWEEN} pauses, x and y rms; height rms under hind feet [mm]")
-    for seed, pauses in walks.items():
-        off, on = (walk_figures(robot, pauses, registered=registered) for registered in (False, True))
-        pairs.append((off, on))
-        hidden = " ".join(f"{100 * share:.2f}" for share in on.hidden)
-        print(
-            f"  walk {seed:3d}  {off.x:5.2f} {off.y:5.2f} -> {on.x:5.2f} {on.y:5.2f}  worst {off.worst:5.1f} ->"
-            f" {on.worst:5.1f}  feet {off.feet:5.2f} -> {on.feet:5.2f}, bias {on.bias:+.2f}, claimed {on.claimed:.2f}"
-            f"  {on.refused:2d} scans not used  hidden after {HIDDEN_AFTER} pauses {hidden} %"
-            f"  unknown free {on.unknown}  dark free {on.dark}",
-            flush=True,
-        )
-    off_all, on_all = ([pair[i] for pair in pairs] for i in (0, 1))
-    worse = [max(getattr(on, what) - getattr(off, what) for off, on in pairs) for what in ("sideways", "feet")]
+    robot, cycles = load_robot("guara"), asked.cycles
+    kinds: dict[str, tuple[int, int, Callable[[int], Iterator[WalkedPause]]]] = {
+        "mixed ground": (asked.first, asked.walks, lambda seed: analytic_pauses(robot, seed, cycles)),
+        "level ground": (asked.first, asked.flat, lambda seed: analytic_pauses(robot, seed, cycles, level=True)),
+        "frames": (0, asked.frames, lambda seed: framed_pauses(robot, seed, cycles, asked.kept)),
+    }
     print(
-        f"  all: sideways {_rms_aside(off_all):.2f} -> {_rms_aside(on_all):.2f} mm, feet, mean "
-        f"{np.mean([each.feet for each in off_all]):.2f} -> {np.mean([each.feet for each in on_all]):.2f}, median "
-        f"{np.median([each.feet for each in on_all]):.2f} mm; the walks that gained least: sideways "
-        f"{worse[0]:+.2f} mm, feet {worse[1]:+.2f} mm"
+        f"without registration -> with it: sideways drift over {PAUSES_BETWEEN} pauses, x and y rms and the worst; "
+        f"heights under hind feet, rms; then with it: mean error and rms of the claimed sigma [mm]; scans not used; "
+        f"share of a scan's area hidden after {HIDDEN_AFTER} pauses [%]; traversable cells that are unknown, or dark"
     )
+    table = Table(
+        "ground:<12 | walk:>4 | x:>14 | y:>14 | worst:>14 | feet:>14 | bias:+5.2f | claimed:.2f | not used:.0f | "
+        "hidden:<19 | unknown:.0f | dark:.0f"
+    )
+    for name, (first, count, pauses_of) in kinds.items():
+        walks: list[tuple[Figures, ...]] = []
+        for seed in range(first, first + count):
+            pauses = list(pauses_of(seed))
+            walks.append(tuple(walk_figures(robot, pauses, registered=registered) for registered in (False, True)))
+            table.row(name, str(seed), *shown(*walks[-1]))
+        if walks:
+            table.row(name, "all", *shown(*(overall(each) for each in zip(*walks, strict=True))))
+            gains = ", ".join(
+                f"{key} {max(float(np.mean(on[key]) - np.mean(off[key])) for off, on in walks):+.2f}"
+                for key in "x y feet".split()
+            )
+            feet = np.median([on["feet"] for _, on in walks])
+            print(f"  median under the feet {feet:.2f} mm; of the walks that gained least: {gains} mm")
 
 
-def _rms_aside(walks: list[WalkFigures]) -> float:
-    return float(np.mean([np.sqrt(np.mean([getattr(each, axis) ** 2 for each in walks])) for axis in "xy"]))
+def shown(off: Figures, on: Figures) -> Iterator[Any]:
+    """Values of a row: a walk without registration, and with it."""
+    yield from (f"{off[key]:.2f} -> {on[key]:.2f}" for key in ("x", "y", "worst", "feet"))
+    yield from (on[key] for key in ("bias", "claimed", "refused"))
+    yield " ".join(f"{100 * on[f'hidden {after}']:.2f}" for after in HIDDEN_AFTER)
+    yield from (on["unknown"], on["dark"])
 
 
-def walk_figures(robot: RobotModel, pauses: list[WalkedPause], *, registered: bool) -> WalkFigures:
-    """Figures of a walk without or with registration."""
+def overall(walks: Sequence[Figures]) -> Figures:
+    """Figures of all walks: sums of counts, root mean squares sideways, the worst, and means."""
+    how: dict[str, Callable[[list[float]], Any]] = {"x": rms, "y": rms, "worst": max}
+    how |= dict.fromkeys(("refused", "unknown", "dark"), sum)
+    return {key: float(how.get(key, np.mean)([walk[key] for walk in walks])) for key in walks[0]}
+
+
+def walk_figures(robot: RobotModel, pauses: list[WalkedPause], *, registered: bool) -> Figures:
+    """Figures of a walk without or with registration, by name: those of the table, lengths in mm, shares of 1."""
     poses: list[Float] = []
     errors: list[Float] = []
     sigmas: list[Float] = []
@@ -138,21 +111,19 @@ def walk_figures(robot: RobotModel, pauses: list[WalkedPause], *, registered: bo
             sigmas.append(np.sqrt(fused.variance[iy, ix].astype(np.float64)))
         follow_hidden(hidden, pause.scan, fused, poses[-1])
     sideways = drift_aside(pauses, poses)[:, :2]
-    heights, claimed = 1e3 * np.concatenate(errors), 1e3 * np.concatenate(sigmas)
+    heights = 1e3 * np.concatenate(errors)
     seen = [shares for _, shares in hidden if len(shares) > max(HIDDEN_AFTER)]
-    x_rms, y_rms = np.sqrt(np.mean(sideways**2, axis=0)).tolist()
-    return WalkFigures(
-        x=x_rms,
-        y=y_rms,
-        worst=float(np.abs(sideways).max()),
-        feet=float(np.sqrt(np.mean(heights**2))),
-        bias=float(heights.mean()),
-        claimed=float(np.sqrt(np.mean(claimed**2))),
-        refused=refused,
-        hidden=tuple(float(np.mean([shares[after] for shares in seen])) for after in HIDDEN_AFTER),
-        unknown=unknown,
-        dark=dark,
-    )
+    return {
+        **dict(zip("xy", map(rms, sideways.T), strict=True)),
+        "worst": float(np.abs(sideways).max()),
+        "feet": rms(heights),
+        "bias": float(heights.mean()),
+        "claimed": rms(1e3 * np.concatenate(sigmas)),
+        "refused": refused,
+        "unknown": unknown,
+        "dark": dark,
+        **{f"hidden {after}": float(np.mean([shares[after] for shares in seen])) for after in HIDDEN_AFTER},
+    }
 
 
 def free_in_the_dark(ground: Ground, fused: gp.TerrainGrid, to_world: Float) -> int:

@@ -84,6 +84,16 @@ class ScannedPause:
     seen: Index
 
     @property
+    def stance(self) -> Stance:
+        """Stance as the robot reports it."""
+        return self.pause.stance
+
+    @property
+    def known_ground(self) -> tuple[gp.KnownGround, ...]:
+        """Ground that the gait declared."""
+        return self.pause.known_ground
+
+    @property
     def to_world(self) -> Float:
         """True pose (4, 4) of the scan's base_footprint in the world."""
         return footprint_to_world(self.pause.transform_base_to_world, self.scan)

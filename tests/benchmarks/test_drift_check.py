@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pytest
 
@@ -35,8 +33,6 @@ def test_what_is_injected_moves_one_thing() -> None:
 @pytest.mark.heavy
 def test_drifts_are_found_and_true_scans_are_not() -> None:
     """A true walk holds throughout; one whose mirror lost 16 steps in the first scan is warned of."""
-    with ThreadPoolExecutor(1) as pool:
-        true = tally(pool, 1, 0)
-        found = tally(pool, 1, 1000, "steps", 16.0)
+    true, found = tally(1, 0), tally(1, 1000, "steps", 16.0)
     assert (true.scans[HOLDS], true.warned) == (3, 0)
     assert found.warned == 1 and found.scans[DRIFTING] >= 2, found.reasons

@@ -19,6 +19,7 @@ def test_nothing_grows_and_no_grid_is_contradicted() -> None:
     assert outcome.is_bounded, (outcome.recorded, outcome.journals)
     assert outcome.restarts["goes on"] > 0
     assert outcome.counts["metrics read"] > 0
+    assert outcome.counts["files recovered"] > 0 and outcome.counts["scans in files"] > 0
 
 
 def test_growth_is_told() -> None:

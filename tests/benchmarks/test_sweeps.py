@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from benchmarks import sweep_faults, sweeps
+from benchmarks import sweeps
 from testbed import emulated_sweeps
 
 pytestmark = pytest.mark.slow
@@ -18,15 +18,10 @@ def test_a_triggered_sweep_stays_near_its_bound() -> None:
     assert result.proved == 70 and result.seconds <= min(1.15 * result.bound, 0.65)
 
 
-def test_no_wrong_stripe_and_every_fault_found() -> None:
-    found = sweep_faults.faults(12, seed=3)
-    assert found["wrong_stripes"] == 0 and found["injected"] == found["found"] > 20
-
-
 @pytest.mark.heavy
-def test_the_figures_are_json(capsys) -> None:
+def test_the_figures_are_json() -> None:
     """They have the promised keys, and survive JSON."""
-    figures = json.loads(json.dumps(sweeps.measure(lambda text: None, faulty_sweeps=2)))
+    figures = json.loads(json.dumps(sweeps.measure(faulty_sweeps=2)))
     assert set(figures) == {"triggered", "free_running", "faults"}
     assert set(figures["triggered"]) == {"stripes", "flash_s", "seconds", "bound_s", "proved", "end_to_end_s"}
     assert [entry["fps"] for entry in figures["free_running"]] == [30, 60, 120, 200] * 2

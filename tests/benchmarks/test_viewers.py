@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.viewers import RATES, measure, summary
+from benchmarks.viewers import RATES, measure
 
 pytestmark = pytest.mark.heavy
 
@@ -12,6 +12,5 @@ def test_every_kind_of_viewer_has_its_scans() -> None:
     found, seen = measure(2, {})
     assert set(found) == set(RATES) and set(seen) == set(RATES) - {0.0}
     for delays in found.values():
-        row = summary(delays)
-        assert (row["scans"], row["failed"], len(delays["map"])) == (2, 0, 2)
-        assert row["footprint_p50_ms"] <= row["footprint_p95_ms"] <= row["footprint_worst_ms"]
+        assert (len(delays["footprint"]), delays["failed"], len(delays["map"])) == (2, [], 2)
+        assert min(delays["footprint"] + delays["map"]) > 0

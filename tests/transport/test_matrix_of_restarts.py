@@ -1,24 +1,23 @@
-"""Grids handed out although the truth contradicts them, over a matrix of restarts and losses.
+"""Grids that the truth contradicts, over a matrix of restarts and losses and over random walks: none is handed out.
 
-`python -m benchmarks.restarts [--json]`: every moment of a pause x what happens to node, router or link x what the gait
-does meanwhile, on an emulated clock; the planner asks 20 times a second. Counted are the cases, the asks, and those of
-them in which a grid was handed out that the gait had contradicted: longer ago than a message may take to arrive (a
-contradiction), or less (the link had just been cut without notice, and nobody can know); and those in which such a grid
-was withheld. `--seed N --walks N`: random walks too.
+Each moment of a pause, times each thing that happens to node, router or link, times each act of the gait meanwhile, on
+an emulated clock; the planner asks 20 times a second. A grid is contradicted when the gait has contradicted it for
+longer than a message may take to arrive; until then, or while a link is silent, nobody can know.
 """
 
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import random
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 
-from benchmarks.command import options
+import pytest
+
 from testbed.restarts import EXTENTS, TICK, World
+from tests.thorough import further
 
 Act = Callable[[World], None]
 
@@ -174,25 +173,18 @@ def run_walks(walks: int, seed: int) -> Count:
     return count
 
 
-def main() -> None:
-    """Command line."""
-    asked = options(
-        __doc__,
-        walks=(200, "random walks"),
-        seed=(1, "seed of the walks"),
-        json=(False, "print one JSON object instead"),
-    )
-    counts = {"matrix": run_matrix(), "random walks": run_walks(asked.walks, asked.seed)}
-    if asked.json:
-        print(json.dumps({name: asdict(count) for name, count in counts.items()}))
-        return
-    for name, count in counts.items():
-        print(
-            f"{name}: {count.cases} cases, {count.asks} asks, {count.handed_out} grids handed out, "
-            f"{count.contradictions} contradictions; {count.unknowable} within the time of a message or of a silent "
-            f"link; contradicted grids withheld: {count.withheld}"
-        )
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, *further(4, 5, 6)])
+def test_no_walk_is_given_ground_that_the_truth_contradicts(seed: int) -> None:
+    """Random walks of nodes, links and pauses."""
+    count = run_walks(30, seed)
+    assert count.cases == 30 and count.handed_out > 0
+    assert count.contradictions == 0 and count.withheld > 0
 
 
-if __name__ == "__main__":
-    main()
+@pytest.mark.heavy
+def test_no_case_of_the_matrix_is_given_ground_that_the_truth_contradicts() -> None:
+    """Each moment, event and act of the gait."""
+    count = run_matrix()
+    assert count.cases == 4 * len(EVENTS) * 6 * 3 * 2
+    assert count.contradictions == 0 and count.handed_out > 100_000
