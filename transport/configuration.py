@@ -41,7 +41,7 @@ def check_endpoint(endpoint: str) -> str:
     Raises:
         ConfigurationError: the protocol is unknown, address or port is missing, or the port is above HIGHEST_PORT.
     """
-    protocol, _, address = endpoint.partition("/")
+    protocol, _, address = str(endpoint).partition("/")
     port = address.split("?")[0].rpartition(":")[2]
     is_port = port.isdecimal() and len(port) <= len(str(HIGHEST_PORT)) and int(port) <= HIGHEST_PORT
     if protocol not in PROTOCOLS or not address or not (is_port or protocol == "unixsock-stream"):

@@ -18,7 +18,18 @@ from transport.links.last_message import MAXIMUM_PIECE
 
 @pytest.mark.parametrize(
     "endpoint",
-    ["", "tcp", "tcp/", "tcp/host", "foo/1.2.3.4:5", "127.0.0.1:7447", "tcp/host:65536", "tcp/host:" + "9" * 5000],
+    [
+        "",
+        "tcp",
+        "tcp/",
+        "tcp/host",
+        "foo/1.2.3.4:5",
+        "127.0.0.1:7447",
+        "tcp/host:65536",
+        "tcp/host:" + "9" * 5000,
+        None,
+        7447,
+    ],
 )
 def test_an_endpoint_that_zenoh_would_not_take_is_refused(endpoint: str) -> None:
     """The message shows how to write one."""

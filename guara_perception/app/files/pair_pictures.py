@@ -64,10 +64,12 @@ def pair_pictures(pictures: Sequence[Path], off: str = "", number: int | None = 
             unambiguous.
 
     Raises:
-        InvalidInput: there is no laser-on image, the names have no or different counts of numbers, `number` is out of
-            range, the order is ambiguous, or images have no partner.
+        InvalidInput: `off` matches no image, there is no laser-on image, the names have no or different counts of
+            numbers, `number` is out of range, the order is ambiguous, or images have no partner.
     """
     dark = [path for path in pictures if (fnmatch(path.name, off) if off else _is_off(path))]
+    if off and not dark:
+        raise InvalidInput(f"--off is {off!r}, which matches no picture; allowed: a pattern of names, such as 'dark_*'")
     lit = [path for path in pictures if path not in dark]
     if not lit:
         raise InvalidInput(f"the names mark all {len(pictures)} pictures as laser-off: give --off PATTERN")

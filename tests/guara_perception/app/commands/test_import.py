@@ -194,6 +194,7 @@ def with_options(*options: str) -> Callable[[Path], list[str]]:
         (with_options("{}/none.png"), "none.png: no such picture"),
         (with_options("--mode", "standard"), "35 laser-on pictures; allowed: 70 (standard) of robot guara"),
         (with_options("--indices", "--mode", "coarse"), "--indices: 1.png, 11.png"),
+        (with_options("--off", "{}/dark_*"), "matches no picture; allowed: a pattern of names, such as 'dark_*'"),
         (with_options("--number", "2"), "--number is 2; allowed: 1 ... 1 or -1 ... -1"),
         (with_options("--posture", "sitting"), "unknown posture 'sitting'"),
         (with_options("--posture", "scan", "--joints", "{}/few.csv"), "--posture and --joints are given: give one"),
