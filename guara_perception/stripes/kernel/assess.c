@@ -114,36 +114,38 @@ void test_discs(const double *const *raster, int64_t rows, int64_t columns, int6
     }
 }
 
-// Distance transform of a row (Felzenszwalb, Huttenlocher: Distance transforms of sampled functions, Theory of Computing 8,
-// 2012): found[c] is the minimum over k of (c - k)^2 + across[k]. across: (n,) squared distances along the columns, FAR if there
-// is none. Results at places with across = 0 are not needed. work: (2, n + 1).
+// Squared distances of the cells of a row to the nearest face of a cell (distance transform by lower envelopes: Felzenszwalb,
+// Huttenlocher: Distance transforms of sampled functions, Theory of Computing 8, 2012). across: (n,) squared distances along the
+// columns to such a face, 0 in the cells themselves, FAR if there is none. Results where across = 0 are not needed. The face
+// between columns j - 1 and j is at j - 1/2. work: (3, n + 1).
 #define FAR 1e18
 static void nearest(const double *across, int64_t n, double *work, double *found) {
-    double *from = work, *lowest = work + n + 1; // the parabola of place lowest[k] is the lowest from from[k] on
+    // The parabola of face lowest[k] is the lowest from from[k] on; at[j] is its height at the face.
+    double *from = work, *lowest = work + n + 1, *at = work + 2 * (n + 1);
     int64_t k = -1;
-    for (int64_t c = 0; c < n; c++) {
+    for (int64_t j = 0; j <= n; j++) {
         double meet = -INFINITY;
-        if (across[c] >= FAR) continue;
-        // Inside a run of zeros, no place is the nearest to a place outside.
-        if (across[c] == 0 && (!c || across[c - 1] == 0) && (c + 1 == n || across[c + 1] == 0)) continue;
+        at[j] = MIN(j ? across[j - 1] : FAR, j < n ? across[j] : FAR);
+        // Inside a run of zeros, no face is the nearest to a cell outside.
+        if (at[j] >= FAR || (j && j < n && across[j - 1] == 0 && across[j] == 0)) continue;
         for (; k >= 0; k--) {
-            const double other = lowest[k], apart = (double)c - other;
-            meet = (across[c] - across[(int64_t)other] + (double)(c * c) - other * other) / (2 * apart);
+            const double other = lowest[k], apart = (double)j - other;
+            meet = (at[j] - at[(int64_t)other]) / (2 * apart) + ((double)(j - 1) + other) / 2;
             if (meet > from[k]) break;
             meet = -INFINITY;
         }
-        from[++k] = meet, lowest[k] = (double)c;
+        from[++k] = meet, lowest[k] = (double)j;
     }
     for (int64_t c = 0, j = 0; c < n; c++) {
         while (j < k && from[j + 1] < (double)c) j++;
-        const double apart = k < 0 ? 0 : (double)c - lowest[j];
-        found[c] = k < 0 ? FAR : apart * apart + across[(int64_t)lowest[j]];
+        const double apart = k < 0 ? 0 : (double)c + 0.5 - lowest[j];
+        found[c] = k < 0 ? FAR : MIN(apart * apart + at[(int64_t)lowest[j]], across[c]);
     }
 }
 
 #define IS_GOOD(R, C) ((hazard[(R) * columns + (C)] & flags) == 0)
-// Signed clearance of every cell [m]: distance to the nearest cell with any of `flags` or to the border of the grid; in a cell
-// with such a flag, minus the distance to the nearest cell without. work: 4 * (columns + 1), and (rows, columns).
+// Signed clearance of every cell [m]: distance of its centre to the nearest cell with any of `flags` or to the border of the
+// grid; in a cell with such a flag, minus the distance to the nearest cell without. work: 4 * (columns + 1), and (rows, columns).
 void clearance(const uint16_t *hazard, int64_t rows, int64_t columns, int64_t flags, double resolution, double *work, float *out) {
     double *found = work + 3 * (columns + 1), *across = found + columns + 1;
     for (int is_bad = 0; is_bad < 2; is_bad++) { // First distances of good cells to bad ones, then the reverse.
@@ -155,12 +157,12 @@ void clearance(const uint16_t *hazard, int64_t rows, int64_t columns, int64_t fl
                 across[r * columns + c] = MIN(across[r * columns + c], across[(r + 1) * columns + c] + 1);
         for (int64_t r = 0; r < rows; r++) {
             double *own = across + r * columns;
-            for (int64_t c = 0; c < columns; c++) own[c] = own[c] < FAR ? own[c] * own[c] : FAR;
+            for (int64_t c = 0; c < columns; c++) own[c] = own[c] < FAR ? (own[c] - 0.5) * (own[c] - 0.5) * (own[c] > 0) : FAR;
             nearest(own, columns, work, found);
             for (int64_t c = 0; c < columns; c++) {
                 if (IS_GOOD(r, c) == is_bad) continue;
                 const double border = (double)MIN(MIN(r, rows - 1 - r), MIN(c, columns - 1 - c)) + 0.5;
-                const double other = found[c] < FAR ? sqrt(found[c]) - 0.5 : border;
+                const double other = found[c] < FAR ? sqrt(found[c]) : border;
                 out[r * columns + c] = (float)((is_bad ? -other : MIN(other, border)) * resolution);
             }
         }

@@ -75,7 +75,7 @@ def edge_cells(
 def clearance(flags: Flags, resolution: float) -> Float32:
     """Signed distance to the nearest cell with a flag other than EDGE, or to the border [m].
 
-    The distance to another cell is that of the centres minus half a cell. In a cell with such a flag, the distance is
+    The distance is that of the cell's centre to the nearest point of the other cell. In a cell with such a flag, it is
     negative and measured to the nearest cell without one, or to the border if there is none.
     """
     (ny, nx), flags = flags.shape, np.ascontiguousarray(flags)

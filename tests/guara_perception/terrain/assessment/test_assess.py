@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.assess import DiscTests, assess_layers
+from guara_perception.terrain.assessment.disc import clearance
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import KNOWN_SHARE, disc_kernel
 from guara_perception.terrain.layers.hazard import Hazard
@@ -280,15 +281,31 @@ def test_the_sole_must_fit(limits: TraversabilityLimits) -> None:
 
 
 def test_clearance_is_the_distance_to_the_nearest_hazard_or_the_border() -> None:
-    """From the cell's centre to the near side of the unknown cell; negative inside; to a nearer border."""
+    """From the cell's centre to the nearest point of the unknown cell; negative inside; to a nearer border."""
     ground = np.zeros((40, 60))
     ground[20, 30] = np.nan
     terrain = gp.assess_terrain(ground, RESOLUTION)
     assert terrain.clearance[20, 35] == pytest.approx(4.5 * RESOLUTION)
-    assert terrain.clearance[23, 34] == pytest.approx((np.hypot(3, 4) - 0.5) * RESOLUTION)
+    assert terrain.clearance[23, 34] == pytest.approx(np.hypot(2.5, 3.5) * RESOLUTION)
     assert terrain.clearance[20, 30] == pytest.approx(-0.5 * RESOLUTION)
     assert terrain.clearance[0, 5] == pytest.approx(0.5 * RESOLUTION)
     assert terrain.clearance[10, 2] == pytest.approx(2.5 * RESOLUTION)
+
+
+@pytest.mark.parametrize("share", [0.001, 0.02, 0.5, 0.98])
+def test_clearance_equals_a_search_over_all_cells(share: float) -> None:
+    """The distance from a centre to squares, not to centres less half a cell, which overstates it on diagonals."""
+    rng = np.random.default_rng(7)
+    is_hazard = rng.random((23, 37)) < share
+    flags = np.where(is_hazard, np.uint16(Hazard.UNSCANNED), np.uint16(Hazard.EDGE))
+    found = clearance(flags, RESOLUTION)
+    for iy, ix in np.ndindex(flags.shape):
+        others = np.argwhere(is_hazard != is_hazard[iy, ix])
+        apart = np.maximum(np.abs(others - (iy, ix)) - 0.5, 0.0)
+        border = min(iy, 22 - iy, ix, 36 - ix) + 0.5
+        nearest = np.hypot(*apart.T).min(initial=np.inf)
+        wanted = -min(nearest, border if np.isinf(nearest) else np.inf) if is_hazard[iy, ix] else min(nearest, border)
+        assert found[iy, ix] == pytest.approx(wanted * RESOLUTION, rel=1e-6)
 
 
 def test_clearance_where_all_is_hazard_is_never_positive() -> None:
