@@ -28,7 +28,8 @@ extent_option = click.option(
 @click.argument("target", type=FILE)
 @step_option
 @extent_option
-def command(source: Path, target: Path, step: int | None, extent: str | None) -> None:
+@click.option("-c", "--calibration", type=FILE, help="calibration.json to store; default: that of the scan")
+def command(source: Path, target: Path, step: int | None, extent: str | None, calibration: Path | None) -> None:
     """Convert SOURCE to TARGET, depending on the kind of SOURCE and the ending of TARGET.
 
     \b
@@ -46,7 +47,12 @@ def command(source: Path, target: Path, step: int | None, extent: str | None) ->
       guara convert cut.mcap whole.mcap
       guara convert walk.mcap map.csv --extent map
     """
-    if target.suffix in GRID_ENDINGS or source.suffix == ".npz":
+    is_grid = target.suffix in GRID_ENDINGS or source.suffix == ".npz"
+    if calibration is not None and (is_grid or source.suffix == target.suffix == ".mcap"):
+        raise InvalidInput(
+            f"-c is only for a scan that becomes a recording or a folder, not for {target}: leave it out"
+        )
+    if is_grid:
         export_grid(source, target, step, extent)
         return
     if extent is not None:
@@ -61,7 +67,7 @@ def command(source: Path, target: Path, step: int | None, extent: str | None) ->
     from guara_perception.app.files.convert import convert
 
     with progress("Converting") as show:
-        convert(source, target, step=step, progress=show)
+        convert(source, target, step=step, calibration=calibration, progress=show)
     click.echo(f"{target}: written")
 
 

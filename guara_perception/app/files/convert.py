@@ -8,15 +8,20 @@ from guara_perception.app.files.open_scan import carried_calibration, open_scan,
 from guara_perception.app.files.scan_folder import ScanFolderWriter
 from guara_perception.app.messages import stance_to_message
 from guara_perception.calibration.calibration import Calibration
-from guara_perception.calibration.file import to_json
-from guara_perception.exceptions import InvalidInput
+from guara_perception.calibration.file import load_calibration, to_json
+from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.progress import Progress
 from guara_perception.scan import Scan, frame_reader
 from transport.recording import FrameRecord, FrameReference, RecordingWriter, ScanRecord
 
 
 def convert(
-    source: str | Path, target: str | Path, *, step: int | None = None, progress: Progress | None = None
+    source: str | Path,
+    target: str | Path,
+    *,
+    step: int | None = None,
+    calibration: str | Path | None = None,
+    progress: Progress | None = None,
 ) -> Path:
     """Convert a scan folder to an .mcap file, or a scan of an .mcap file to a folder. The target is written atomically.
 
@@ -24,6 +29,7 @@ def convert(
         source: scan folder or recording.
         target: path to write; a recording if it ends in .mcap, else a folder.
         step: step of the pause whose scan is converted, for a recording with several pauses.
+        calibration: calibration file to store with the scan; None = the calibration that the source carries, if any.
         progress: called with (stripes done, total number of stripes), or None.
 
     Returns:
@@ -33,7 +39,8 @@ def convert(
         InvalidInput: the target exists, source and target are of the same kind, the recording has no scan of the pause
             or several pauses to choose from (see `open_scan`), the parent folder of a target folder does not exist, or
             a scan folder cannot represent the scan because its grid was withdrawn or it has a joint stream.
-        MissingFile, FileFormatError: the source cannot be read.
+        CalibrationMismatch: the given calibration is of another robot than the scan.
+        MissingFile, FileFormatError: the source or the calibration cannot be read.
         transport.RecordingError: the recording cannot be written.
     """
     source, target = Path(source), Path(target)
@@ -41,10 +48,17 @@ def convert(
         raise InvalidInput(f"{target} exists; give another name, or remove it first")
     if source.is_dir() == (target.suffix != ".mcap"):
         raise InvalidInput(f"{source} -> {target}: one must be a folder, and the other must end in .mcap")
+    scans = open_scans(source) if source.is_dir() else [open_scan(source, step)]
+    stored = carried_calibration(source) if calibration is None else load_calibration(calibration)
+    if stored is not None and calibration is not None and stored.robot != scans[0].robot:
+        raise CalibrationMismatch(
+            f"{calibration} is of robot {stored.robot!r}, but {source} of {scans[0].robot!r}: give the calibration of "
+            f"the scan's rangefinder"
+        )
     if source.is_dir():
-        _write_recording(open_scans(source), carried_calibration(source), target, progress)
+        _write_recording(scans, stored, target, progress)
     else:
-        _write_folder(open_scan(source, step), carried_calibration(source), target, progress)
+        _write_folder(scans[0], stored, target, progress)
     return target
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.app.files.convert import convert
 from guara_perception.app.files.open_scan import calibration_for, carried_calibration
+from guara_perception.calibration.file import save_calibration
 
 
 @pytest.fixture
@@ -29,6 +31,23 @@ def test_a_folder_and_a_recording_carry_the_same(carrying: Path, calibration_fil
     for path in (carrying, recording, back):
         carried = carried_calibration(path)
         assert carried is not None and carried.hash == given.hash
+
+
+def test_a_recording_takes_the_calibration_that_is_given(
+    guara, paper_copy: Path, calibration_file: Path, tmp_path: Path
+):
+    """`guara convert -c` stores it in place of the scan's own; that of another robot, and for a grid, is refused."""
+    (paper_copy / "calibration.json").write_text("{}")
+    recording = tmp_path / "paper.mcap"
+    assert guara("convert", paper_copy, recording, "-c", calibration_file).code == 0
+    carried = carried_calibration(recording)
+    assert carried is not None and carried.hash == gp.load_calibration(calibration_file).hash
+    other = tmp_path / "other.json"
+    save_calibration(dataclasses.replace(gp.load_calibration(calibration_file), robot="rex"), other)
+    said = guara("convert", paper_copy, tmp_path / "b.mcap", "-c", other)
+    assert said.code == 2 and "other.json is of robot 'rex', but" in said.err
+    said = guara("convert", recording, tmp_path / "a.ply", "-c", calibration_file)
+    assert said.code == 2 and "-c is only for a scan that becomes a recording or a folder" in said.err
 
 
 def test_none_inside_and_none_given_is_refused(data: Path):
