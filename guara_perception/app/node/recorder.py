@@ -301,6 +301,8 @@ class ScanRecording:
     def __init__(self, recorder: ScanRecorder, record: ScanRecord, jpeg_quality: int | None) -> None:
         """Queue the start of the recording; called by `ScanRecorder.begin`."""
         self._recorder, self._record, self._quality = recorder, record, jpeg_quality
+        # One offset for all stripes: with one each, the stamps of stripes that arrived together would not ascend.
+        self._offset = time.time_ns() - round(clock.now() * 1e9)
         # Used by the scan thread only.
         self._last_off: tuple[Image, Image] | None = None
         self._is_full = False
@@ -329,7 +331,7 @@ class ScanRecording:
             mirror_angle=capture.mirror_angle,
             on=None,
             off=None,
-            stamp=time.time_ns() - (0 if instant is None else round((clock.now() - instant) * 1e9)),
+            stamp=self._offset + round((clock.now() if instant is None else instant) * 1e9),
             is_dark_due=capture.is_dark_due or dark is not None,
             flash=flash,
         )
